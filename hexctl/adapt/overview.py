@@ -17,7 +17,8 @@ from hexctl.adapt.session import (
     WalkRecord,
     trials_text,
 )
-from hexctl.adapt.store import SessionStore, stored_names
+from hexctl.adapt.session_rows import StoreError
+from hexctl.adapt.store import load_session, stored_names
 from hexctl.errors import HexctlError, InputError
 from hexctl.record.overview import Overview, OverviewTrial, drawable
 from hexctl.record.overview_figures import write_overview_file
@@ -201,8 +202,10 @@ def _newest_run(runs: Path) -> str:
     session = path.parent.name
     if session not in stored_names(runs):
         return str(path)
-    with SessionStore(runs) as store:
-        return session if store.load(session).trials else str(path)
+    try:
+        return session if load_session(session, runs).trials else str(path)
+    except StoreError:
+        return str(path)  # a session that is damaged has recordings all the same
 
 
 def _find_run(name: str, runs: Path) -> Path | StoredSession:
@@ -214,8 +217,7 @@ def _find_run(name: str, runs: Path) -> Path | StoredSession:
     if session not in stored_names(runs):
         known = ", ".join(stored_names(runs)[-5:]) or "none yet, hexctl adapt makes one"
         raise InputError(f"view: got {name!r}; allowed: an .rrd file or a session (newest last): {known}")
-    with SessionStore(runs) as store:
-        loaded, folder = store.load(session), store.folder_of(session)
+    loaded, folder = load_session(session, runs), runs / session
     if not loaded.trials:
         raise InputError(f"session {session}: has no trial yet; hexctl adapt --resume {session} continues it")
     return loaded, folder

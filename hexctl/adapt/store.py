@@ -1,23 +1,26 @@
 """Sessions on disk: one SQLite file (write-ahead log), every trial durable before the next begins."""
 
-import csv
 import fcntl
 import json
+import logging
+import os
 import re
 import shutil
 import sqlite3
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Self
 
-from hexctl.adapt.session import BASELINE_GAITS, BaselineRecord, Session, SessionSpec, TrialRecord
-from hexctl.control.result import QUALITIES
-from hexctl.errors import HexctlError, InputError, MissingExtraError, check_type
+from hexctl.adapt.session import BaselineRecord, Session, SessionSpec, TrialRecord
+from hexctl.adapt.session_export import export
+from hexctl.adapt.session_rows import FILE_NAME, SCHEMA_VERSION, SessionRows, StoreError, is_store, reading
+from hexctl.adapt.stored_session import is_folder_name, is_made_by_hexctl
+from hexctl.errors import InputError, check_type
 
-SCHEMA_VERSION = 1
+_LOG = logging.getLogger(__name__)
 
 #: Time that a process waits for another one that writes to the same store.
 BUSY_TIMEOUT_S = 30.0
@@ -50,31 +53,18 @@ CREATE TABLE IF NOT EXISTS baselines (
 RUNS = Path("runs")
 
 
-class StoreError(HexctlError, OSError):
-    """The store cannot be read or written."""
-
-
 def stored_names(folder: Path) -> list[str]:
     """Names of all sessions in a folder, newest last, without making or writing anything.
 
     Raises StoreError for a store that cannot be read now.
     """
-    path = folder / "sessions.sqlite"
-    if not path.is_file():
+    if not is_store(folder):
         return []
-    try:
-        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True, timeout=0.1)) as reader:
-            return _names(reader)
-    except sqlite3.Error as error:
-        raise StoreError(f"session store: {path} cannot be read: {error}") from error
+    with reading(folder) as rows:
+        return rows.names()
 
 
-def _names(connection: sqlite3.Connection) -> list[str]:
-    rows = connection.execute("SELECT name FROM sessions ORDER BY created, rowid")
-    return [name for (name,) in rows]
-
-
-class SessionStore:
+class SessionStore(SessionRows):
     """The sessions under one folder; a session's recordings lie in a folder of its name beside the store."""
 
     def __init__(self, folder: Path) -> None:
@@ -83,20 +73,24 @@ class SessionStore:
         Raises InputError for a folder that cannot be used, StoreError for the file.
         """
         self.folder = folder
-        self.path = folder / "sessions.sqlite"
+        path = folder / FILE_NAME
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(
                 f"sessions: {folder} cannot be used ({error.strerror}); allowed: a folder"
             ) from error
+        is_store(folder)
         try:
-            self._connection = sqlite3.connect(self.path, timeout=BUSY_TIMEOUT_S, isolation_level=None)
+            connection = sqlite3.connect(path, timeout=BUSY_TIMEOUT_S, isolation_level=None)
+        except sqlite3.Error as error:
+            raise StoreError(f"session store: {path} cannot be used: {error}") from error
+        try:
+            super().__init__(connection, path)
             self._prepare()
-        except StoreError:
+        except BaseException:
+            connection.close()
             raise
-        except (OSError, sqlite3.Error) as error:
-            raise StoreError(f"session store: {self.path} cannot be used: {error}") from error
 
     def __enter__(self) -> Self:
         return self
@@ -132,9 +126,9 @@ class SessionStore:
         try:
             with self._transaction():
                 self._connection.execute("INSERT INTO trials VALUES (?, ?, ?, ?)", values)
-        except sqlite3.Error as error:
+        except StoreError as error:
             raise StoreError(
-                f"session {session.name}: trial {trial.index} cannot be stored: {error}"
+                f"session {session.name}: trial {trial.index} cannot be stored: {error.__cause__}"
             ) from error
         session.trials.append(trial)
         session.optimizer_state = optimizer_state
@@ -148,9 +142,9 @@ class SessionStore:
         try:
             with self._transaction():
                 self._connection.execute("INSERT INTO baselines VALUES (?, ?, ?)", values)
-        except sqlite3.Error as error:
+        except StoreError as error:
             raise StoreError(
-                f"session {session.name}: the baseline {walk.gait} cannot be stored: {error}"
+                f"session {session.name}: the baseline {walk.gait} cannot be stored: {error.__cause__}"
             ) from error
         session.baseline.append(walk)
 
@@ -166,60 +160,30 @@ class SessionStore:
                 self._connection.execute(
                     "UPDATE sessions SET spec = ?, ended = ?, settled_on = ? WHERE name = ?", values
                 )
-        except sqlite3.Error as error:
-            raise StoreError(f"session {session.name}: it cannot be stored: {error}") from error
-
-    def load(self, name: str) -> Session:
-        """Session with all its trials.
-
-        Raises InputError for a name that is not in the store.
-        """
-        row = self._connection.execute(
-            "SELECT created, spec, ended, settled_on FROM sessions WHERE name = ?", (name,)
-        ).fetchone()
-        if row is None:
-            names = self.names()
-            known = ", ".join(names[-5:]) or "none yet"
-            earlier = f"{len(names) - 5} earlier ones, " if len(names) > 5 else ""
-            raise InputError(f"session: got {name!r}; allowed, of {self.folder}/: {earlier}{known}")
-        created, spec, ended, settled_on = row
-        session = Session(
-            name=name,
-            created=created,
-            spec=SessionSpec(**json.loads(spec)),
-            ended=ended,
-            settled_on=None if settled_on is None else json.loads(settled_on),
-        )
-        rows = self._connection.execute(
-            "SELECT record, optimizer_state FROM trials WHERE session = ? ORDER BY number", (name,)
-        )
-        for record, state in rows:
-            values = json.loads(record)
-            session.trials.append(TrialRecord(**{**values, "slots": tuple(values["slots"])}))
-            session.optimizer_state = json.loads(state)
-        walks = self._connection.execute(
-            "SELECT record FROM baselines WHERE session = ? ORDER BY rowid", (name,)
-        )
-        for (record,) in walks:
-            values = json.loads(record)
-            session.baseline.append(BaselineRecord(**{**values, "slots": tuple(values["slots"])}))
-        return session
-
-    def names(self) -> list[str]:
-        """Names of all sessions, newest last."""
-        return _names(self._connection)
+        except StoreError as error:
+            raise StoreError(f"session {session.name}: it cannot be stored: {error.__cause__}") from error
 
     def delete(self, name: str) -> None:
         """Remove a session from the store; its recordings are left to the caller.
 
-        Raises InputError for a name that is not in the store.
+        Raises InputError for a name that is not in the store, StoreError when the disk refuses.
         """
-        self.load(name)
+        row = self._row(name)
         with self._transaction():
-            self._connection.execute("DELETE FROM sessions WHERE name = ?", (name,))
+            for table in ("trials", "baselines"):  # also where the store was made without its links
+                self._connection.execute(
+                    f"DELETE FROM {table} WHERE session = (SELECT name FROM sessions WHERE rowid = ?)",  # noqa: S608
+                    (row,),
+                )
+            self._connection.execute("DELETE FROM sessions WHERE rowid = ?", (row,))
 
     def folder_of(self, name: str) -> Path:
-        """Folder of a session's recordings."""
+        """Folder of a session's recordings.
+
+        Raises InputError for a name that leads anywhere else.
+        """
+        if not is_folder_name(name):
+            raise InputError(f"session: got {name!r}; allowed: the name of a folder in {self.folder}/")
         return self.folder / name
 
     @contextmanager
@@ -229,25 +193,25 @@ class SessionStore:
         Raises InputError when another process holds it.
         """
         folder = self.folder_of(name)
-        folder.mkdir(parents=True, exist_ok=True)
-        with (folder / "lock").open("w") as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                raise InputError(
-                    f"session {name}: another process is running it; wait for it or stop it"
-                ) from None
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            # A lock that is a link would make a file anywhere.
+            lock = os.open(folder / "lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o644)
+        except OSError as error:
+            raise StoreError(f"session {name}: {folder}/lock cannot be used ({error.strerror})") from error
+        try:
+            _take(lock, name)
             yield
+        finally:
+            os.close(lock)
 
     def _prepare(self) -> None:
         connection = self._connection
-        connection.execute("PRAGMA journal_mode = WAL")
-        # FULL: when its transaction ends, a trial is on the disk and not only in the cache of the kernel.
-        connection.execute("PRAGMA synchronous = FULL")
-        connection.execute("PRAGMA foreign_keys = ON")
-        (version,) = connection.execute("PRAGMA user_version").fetchone()
-        if version not in (0, SCHEMA_VERSION):
-            raise StoreError(f"session store: {self.path} has version {version}; allowed: {SCHEMA_VERSION}")
+        with self._reading():
+            connection.execute("PRAGMA journal_mode = WAL")
+            # FULL: when its transaction ends, a trial is on the disk and not only in the cache of the kernel.
+            connection.execute("PRAGMA synchronous = FULL")
+            connection.execute("PRAGMA foreign_keys = ON")
         with self._transaction():
             for statement in filter(str.strip, _TABLES.split(";")):
                 connection.execute(statement)
@@ -255,6 +219,27 @@ class SessionStore:
             for later in sorted({"ended", "settled_on"} - columns):  # of a store made before there was this
                 connection.execute(f"ALTER TABLE sessions ADD COLUMN {later} TEXT")
             connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+            self._tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master")}
+
+    def check_idle(self, name: str) -> None:
+        """Raise InputError where another process is running a session; nothing is made or followed."""
+        if not is_folder_name(name):
+            return
+        try:
+            lock = os.open(self.folder / name / "lock", os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
+        except OSError:
+            return
+        try:
+            _take(lock, name)
+        finally:
+            os.close(lock)
+
+    def _row(self, name: str) -> int:
+        """Row of a session; raises InputError for a name that is not in the store."""
+        row = self.row_of(name)
+        if row is None:
+            raise self._unknown(name)
+        return row
 
     def _exists(self, name: str) -> bool:
         query = "SELECT 1 FROM sessions WHERE name = ?"
@@ -262,30 +247,59 @@ class SessionStore:
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
-        self._connection.execute("BEGIN IMMEDIATE")
+        """All or nothing of what a block writes; raises StoreError when the disk refuses."""
         try:
+            self._connection.execute("BEGIN IMMEDIATE")
             yield
-        except BaseException:
-            if self._connection.in_transaction:
-                self._connection.execute("ROLLBACK")
+            self._connection.execute("COMMIT")
+        except BaseException as error:
+            with suppress(sqlite3.Error):
+                if self._connection.in_transaction:
+                    self._connection.execute("ROLLBACK")
+            if isinstance(error, sqlite3.Error):
+                raise StoreError(f"session store: {self.path} cannot be written: {error}") from error
             raise
-        self._connection.execute("COMMIT")
 
 
-def list_sessions(folder: Path | str = RUNS) -> list[Session]:
-    """All sessions of a folder with their trials, newest last; empty where there is no store."""
+def _take(lock: int, name: str) -> None:
+    """Take the lock of a session; raises InputError when another process holds it."""
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        raise InputError(f"session {name}: another process is running it; wait for it or stop it") from None
+
+
+def _log_damage(error: StoreError) -> None:
+    _LOG.warning("%s", error)
+
+
+def list_sessions(
+    folder: Path | str = RUNS, *, on_damage: Callable[[StoreError], object] = _log_damage
+) -> list[Session]:
+    """All sessions of a folder with their trials, newest last; empty where there is no store.
+
+    Args:
+        folder: where the sessions lie; nothing is written to it.
+        on_damage: is told of each session that is damaged, which is left out. By default it is logged.
+
+    Raises StoreError for a store that cannot be read at all.
+    """
     folder = Path(folder)
-    if not _is_store(folder):
+    if not is_store(folder):
         return []
-    with SessionStore(folder) as store:
-        return [store.load(name) for name in store.names()]
+    with reading(folder) as rows:
+        return rows.sessions(on_damage)
 
 
 def load_session(name: str, folder: Path | str = RUNS) -> Session:
-    """Session of a folder with its trials; raises InputError for a name that is not there."""
+    """Session of a folder with its trials.
+
+    Raises InputError for a name that is not there, StoreError for a session that is damaged.
+    """
     check_type(name, str, "session", "the name of a session")
-    with _existing(Path(folder), name) as store:
-        return store.load(name)
+    _check_there(Path(folder), name)
+    with reading(Path(folder)) as rows:
+        return rows.load(name)
 
 
 def export_session(name: str, path: Path | str, folder: Path | str = RUNS) -> None:
@@ -294,115 +308,23 @@ def export_session(name: str, path: Path | str, folder: Path | str = RUNS) -> No
 
 
 def delete_session(name: str, folder: Path | str = RUNS) -> None:
-    """Delete a session and its recordings.
+    """Delete a session, damaged or not, and its recordings.
+
+    Nothing outside of the session's own folder is deleted: of a session whose name hexctl has not made, or
+    whose folder is a link to another one, the recordings stay.
 
     Raises InputError for a name that is not there, or a session that another process is running.
     """
-    with _existing(Path(folder), name) as store:
-        store.load(name)
-        with store.held(name):
-            store.delete(name)
-            shutil.rmtree(store.folder_of(name), ignore_errors=True)
+    _check_there(Path(folder), name)
+    with SessionStore(Path(folder)) as store:
+        store.check_idle(name)
+        store.delete(name)
+        if is_made_by_hexctl(name):
+            place = store.folder_of(name)
+            place.unlink() if place.is_symlink() else shutil.rmtree(place, ignore_errors=True)
 
 
-def _is_store(folder: Path) -> bool:
-    return (folder / "sessions.sqlite").is_file()
-
-
-def _existing(folder: Path, name: str) -> SessionStore:
-    """Store of a folder, without making one where there is none."""
-    if not _is_store(folder):
+def _check_there(folder: Path, name: str) -> None:
+    """Raise InputError where there is no store, which is not made for that."""
+    if not is_store(folder):
         raise InputError(f"session: got {name!r}; allowed: none yet, hexctl adapt makes one under {folder}/")
-    return SessionStore(folder)
-
-
-#: What was predicted for a trial, a column each.
-EXPECTED = ("signed_m", "low_m", "high_m", "chance")
-
-FORMATS = (".csv", ".parquet")
-
-
-#: Columns that were added before those of the baseline, and after them, in the order in which they came.
-LATER_COLUMNS = ("cause",)
-LAST_COLUMNS = (
-    "hold",
-    *QUALITIES,
-    "trim_deg",
-    "wanted_trim_deg",
-    "turn_trim_deg_s",
-    "wanted_turn_trim_deg_s",
-)
-
-
-def flat_rows(session: Session) -> list[dict[str, Any]]:
-    """Rows, one per trial; empty for a session without trials.
-
-    The baseline is in columns of its own, the same in every row: a row of its own would be taken for a trial.
-    """
-    rows = []
-    baseline = _baseline_columns(session)
-    for trial in session.trials:
-        values = trial.as_json()
-        deviation = values.pop("deviation_m")
-        expected = values.pop("expected") or {}
-        values |= {f"expected_{name}": expected.get(name) for name in EXPECTED}
-        values["slots"] = " ".join(str(slot) for slot in trial.slots)
-        values |= {f"deviation_{name}_m": value for name, value in deviation.items()}
-        spec = session.spec
-        head = {"session": session.name, "optimizer": spec.optimizer, "failed_leg": spec.failed_leg}
-        # Columns that came later stay behind those of before.
-        later, last = ({name: values.pop(name) for name in names} for names in (LATER_COLUMNS, LAST_COLUMNS))
-        rows.append({**head, "seed": spec.seed, **values, **later, **baseline, **last})
-    return rows
-
-
-def _baseline_columns(session: Session) -> dict[str, Any]:
-    """Four columns for each gait of a baseline, None where it was not walked; the newest gait comes last."""
-    walked = {walk.gait: walk.as_json() for walk in session.baseline}
-    columns: dict[str, Any] = {}
-    for gait in dict.fromkeys((*BASELINE_GAITS[1:], *BASELINE_GAITS, *walked)):
-        walk = walked.get(gait, {})
-        columns[f"baseline_{gait}_score"] = walk.get("score")
-        columns[f"baseline_{gait}_deviation_m"] = walk.get("deviation_m", {}).get("signed")
-        columns[f"baseline_{gait}_distance_m"] = walk.get("distance_m")
-        columns[f"baseline_{gait}_status"] = walk.get("status")
-    return columns
-
-
-def export(session: Session, path: Path) -> None:
-    """Write a session's trials to a new .csv or .parquet file.
-
-    Raises InputError for another ending, a file that exists or cannot be written, or a session without
-    trials.
-    """
-    if path.suffix not in FORMATS:
-        raise InputError(f"export: got {path.name}; allowed: a name that ends in {' or '.join(FORMATS)}")
-    if not session.trials:
-        raise InputError(f"session {session.name}: has no trials to export")
-    try:
-        with path.open("xb"):
-            pass
-        (_write_csv if path.suffix == ".csv" else _write_parquet)(flat_rows(session), path)
-    except FileExistsError:
-        raise InputError(f"export: {path} exists; allowed: a new file, nothing is replaced") from None
-    except OSError as error:
-        raise InputError(
-            f"export: {path} cannot be written ({error.strerror}); allowed: a new file"
-        ) from error
-
-
-def _write_csv(rows: list[dict[str, Any]], path: Path) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, fieldnames=list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
-
-
-def _write_parquet(rows: list[dict[str, Any]], path: Path) -> None:
-    try:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-    except ModuleNotFoundError as error:
-        path.unlink()
-        raise MissingExtraError("Parquet export", "study") from error
-    pq.write_table(pa.Table.from_pylist(rows), path)

@@ -5,11 +5,12 @@ import os
 import signal
 import sys
 
-INTERRUPTED = 130
+from hexctl.cli.interrupts import INTERRUPTED, defer_in_imports, forget_deferred, raise_deferred
 
 
 def main() -> None:
     """Load the command line, run it, and exit with its code."""
+    defer_in_imports()
     # Matrices are small here: threads of the linear algebra wait for one another longer than they work, and
     # take the cores from the simulation and the 50 Hz loop. Read when NumPy and SciPy are imported.
     for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -20,6 +21,7 @@ def main() -> None:
     try:
         from hexctl.cli.main import exit_code
 
+        raise_deferred()
         interrupted = "interrupted"
         code = exit_code()
         signal.signal(signal.SIGINT, _quit)
@@ -27,6 +29,7 @@ def main() -> None:
         signal.signal(signal.SIGINT, _quit)
         sys.stderr.write(f"hexctl: {interrupted}\n")
         code = INTERRUPTED
+    forget_deferred()
     rrd, evaluate = (sys.modules.get(f"hexctl.{name}") for name in ("record.rrd", "study.evaluate"))
     if (rrd is not None and rrd.stuck()) or (code and evaluate is not None and evaluate.simulating()):
         # Python would wait for Rerun, and Rerun for a disk that takes nothing more; or for walks that nothing

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.console import RUNS, print_result
+from hexctl.cli.console import FAULT, RUNS, print_note, print_result
 from hexctl.cli.options import JsonOption
 from hexctl.cli.values import listed
 from hexctl.errors import InputError
 
 if TYPE_CHECKING:
     from hexctl.adapt.session import Session
+    from hexctl.adapt.session_rows import StoreError
 
 sessions = typer.Typer(help="List, show, export and delete sessions of hexctl adapt.", no_args_is_help=True)
 
@@ -29,17 +30,25 @@ NameArgument = Annotated[
 
 @sessions.command("list")
 def list_sessions(as_json: JsonOption = False) -> None:
-    """List all sessions under runs/, newest last."""
+    """List all sessions under runs/, newest last.
+
+    One that is damaged is named on stderr, with exit code 3; the others are listed all the same.
+    """
     from hexctl.adapt.store import list_sessions as all_sessions
     from hexctl.cli.render.adapt import session_line
 
-    found = all_sessions(RUNS)
+    damaged: list[StoreError] = []
+    found = all_sessions(RUNS, on_damage=damaged.append)
     if as_json:
         print_result(json.dumps([{**session.as_json(), "trials": len(session.trials)} for session in found]))
-    elif not found:
+    elif not found and not damaged:
         print_result(f"no sessions under {RUNS}/ yet; hexctl adapt makes one")
-    else:
+    elif found:
         print_result("\n".join(session_line(session) for session in found))
+    for error in damaged:
+        print_note(f"hexctl: {error}")
+    if damaged:
+        raise typer.Exit(FAULT)
 
 
 @sessions.command()
@@ -104,9 +113,14 @@ def delete(
 ) -> None:
     """Delete a session and its recordings."""
     from hexctl.adapt.session import trials_text
+    from hexctl.adapt.session_rows import StoreError
     from hexctl.adapt.store import delete_session, load_session
 
-    trials = trials_text(len(load_session(name, RUNS).trials))
+    try:
+        trials = trials_text(len(load_session(name, RUNS).trials))
+    except StoreError as error:
+        print_note(f"hexctl: {error}")
+        trials = "trials"
     if not yes and not _agreed(f"delete session {name}, its {trials} and the recordings?"):
         print_result("nothing deleted")
         return

@@ -15,7 +15,9 @@ import pytest
 
 from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.session import BaselineRecord, Session, SessionSpec, TrialRecord
-from hexctl.adapt.store import LAST_COLUMNS, SessionStore, StoreError, flat_rows
+from hexctl.adapt.session_export import LAST_COLUMNS, flat_rows
+from hexctl.adapt.session_rows import StoreError
+from hexctl.adapt.store import SessionStore
 from hexctl.errors import InputError
 from tests.adapt.walking import SPEC, result_of
 
@@ -136,7 +138,7 @@ def test_a_session_is_held_by_one_process_at_a_time(tmp_path: Path) -> None:
 @pytest.mark.parametrize("content", [b"not a database at all, but long enough to look at" * 20])
 def test_a_file_that_is_no_store_is_refused(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "sessions.sqlite").write_bytes(content)
-    with pytest.raises(StoreError, match=r"sessions\.sqlite cannot be used"):
+    with pytest.raises(StoreError, match=r"sessions\.sqlite is damaged"):
         SessionStore(tmp_path)
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from hexctl.adapt.store import SessionStore
 from hexctl.cli.main import exit_code
 from hexctl.robot.configs import config_names
 from tests.cli.paths import PATH_LINES
@@ -315,6 +316,21 @@ def test_a_path_that_no_system_has_is_refused_in_one_line(
     assert printed.out == ""
     assert len(printed.err.splitlines()) == 1
     assert not [found for found in tmp_path.rglob("*") if found.is_file()]
+
+
+@pytest.mark.parametrize(
+    "arguments", [["sessions", "show"], ["sessions", "delete", "--yes"], ["view"], ["check"], ["export"]]
+)
+def test_names_that_are_no_utf_8_are_refused_in_one_printable_line(
+    arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with SessionStore(tmp_path / "runs"):
+        pass
+    assert exit_code([*arguments, os.fsdecode(b"caf\xe9\n")]) == 2
+    line = capsys.readouterr().err
+    assert len(line.splitlines()) == 1
+    line.encode("utf-8")
 
 
 @pytest.mark.parametrize(

@@ -49,7 +49,7 @@ def test_the_text_of_a_failure_reads_back(text: str) -> None:
         (7, "locked", "1..6"),
         (1, "broken", "failure: got broken; allowed: locked, limp[:JOINT], missing, weak"),
         (1, "", "locked"),
-        (1, "Locked", "locked"),
+        (1, "Lockd", "locked"),
         (1, "locked:1", "weak:[JOINT:]FRACTION"),
         (1, "limp:0", "limp:JOINT with coxa, femur, tibia"),
         (1, "unknown:1", "weak:[JOINT:]FRACTION"),

@@ -1,0 +1,241 @@
+"""Reading the session store, also one that is damaged in part or that may not be written."""
+
+import shutil
+import sqlite3
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from hexctl.adapt.session import Session
+from hexctl.adapt.stored_session import stored_session
+from hexctl.errors import HexctlError, InputError
+
+SCHEMA_VERSION = 1
+
+FILE_NAME = "sessions.sqlite"
+
+#: Rows that are looked for one by one in a table of which a page is lost.
+MOST_PROBED = 10_000
+
+#: Codes of SQLite for what a disk, its rights or another process refuses: the store itself may be whole.
+_NOT_ITS_FAULT = (
+    sqlite3.SQLITE_PERM,
+    sqlite3.SQLITE_BUSY,
+    sqlite3.SQLITE_LOCKED,
+    sqlite3.SQLITE_NOMEM,
+    sqlite3.SQLITE_READONLY,
+    sqlite3.SQLITE_IOERR,
+    sqlite3.SQLITE_FULL,
+    sqlite3.SQLITE_CANTOPEN,
+)
+
+_HEAD = ("created", "spec", "ended", "settled_on")
+
+
+class StoreError(HexctlError, OSError):
+    """The store, or a session in it, cannot be read or written."""
+
+
+class SessionRows:
+    """What a connection to a store reads. A session that is damaged costs no other one.
+
+    Text that is no UTF-8 is escaped, so that every session has a name that can be typed.
+    """
+
+    def __init__(self, connection: sqlite3.Connection, path: Path) -> None:
+        """Read a store.
+
+        Raises StoreError for one of another version, or that is none.
+        """
+        self.path = path
+        self._connection, self._lost = connection, False
+        connection.text_factory = lambda data: data.decode("utf-8", "backslashreplace")
+        with self._reading():
+            (version,) = connection.execute("PRAGMA user_version").fetchone()
+            self._tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master")}
+        if version not in (0, SCHEMA_VERSION):
+            raise StoreError(f"session store: {path} has version {version}; allowed: {SCHEMA_VERSION}")
+
+    def names(self) -> list[str]:
+        """Names of all sessions that can be found, newest last."""
+        return [name for _, name in self._found()]
+
+    def row_of(self, name: str) -> int | None:
+        """Number of the row of a session, or None."""
+        return next((row for row, known in self._found() if known == name), None)
+
+    def load(self, name: str) -> Session:
+        """Session with all its trials.
+
+        Raises InputError for a name that is not in the store, StoreError for a session that is damaged.
+        """
+        row = self.row_of(name)
+        if row is None:
+            raise self._unknown(name)
+        return self._session(row, name)
+
+    def sessions(self, on_damage: Callable[[StoreError], object]) -> list[Session]:
+        """All sessions, newest last; `on_damage` is told of each that is damaged, which is left out."""
+        found, rows = [], self._found()
+        if self._lost:
+            on_damage(self._unreadable("a page of it is lost; there may be more sessions than are listed"))
+        for row, name in rows:
+            try:
+                found.append(self._session(row, name))
+            except StoreError as error:
+                on_damage(error)
+        return found
+
+    def _session(self, row: int, name: str) -> Session:
+        try:
+            return stored_session(name, self._head(row), self._trials(row), self._baseline(row))
+        except (ValueError, sqlite3.Error) as error:
+            raise StoreError(
+                f"session {name}: is damaged ({error}); its recordings can be opened one by one, and "
+                f"hexctl sessions delete removes it"
+            ) from error
+
+    def _unknown(self, name: str) -> InputError:
+        """Error for a name that is not in the store."""
+        names = self.names()
+        known = ", ".join(names[-5:]) or "none yet"
+        earlier = f"{len(names) - 5} earlier ones, " if len(names) > 5 else ""
+        return InputError(f"session: got {name!r}; allowed, of {self.path.parent}/: {earlier}{known}")
+
+    def _found(self) -> list[tuple[int, str]]:
+        """Rows and names of all sessions, newest last; those of lost pages are left out."""
+        if not self._tables:
+            return []
+        try:
+            return self._listed("ORDER BY created, rowid")
+        except sqlite3.OperationalError as error:
+            raise self._unreadable(error) from error
+        except sqlite3.DatabaseError as error:
+            rows, self._lost = self._salvaged(), True
+            if not rows:
+                raise self._unreadable(error) from error
+            return rows
+
+    def _listed(self, end: str) -> list[tuple[int, str]]:
+        rows = self._connection.execute(f"SELECT rowid, name FROM sessions {end}")  # noqa: S608  ours
+        return [(row, _name(name)) for row, name in rows]
+
+    def _salvaged(self) -> list[tuple[int, str]]:
+        """What can be read of a table of which a page is lost: from both ends, and row by row between."""
+        found: dict[int, str] = {}
+        for order in ("ASC", "DESC"):
+            try:
+                for row, name in self._connection.execute(
+                    f"SELECT rowid, name FROM sessions ORDER BY rowid {order}"  # noqa: S608  ours
+                ):
+                    found[row] = _name(name)
+            except sqlite3.Error:
+                continue
+        for row in range(1, min(max(found, default=0), MOST_PROBED)):
+            if row not in found:
+                try:
+                    found |= dict(self._listed(f"WHERE rowid = {row}"))
+                except sqlite3.Error:
+                    continue
+        return sorted(found.items())
+
+    def _head(self, row: int) -> Any:
+        """The columns of a session; those that came later are None in a store of before."""
+        there = {column[1] for column in self._connection.execute("PRAGMA table_info(sessions)")}
+        columns = ", ".join(name if name in there else "NULL" for name in _HEAD)
+        query = f"SELECT typeof(name), {columns} FROM sessions WHERE rowid = ?"  # noqa: S608  ours
+        kind, *head = self._connection.execute(query, (row,)).fetchone()
+        if kind != "text":
+            raise ValueError("its name is no text")
+        return head
+
+    def _trials(self, row: int) -> Iterable[Any]:
+        return self._of(row, "trials", "number, record, optimizer_state", "number")
+
+    def _baseline(self, row: int) -> Iterable[Any]:
+        return [record for (record,) in self._of(row, "baselines", "record", "rowid")]
+
+    def _of(self, row: int, table: str, columns: str, order: str) -> list[Any]:
+        """Rows of another table that belong to a session; the first stores had no baselines."""
+        if table == "baselines" and table not in self._tables:
+            return []
+        query = (
+            f"SELECT {columns} FROM {table} {{}} "  # noqa: S608  ours
+            f"WHERE session = (SELECT name FROM sessions WHERE rowid = ?) ORDER BY {order}"
+        )
+        try:
+            return self._connection.execute(query.format(""), (row,)).fetchall()
+        except sqlite3.DatabaseError:  # perhaps a page of its index is lost, which can be done without
+            return self._connection.execute(query.format("NOT INDEXED"), (row,)).fetchall()
+
+    @contextmanager
+    def _reading(self) -> Iterator[None]:
+        try:
+            yield
+        except sqlite3.Error as error:
+            raise self._unreadable(error) from error
+
+    def _unreadable(self, error: Exception | str) -> StoreError:
+        if getattr(error, "sqlite_errorcode", 0) & 0xFF in _NOT_ITS_FAULT:
+            return StoreError(f"session store: {self.path} cannot be used: {error}")
+        return StoreError(
+            f"session store: {self.path} is damaged: {error}; move it away to begin a new one, the "
+            "recordings of its sessions stay"
+        )
+
+
+def _name(value: Any) -> str:
+    """Name of a session; of a row without one as Python writes what is there."""
+    return value if isinstance(value, str) else repr(value)
+
+
+def is_store(folder: Path) -> bool:
+    """Whether a folder has a store; raises StoreError where something else has its name."""
+    path = folder / FILE_NAME
+    if path.is_file():
+        return True
+    if path.exists() or path.is_symlink():
+        raise StoreError(f"session store: {path} is no file; move it away to begin a new one")
+    return False
+
+
+@contextmanager
+def reading(folder: Path) -> Iterator[SessionRows]:
+    """Read the store of a folder without writing anything, also where nothing may be written.
+
+    Raises StoreError for one that cannot be read.
+    """
+    path = folder / FILE_NAME
+    try:
+        connection = _connected(path)
+    except sqlite3.Error:
+        # A store that is written ahead cannot be opened where no files can be made beside it.
+        with TemporaryDirectory(prefix="hexctl-") as place, closing(_copied(path, Path(place))) as copy:
+            yield SessionRows(copy, path)
+        return
+    with closing(connection):
+        yield SessionRows(connection, path)
+
+
+def _connected(path: Path) -> sqlite3.Connection:
+    """Connection that only reads, tried out."""
+    connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True, timeout=1.0)
+    try:
+        connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def _copied(path: Path, place: Path) -> sqlite3.Connection:
+    """Connection to a copy of a store, with what was written ahead."""
+    try:
+        for suffix in ("", "-wal"):
+            if (source := path.with_name(path.name + suffix)).is_file():
+                shutil.copyfile(source, place / source.name)
+        return sqlite3.connect(place / path.name)
+    except (OSError, sqlite3.Error) as error:
+        raise StoreError(f"session store: {path} cannot be read: {error}") from error
