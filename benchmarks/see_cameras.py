@@ -17,7 +17,7 @@ from hexctl.see.vision.lens import Lens
 #: Turn of a camera about the direction in which it looks, and height of one that stands low.
 ROLL_DEG, LOW_M = 20.0, 0.8
 
-#: A lens of 93 deg from left to right, which bends lines at the edge by 60 px.
+#: A lens of 98 deg from left to right.
 FISHEYE = Lens(
     width_px=640,
     height_px=480,
