@@ -91,7 +91,7 @@ LAST_MOTION_S, STILL_RAD = 0.25, 0.02
     [("dynamixel", "xl430-w250"), ("dynamixel", "ax12a"), ("feetech", "sts3215"), ("lx16a", "lx16a")],
 )
 def test_a_server_that_goes_in_mid_walk_leaves_the_robot_at_rest(
-    driver: str, model: str, number: signal.Signals, tmp_path: Path
+    driver: str, model: str, number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Fifty times; the keeper then holds the robot, as its file says."""
     content = {"model": model, "femur": {"offset_deg": -10}, "tibia": {"offset_deg": 40}}
@@ -102,6 +102,7 @@ def test_a_server_that_goes_in_mid_walk_leaves_the_robot_at_rest(
         if len(last_motions_s) == KILLS:
             break
         robot = MockServos(load_robot_file(file).robot)
+        monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / f"state{kill}"))  # a stop outlasts its server
         with (
             bus_board(bus_map, servos=robot) as bus,
             served(
@@ -113,7 +114,7 @@ def test_a_server_that_goes_in_mid_walk_leaves_the_robot_at_rest(
             walking.start()
             if not moved.wait(MOVES_WITHIN_S) or not _all_move(robot):  # the machine is too busy for a walk
                 server.signal(signal.SIGKILL)
-                wait_until(lambda: "the robot holds" in server.said(), "the keeper")
+                wait_until(lambda: "hexctl: serve " in server.said(), "the keeper")
                 walking.join(TIMEOUT_S)
                 continue
             server.signal(number)
