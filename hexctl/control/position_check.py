@@ -11,8 +11,8 @@ from hexctl.types import FloatArray
 #: Faster than any robot of this kind walks, and than it is carried, in m/s.
 MOST_SPEED_M_S = 5.0
 
-#: What an estimate may correct itself by at once.
-MOST_CORRECTION_M = 0.5
+#: What an estimate may correct itself by at once. Smaller jumps are left to steering, alone and in a batch.
+MOST_CORRECTION_M = 2.0
 
 #: No place on Earth is further from any origin on it.
 MOST_M = 1e8

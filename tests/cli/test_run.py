@@ -319,7 +319,7 @@ def test_a_recording_that_fails_costs_neither_the_walk_nor_its_result(
     printed = capsys.readouterr()
     outcome = _strict(printed.out)
     assert (outcome["status"], outcome["duration_s"]) == ("ok", pytest.approx(3))
-    assert "the walk is done, its recording is not whole: no space left" in _one_line(printed.err)
+    assert "the walk is done, its recording is not whole: no space\\nleft" in _one_line(printed.err)
 
 
 FULL_DISK = """

@@ -307,12 +307,12 @@ BAD_TEXTS: dict[str, tuple[bytes, str]] = {
         r"line 1, column 20: the key 'mass_kg' is given twice",
     ),
     "key is a list": (b"? [1, 2]\n: 3\n", r"unhashable key"),
-    "impossible date": (b"name: 2020-13-45\n", r"month must be"),
+    "impossible date": (b"name: 2020-13-45\n", r"line 1, column 7: got '2020-13-45', which is no timestamp"),
     "newline in a key": (b'"a\\nb": 1\n', r"unknown key 'a\\nb'"),
     "object": (b"!!python/object/apply:os.system ['exit 1']\n", r"python/object/apply:os.system"),
     "name of code": (b"name: !!python/name:os.system\n", r"python/name:os.system"),
     "tag": (b"name: !mine x\n", r"!mine"),
-    "refers to itself": (b"name: &a [*a]\n", r"name: got \[\[\[.*text"),
+    "refers to itself": (b"name: &a [*a]\n", r"line 1, column 7: it refers to itself"),
     "expands without end": (
         b"name: [&a [1,1,1,1,1,1,1,1], "
         + b", ".join(
@@ -320,7 +320,7 @@ BAD_TEXTS: dict[str, tuple[bytes, str]] = {
             for old, new in zip(b"abcdefghijk", b"bcdefghijkl", strict=True)
         )
         + b"]",
-        r"name: got \[.{,200}; allowed: text",
+        r"line 1, column 150: it is larger than 100000 values with its aliases followed",
     ),
 }
 
@@ -353,7 +353,7 @@ def test_a_path_without_a_file_is_refused_with_the_path(where: str, tmp_path: Pa
     assert ", ".join(config_names("robots")) in message
 
 
-@pytest.mark.parametrize("name", ["spider", "", "Ant", "ant "])
+@pytest.mark.parametrize("name", ["spider", "", "an t"])
 def test_an_unknown_name_lists_the_known_ones(name: str) -> None:
     message = _refusal(name)
     assert repr(name) in message
