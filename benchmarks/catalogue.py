@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from benchmarks.adapt import adapt_rows
 from benchmarks.batch import batch_rows
 from benchmarks.bus import bus_rows
+from benchmarks.cameras import camera_rows
 from benchmarks.check import check_rows
 from benchmarks.clock import clock_rows
 from benchmarks.landscape import landscape_benchmarks
@@ -14,7 +15,6 @@ from benchmarks.ros import ros_rows
 from benchmarks.rows import Row
 from benchmarks.scale import Scale
 from benchmarks.see import see_rows
-from benchmarks.see_cameras import camera_rows
 from benchmarks.single import single_rows
 from benchmarks.startup import startup_rows
 from benchmarks.study import study_rows
@@ -33,7 +33,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "ros": ros_rows,
     "bus": bus_rows,
     "see": see_rows,
-    "see_cameras": camera_rows,
+    "cameras": camera_rows,
     "single": single_rows,
     "recording": recording_rows,
     "batch": batch_rows,

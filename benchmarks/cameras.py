@@ -44,8 +44,8 @@ def camera_rows(scale: Scale) -> Iterator[Row]:
         errors = floor_errors(camera, camera.lens, scale.see_step_m, seed=SEED)
         note = f"{len(errors.places)} places on 3 x 2 m, seen at {errors.seen.mean():.0%}, one picture each"
         position_mm, yaw_deg = 1e3 * errors.position_rms_m, float(np.degrees(errors.yaw_rms_rad))
-        yield Row(f"see_cameras.{name}.position_rms", position_mm, "mm", Bar(high=POSITION_MM), note)
-        yield Row(f"see_cameras.{name}.yaw_rms", yaw_deg, "deg", Bar(high=YAW_DEG), note)
+        yield Row(f"cameras.{name}.position_rms", position_mm, "mm", Bar(high=POSITION_MM), note)
+        yield Row(f"cameras.{name}.yaw_rms", yaw_deg, "deg", Bar(high=YAW_DEG), note)
 
 
 def strange_cameras() -> dict[str, Camera]:
