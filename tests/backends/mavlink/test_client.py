@@ -420,6 +420,7 @@ def test_the_key_comes_from_the_folder_of_keys(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"mavlink\.key: cannot be read .*; allowed: a file of 32 random"):
         made(credentials=tmp_path)
     key = tmp_path / "mavlink.key"
+    key.touch(mode=0o600)
     key.write_text("too short")
     with pytest.raises(InputError, match=r"mavlink\.key: got 9 bytes; allowed: 32 bytes, or 64 hexadecimal"):
         made(credentials=tmp_path)
@@ -443,5 +444,6 @@ def test_an_unsigned_port_that_others_reach_must_be_asked_for(tmp_path: Path) ->
     with pytest.raises(InputError, match=r"anybody on the network could move the servos"):
         made(connect=far)
     assert made(connect=far, insecure=True)._port_text == far
+    (tmp_path / "mavlink.key").touch(mode=0o600)
     (tmp_path / "mavlink.key").write_bytes(bytes(32))
     assert made(connect=far, credentials=tmp_path)._port_text == far

@@ -264,6 +264,7 @@ def test_it_answers_who_asks_for_its_version_or_pings(client: Client) -> None:
 
 def test_a_board_with_a_key_obeys_signed_frames_only(file: Path, tmp_path: Path, stance: FloatArray) -> None:
     key = bytes(range(32))
+    (tmp_path / "mavlink.key").touch(mode=0o600)
     (tmp_path / "mavlink.key").write_text(key.hex())
     with board("--backend", "mock", "--robot", str(file), "--keys", str(tmp_path)) as running:
         with Client(running.port) as unsigned:
