@@ -120,13 +120,14 @@ def _clear(place: dict[str, Any], *, as_json: bool) -> None:
 def _wait_for_a_press(stop: "ReadyStop") -> None:
     """Say how the robot is reached, whenever that changes, until a key or a button is pressed."""
     from hexctl.cli.console import print_note
+    from hexctl.teleop.keyboard import has_keys
     from hexctl.teleop.stop_button import StopButton
 
-    button, told, terminal = StopButton(), "", sys.stdin is not None and sys.stdin.isatty()
+    button, told, terminal = StopButton(), "", has_keys()
     if not terminal and not _has_gamepad():
         raise InputError("--ready: got no terminal to read keys from and no gamepad; allowed: either")
     began_s = time.monotonic()
-    with _single_keys(terminal=terminal) as key_pressed:
+    with _keys(terminal=terminal) as key_pressed:
         try:
             while not (key_pressed() or button.pressed()):
                 reach = str(stop.reach)
@@ -147,18 +148,16 @@ def _has_gamepad() -> bool:
 
 
 @contextmanager
-def _single_keys(*, terminal: bool) -> Iterator[Callable[[], bool]]:
+def _keys(*, terminal: bool) -> Iterator[Callable[[], bool]]:
     """Whether a key was pressed, or the terminal has gone; keys come one by one and unechoed in the block."""
     if not terminal:
         yield lambda: False
         return
-    import termios
-    import tty
+    from hexctl.teleop.keyboard import single_keys
 
     keys = sys.stdin.fileno()
     gone: list[int] = []
-    before, hung_up = termios.tcgetattr(keys), signal.signal(signal.SIGHUP, lambda *_: gone.append(1))
-    tty.setcbreak(keys)
+    hung_up = signal.signal(signal.SIGHUP, lambda *_: gone.append(1))
 
     def pressed() -> bool:
         if gone:
@@ -172,8 +171,7 @@ def _single_keys(*, terminal: bool) -> Iterator[Callable[[], bool]]:
         return bool(ready)
 
     try:
-        yield pressed
+        with single_keys(keys):
+            yield pressed
     finally:
         signal.signal(signal.SIGHUP, hung_up)
-        with suppress(termios.error, OSError):
-            termios.tcsetattr(keys, termios.TCSADRAIN, before)

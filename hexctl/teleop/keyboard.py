@@ -15,8 +15,8 @@ import termios
 import threading
 import time
 import tty
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from types import TracebackType
 from typing import Any, Self
 
@@ -208,12 +208,29 @@ def _signed(value: float, places: int) -> str:
     return f"{round(value, places) + 0.0:+.{places}f}"
 
 
+@contextmanager
+def single_keys(terminal: int) -> Iterator[None]:
+    """Let the keys of a terminal, a file descriptor, come one by one and unechoed in the block.
+
+    Ctrl-Z is switched off: a robot must not be left to a process that stands still.
+    """
+    before = termios.tcgetattr(terminal)
+    tty.setcbreak(terminal)
+    try:
+        changed = termios.tcgetattr(terminal)
+        changed[6][termios.VSUSP] = b"\0"
+        termios.tcsetattr(terminal, termios.TCSADRAIN, changed)
+        yield
+    finally:
+        with suppress(termios.error, OSError):  # the terminal may have gone
+            termios.tcsetattr(terminal, termios.TCSANOW, before)
+
+
 class KeyTerminal:
-    """A terminal whose keys come one by one, unechoed, while this is open; lines are shown in one place.
+    """A terminal with `single_keys` while this is open, in which lines are shown in one place.
 
-    Ctrl-Z is switched off: a robot must not be left to a process that stands still. What is shown goes
-    through a thread, so that a terminal that takes no more, as after Ctrl-S, costs no tick.
-
+    What is shown goes through a thread, so that a terminal that takes no more, as after Ctrl-S, costs no
+    tick.
     Args:
         keys: file descriptor of the terminal.
         lines: file descriptor that lines are written to.
@@ -227,11 +244,8 @@ class KeyTerminal:
         self._shower = threading.Thread(target=self._show_lines, daemon=True)
 
     def __enter__(self) -> Self:
-        self._before = termios.tcgetattr(self.keys)
-        tty.setcbreak(self.keys)
-        changed = termios.tcgetattr(self.keys)
-        changed[6][termios.VSUSP] = b"\0"
-        termios.tcsetattr(self.keys, termios.TCSADRAIN, changed)
+        self._mode = ExitStack()
+        self._mode.enter_context(single_keys(self.keys))
         self._shower.start()
         return self
 
@@ -241,9 +255,9 @@ class KeyTerminal:
         self._ended = True
         self._due.set()
         self._shower.join(LAST_LINE_S)  # what is printed after this stays the last line
-        with suppress(termios.error, OSError):  # the terminal may have gone
+        with suppress(OSError):  # the terminal may have gone
             self._take_last_answers()
-            termios.tcsetattr(self.keys, termios.TCSANOW, self._before)
+        self._mode.close()
 
     def show(self, line: str) -> None:
         """Show a line instead of the last one, as soon as the terminal takes it."""
