@@ -8,9 +8,9 @@ import math
 import random
 import sys
 import time
-from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 
 import numpy as np
 
@@ -53,6 +53,39 @@ class LossyPublisher:
             self._held = None
 
 
+class LentSession:
+    """A session that is lent to one connection after another; what each of them declares ends with it.
+
+    Otherwise the subscribers of all connections so far, each with a thread, would take the computer's time.
+    """
+
+    def __init__(self, session: Any) -> None:
+        self._session = session
+        self._declared: list[Any] = []
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._session, name)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        while self._declared:
+            self._declared.pop().undeclare()
+
+    def declare_subscriber(self, *arguments: Any, **options: Any) -> Any:
+        """Declare a subscriber that ends with the connection."""
+        self._declared.append(self._session.declare_subscriber(*arguments, **options))
+        return self._declared[-1]
+
+    def declare_publisher(self, *arguments: Any, **options: Any) -> Any:
+        """Declare a publisher that ends with the connection."""
+        self._declared.append(self._session.declare_publisher(*arguments, **options))
+        return self._declared[-1]
+
+
 def say(text: str) -> None:
     """Print a line and flush it."""
     sys.stdout.write(f"{text}\n")
@@ -66,7 +99,7 @@ def main(endpoint: str, *options: str) -> int:
     if "again" not in given:
         return control(endpoint, given)
     with open_session(link_of(endpoint, given), Role.CONTROLLER, KeyMap.of("ant")) as session:
-        vars(client)["open_session"] = lambda *_: nullcontext(session)
+        vars(client)["open_session"] = lambda *_: LentSession(session)
         while True:
             control(endpoint, given)
             time.sleep(0.02)
