@@ -191,7 +191,7 @@ class Injection:
         for program in (self._rig.controller, self._rig.server):
             if program is not None:
                 # Programs open new files too, which may have no byte.
-                resource.prlimit(program.process.pid, resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
+                resource.prlimit(program.pid, resource.RLIMIT_FSIZE, (0, resource.RLIM_INFINITY))
         return time.monotonic()
 
     def _lose_viewer(self) -> float:

@@ -1,12 +1,16 @@
 """Programs of a rig in processes of their own: what they say, what they are told, how they end."""
 
+import io
+import multiprocessing
 import os
+import runpy
 import signal
 import socket
-import subprocess
 import sys
 import time
-from contextlib import suppress
+from collections.abc import Sequence
+from functools import cache
+from multiprocessing.context import ForkServerContext
 from pathlib import Path
 
 from hexctl.waiting import wait_for
@@ -15,6 +19,19 @@ ROOT = Path(__file__).resolve().parents[1]
 
 #: Longest a program may take to say what is waited for, on a busy machine.
 PATIENCE_S = 40.0
+
+#: Modules that programs import, which takes most of their start.
+PRELOADED = [
+    "faults.programs.controller",
+    "faults.programs.trials",
+    "faults.programs.twin_board",
+    "hexctl.cli.main",
+    "hexctl.cli.serve",
+    "hexctl.serve.server",
+    "zenoh",
+    "mujoco",
+    "dm_control.mjcf",
+]
 
 
 class LostError(Exception):
@@ -29,29 +46,33 @@ def free_port(kind: socket.SocketKind = socket.SOCK_STREAM) -> int:
 
 
 class Program:
-    """`python -m ...` with its output in a file.
+    """`python -m ...` with its output in a file, forked from a process that has imported what programs need.
 
     Args:
-        folder: of its output.
+        folder: of its input and output.
         name: of its output.
         arguments: behind `-m`.
         variables: of its environment, besides those here.
 
     Attributes:
         process: the process.
+        pid: its number.
     """
 
     def __init__(self, folder: Path, name: str, *arguments: str, **variables: str) -> None:
-        self.name, self._output = name, folder / f"{name}-{time.monotonic_ns()}.out"
-        with self._output.open("w", encoding="utf-8") as file:
-            self.process = subprocess.Popen(
-                [sys.executable, "-u", "-m", *arguments],
-                cwd=ROOT,
-                env={**os.environ, "MUJOCO_GL": "disable", **variables},
-                stdin=subprocess.PIPE,
-                stdout=file,
-                stderr=subprocess.STDOUT,
-            )
+        stem = f"{name}-{time.monotonic_ns()}"
+        self.name, self._output = name, folder / f"{stem}.out"
+        self._output.touch()
+        lines = folder / f"{stem}.in"
+        os.mkfifo(lines)
+        # Opened for both, a pipe without a reader does not keep the opener waiting.
+        self._input: int | None = os.open(lines, os.O_RDWR | os.O_CLOEXEC)
+        self.process = _forks().Process(
+            target=_run, args=(arguments, variables, str(lines), str(self._output)), name=name
+        )
+        self.process.start()
+        assert self.process.pid is not None
+        self.pid: int = self.process.pid
 
     def said(self, since: int = 0) -> str:
         """What it has printed, from a character on."""
@@ -60,14 +81,12 @@ class Program:
     @property
     def alive(self) -> bool:
         """Whether it runs."""
-        return self.process.poll() is None
+        return self.process.is_alive()
 
     def tell(self, line: str) -> None:
         """Write a line to its input; one that has gone does not hear it."""
-        assert self.process.stdin is not None
-        with suppress(OSError):
-            self.process.stdin.write(f"{line}\n".encode())
-            self.process.stdin.flush()
+        if self.alive and self._input is not None:
+            os.write(self._input, f"{line}\n".encode())
 
     def wait_for(self, text: str, since: int = 0, *, but: str | None = None) -> str:
         """Wait until it has printed a text; everything it has printed then.
@@ -91,22 +110,49 @@ class Program:
     def signal(self, number: signal.Signals) -> float:
         """Send a signal; when, on time.monotonic."""
         now_s = time.monotonic()
-        self.process.send_signal(number)
+        self._send(number)
         return now_s
 
     def end(self, *, softly: bool = False) -> None:
         """End it, frozen or not; softly as Ctrl-C does."""
-        with suppress(ProcessLookupError):
-            if softly and self.alive:
-                self.process.send_signal(signal.SIGCONT)
-                self.process.send_signal(signal.SIGTERM)
-                with suppress(subprocess.TimeoutExpired):
-                    self.process.wait(5)
-            self.process.kill()
-        self.process.wait()
-        if self.process.stdin is not None:
-            with suppress(OSError):
-                self.process.stdin.close()
+        if softly:
+            self._send(signal.SIGCONT)
+            self._send(signal.SIGTERM)
+            self.process.join(5)
+        self.process.kill()
+        self.process.join()
+        if self._input is not None:
+            os.close(self._input)
+            self._input = None
+
+    def _send(self, number: int) -> None:
+        if self.alive:
+            os.kill(self.pid, number)
+
+
+@cache
+def _forks() -> ForkServerContext:
+    """Context whose processes are forked from one that has imported what takes long."""
+    os.environ["MUJOCO_GL"] = "disable"
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(PRELOADED)
+    return context
+
+
+def _run(arguments: Sequence[str], variables: dict[str, str], lines: str, output: str) -> None:
+    """Be `python -u -m ...`, in a process forked for it."""
+    os.chdir(ROOT)
+    os.environ.update(variables)
+    os.dup2(os.open(lines, os.O_RDONLY), 0)
+    for number in (1, 2):
+        os.dup2(os.open(output, os.O_WRONLY | os.O_APPEND), number)
+    sys.stdin = os.fdopen(0, encoding="utf-8", closefd=False)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(write_through=True)
+    module, *rest = arguments
+    sys.argv = [module, *rest]
+    runpy.run_module(module, run_name="__main__", alter_sys=True)
 
 
 def _last_line(text: str) -> str:
