@@ -1,4 +1,4 @@
-"""What the site needs beside the pages: the shipped files that they link to, which lie outside docs/."""
+"""What the site needs beside the pages: shipped files that they link to, and figures that open large."""
 
 import re
 from pathlib import Path
@@ -8,6 +8,9 @@ from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).resolve().parents[1]
 LINK = re.compile(r"\]\(\.\./(configs/[^)#]+)\)")
+
+#: A figure that is no link yet.
+FIGURE = re.compile(r'(?<!">)<img [^>]*src="([^"]+)"[^>]*>')
 
 
 def on_files(files: Files, config: Any) -> Files:
@@ -24,3 +27,8 @@ def on_files(files: Files, config: Any) -> Files:
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """Point links to such files at their place in the site."""
     return LINK.sub(r"](\1)", markdown)
+
+
+def on_page_content(html: str, **_: Any) -> str:
+    """Let a click on a figure open it by itself, as large as the window; needs no script."""
+    return FIGURE.sub(r'<a class="figure" href="\1" title="open by itself">\g<0></a>', html)

@@ -1,7 +1,7 @@
 """What a servo board answers to ground stations, so that they know at once what it does not have.
 
-A board has one parameter, which cannot be changed, and no mission. A station that asks for either and hears
-nothing asks again for many seconds. The protocols: https://mavlink.io/en/services/.
+A board has one parameter, which cannot be changed, no mission and no files. A station that asks for any of
+them and hears nothing asks again for many seconds. The protocols: https://mavlink.io/en/services/.
 """
 
 from collections.abc import Callable
@@ -104,6 +104,27 @@ def _no_mission(message: Any, system: int, component: int) -> list[Any]:
     return [common.MAVLink_mission_ack_message(system, component, result, message.mission_type)]
 
 
+#: Offsets in the payload of a file transfer (https://mavlink.io/en/services/ftp.html): 16 bits that count
+#: requests and answers, then a byte each for the session, what is asked, the size, and what was asked before.
+FTP_OPCODE, FTP_SIZE, FTP_REQUESTED, FTP_DATA = 3, 4, 5, 12
+
+#: The answer that refuses, and that for a reason: no such command is known.
+FTP_NAK, FTP_ACK, FTP_UNKNOWN_COMMAND = 129, 128, 7
+
+
+def _no_files(message: Any, system: int, component: int) -> list[Any]:
+    """That the board has no files; nothing to what is itself an answer."""
+    asked = bytes(message.payload)
+    if asked[FTP_OPCODE] in (FTP_ACK, FTP_NAK):
+        return []
+    payload = bytearray(len(asked))
+    payload[:2] = ((int.from_bytes(asked[:2], "little") + 1) % 65536).to_bytes(2, "little")
+    payload[2] = asked[2]
+    payload[FTP_OPCODE], payload[FTP_SIZE], payload[FTP_REQUESTED] = FTP_NAK, 1, asked[FTP_OPCODE]
+    payload[FTP_DATA] = FTP_UNKNOWN_COMMAND
+    return [common.MAVLink_file_transfer_protocol_message(0, system, component, bytes(payload))]
+
+
 #: What is answered, by the name of the message.
 ANSWERS: dict[str, Callable[[Any, int, int], list[Any]]] = {
     "COMMAND_LONG": _command,
@@ -116,4 +137,5 @@ ANSWERS: dict[str, Callable[[Any, int, int], list[Any]]] = {
     "MISSION_REQUEST": _no_mission,
     "MISSION_REQUEST_INT": _no_mission,
     "MISSION_CLEAR_ALL": _no_mission,
+    "FILE_TRANSFER_PROTOCOL": _no_files,
 }

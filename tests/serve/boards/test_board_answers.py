@@ -27,6 +27,12 @@ REQUESTS = {
         common.MAVLink_command_int_message(1, 1, 0, 400, 0, 0, *[1.0] * 4, 1, 1, 1.0),
         "COMMAND_ACK",
     ),
+    "FILE_TRANSFER_PROTOCOL": (
+        common.MAVLink_file_transfer_protocol_message(
+            0, 1, 1, bytes([0xFF, 0xFF, 5, 3, 1, *[0] * 7, ord("/")]).ljust(251, b"\0")
+        ),
+        "FILE_TRANSFER_PROTOCOL",
+    ),
 }
 
 
@@ -45,6 +51,16 @@ def test_every_request_has_one_answer_for_who_asked(name: str) -> None:
     assert answer.get_type() == kind
     if kind not in ("PARAM_VALUE",):
         assert (answer.target_system, answer.target_component) == (255, 190)
+
+
+def test_a_list_of_files_is_refused_with_the_number_after_the_request() -> None:
+    (refusal,) = answered(REQUESTS["FILE_TRANSFER_PROTOCOL"][0])
+    assert list(refusal.payload[:13]) == [0, 0, 5, 129, 1, 3, *[0] * 6, 7]
+
+
+def test_an_answer_about_files_is_not_answered() -> None:
+    refusal = common.MAVLink_file_transfer_protocol_message(0, 1, 1, bytes([1, 0, 5, 129]).ljust(251, b"\0"))
+    assert answered(refusal) == []
 
 
 def test_the_parameter_stays_as_it_is() -> None:
