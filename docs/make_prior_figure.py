@@ -18,9 +18,10 @@ from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.prior.samples import samples_of
 from hexctl.backends.sim.world import load_world
 from hexctl.control.assessment.score import progress_floor_m
+from hexctl.palette import LINE_COLOR, hex_color
 from hexctl.robot.loader import load_robot
 from hexctl.study.cache import LandscapeCache
-from hexctl.study.drawing import LINE_COLOR, label_axes, new_figure
+from hexctl.study.drawing import label_axes, new_figure
 from hexctl.study.evaluate import Silent, fill, simulate_here
 from hexctl.study.landscape import Landscape, LandscapeSpec
 from hexctl.study.transfer.searches import walk_of
@@ -57,13 +58,13 @@ def draw(panel: "Axes", search: Bayes, truth: Landscape, order: np.ndarray, trie
         np.array(rows) + 1,
         truth.number("signed_m")[order][rows],
         "o",
-        color=LINE_COLOR,
+        color=hex_color(LINE_COLOR),
         markersize=8,
         fillstyle="none",
         markeredgewidth=1.8,
         label="walked",
     )
-    panel.axhline(0, color=LINE_COLOR, linewidth=0.6)
+    panel.axhline(0, color=hex_color(LINE_COLOR), linewidth=0.6)
     titles = {0: "before the first trial", 1: "after one trial"}
     panel.set_title(titles.get(len(tried), f"after {len(tried)} trials"), fontsize=10)
     panel.set_ylim(-2.2, 2.2)

@@ -1,7 +1,9 @@
 """Colours that mean the same in the viewer and in the reports: green is straight, crimson is far off.
 
-Each colour of the scale is readable on white paper and on the viewer's dark background, and its luminance
-falls with the deviation, so that the order survives colour blindness and grey print.
+Each colour of a line or a mark has a contrast of 3 to 1 or more (WCAG 2) on white, which is paper and the
+viewer's light theme, and on `BACKGROUND`. Those that stand side by side are told apart with colour blindness;
+they are those of Okabe and Ito (2008) where these are dark enough for white. The luminance of the scale falls
+with the deviation, so that its order survives grey print.
 """
 
 import math
@@ -24,25 +26,51 @@ SCALE: tuple[tuple[float, Color], ...] = (
 #: The deviations that a legend names, in m.
 LEGEND_M = tuple(mark for mark, _ in SCALE)
 
-#: A trial that does not count, the line of travel, and the best so far (on a dark background only).
+#: A trial that does not count, the line of travel, the way of the body, and the best so far.
 INVALID_COLOR: Color = (120, 120, 124)
-LINE_COLOR: Color = (100, 155, 250)
-BEST_COLOR: Color = (255, 255, 255)
+LINE_COLOR: Color = (80, 140, 240)
+WAY_COLOR: Color = (204, 130, 0)
+BEST_COLOR: Color = (210, 95, 0)
 
-#: Level lines of the gaits that a robot would use anyway, readable on white and on the dark background.
-BASELINE_COLORS: tuple[Color, ...] = ((200, 120, 0), (150, 110, 220))
+#: Paths and level lines of the gaits that a robot would use anyway, and of any other one.
+BASELINE_COLORS: dict[str, Color] = {
+    "auto": (130, 140, 230),
+    "demo": (120, 120, 124),
+    "tripod": (150, 30, 255),
+}
+OTHER_BASELINE_COLOR: Color = (0, 158, 115)
+
+#: One for each leg, from leg 1 on, and the evidence at which one is taken for failed.
+LEG_COLORS: tuple[Color, ...] = (
+    (0, 120, 180),
+    (210, 90, 0),
+    (0, 165, 120),
+    (150, 30, 255),
+    (150, 120, 255),
+    (135, 105, 135),
+)
+ALARM_COLOR: Color = (225, 0, 75)
+
+#: Commanded and measured angle of each joint, one hue per joint, and the stability margin.
+JOINT_COLORS: dict[str, tuple[Color, Color]] = {
+    "coxa": ((60, 80, 250), (130, 140, 230)),
+    "femur": ((180, 90, 30), (230, 100, 20)),
+    "tibia": ((20, 130, 90), (10, 170, 100)),
+}
+MARGIN_COLOR: Color = (0, 158, 115)
 
 #: Verdicts on a claim, by their first words, and any other one.
 VERDICT_COLORS: dict[str, Color] = {
-    "holds": (46, 139, 87),
-    "does not hold": (192, 57, 43),
-    "no evidence": (154, 160, 166),
+    "holds": (0, 110, 170),
+    "does not hold": (213, 94, 0),
+    "no evidence": (120, 120, 124),
 }
 UNJUDGED_COLOR: Color = (232, 234, 237)
 
-#: Background of every view of the viewer, whatever its theme, and what is written and ruled on it.
+#: Background of every scene of the viewer, whatever its theme, and what is written and ruled on it. Texts
+#: have a background of the theme's own: dark grey, or in the light theme a grey of middle brightness.
 BACKGROUND: Color = (24, 28, 36)
-TEXT_COLOR: Color = (170, 180, 194)
+TEXT_COLOR: Color = (255, 255, 255)
 AXIS_COLOR: Color = (46, 53, 65)
 
 #: A robot's trunk and links by joint kind, and the floor: in recordings, robot descriptions and pictures.
@@ -70,6 +98,11 @@ def deviation_color(deviation_m: float | None, *, valid: bool) -> Color:
         for channel in range(3)
     )
     return red, green, blue
+
+
+def baseline_color(gait: str) -> Color:
+    """Colour of a gait that is walked without a search, by its name."""
+    return BASELINE_COLORS.get(gait, OTHER_BASELINE_COLOR)
 
 
 def scale_stops() -> list[tuple[float, str]]:

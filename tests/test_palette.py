@@ -1,27 +1,99 @@
 """One palette for the viewer and the reports."""
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 
 from hexctl.palette import (
+    ALARM_COLOR,
     BACKGROUND,
     BASELINE_COLORS,
+    BEST_COLOR,
     INVALID_COLOR,
+    JOINT_COLORS,
+    LEG_COLORS,
     LEGEND_M,
     LINE_COLOR,
+    MARGIN_COLOR,
+    OTHER_BASELINE_COLOR,
     SCALE,
+    TEXT_COLOR,
+    VERDICT_COLORS,
+    WAY_COLOR,
     Color,
+    baseline_color,
     deviation_color,
 )
+from hexctl.types import FloatArray
 
 WHITE: Color = (255, 255, 255)
+
+#: What Rerun writes labels on, over a dark scene and over the floor in it: in the dark theme, and in the
+#: light one, where it lays white of half opacity over the scene.
+LABELS: tuple[Color, ...] = ((34, 36, 40), (124, 126, 130), (138, 142, 147))
+
+#: The lines and marks of the viewer and of the reports, by what they show.
+LINES: dict[str, tuple[Color, ...]] = {
+    "deviation": tuple(color for _, color in SCALE),
+    "invalid": (INVALID_COLOR,),
+    "line of travel, way, best": (LINE_COLOR, WAY_COLOR, BEST_COLOR),
+    "baseline": (*BASELINE_COLORS.values(), OTHER_BASELINE_COLOR),
+    "legs": (*LEG_COLORS, ALARM_COLOR),
+    "commanded": tuple(commanded for commanded, _ in JOINT_COLORS.values()),
+    "measured": tuple(measured for _, measured in JOINT_COLORS.values()),
+    "margin": (MARGIN_COLOR,),
+    "verdicts": tuple(VERDICT_COLORS.values()),
+}
+
+#: Those that stand beside one another in one view, and are told apart by their colour alone.
+TOGETHER = {
+    "legs": LINES["legs"],
+    "commanded": LINES["commanded"],
+    "measured": LINES["measured"],
+    "verdicts": LINES["verdicts"],
+    "curve": (*BASELINE_COLORS.values(), BEST_COLOR),
+    "scene": (LINE_COLOR, WAY_COLOR),
+}
+
+#: What the three kinds of colour blindness make of linear red, green and blue (Machado et al. 2009).
+BLINDNESS = {
+    "none": np.eye(3),
+    "protanopia": np.array(
+        [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]
+    ),
+    "deuteranopia": np.array(
+        [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]]
+    ),
+    "tritanopia": np.array(
+        [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]]
+    ),
+}
+
+#: Linear red, green and blue as CIE X, Y and Z, relative to white (sRGB, D65).
+TO_XYZ = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+XYZ_OF_WHITE = TO_XYZ.sum(axis=1)
+
+#: Differences in CIE L*a*b* (1976) at which two lines of a legend are told apart with ease; 2.3 is just seen.
+APART = 16.0
+
+
+def linear(color: Color) -> FloatArray:
+    """Linear red, green and blue, 0..1."""
+    share = np.array(color) / 255
+    return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
 
 
 def luminance(color: Color) -> float:
     """Relative luminance after WCAG 2."""
-    share = np.array(color) / 255
-    linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
-    return float(linear @ [0.2126, 0.7152, 0.0722])
+    return float(linear(color) @ [0.2126, 0.7152, 0.0722])
+
+
+def lab(color: Color, seen: FloatArray) -> FloatArray:
+    """CIE L*, a* and b* of a colour as it is seen."""
+    xyz = TO_XYZ @ np.clip(seen @ linear(color), 0, 1) / XYZ_OF_WHITE
+    x, y, z = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16 / 116)
+    return np.array([116 * y - 16, 500 * (x - y), 200 * (y - z)])
 
 
 def contrast(one: Color, other: Color) -> float:
@@ -29,11 +101,28 @@ def contrast(one: Color, other: Color) -> float:
     return (high + 0.05) / (low + 0.05)
 
 
-def test_every_colour_is_readable_on_white_and_on_dark() -> None:
-    for color in (*(color for _, color in SCALE), INVALID_COLOR, *BASELINE_COLORS):
+@pytest.mark.parametrize("what", LINES)
+def test_lines_are_seen_in_the_light_and_in_the_dark(what: str) -> None:
+    for color in LINES[what]:
         assert contrast(color, WHITE) >= 3, color
         assert contrast(color, BACKGROUND) >= 3, color
-    assert min(contrast(LINE_COLOR, WHITE), contrast(LINE_COLOR, BACKGROUND)) >= 2.5
+
+
+def test_labels_are_read_in_both_themes() -> None:
+    assert min(contrast(TEXT_COLOR, label) for label in LABELS) >= 3
+
+
+@pytest.mark.parametrize("kind", BLINDNESS)
+@pytest.mark.parametrize("view", TOGETHER)
+def test_what_stands_together_is_told_apart_with_colour_blindness(view: str, kind: str) -> None:
+    for one, other in combinations(TOGETHER[view], 2):
+        apart = float(np.linalg.norm(lab(one, BLINDNESS[kind]) - lab(other, BLINDNESS[kind])))
+        assert apart >= APART, (one, other)
+
+
+def test_a_gait_without_a_search_has_its_colour_by_name() -> None:
+    assert [baseline_color(name) for name in BASELINE_COLORS] == list(BASELINE_COLORS.values())
+    assert baseline_color("1,2,3,4,5,6") == OTHER_BASELINE_COLOR
 
 
 def test_luminance_falls_with_the_deviation() -> None:

@@ -155,16 +155,7 @@ def _events_view() -> Any:
 def _plot(origin: str, name: str, **more: Any) -> Any:
     import rerun.blueprint as rrb
 
-    return rrb.TimeSeriesView(
-        origin=origin, name=name, axis_x=_linked(), background=plot_background(), **more
-    )
-
-
-def plot_background() -> Any:
-    """Background of a plot: dark, as the colours of the series need it, whatever the viewer's theme."""
-    import rerun.blueprint as rrb
-
-    return rrb.archetypes.PlotBackground(color=[*BACKGROUND])
+    return rrb.TimeSeriesView(origin=origin, name=name, axis_x=_linked(), **more)
 
 
 def _linked() -> Any:

@@ -12,16 +12,15 @@ from hexctl.files import replacing
 from hexctl.palette import (
     AXIS_COLOR,
     BACKGROUND,
-    BASELINE_COLORS,
     BEST_COLOR,
     INVALID_COLOR,
     LEGEND_M,
     LINE_COLOR,
     TARGET_BANDS,
     TEXT_COLOR,
+    baseline_color,
     deviation_color,
 )
-from hexctl.record.blueprint import plot_background
 from hexctl.record.overview import Overview, OverviewTrial, deviation_text, make_table
 from hexctl.record.rrd import check_whole, create_file, disconnect, flush, load_rerun
 from hexctl.types import FloatArray
@@ -41,6 +40,7 @@ LEGEND = "above/legend"
 BASELINE = "above/baseline"
 BEST = "above/best"
 BEST_END = "above/best/end"
+BEST_NAME = "above/best/name"
 
 #: Scenery, which cannot be selected.
 SCENERY = (AXES, BANDS, LEGEND, LINE)
@@ -99,8 +99,7 @@ def send_above(stream: Any, overview: Overview) -> None:
     _send_axes(stream, overview)
     _send_course(stream, overview)
     _send_legend(stream, overview)
-    for walk in overview.baseline:
-        _send_baseline(stream, walk)
+    _send_baseline(stream, overview)
     for trial in overview.trials:
         _send_trial(stream, trial)
     _send_best(stream, overview)
@@ -135,7 +134,7 @@ def _send_course(stream: Any, overview: Overview) -> None:
     stream.log(LINE, rr.LineStrips2D([[(0.0, 0.0), (length, 0.0)]], **look), static=True)
     targets = "targets " + ", ".join(name for *_, name in reversed(TARGET_BANDS))
     names = [
-        ((0.92 * length, TARGET_BANDS[0][0] + MARGIN * length / 2), targets),
+        ((0.25 * length, TARGET_BANDS[0][0] + MARGIN * length), targets),
         ((0.0, -TARGET_BANDS[0][0]), "start"),
     ]
     _send_names(stream, f"{BANDS}/names", names)
@@ -179,14 +178,27 @@ def _send_trial(stream: Any, trial: OverviewTrial) -> None:
     stream.send_columns(trial_path(trial.index), [at([trial.index])], look)
 
 
-def _send_baseline(stream: Any, walk: OverviewTrial) -> None:
-    """Send the trajectory of a gait that the robot would use anyway, its name at its end."""
-    if not len(walk.path_m):
-        return
-    rr, path = load_rerun(), f"{BASELINE}/{walk.gait}"
-    look = {"colors": [TEXT_COLOR], "radii": [THIN], "draw_order": TRACK_ORDER}
-    stream.log(path, rr.LineStrips2D([picture(walk.path_m)], **look), static=True)
-    _send_names(stream, f"{path}/name", [(walk.end_m, walk.gait or "")])
+def _send_baseline(stream: Any, overview: Overview) -> None:
+    """Send the paths of the gaits that the robot would use anyway, each named beside its end."""
+    rr = load_rerun()
+    walks = [walk for walk in overview.baseline if len(walk.path_m)]
+    for walk in walks:
+        path = f"{BASELINE}/{walk.gait}"
+        look = {"colors": [baseline_color(walk.gait or "")], "radii": [TRACK], "draw_order": TRACK_ORDER}
+        stream.log(path, rr.LineStrips2D([picture(walk.path_m)], **look), static=True)
+    for walk, place in zip(walks, _spread_ends_m(walks, overview.course_m), strict=True):
+        _send_names(stream, f"{BASELINE}/{walk.gait}/name", [(place, f"{walk.gait}, not told")])
+
+
+def _spread_ends_m(walks: Sequence[OverviewTrial], course_m: float) -> list[FloatArray]:
+    """A place beside the end of each path, moved to the left of the line where two would share it."""
+    gap_m, free_m = 1.2 * MARGIN * course_m, -np.inf
+    places: dict[int, FloatArray] = {}
+    for number in sorted(range(len(walks)), key=lambda one: float(walks[one].end_m[1])):
+        along_m, across_m = walks[number].end_m
+        free_m = max(float(across_m), free_m + gap_m)
+        places[number] = np.array([along_m + 2 * gap_m, free_m + gap_m / 2])
+    return [places[number] for number in range(len(walks))]
 
 
 def _send_best(stream: Any, overview: Overview) -> None:
@@ -200,15 +212,21 @@ def _send_best(stream: Any, overview: Overview) -> None:
             strips=[picture(best.path_m)], colors=[BEST_COLOR], radii=[BOLD], draw_order=[BEST_ORDER]
         )
         stream.send_columns(BEST, when, line)
-        label = f"best: trial {best.index}, code {best.code}, {deviation_text(best.deviation_m)}"
-        end = rr.Points2D.columns(
-            positions=[picture(best.end_m)],
-            colors=[BEST_COLOR],
-            radii=[MARK],
-            labels=[label],
-            draw_order=[MARK_ORDER],
+        mark = rr.Points2D.columns(
+            positions=[picture(best.end_m)], colors=[BEST_COLOR], radii=[MARK], draw_order=[MARK_ORDER]
         )
-        stream.send_columns(BEST_END, when, end)
+        stream.send_columns(BEST_END, when, mark)
+        label = f"best: trial {best.index}, code {best.code}, {deviation_text(best.deviation_m)}"
+        name = rr.Points2D.columns(
+            positions=[picture(name_place_m(overview))], colors=[TEXT_COLOR], radii=[0.0], labels=[label]
+        )
+        stream.send_columns(BEST_NAME, when, name)
+
+
+def name_place_m(overview: Overview) -> FloatArray:
+    """Where the best trial is named: below the middle of the line, where no path ends."""
+    (_, y_low), _ = visible_m(overview)
+    return np.array([0.5 * overview.course_m, y_low + 2.5 * MARGIN * overview.course_m])
 
 
 def score_top_m(overview: Overview) -> float:
@@ -274,7 +292,7 @@ def _send_targets(stream: Any, overview: Overview) -> None:
     rr = load_rerun()
     for number, (half_width_m, _, name) in enumerate(TARGET_BANDS, start=1):
         path = f"{TARGETS}/{number}"
-        look = rr.SeriesLines(names=[name.removeprefix("±")], colors=[TEXT_COLOR], widths=[1.0])
+        look = rr.SeriesLines(names=[name.removeprefix("±")], colors=[INVALID_COLOR], widths=[1.0])
         stream.log(path, look, static=True)
         indices = [trial.index for trial in overview.trials]
         scalars = rr.Scalars.columns(scalars=np.full(len(indices), half_width_m))
@@ -285,10 +303,10 @@ def _send_baseline_scores(stream: Any, overview: Overview) -> None:
     """Send a level line per valid walk of the baseline, which begins before the first trial."""
     rr = load_rerun()
     indices = [BEFORE_TRIALS, *(trial.index for trial in overview.trials)]
-    for number, walk in enumerate(overview.baseline):
+    for walk in overview.baseline:
         if walk.score_m is None:
             continue
-        path, color = f"{BASELINE_SCORES}/{walk.gait}", BASELINE_COLORS[number % len(BASELINE_COLORS)]
+        path, color = f"{BASELINE_SCORES}/{walk.gait}", baseline_color(walk.gait or "")
         name = f"{walk.gait}, without a search"
         stream.log(path, rr.SeriesLines(names=[name], colors=[color], widths=[1.5]), static=True)
         scalars = rr.Scalars.columns(scalars=np.full(len(indices), walk.score_m))
@@ -340,7 +358,6 @@ def _curve_view(overview: Overview) -> Any:
         origin=CURVE,
         name=f"{overview.objective} ({overview.unit})" if overview.unit else overview.objective,
         plot_legend=rrb.Corner2D.RightTop,
-        background=plot_background(),
         axis_x=rrb.TimeAxis(
             view_range=rrb.TimeRange(
                 start=rrb.TimeRangeBoundary.absolute(seq=first - 1),

@@ -71,6 +71,11 @@ def noticed_path(leg: int) -> str:
     return f"{leg_path(leg)}/noticed"
 
 
+def label_path(path: str) -> str:
+    """Entity that shows the label of a foot or of a mark: a label has the colour of its point."""
+    return f"{path}/label"
+
+
 def gait_path(leg: int) -> str:
     """Entity of a foot's state: stance or swing, as commanded and as measured."""
     return f"gait/leg{leg}"

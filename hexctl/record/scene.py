@@ -11,6 +11,7 @@ from hexctl.backends.sim.terrain import ROUGH_HALF_SIZE_M, Floor
 from hexctl.control.plan import TrialPlan
 from hexctl.control.trace import TrialFrame
 from hexctl.gait.gait import ideal_speed_m_s
+from hexctl.palette import TEXT_COLOR
 from hexctl.record import paths, style
 from hexctl.record.rrd import load_rerun
 from hexctl.record.style import GROUND_COLOR
@@ -67,7 +68,7 @@ def send_scene(stream: Any, robot: Robot, plan: TrialPlan, floor: Floor, meshes:
         stream.log(path, line, static=True)
     colors = [style.SERIES[kind][1] for kind in JOINT_KINDS] * N_LEGS
     names = ("forward (m/s)", "left (m/s)", "turn (rad/s)")
-    stream.log(paths.VELOCITY, rr.SeriesLines(names=names), static=True)
+    stream.log(paths.VELOCITY, rr.SeriesLines(names=names, colors=colors[:3]), static=True)
     for path in (paths.TORQUES, paths.TEMPERATURES, paths.VOLTAGES, paths.CURRENTS, paths.AGES):
         stream.log(path, rr.SeriesLines(colors=colors, names=JOINT_NAMES), static=True)
     evidence = rr.SeriesLines(
@@ -150,11 +151,15 @@ def send_leg(stream: Any, robot: Robot, plan: TrialPlan, meshes: Meshes, leg: in
         parts = _link(robot, index, failure, meshes)
         stream.log(paths.link_path(leg, kind), *parts, _series(kind), static=True)
         start = tuple(robot.link_vectors_m[index])
-    foot = rr.Points3D([[start[0], 0, start[1]]], radii=[1.3 * robot.foot_radius_m], show_labels=True)
+    place = [start[0], 0.0, start[1]]
+    foot = rr.Points3D([place], radii=[1.3 * robot.foot_radius_m], show_labels=False)
     stream.log(paths.foot_path(leg), foot, static=True)
     radii, colors = [MARK_SIZE * robot.link_radii_m[0]], [style.NOTICED_COLOR]
-    mark = rr.Points3D.from_fields(radii=radii, colors=colors, show_labels=True)
+    mark = rr.Points3D.from_fields(radii=radii, colors=colors, show_labels=False)
     stream.log(paths.noticed_path(leg), mark, static=True)
+    for path, at in ((paths.foot_path(leg), place), (paths.noticed_path(leg), [0.0, 0.0, 0.0])):
+        label = rr.Points3D([at], radii=[0.0], colors=[TEXT_COLOR], show_labels=True)
+        stream.log(paths.label_path(path), label, static=True)
 
 
 def _trunk(robot: Robot) -> Any:

@@ -2,11 +2,14 @@
 
 from itertools import combinations
 
+from hexctl.palette import ALARM_COLOR as ALARM_COLOR
 from hexctl.palette import BODY_COLOR as BODY_COLOR
 from hexctl.palette import FAILED_COLORS as FAILED_COLORS
 from hexctl.palette import GROUND_COLOR as GROUND_COLOR
-from hexctl.palette import LINE_COLOR, NOTICED_COLORS
+from hexctl.palette import JOINT_COLORS, LINE_COLOR, NOTICED_COLORS, WAY_COLOR
+from hexctl.palette import LEG_COLORS as LEG_COLORS
 from hexctl.palette import LINK_COLORS as LINK_COLORS
+from hexctl.palette import MARGIN_COLOR as MARGIN_COLOR
 from hexctl.robot.failure import FAILURE_KINDS
 from hexctl.types import JOINT_KINDS, N_LEGS
 
@@ -17,23 +20,11 @@ NOSE_COLOR = (240, 240, 240)
 WHITE = (255, 255, 255)
 #: A leg that was noticed to have failed.
 NOTICED_COLOR = NOTICED_COLORS["femur"]
-#: One hue per leg, from leg 1 on, and the alarm.
-LEG_COLORS = (
-    (90, 170, 255),
-    (255, 140, 60),
-    (100, 210, 130),
-    (230, 110, 200),
-    (240, 215, 90),
-    (170, 140, 255),
-)
-ALARM_COLOR = (255, 70, 60)
 TOUCHING_COLOR = (64, 220, 120)
 LIFTED_COLOR = (96, 108, 124)
 UNFELT_COLOR = (206, 212, 220)
-TRAIL_COLOR = (255, 190, 40)
+TRAIL_COLOR = DEVIATION_COLOR = WAY_COLOR
 COURSE_COLOR = LINE_COLOR
-DEVIATION_COLOR = (255, 200, 60)
-MARGIN_COLOR = (90, 214, 140)
 
 #: The ribbon between line and trail, by the side that the robot is on; the fourth number is the opacity.
 LEFT_COLOR = (70, 190, 230, 110)
@@ -44,12 +35,8 @@ STEADY_COLOR, STEADY_FILL = (90, 230, 140), (60, 200, 110, 70)
 UNSTEADY_COLOR, UNSTEADY_FILL = (255, 70, 60), (255, 60, 50, 110)
 PLUMB_COLOR = (200, 206, 214)
 
-#: Commanded pale, measured strong; one hue per joint.
-SERIES = {
-    "coxa": ((150, 190, 255), (50, 120, 255)),
-    "femur": ((255, 200, 140), (255, 140, 20)),
-    "tibia": ((160, 240, 180), (30, 190, 90)),
-}
+#: Commanded and measured angle, by joint.
+SERIES = JOINT_COLORS
 
 #: The states of a foot: commanded to be in stance or swing; and with what is felt: lifted or touching.
 STANCE, SWING = "stance", "swing"
@@ -98,8 +85,8 @@ def _failure_words() -> list[str]:
 LANE_COLORS = {
     STANCE: (206, 212, 220),
     SWING: (38, 43, 52),
-    HANGS: (214, 140, 40),
-    DRAGS: (190, 60, 70),
+    HANGS: (180, 105, 0),
+    DRAGS: (225, 50, 80),
     "settle": (96, 104, 118),
     "turn": (130, 90, 180),
     "walk": (50, 100, 160),

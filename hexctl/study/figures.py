@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hexctl.palette import (
-    BASELINE_COLORS,
     INVALID_COLOR,
     LEGEND_M,
     LINE_COLOR,
     UNJUDGED_COLOR,
     VERDICT_COLORS,
+    baseline_color,
     hex_color,
     scale_stops,
 )
@@ -212,11 +212,12 @@ def convergence_figure(findings: Findings, *, paper_count: bool) -> "Figure":
 
 def _draw_defaults(panel: "Axes", walks: list[DefaultWalk]) -> list[str]:
     """Draw where the robot's own gaits end, as level lines; a line of text with their values, if any."""
-    for walk, color in zip(walks, BASELINE_COLORS, strict=False):
+    for walk in walks:
         # One that is invalid has an entry in the legend, too: it is that of all panels.
         level_m = float("nan") if walk.final_m is None else walk.final_m
         label = f"{walk.gait}, without a search"
-        panel.axhline(level_m, color=hex_color(color), linewidth=1.4, linestyle="-.", label=label)
+        color = hex_color(baseline_color(walk.gait))
+        panel.axhline(level_m, color=color, linewidth=1.4, linestyle="-.", label=label)
     texts = [
         f"{walk.gait} {walk.status if walk.final_m is None else _on_scale(walk.final_m)}" for walk in walks
     ]

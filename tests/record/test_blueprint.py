@@ -13,7 +13,7 @@ from hexctl.record.overview_figures import write_overview_file
 from hexctl.record.style import packed
 from tests.record.conftest import SESSION, Trial, write
 
-#: Views whose background follows the viewer's theme unless the layout says otherwise, by class.
+#: What gives a view a background of its own, which follows the viewer's theme without, by class.
 BACKGROUNDS = {"TimeSeries": "PlotBackground", "3D": "Background", "2D": "Background"}
 
 
@@ -36,7 +36,7 @@ def backgrounds(path: Path) -> list[tuple[str, int | None]]:
 
 
 @pytest.mark.parametrize("kind", ["trial", "overview"])
-def test_colours_for_a_dark_background_have_one_in_a_light_theme_too(
+def test_scenes_are_dark_in_a_light_theme_too_and_plots_follow_it(
     kind: str, trial: Trial, tmp_path: Path
 ) -> None:
     path = tmp_path / f"{kind}.rrd"
@@ -46,7 +46,8 @@ def test_colours_for_a_dark_background_have_one_in_a_light_theme_too(
         write_overview_file(path, SESSION)
     found = backgrounds(path)
     assert {name for name, _ in found} == {"TimeSeries", "3D" if kind == "trial" else "2D"}
-    assert {color for _, color in found} == {packed(BACKGROUND)}
+    assert {color for name, color in found if name != "TimeSeries"} == {packed(BACKGROUND)}
+    assert {color for name, color in found if name == "TimeSeries"} == {None}
 
 
 def test_a_recording_opens_with_the_time_of_the_walk_and_a_live_view_follows_it(

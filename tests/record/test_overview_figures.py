@@ -59,7 +59,7 @@ def test_trajectories_are_coloured_by_deviation_and_invalid_ones_are_grey(writte
 
 def test_the_best_so_far_changes_where_it_is_beaten(written: Path) -> None:
     assert list(rows(written, "/above/best", "LineStrips2D:strips")) == [1, 3]
-    labels = rows(written, "/above/best/end", "Points2D:labels")
+    labels = rows(written, "/above/best/name", "Points2D:labels")
     assert labels == {
         1: ["best: trial 1, code 10, 0.800 m right"],
         3: ["best: trial 3, code 30, 0.300 m left"],

@@ -110,7 +110,8 @@ def _send_look(block: Block, row: int, leg: int, failure: Failure | None) -> Non
     labels = [] if failure is None else [f"leg {leg} {failure if row == 0 else in_words(failure)}"]
     if labels or row:
         columns = load_rerun().Points3D.columns(labels=labels).partition([len(labels)])
-        block.send_at(paths.foot_path(leg), [row], columns)
+        for path in (paths.foot_path(leg), paths.label_path(paths.foot_path(leg))):
+            block.send_at(path, [row], columns)
 
 
 def _link_columns(failure: Failure | None, kind: str, mesh: PartMesh | None) -> Any:
@@ -128,5 +129,8 @@ def _link_columns(failure: Failure | None, kind: str, mesh: PartMesh | None) -> 
 def _send_mark(block: Block, row: int, leg: int, failure: Failure | None) -> None:
     """Send the mark at the hip of a leg that was noticed to have failed, or take it away for None."""
     labels = [] if failure is None else [f"noticed: {in_words(failure)}"]
-    columns = load_rerun().Points3D.columns(positions=np.zeros((len(labels), 3)), labels=labels)
-    block.send_at(paths.noticed_path(leg), [row], columns.partition([len(labels)]))
+    points = load_rerun().Points3D
+    mark = points.columns(positions=np.zeros((len(labels), 3)), labels=labels).partition([len(labels)])
+    block.send_at(paths.noticed_path(leg), [row], mark)
+    label = points.columns(labels=labels).partition([len(labels)])
+    block.send_at(paths.label_path(paths.noticed_path(leg)), [row], label)

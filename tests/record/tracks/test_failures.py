@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hexctl.palette import TEXT_COLOR
 from hexctl.record import paths, style
 from hexctl.record.recording import Recording
 from hexctl.record.run import Run, RunResult, run
@@ -84,6 +85,13 @@ def test_a_leg_is_red_while_it_is_broken_and_marked_while_it_is_noticed(
     labels = timed(read, paths.foot_path(2), "Points3D:labels")
     assert [(round(time, 6), label) for time, label in labels] == [(BROKEN_S, ["leg 2 limp"]), (HEALED_S, [])]
     marks = timed(read, paths.noticed_path(2), "Points3D:labels")
+    shown = [
+        timed(read, paths.label_path(path(2)), "Points3D:labels")
+        for path in (paths.foot_path, paths.noticed_path)
+    ]
+    assert shown == [labels, marks], "labels are those of foot and mark, in the colour of texts"
+    texts = read.values(f"/{paths.label_path(paths.noticed_path(2))}", "Points3D:colors")
+    assert texts == [[style.packed(TEXT_COLOR)]]
     assert [(round(time, 6), label) for time, label in marks] == [
         (round(noticed, 6), ["noticed: limp"]), (round(healed, 6), [])
     ]  # fmt: skip
