@@ -154,6 +154,7 @@ class TrialRunner:
         finally:
             if recording is not None:
                 recording.close()
+                recording.write_index()
 
     @property
     def _watched(self) -> bool:

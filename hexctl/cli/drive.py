@@ -386,9 +386,10 @@ def _recorders(
     common: dict[str, Any] = {"title": title, "floor": floor, "watched": True, "servos": servos}
     found: list[Recorder] = []
     if record is not None:
-        found.append(
-            stack.enter_context(Recording(record, loaded.robot, plan, meshes=loaded.meshes, **common))
-        )
+        # A drive has no planned end.
+        recording = Recording(record, loaded.robot, plan, meshes=loaded.meshes, long=True, **common)
+        stack.callback(recording.write_index)
+        found.append(stack.enter_context(recording))
     if view and (live := open_window(note_no_window)) is not None:
         stack.enter_context(live)
         live.begin(loaded.robot, plan, looks=str(loaded.path), **common)

@@ -10,10 +10,11 @@ import numpy as np
 from hexctl.backends.clock import Tick
 from hexctl.control.controllers import Controller
 from hexctl.control.row_store import Column, RowStore
+from hexctl.control.servo_rows import ServoRows
 from hexctl.control.trace import PHASES, TrialFrame
 from hexctl.errors import InputError, check_type
 from hexctl.robot.failure import Failure
-from hexctl.types import N_JOINTS, N_LEGS, FloatArray, JointTargets, RobotState, ServoReadings
+from hexctl.types import N_JOINTS, N_LEGS, FloatArray, JointTargets, RobotState
 
 #: Name, width and type of each column; a width of 0 is a plain value per tick.
 COLUMNS: tuple[Column, ...] = (
@@ -98,7 +99,7 @@ class TickLog:
         self.walk_from: int | None = None
         self.notes: list[tuple[int, str]] = []
         self.leg_changes: list[LegChange] = []
-        self.servo_rows: list[tuple[int, ServoReadings]] = []
+        self.servo_rows = ServoRows()
         self._failures_by: dict[str, tuple[Failure, ...]] = {}
         self._rows = RowStore(COLUMNS)
 

@@ -14,7 +14,7 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.control.trace import PHASES
 from hexctl.errors import HexctlError, InputError, MissingExtraError
 from hexctl.record import paths, style
-from hexctl.record.rrd import check_name
+from hexctl.record.rrd import check_name, load_rerun
 from hexctl.record.tracks.servos import READINGS
 from hexctl.robot.formats.json_model import robot_from_json
 from hexctl.robot.loader import load_robot
@@ -189,12 +189,13 @@ class _Columns:
         self._chunks: dict[str, list[Any]] = defaultdict(list)
         self._end_ns: int | None = None
         try:
+            load_rerun()
             from rerun.chunk import RrdReader
-        except ImportError as error:
+        except (ImportError, MissingExtraError) as error:
             raise MissingExtraError("reading a recording", "view") from error
         try:
             with warnings.catch_warnings():
-                # Recordings of a program that was killed lack their index.
+                # Recordings of a program that was killed lack their index, and those of long walks at first.
                 warnings.filterwarnings("ignore", message="RRD file has no footer")
                 for chunk in RrdReader(path).stream().to_chunks():
                     self._chunks[chunk.entity_path].append(chunk.to_record_batch())

@@ -1,8 +1,10 @@
 """Rerun's SDK, imported when a recording needs it, and its files (.rrd)."""
 
 import os
-from collections.abc import Callable
-from contextlib import suppress
+import struct
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import partial
 from itertools import takewhile
 from pathlib import Path
@@ -22,16 +24,39 @@ FULL_TIMEOUT_S = 5.0
 FULL_BYTES = 4 * 1024 * 1024
 
 
+#: Which messages Rerun writes to stderr, read when it is imported, and where it warns of a missing index.
+LOG_VARIABLE, FOOTER_WARNINGS = "RUST_LOG", "re_log_encoding::rrd::file_sink"
+
+
 def load_rerun() -> Any:
     """The `rerun` module.
 
     Raises MissingExtraError when it is not installed.
     """
     try:
-        import rerun
+        with _without_footer_warnings():
+            import rerun
     except ImportError as error:
         raise MissingExtraError("recording", "view") from error
     return rerun
+
+
+@contextmanager
+def _without_footer_warnings() -> Iterator[None]:
+    """Have Rerun, which is imported meanwhile, not warn of files that get their index when they are done."""
+    if "rerun" in sys.modules:
+        yield
+        return
+    before = os.environ.get(LOG_VARIABLE)
+    os.environ[LOG_VARIABLE] = f"{before or 'info'},{FOOTER_WARNINGS}=error"
+    try:
+        yield
+    finally:
+        # Only for this import: other processes log as they would.
+        if before is None:
+            del os.environ[LOG_VARIABLE]
+        else:
+            os.environ[LOG_VARIABLE] = before
 
 
 def flush(stream: Any, path: Path) -> None:
@@ -88,8 +113,11 @@ def _bounded(call: Callable[[], object], timeout_s: float) -> Exception | None:
 #: Rerun recognises its files by this suffix.
 SUFFIX = ".rrd"
 
-#: A whole recording ends with this, up to a few bytes.
+#: A recording with an index ends with this, up to a few bytes.
 END, END_PADDING = b"RRF2FOOT", 8
+
+#: What precedes each message of a file: its kind, and its length in bytes.
+MESSAGE_HEAD = struct.Struct("<QQ")
 
 #: Rerun 0.41 hangs when layout and scene, which take less than this, do not fit on the disk.
 ROOM_BYTES = 500_000
@@ -123,11 +151,33 @@ def _check_room(file: BinaryIO, path: Path) -> None:
 
 
 def check_whole(path: Path) -> None:
-    """Raise RecordingError for a closed recording without its end: Rerun may not report a full disk."""
+    """Raise RecordingError for a closed recording without its index: Rerun may not report a full disk."""
+    if not has_index(path):
+        raise RecordingError(f"{path}: the recording is incomplete; is the disk full?")
+
+
+def has_index(path: Path) -> bool:
+    """Whether a recording ends with an index of its contents, which is written last of all."""
     with path.open("rb") as file:
         file.seek(-min(len(END) + END_PADDING, path.stat().st_size), os.SEEK_END)
-        if END not in file.read():
-            raise RecordingError(f"{path}: the recording is incomplete; is the disk full?")
+        return END in file.read()
+
+
+def check_messages(path: Path, start: int) -> None:
+    """Raise RecordingError unless whole messages, one or more, follow the first `start` bytes of a recording.
+
+    These are messages themselves: what a file without an index held when it was last flushed.
+    """
+    size, at = path.stat().st_size, start
+    with path.open("rb") as file:
+        while at < size:
+            file.seek(at)
+            head = file.read(MESSAGE_HEAD.size)
+            if len(head) < MESSAGE_HEAD.size:
+                break
+            at += MESSAGE_HEAD.size + MESSAGE_HEAD.unpack(head)[1]
+    if not start < at == size:
+        raise RecordingError(f"{path}: the recording is incomplete; is the disk full?")
 
 
 def check_name(path: Path) -> None:

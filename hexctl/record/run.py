@@ -138,6 +138,7 @@ class Run:
         )
         servos = make_servos(self.spec.backend, options)
         with ExitStack() as stack:
+            stack.callback(self._write_index)
             self._guard = stack.enter_context(Guard(servos))
             self.notes = (
                 *self._without_effect(),
@@ -155,6 +156,11 @@ class Run:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stack.__exit__(kind, error, trace)
+
+    def _write_index(self) -> None:
+        """Complete the recording of a long walk, once the robot is no longer connected."""
+        if self._recording is not None:
+            self._recording.write_index()
 
     @property
     def title(self) -> str:

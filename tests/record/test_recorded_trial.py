@@ -10,6 +10,7 @@ import pytest
 import rerun as rr
 
 from hexctl.control.log import COLUMNS, TickLog
+from hexctl.control.servo_rows import ServoRows
 from hexctl.errors import InputError
 from hexctl.record.recorded_trial import LEG_CONDITIONS, RecordedTrial, read_trial
 from hexctl.record.recording import Recording
@@ -132,7 +133,7 @@ def test_what_servos_reported(trial: Trial, tmp_path: Path) -> None:
         voltages_v=unknown,
         temperatures_c=values,
     )
-    told.log.servo_rows = [(0, readings), (50, readings)]
+    told.log.servo_rows = ServoRows([(0, readings), (50, readings)])
     servos = read_trial(write(tmp_path / "servos.rrd", told)).servos
     assert set(servos) == {"ages_s", "temperatures_c"}
     assert servos["temperatures_c"].rows.tolist() == [0, 50]

@@ -18,7 +18,7 @@ READINGS = {
 
 def send_servos(block: Block) -> None:
     """Send what the servos report, as far as it is known of any; what is unknown of one leaves a gap."""
-    readings = [(row, servos) for row, servos in block.log.servo_rows if block.start <= row < block.stop]
+    readings = block.log.servo_rows.between(block.start, block.stop)
     for name, path in READINGS.items():
         known = [(row, getattr(servos, name)) for row, servos in readings]
         known = [(row, values) for row, values in known if np.isfinite(values).any()]

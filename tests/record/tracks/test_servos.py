@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from hexctl.control.log import COLUMNS, TickLog
+from hexctl.control.servo_rows import ServoRows
 from hexctl.record import paths
 from hexctl.types import FloatArray, ServoReadings
 from tests.record.conftest import ReadBack, Trial, write
@@ -30,7 +31,7 @@ def _with_servos(trial: Trial) -> Trial:
     log = TickLog()
     log.extend({name: trial.log[name] for name, _, _ in COLUMNS})
     log.frame, log.contacts_known = trial.log.frame, trial.log.contacts_known
-    log.servo_rows = [(row, _readings(row // 50)) for row in range(0, len(log), 50)]
+    log.servo_rows = ServoRows((row, _readings(row // 50)) for row in range(0, len(log), 50))
     return replace(trial, log=log)
 
 
