@@ -48,7 +48,7 @@ def _without_footer_warnings() -> Iterator[None]:
         yield
         return
     before = os.environ.get(LOG_VARIABLE)
-    os.environ[LOG_VARIABLE] = f"{before or 'info'},{FOOTER_WARNINGS}=error"
+    os.environ[LOG_VARIABLE] = f"{before or 'warn'},{FOOTER_WARNINGS}=error"
     try:
         yield
     finally:
