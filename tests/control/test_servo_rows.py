@@ -1,0 +1,58 @@
+"""Readings of single servos: as they were appended, the newest in memory."""
+
+import numpy as np
+
+from hexctl.control.row_store import KEPT_CHUNKS
+from hexctl.control.servo_rows import CHUNK_READINGS, NUMBERS, ServoRows
+from hexctl.types import N_JOINTS, ServoReadings
+from hexctl.waiting import wait_for
+
+TICKS = 50
+
+
+def reading(index: int) -> ServoReadings:
+    values = {name: np.arange(N_JOINTS) + 100.0 * index + place for place, name in enumerate(NUMBERS)}
+    values["currents_a"] = np.full(N_JOINTS, np.nan)
+    complaint = "overload" if 10 <= index < 20 else ""
+    return ServoReadings(**values, errors=("", complaint) + ("",) * (N_JOINTS - 2))
+
+
+def same(one: ServoReadings, other: ServoReadings) -> bool:
+    numbers = (np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True) for name in NUMBERS)
+    return one.errors == other.errors and all(numbers)
+
+
+def check(rows: ServoRows, count: int) -> None:
+    found = list(rows)
+    assert [row for row, _ in found] == [TICKS * index for index in range(count)]
+    assert all(same(servos, reading(index)) for index, (_, servos) in enumerate(found))
+
+
+def test_readings_are_as_they_were_appended() -> None:
+    assert list(ServoRows()) == []
+    check(ServoRows((TICKS * index, reading(index)) for index in range(25)), 25)
+
+
+def test_readings_between_two_rows() -> None:
+    rows = ServoRows((TICKS * index, reading(index)) for index in range(25))
+    assert [row for row, _ in rows.between(100, 200)] == [100, 150]
+    assert [row for row, _ in rows.between(101, 201)] == [150, 200]
+    assert same(rows.between(500, 501)[0][1], reading(10))
+    assert rows.between(101, 150) == rows.between(2000, 3000) == ServoRows().between(0, 10) == []
+
+
+def _idle(rows: ServoRows) -> bool:
+    writer = rows._numbers._writer
+    return writer is None or not writer.is_alive()
+
+
+def test_an_hour_of_readings_is_not_in_memory() -> None:
+    rows = ServoRows()
+    for index in range(3600):
+        rows.append((TICKS * index, reading(index)))
+        if index % CHUNK_READINGS == 0:
+            wait_for(lambda: _idle(rows), 60, "the writer does not end")
+    kept = sum(isinstance(chunk, dict) for chunk in rows._numbers._chunks)
+    assert kept <= KEPT_CHUNKS + 1
+    assert len(rows._complaints) == 3
+    check(rows, 3600)
