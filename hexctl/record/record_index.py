@@ -44,8 +44,13 @@ def _optimize(path: Path, draft: Path) -> None:
     Raises SubprocessError when it fails or hangs, OSError when it does not start.
     """
     command = [str(viewer_binary()), "rrd", "optimize", str(path), "-o", str(draft)]
-    quiet = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    process = subprocess.Popen(command, start_new_session=True, **quiet)
+    process = subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
     try:
         with suppress(OSError):
             os.setpriority(os.PRIO_PROCESS, process.pid, NICENESS)

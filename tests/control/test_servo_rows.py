@@ -1,5 +1,7 @@
 """Readings of single servos: as they were appended, the newest in memory."""
 
+from typing import Any
+
 import numpy as np
 
 from hexctl.control.row_store import KEPT_CHUNKS
@@ -11,7 +13,9 @@ TICKS = 50
 
 
 def reading(index: int) -> ServoReadings:
-    values = {name: np.arange(N_JOINTS) + 100.0 * index + place for place, name in enumerate(NUMBERS)}
+    values: dict[str, Any] = {
+        name: np.arange(N_JOINTS) + 100.0 * index + place for place, name in enumerate(NUMBERS)
+    }
     values["currents_a"] = np.full(N_JOINTS, np.nan)
     complaint = "overload" if 10 <= index < 20 else ""
     return ServoReadings(**values, errors=("", complaint) + ("",) * (N_JOINTS - 2))
