@@ -25,7 +25,7 @@ help:
 	@echo "make faults  the fault matrix of docs/safety.md, as far as it is not done yet (hours; Ctrl-C ends it)"
 	@echo "make pictures  the pictures of the documentation, made anew (about 7 minutes)"
 	@echo "make soak   the long tests: a hundred stops, hostile input without end"
-	@echo "make fuzz   every decoder under a million mutated inputs each, led by coverage; INPUTS=1000 for less"
+	@echo "make fuzz   every decoder under mutated inputs led by coverage; SECONDS=5 or INPUTS=1000 for less of each"
 	@echo "make docs   the documentation as a site, in build/site"
 	@echo "make clean  remove what the others made, recordings excepted"
 
@@ -105,10 +105,12 @@ pictures: $(INSTALLED)
 soak: $(INSTALLED)
 	$(BIN)/pytest -m soak
 
+# Whichever of both is over first ends a decoder; all of them take about 50 minutes.
 INPUTS ?= 1000000
+SECONDS ?= 60
 fuzz: $(INSTALLED)
 	$(PIP) -e ".[fuzz]"
-	$(BIN)/python -m tests.fuzz --inputs $(INPUTS)
+	$(BIN)/python -m tests.fuzz --inputs $(INPUTS) --seconds $(SECONDS)
 
 docs: $(INSTALLED)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict

@@ -6,6 +6,7 @@ import os
 import secrets
 import shutil
 import stat
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -28,6 +29,7 @@ ARCHIVE_DAMAGE: tuple[type[Exception], ...] = (
     zlib.error,
     MemoryError,  # of an array that claims to be larger than the computer
     RuntimeError,  # zipfile, of a file that claims to be encrypted
+    tokenize.TokenError,  # numpy, of the header of an array that is cut off
 )
 
 

@@ -236,7 +236,7 @@ class Optimizer(ABC):
         before = self.state()
         try:
             self._take_over(state)
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             self._take_over(before)
             raise InputError(
                 f"optimizer state of {self.name}: damaged or of another version ({error})"

@@ -19,6 +19,9 @@ FILE_NAME = "sessions.sqlite"
 #: Rows that are looked for one by one in a table of which a page is lost.
 MOST_PROBED = 10_000
 
+#: What reading a store raises: Python cannot read a message of SQLite with a damaged name in it.
+_DAMAGE = (sqlite3.Error, UnicodeDecodeError)
+
 #: Codes of SQLite for what a disk, its rights or another process refuses: the store itself may be whole.
 _NOT_ITS_FAULT = (
     sqlite3.SQLITE_PERM,
@@ -112,7 +115,7 @@ class SessionRows:
             return self._listed("ORDER BY created, rowid")
         except sqlite3.OperationalError as error:
             raise self._unreadable(error) from error
-        except sqlite3.DatabaseError as error:
+        except _DAMAGE as error:
             rows, self._lost = self._salvaged(), True
             if not rows:
                 raise self._unreadable(error) from error
@@ -131,13 +134,13 @@ class SessionRows:
                     f"SELECT rowid, name FROM sessions ORDER BY rowid {order}"  # noqa: S608  ours
                 ):
                     found[row] = _name(name)
-            except sqlite3.Error:
+            except _DAMAGE:
                 continue
         for row in range(1, min(max(found, default=0), MOST_PROBED)):
             if row not in found:
                 try:
                     found |= dict(self._listed(f"WHERE rowid = {row}"))
-                except sqlite3.Error:
+                except _DAMAGE:
                     continue
         return sorted(found.items())
 
@@ -167,14 +170,17 @@ class SessionRows:
         )
         try:
             return self._connection.execute(query.format(""), (row,)).fetchall()
-        except sqlite3.DatabaseError:  # perhaps a page of its index is lost, which can be done without
+        except (
+            sqlite3.DatabaseError,
+            UnicodeDecodeError,
+        ):  # perhaps a page of its index is lost, which can be done without
             return self._connection.execute(query.format("NOT INDEXED"), (row,)).fetchall()
 
     @contextmanager
     def _reading(self) -> Iterator[None]:
         try:
             yield
-        except sqlite3.Error as error:
+        except _DAMAGE as error:
             raise self._unreadable(error) from error
 
     def _unreadable(self, error: Exception | str) -> StoreError:
@@ -210,7 +216,7 @@ def reading(folder: Path) -> Iterator[SessionRows]:
     path = folder / FILE_NAME
     try:
         connection = _connected(path)
-    except sqlite3.Error:
+    except _DAMAGE:
         # A store that is written ahead cannot be opened where no files can be made beside it.
         with TemporaryDirectory(prefix="hexctl-") as place, closing(_copied(path, Path(place))) as copy:
             yield SessionRows(copy, path)
@@ -237,5 +243,5 @@ def _copied(path: Path, place: Path) -> sqlite3.Connection:
             if (source := path.with_name(path.name + suffix)).is_file():
                 shutil.copyfile(source, place / source.name)
         return sqlite3.connect(place / path.name)
-    except (OSError, sqlite3.Error) as error:
+    except (OSError, *_DAMAGE) as error:
         raise StoreError(f"session store: {path} cannot be read: {error}") from error

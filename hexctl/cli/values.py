@@ -47,7 +47,8 @@ class Range:
 
     def __contains__(self, value: float) -> bool:
         above = value > self.low if self.above else value >= self.low
-        return math.isfinite(value) and above and value <= self.high
+        # Whole numbers are finite, and may be larger than any float.
+        return (isinstance(value, int) or math.isfinite(value)) and above and value <= self.high
 
     def parse(self, text: str | float) -> int | float:
         """Parse a number; raises BadParameter for anything outside the range, nan and infinity included."""

@@ -187,7 +187,7 @@ class TrialResult(ArrayFields):
                 turn_trim_rad_s=_radians(data.get("turn_trim_deg_s")),
                 noticed=tuple(NoticedFailure.from_dict(each) for each in data.get("noticed", ())),
             )
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise InputError(
                 f"trial result: cannot be read ({error!r}); allowed: what `to_dict` gives"
             ) from error

@@ -9,6 +9,7 @@ This is the whole public interface of the package. Names are imported when first
 `see`.
 """
 
+import os
 from typing import TYPE_CHECKING
 
 from hexctl.lazy_names import lazy_names
@@ -31,6 +32,10 @@ if TYPE_CHECKING:
     from hexctl.see.vision.lens import Lens, load_lens, save_lens
     from hexctl.see.vision.planar_pose import PlanarPose
     from hexctl.see.vision.robot_tracker import RobotTag
+
+# OpenCV reads this as it is loaded: a file of a hundred bytes may claim to hold a picture of a gigabyte. The
+# largest pictures of telephones have 200 million pixels.
+os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", "210000000")
 
 # fmt: off
 __all__ = [

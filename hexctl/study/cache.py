@@ -2,7 +2,6 @@
 
 import json
 import os
-import zipfile
 from collections.abc import Iterable
 from pathlib import Path
 from typing import IO
@@ -11,7 +10,7 @@ import numpy as np
 
 from hexctl.control.result import STATUSES
 from hexctl.errors import HexctlError
-from hexctl.files import replacing
+from hexctl.files import ARCHIVE_DAMAGE, open_archive, replacing
 from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec, empty_landscape
 
 #: Where the commands keep landscapes, below the working directory.
@@ -59,7 +58,7 @@ class LandscapeCache:
             return empty_landscape(spec)
         try:
             return _read(path, spec)
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        except ARCHIVE_DAMAGE as error:
             reason = " ".join(str(error).split()) or type(error).__name__
             self.notes.append(f"{path}: not usable ({reason}); it is computed again")
             return empty_landscape(spec)
@@ -92,7 +91,7 @@ def _write(file: IO[bytes], landscape: Landscape) -> None:
 
 def _read(path: Path, spec: LandscapeSpec) -> Landscape:
     """Landscape of a file; raises ValueError unless it belongs to this spec and its values are possible."""
-    with np.load(path, allow_pickle=False) as file:
+    with open_archive(path) as file:
         if json.loads(str(file["identity"])) != json.loads(json.dumps(spec.identity())):
             raise ValueError("it is of another landscape")
         arrays = {name: file[name] for name in _ARRAYS}

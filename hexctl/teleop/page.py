@@ -259,7 +259,7 @@ class DrivePage:
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """What a request gets: the page, a refusal, or None for the socket."""
-        host = request.headers.get("Host", "")
+        host = _one(request.headers, "Host")
         if not self._is_ours(host):
             return _response(HTTPStatus.FORBIDDEN, OTHER_HOST)
         if request.path != SOCKET_PATH and (self._pictures is None or request.path != VIEW_PATH):
@@ -267,7 +267,7 @@ class DrivePage:
             body = self._page if found else b"not found\n"
             return _response(HTTPStatus.OK if found else HTTPStatus.NOT_FOUND, body, html=found)
         scheme = "http" if self._credentials is None else "https"
-        if request.headers.get("Origin", "").lower() != f"{scheme}://{host}".lower():
+        if _one(request.headers, "Origin").lower() != f"{scheme}://{host}".lower():
             return _response(HTTPStatus.FORBIDDEN, b"another origin\n")
         if not self._knows_token(request.headers):
             return _response(HTTPStatus.FORBIDDEN, b"wrong token\n")
@@ -347,7 +347,7 @@ class DrivePage:
                 allowed = len(shares) == 3 and all(-1 <= value <= 1 for value in shares)
                 if allowed and self._forgets == self._source.forgets:
                     self._source.command(self._share(*shares))
-        except (ValueError, TypeError, KeyError, HexctlError, RecursionError):
+        except (ValueError, TypeError, KeyError, OverflowError, HexctlError, RecursionError):
             return
 
     def _drives(self, connection: ServerConnection) -> bool:
@@ -370,6 +370,12 @@ def _on(server: Server | None, path: str) -> list[ServerConnection]:
     """Open sockets at a path."""
     connections = () if server is None else server.connections
     return [one for one in connections if one.request is not None and one.request.path == path]
+
+
+def _one(headers: Headers, name: str) -> str:
+    """Value of a header; empty where there is none, or more than one."""
+    values = headers.get_all(name)
+    return values[0] if len(values) == 1 else ""
 
 
 def _response(status: HTTPStatus, body: bytes, *, html: bool = False) -> Response:

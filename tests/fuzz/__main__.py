@@ -1,14 +1,19 @@
 """Search all decoders, or some: `python -m tests.fuzz --inputs 100000 [TARGET ...]`. It needs atheris."""
 
 import argparse
+import json
 import re
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
+from typing import Any
 
-from tests.fuzz.corpus import keep
+from tests.fuzz.corpus import keep, keep_found, kept, reaching
 from tests.fuzz.rooms import ROOMS, targets_of
+from tests.fuzz.table import table
+from tests.fuzz.target import Target
 
 _STAT = re.compile(r"stat::(\w+):\s*(\d+)")
 _COVERAGE = re.compile(r"cov: (\d+)")
@@ -17,53 +22,71 @@ _COVERAGE = re.compile(r"cov: (\d+)")
 def main() -> int:
     """Search, print a line for each target, and return 1 where one fell."""
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
-    parser.add_argument("targets", nargs="*", help="names of targets (default: all)")
+    parser.add_argument("targets", nargs="*", help="names of targets or of rooms (default: all)")
     parser.add_argument("--inputs", type=int, default=100_000, help="inputs for each (default: 100000)")
     parser.add_argument("--seconds", type=int, default=0, help="time for each, 0 for any (default: 0)")
     parser.add_argument("--seed", type=int, default=0, help="of the mutations, 0 for any (default: 0)")
-    parser.add_argument("--keep", action="store_true", help="keep what reached something new in the corpus")
+    parser.add_argument("--keep", action="store_true", help="keep what reached something new, or fell")
+    parser.add_argument("--log", type=Path, help="file that gets a line of JSON for each target")
+    parser.add_argument("--table", action="store_true", help="print a table of the log, and search nothing")
     wanted = parser.parse_args()
-    chosen = [(room, target.name) for room in ROOMS for target in targets_of(room)]
-    if unknown := set(wanted.targets) - {name for _, name in chosen}:
-        parser.error(f"got {', '.join(sorted(unknown))}; allowed: {', '.join(name for _, name in chosen)}")
+    if wanted.table:
+        print(table(wanted.log))
+        return 0
+    chosen = [(room, target) for room in ROOMS for target in targets_of(room)]
+    known = {*ROOMS, *(target.name for _, target in chosen)}
+    if unknown := set(wanted.targets) - known:
+        parser.error(f"got {', '.join(sorted(unknown))}; allowed: {', '.join(sorted(known))}")
     fell = 0
-    for room, name in chosen:
-        if not wanted.targets or name in wanted.targets:
-            fell += _search(room, name, wanted)
+    for room, target in chosen:
+        if not wanted.targets or {room, target.name} & set(wanted.targets):
+            fell += _search(room, target, wanted)
     return 1 if fell else 0
 
 
-def _search(room: str, name: str, wanted: argparse.Namespace) -> int:
+def _search(room: str, target: Target, wanted: argparse.Namespace) -> int:
     """Search one target in a process of its own, and print how it went; how many defects were found."""
+    name = target.name
     with tempfile.TemporaryDirectory(prefix="hexctl-fuzz-") as place:
         folder = Path(place)
         flags = [f"-runs={wanted.inputs}", f"-seed={wanted.seed}", "-print_final_stats=1", "-timeout=60"]
         if wanted.seconds:
             flags.append(f"-max_total_time={wanted.seconds}")
         command = [sys.executable, "-m", "tests.fuzz.engine", room, name, str(folder), *flags]
+        began_s = time.monotonic()
         done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
         stats = dict(_STAT.findall(done.stderr))
-        if "number_of_executed_units" not in stats:
-            print(done.stderr[-2000:], file=sys.stderr)
-        coverage = _COVERAGE.findall(done.stderr)
         falls = sorted(folder.glob(f"{name}-*.txt"))
-        corpus = [path.read_bytes() for path in (folder / "corpus").glob("*")]
-        _print(name, stats, coverage[-1] if coverage else "?", len(corpus), falls)
+        if done.returncode or "number_of_executed_units" not in stats:
+            print(done.stderr[-2000:], file=sys.stderr)
+        found: dict[str, Any] = {
+            "room": room,
+            "target": name,
+            "inputs": int(stats.get("number_of_executed_units", 0)),
+            "seconds": round(time.monotonic() - began_s, 1),
+            "branches": int((_COVERAGE.findall(done.stderr) or ["0"])[-1]),
+            "fell": len(falls) + (done.returncode != 0),
+        }
+        _print(found, falls)
+        if wanted.log is not None:
+            with wanted.log.open("a", encoding="utf-8") as log:
+                log.write(json.dumps(found) + "\n")
         if wanted.keep:
-            keep(name, corpus)
-    return len(falls) + (done.returncode != 0)
+            reached = [path.read_bytes() for path in (folder / "corpus").glob("*")]
+            keep(room, name, reaching(target, {*kept(name), *reached}))
+            ended = [path for kind in ("crash", "timeout", "oom") for path in folder.glob(f"{kind}-*")]
+            keep_found(name, [path.read_bytes() for path in (*folder.glob(f"{name}-*.bin"), *ended)])
+    return int(found["fell"])
 
 
-def _print(name: str, stats: dict[str, str], coverage: str, corpus: int, falls: list[Path]) -> None:
-    inputs, per_s = stats.get("number_of_executed_units", "?"), stats.get("average_exec_per_sec", "?")
+def _print(found: dict[str, Any], falls: list[Path]) -> None:
     print(
-        f"{name:16} {inputs:>10} inputs, {per_s:>6}/s, {coverage:>5} branches, {corpus:>5} kept, "
-        f"{len(falls)} fell",
-        flush=True,
+        "{target:16} {inputs:>10} inputs, {seconds:>6} s, {branches:>5} branches, {fell} fell".format(**found)
     )
     for fall in falls:
         data = fall.with_suffix(".bin").read_bytes()
-        print(f"  {data[:200]!r}\n  {fall.read_text()}", flush=True)
+        print(f"  {data[:200]!r}\n  {fall.read_text()}")
+    sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 #: Time of the processor after which an input is told as slow.
 SLOW_S = 1.0
 
+#: Memory of the search, with what it has imported and its corpus, in MB.
+MOST_MB = 3000
+
 
 class Search:
     """Gives inputs to a target, and writes each defect that it finds to a file."""
@@ -59,7 +62,11 @@ def search(room: str, name: str, folder: Path, flags: list[str]) -> None:
 
     for number, data in enumerate((*target.seeds, *kept(name))):
         (corpus / f"seed-{number}").write_bytes(data)
-    options = [f"-max_len={target.most_bytes}", "-rss_limit_mb=0", f"-artifact_prefix={folder}{os.sep}"]
+    options = [
+        f"-max_len={target.most_bytes}",
+        f"-rss_limit_mb={MOST_MB}",
+        f"-artifact_prefix={folder}{os.sep}",
+    ]
     if target.words:
         (folder / "words").write_text("".join(f'"{_escaped(word)}"\n' for word in target.words))
         options.append(f"-dict={folder / 'words'}")

@@ -20,6 +20,7 @@ class Target:
         refusals: what it may raise; anything else fell.
         words: parts of the format, which a mutation inserts.
         most_bytes: of an input.
+        times: spoiled inputs of a test, beyond those of the corpus.
     """
 
     name: str
@@ -28,6 +29,7 @@ class Target:
     refusals: tuple[type[Exception], ...] = (HexctlError,)
     words: tuple[bytes, ...] = ()
     most_bytes: int = 2000
+    times: int = 100
 
     def fall(self, data: bytes) -> "Fall | None":
         """What is wrong with how it took an input, None if it was decoded or refused."""
@@ -35,7 +37,9 @@ class Target:
             self.read(data)
         except self.refusals as error:
             return None if "\n" not in str(error) else Fall.of(data, error)
-        except (Exception, SystemExit) as error:  # noqa: BLE001  that is what is looked for
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # noqa: BLE001  that is what is looked for; a panic in Rust is no Exception
             return Fall.of(data, error)
         return None
 

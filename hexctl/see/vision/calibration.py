@@ -210,7 +210,10 @@ def read_picture(path: Path) -> Picture:
         data = np.frombuffer(read_file(path, MOST_BYTES), dtype=np.uint8)
     except OSError as error:
         raise InputError(f"{path}: is no picture that can be read: {error.strerror}") from error
-    picture = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None
+    try:
+        picture = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None
+    except cv2.error:  # one that claims to have more pixels than OpenCV takes
+        picture = None
     if picture is None:
         raise InputError(f"{path}: is no picture that can be read; allowed: PNG, JPEG and others")
     return np.asarray(picture, dtype=np.uint8)

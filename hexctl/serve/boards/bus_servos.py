@@ -8,6 +8,7 @@ import numpy as np
 
 from hexctl.backends.bus.packets import (
     BROADCAST,
+    MOST_PARAMETERS,
     PING,
     PROTOCOLS,
     READ,
@@ -330,6 +331,9 @@ class RegisterServos(SimulatedServos):
         for servo in self.servos:
             servo.watch(now_s - self._heard_s)
         self._heard_s = now_s
+        if not self._whole(instruction, parameters):
+            self._counters.garbage += 1
+            return []
         self._counters.packets += 1
         if instruction == SYNC_WRITE:
             self._sync_write(parameters)
@@ -402,6 +406,15 @@ class RegisterServos(SimulatedServos):
     def _write(self, servo: BusServo, parameters: bytes) -> int:
         width = 1 if self._table.protocol == 1 else 2
         return servo.write(int.from_bytes(parameters[:width], "little"), parameters[width:])
+
+    def _whole(self, instruction: int, parameters: bytes) -> bool:
+        """Whether an instruction has an address and a size that a packet can carry, where it needs them."""
+        width = 1 if self._table.protocol == 1 else 2
+        if instruction == WRITE:
+            return len(parameters) > width
+        if instruction in (READ, SYNC_READ, SYNC_WRITE):
+            return len(parameters) >= 2 * width and 1 <= self._place(parameters)[1] <= MOST_PARAMETERS
+        return True
 
     def _place(self, parameters: bytes) -> tuple[int, int, bytes]:
         """Address, size and the rest of parameters."""

@@ -132,7 +132,7 @@ class Lx16aServos(SimulatedServos):
         }
         pairs = {lx.READ_LIMITS: servo.limits, lx.READ_VOLTAGE_LIMITS: servo.voltages_mv}
         if command in pairs:
-            data = b"".join(limit.to_bytes(2, "little") for limit in pairs[command])
+            data = b"".join(limit.to_bytes(2, "little", signed=limit < 0) for limit in pairs[command])
         else:
             data = values[command].to_bytes(lx.ANSWER_BYTES[command], "little", signed=values[command] < 0)
         return self.packets.status(servo.servo_id, command, data)

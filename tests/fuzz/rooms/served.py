@@ -1,0 +1,292 @@
+"""Targets of a served robot and of its clients: whole messages in JSON, requests, answers and states."""
+
+import json
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from hexctl.backends.mock import MockServos
+from hexctl.backends.zenoh.subscriber import LatestValues, StateSubscriber
+from hexctl.cli.status import status_rows
+from hexctl.control.guard import Guard
+from hexctl.errors import HexctlError, RobotFaultError
+from hexctl.robot.formats.json_model import robot_from_json, robot_to_json
+from hexctl.serve.inbox import Arrival
+from hexctl.serve.leases import LeaseManager, RequestHandler
+from hexctl.serve.server import RobotServer
+from hexctl.serve.stops.latch import StopLatch
+from hexctl.serve.stops.stop_socket import StopSocket
+from hexctl.types import N_JOINTS, ServoReadings
+from hexctl.wire.description import (
+    RobotIdentity,
+    check_same_robot,
+    decode_json,
+    describe,
+    encode_json,
+    robot_of,
+)
+from hexctl.wire.links import KeyMap, Link
+from hexctl.wire.messages import encode_battery, encode_positions
+from hexctl.wire.pose import encode_pose
+from tests.control.posed import PosedMock
+from tests.fuzz.target import Target
+from tests.robots import shipped
+from tests.wire.test_messages import COMMAND_BYTES, STATE_BYTES
+
+NUMBERS = (
+    b"NaN",
+    b"Infinity",
+    b"1e400",
+    b"9" * 400,
+    b"-1",
+    b"null",
+    b"true",
+    b"[]",
+    b"{}",
+    b'""',
+    b'"\\ud800"',
+)
+UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+class Item:
+    """A sample or a query as Zenoh gives them."""
+
+    key_expr = "hexctl/ant/key"
+
+    def __init__(self, payload: bytes, attachment: bytes | None = None) -> None:
+        self.payload, self.attachment = payload, attachment
+
+    def reply(self, key: str, payload: bytes) -> None:
+        """Check that the answer is JSON that a client reads."""
+        decode_json(payload)
+
+    def drop(self) -> None:
+        """Nothing."""
+
+
+@cache
+def _server() -> RobotServer:
+    servos = PosedMock()
+    server = RobotServer(servos, Link(), backend="mock")
+    servos.connect()
+    servos.clock.tick()
+    return server
+
+
+KINDS = ("command", "pose", "lease", "failure", "estop", "describe")
+
+
+def _served(data: bytes) -> None:
+    """Give a message to one key of a server: the first byte says which, the second where it ends."""
+    if len(data) < 2:
+        return
+    kind, middle, rest = KINDS[data[0] % len(KINDS)], data[1], data[2:]
+    item: Any = Item(rest[middle:], rest[:middle] or None)
+    server = _server()
+    server._admits_command(item.attachment)
+    server._handle(Arrival(kind, item, 0.0))
+    if data[0] & 0x40:
+        json.dumps(server.status(), allow_nan=False)
+
+
+def _requests(data: bytes) -> None:
+    """Give lines of requests to a robot of their own, one after another."""
+    servos = MockServos(shipped())
+    with Guard(servos) as guard:
+        handler = RequestHandler(guard, LeaseManager())
+        guard.clock.now_s  # noqa: B018  the clock has begun
+        for number, line in enumerate(data.split(b"\n")[:8]):
+            what, payload = line[:1], line[1:]
+            handle = {b"l": handler.lease, b"f": handler.failure}.get(what, handler.estop)
+            answer = handle(payload, float(number))
+            encode_json(answer)
+            if what == b"u":
+                handler.urgent(payload)
+
+
+def _stop_socket(data: bytes) -> None:
+    """Let a robot answer datagrams without certificates, of 160 bytes each."""
+    socket = _stop_answers()
+    for start in range(0, len(data), 160):
+        answer = socket.answer(data[start : start + 160])
+        assert answer is None or len(answer) == 160
+
+
+@cache
+def _stop_answers() -> StopSocket:
+    return StopSocket(Link(), "ant", StopLatch(Guard(MockServos(shipped()))), lambda: True)
+
+
+def _json(data: bytes) -> None:
+    content = decode_json(data)
+    str(RobotIdentity.of_answer(content))
+
+
+def _description(data: bytes) -> None:
+    content = decode_json(data)
+    with suppress(RobotFaultError):
+        check_same_robot(content, shipped())
+    assert robot_of(content).name is not None
+
+
+def _status(data: bytes) -> None:
+    status_rows(decode_json(data))
+
+
+def _state(data: bytes) -> None:
+    """Put a state together from messages, each preceded by its size: joints, pose, battery and status."""
+    latest = LatestValues()
+    for kind in ("joint_states", "odom", "battery", "status"):
+        size, data = int.from_bytes(data[:2], "little"), data[2:]
+        tag_size, data = data[:1], data[1:]
+        tag, data = data[: sum(tag_size)], data[sum(tag_size) :]
+        latest.put(kind, Item(data[:size], tag))
+        data = data[size:]
+    subscriber = StateSubscriber(KeyMap.of("ant"), latest)
+    _ = subscriber.failures
+    state = subscriber.newest(1.0)
+    assert state.joint_positions_rad.shape == (N_JOINTS,)
+
+
+def _packed(*messages: tuple[bytes, bytes]) -> bytes:
+    return b"".join(
+        len(payload).to_bytes(2, "little") + bytes([len(tag)]) + tag + payload for payload, tag in messages
+    )
+
+
+def _robot_json(data: bytes) -> None:
+    robot = robot_from_json(data.decode("utf-8", "surrogateescape"))
+    assert robot_to_json(robot_from_json(robot_to_json(robot))) == robot_to_json(robot)
+
+
+def _readings() -> dict[str, Any]:
+    nothing = np.full(N_JOINTS, np.nan)
+    return ServoReadings(
+        ages_s=np.zeros(N_JOINTS),
+        efforts=nothing,
+        currents_a=nothing,
+        voltages_v=nothing + 1,
+        temperatures_c=np.full(N_JOINTS, 35.0),
+        errors=("",) * 17 + ("hot",),
+    ).to_json()
+
+
+STATUS: dict[str, Any] = {
+    "robot": "ant",
+    "backend": "sim",
+    "host": "lab",
+    "user": "alice",
+    "pid": 4711,
+    "stopped": "estop: key",
+    "simulated": {"world": "flat", "failure": "none"},
+    "failures": ["5:limp"],
+    "posture": "idle",
+    "stop": {"id": "0011223344556677", "since_s": 1.0, "kept": True, "clear_in_s": 0.5},
+    "at_rest": True,
+    "controller": "bob",
+    "controller_since_s": 2.0,
+    "battery_v": 11.1,
+    "battery_share": 0.5,
+    "pose": True,
+    "commands": {"accepted": 1, "refused": 2, "malformed": 3},
+    "servos": _readings(),
+    "ticks": 5,
+    "warnings": ["warm"],
+    "servo_link": {"lost": 1},
+    "ros": {"connected": True, "router": "tcp/a:1"},
+    "malformed": {"poses": 1, "requests": 2},
+}
+
+
+def _seed(content: object) -> bytes:
+    return json.dumps(content).encode()
+
+
+def _worded(keys: Callable[[], object]) -> tuple[bytes, ...]:
+    return (*NUMBERS, *(f'"{key}":'.encode() for key in keys()))  # type: ignore[attr-defined]
+
+
+TARGETS = (
+    Target(
+        name="served",
+        read=_served,
+        seeds=(
+            bytes([0, len(COMMAND_BYTES)]) + COMMAND_BYTES + encode_positions(np.zeros(N_JOINTS), 1),
+            b"\1\0" + encode_pose(np.zeros(3), UPRIGHT, stamp_ns=1),
+            b'\2\0{"op": "acquire", "owner": "mallory"}',
+            b'\3\0{"op": "fail", "failure": "5:limp"}',
+            b'\4\0{"op": "clear", "id": "0011223344556677"}',
+            b"E\0",
+        ),
+        words=(*NUMBERS, b'"op"', b'"renew"', b'"lease"', b'"release"', b'"heal"', b'"leg"', b'"stop"'),
+        most_bytes=1000,
+    ),
+    Target(
+        name="requests",
+        read=_requests,
+        seeds=(
+            b'l{"op": "acquire", "owner": "bob"}\nl{"op": "renew", "lease": "00"}\ne{"op": "clear"}',
+            b'f{"op": "fail", "failure": "5:limp"}\nf{"op": "heal", "leg": 5}\ne\nu{"op": "stop"}',
+        ),
+        words=(*NUMBERS, b'"op"', b'"request"', b'"id"', b'"rest"', b'"release"'),
+        most_bytes=600,
+    ),
+    Target(name="stop-socket", read=_stop_socket, seeds=(bytes(160),), most_bytes=480),
+    Target(
+        name="json",
+        read=_json,
+        seeds=(
+            b"{}",
+            _seed({"robot": "ant", "pid": 5, "host": "a", "user": "b"}),
+            b'{"a": [1, {"b": null}]}',
+        ),
+        words=(*NUMBERS, b"[" * 50, b'{"a":' * 20),
+        most_bytes=1000,
+    ),
+    Target(
+        name="description",
+        read=_description,
+        seeds=(_seed(describe(shipped())),),
+        words=_worded(lambda: describe(shipped())["robot"]),
+        most_bytes=8000,
+    ),
+    Target(
+        name="status",
+        read=_status,
+        seeds=(_seed(STATUS), b"{}"),
+        words=_worded(lambda: STATUS),
+        most_bytes=3000,
+    ),
+    Target(
+        name="robot-state",
+        read=_state,
+        seeds=(
+            _packed(
+                (encode_positions(np.zeros(N_JOINTS), 1), STATE_BYTES),
+                (encode_pose(np.zeros(3), UPRIGHT, stamp_ns=1), b""),
+                (encode_battery(11.1, 0.5), b""),
+                (_seed(STATUS), b""),
+            ),
+            _packed(
+                (encode_positions(np.zeros(N_JOINTS), 1), STATE_BYTES),
+                (b"", b""),
+                (b"", b""),
+                (_seed({"failures": ["5:limp"], "warnings": [1], "servos": {}}), b""),
+            ),
+        ),
+        words=(*NUMBERS, b'"failures":', b'"servos":', b'"warnings":'),
+        most_bytes=4000,
+    ),
+    Target(
+        name="robot-json",
+        read=_robot_json,
+        seeds=(robot_to_json(shipped()).encode(), robot_to_json(shipped("pexod")).encode()),
+        words=NUMBERS,
+        refusals=(HexctlError,),
+        most_bytes=8000,
+    ),
+)

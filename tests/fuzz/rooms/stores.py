@@ -1,0 +1,355 @@
+"""Targets that hexctl has kept: sessions, priors, repertoires, caches, results, recordings."""
+
+import io
+import json
+import sqlite3
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from hexctl.adapt.optimizers.registry import make_optimizer
+from hexctl.adapt.optimizers.shipped import OPTIMIZERS
+from hexctl.adapt.prior.prior import open_prior
+from hexctl.adapt.session_rows import FILE_NAME, reading
+from hexctl.adapt.space import GaitSpace
+from hexctl.adapt.stored_session import stored_session
+from hexctl.control.monitor.repertoire_store import load_repertoire
+from hexctl.control.result import TrialResult
+from hexctl.errors import HexctlError, InputError
+from hexctl.record.recorded_trial import read_trial
+from hexctl.robot.configs import config_root
+from hexctl.study.cache import LandscapeCache
+from hexctl.study.default_gaits import _loaded
+from hexctl.study.holds.walks import HoldCache
+from hexctl.study.recovery.walks import EpisodeCache
+from hexctl.study.repertoire.walks import repertoire_cache
+from tests.fuzz.folder import own_folder, written
+from tests.fuzz.target import Target
+from tests.study.landscapes import spec
+
+DATA = Path(__file__).parents[2] / "data"
+NUMBERS = (
+    b"NaN",
+    b"-Infinity",
+    b"1e400",
+    b"9" * 400,
+    b"-1",
+    b"null",
+    b"true",
+    b"[]",
+    b"{}",
+    b'""',
+    b"[" * 50,
+)
+SPACE = GaitSpace((5,))
+
+
+def _archive(**arrays: Any) -> bytes:
+    """An archive of numpy, not compressed."""
+    file = io.BytesIO()
+    np.savez(file, allow_pickle=False, **arrays)
+    return file.getvalue()
+
+
+def _headed(name: str, load: Callable[[Path], object], arrays: dict[str, Any]) -> Callable[[bytes], object]:
+    """A reader of archives with good arrays and an input as head, whose first byte leaves some out."""
+
+    def read(data: bytes) -> None:
+        out = sum(data[:1])
+        kept = {key: value for at, (key, value) in enumerate(arrays.items()) if not out >> at & 1}
+        archive = _archive(head=np.array(data[1:].decode("utf-8", "replace")), **kept)
+        with written(name, archive) as path:
+            load(path)
+
+    return read
+
+
+def _of_file(name: str, load: Callable[[Path], object]) -> Callable[[bytes], object]:
+    def read(data: bytes) -> None:
+        with written(name, data) as path:
+            load(path)
+
+    return read
+
+
+@cache
+def _stored() -> sqlite3.Connection:
+    return sqlite3.connect(
+        f"{(DATA / FILE_NAME).as_uri()}?mode=ro&immutable=1", uri=True, check_same_thread=False
+    )
+
+
+def _rows(which: str = "whole-bayes") -> tuple[str, ...]:
+    """A stored session with one trial, as `_session` reads it."""
+    head = _stored().execute("SELECT created, spec, ended FROM sessions WHERE name = ?", (which,)).fetchone()
+    record, state = (
+        _stored()
+        .execute("SELECT record, optimizer_state FROM trials WHERE session = ? AND number = 1", (which,))
+        .fetchone()
+    )
+    trial = json.loads(record)
+    trial["path_m"] = trial["path_m"][:2]
+    short = json.dumps({"name": "random", "search": {}}) if len(state) > 1000 else state
+    settled = json.dumps({"code": 5, "chance": 0.5, "target_m": 0.1})
+    return which, head[0], head[1], head[2] or "", settled, json.dumps(trial), short, json.dumps(trial)
+
+
+def _session(data: bytes) -> None:
+    """Make a session of lines: name, created, spec, why ended, settled, record, state and baseline."""
+    lines: list[Any] = [line or None for line in data.decode("utf-8", "backslashreplace").split("\n")]
+    name, created, about, ended, settled, record, state, baseline = (*lines, *([None] * 8))[:8]
+    trials = [] if record is None else [(1, record, state)]
+    session = stored_session(
+        name or "", (created, about, ended, settled), trials, [] if baseline is None else [baseline]
+    )
+    json.dumps(session.as_json())
+    for trial in session.trials:
+        _ = trial.result, trial.valid
+
+
+def _database(data: bytes) -> None:
+    damage: list[str] = []
+    with written(FILE_NAME, data) as path, reading(path.parent) as rows:
+        for name in rows.names():
+            with suppress(HexctlError):
+                rows.load(name)
+        rows.sessions(lambda error: damage.append(str(error)))
+
+
+def _state(data: bytes) -> None:
+    """Restore a search of the first byte; one that refuses is as it was."""
+    name = list(OPTIMIZERS)[sum(data[:1]) % len(OPTIMIZERS)]
+    try:
+        state = json.loads(data[1:])
+    except (ValueError, RecursionError):
+        return
+    if not isinstance(state, dict):  # as sessions refuse it
+        return
+    search = make_optimizer(name, SPACE, 1)
+    before = search.state()
+    try:
+        search.restore(state)
+    except InputError:
+        assert search.state() == before
+        raise
+    json.dumps(search.state())
+
+
+def _result(data: bytes) -> None:
+    try:
+        values = json.loads(data)
+    except (ValueError, RecursionError):
+        return
+    result = TrialResult.from_dict(values)
+    repr(result)
+    _ = [str(each) for each in result.noticed]
+
+
+PLACE: Any = SimpleNamespace(number=1, fingerprint="fuzz")
+
+
+def _walks(data: bytes) -> None:
+    """Load what studies have walked: a file that is not usable is told, and computed again."""
+    landscapes = LandscapeCache(own_folder())
+    for made in (HoldCache, EpisodeCache, repertoire_cache):
+        walks: Any = made(landscapes)
+        with written(walks.path_of(PLACE).name, data):
+            walks.load(PLACE)
+    asked = _asked()
+    with written(landscapes.path_of(asked).with_suffix(".default.json").name, data):
+        _loaded(landscapes, asked)
+    assert all("\n" not in note for note in landscapes.notes)
+
+
+@cache
+def _asked() -> Any:
+    return spec(codes=(1, 2))
+
+
+def _landscape(data: bytes) -> None:
+    cached = LandscapeCache(own_folder())
+    with written(cached.path_of(_asked()).name, data):
+        assert len(cached.load(_asked()).codes) == 2
+
+
+def _landscape_seed() -> bytes:
+    from hexctl.study.landscape import empty_landscape
+
+    cached = LandscapeCache(own_folder())
+    cached.save(empty_landscape(_asked()))
+    return cached.path_of(_asked()).read_bytes()
+
+
+def _head(path: str) -> dict[str, Any]:
+    """Head of a shipped archive, without what is only for people."""
+    with np.load(config_root() / path) as file:
+        head: dict[str, Any] = json.loads(str(file["head"]))
+    return {**head, "origin": {}}
+
+
+def _prior_head(path: str, legs: int = 1) -> bytes:
+    return b"\0" + json.dumps({**_head(path), "legs": list(range(1, legs + 1))}).encode()
+
+
+def _repertoire_head() -> bytes:
+    head = _head("repertoires/ant.npz")
+    head["symmetries"], head["situations"] = head["symmetries"][:1], head["situations"][:1]
+    return b"\0" + json.dumps(head).encode()
+
+
+PRIOR_ARRAYS = {
+    "signed_m": np.zeros((1, 1, 120, 10), "f2"),
+    "progress_m": np.zeros((1, 1, 120, 10), "f2"),
+    "yaw_rad": np.zeros((1, 1, 120), "f2"),
+    "sag_rad": np.zeros((1, 1, 18), "f2"),
+    "log_scores": np.zeros((1, 1, 120, 4), "f4"),
+    "valid": np.ones((1, 1, 120), "u1"),
+}
+REPERTOIRE_ARRAYS = {"speeds": np.zeros(400, "f4"), "costs": np.zeros(400, "f4")}
+
+
+def _small_store() -> bytes:
+    """A store with small pages and one session."""
+    name, created, about, ended, settled, record, state, baseline = _rows()
+    path = own_folder() / "seed.sqlite"
+    path.unlink(missing_ok=True)
+    connection = sqlite3.connect(path, isolation_level=None)
+    connection.execute("PRAGMA page_size = 512")
+    connection.executescript(
+        "CREATE TABLE sessions (name TEXT PRIMARY KEY, created TEXT, spec TEXT, ended TEXT, settled_on TEXT);"
+        "CREATE TABLE trials (session TEXT, number INTEGER, record TEXT, optimizer_state TEXT,"
+        " PRIMARY KEY (session, number));"
+        "CREATE TABLE baselines (session TEXT, gait TEXT, record TEXT, PRIMARY KEY (session, gait));"
+        "PRAGMA user_version = 1"
+    )
+    connection.execute("INSERT INTO sessions VALUES (?, ?, ?, ?, ?)", (name, created, about, ended, settled))
+    connection.execute("INSERT INTO trials VALUES (?, 1, ?, ?)", (name, record, state))
+    connection.execute("INSERT INTO baselines VALUES (?, 'demo', ?)", (name, baseline))
+    connection.close()
+    return path.read_bytes()
+
+
+def _recording() -> bytes:
+    """A recording of two ticks of all joints."""
+    import rerun as rr
+
+    from hexctl.record import paths
+    from hexctl.types import JOINT_KINDS
+
+    path = own_folder() / "seed.rrd"
+    path.unlink(missing_ok=True)
+    stream = rr.RecordingStream("hexctl", recording_id="seed")
+    stream.save(path)
+    for tick in range(2):
+        stream.set_time("time", duration=0.02 * tick)
+        for leg in paths.LEGS:
+            for kind in JOINT_KINDS:
+                stream.log(paths.link_path(leg, kind), rr.Scalars([0.0, 0.1]))
+        stream.log(paths.EVENTS, rr.TextLog("began", level="INFO"))
+    stream.flush()
+    stream.disconnect()
+    return path.read_bytes()
+
+
+def _searches() -> tuple[bytes, ...]:
+    """States of all searches after one ask."""
+    states = []
+    for number, name in enumerate(OPTIMIZERS):
+        search = make_optimizer(name, SPACE, 1)
+        search.ask(1)
+        states.append(bytes([number]) + json.dumps(search.state()).encode())
+    return tuple(states)
+
+
+def _walk_file() -> bytes:
+    hold = {"case": {}, "slots": [1], "status": "ok", "signed_m": 0.1}
+    default = {"leg": 5, "gait": "demo", "status": "ok", "signed_m": 0.1, "distance_m": 4.0}
+    return json.dumps([default, {**default, "gait": "tripod"}, hold]).encode()
+
+
+ROWS = "\n".join(_rows()).encode()
+
+TARGETS = (
+    Target(
+        name="session",
+        read=_session,
+        seeds=(ROWS,),
+        refusals=(ValueError,),
+        words=NUMBERS,
+        most_bytes=5000,
+        times=50,
+    ),
+    Target(
+        name="session-store",
+        read=_database,
+        seeds=(_small_store(),),
+        words=(b"SQLite format 3\0", b"\xff" * 4),
+        most_bytes=30_000,
+        times=10,
+    ),
+    Target(
+        name="result",
+        read=_result,
+        seeds=(_rows()[5].encode(), json.dumps(json.loads(_rows()[5])["outcome"]).encode()),
+        words=NUMBERS,
+        most_bytes=2000,
+    ),
+    Target(name="search-state", read=_state, seeds=_searches(), words=NUMBERS, most_bytes=6000, times=50),
+    Target(
+        name="prior",
+        read=_headed("prior.npz", open_prior, PRIOR_ARRAYS),
+        seeds=(
+            _prior_head("priors/ant-locked-rear-30s.npz"),
+            _prior_head("priors/ant-locked-none-30s-line.npz"),
+        ),
+        words=NUMBERS,
+        most_bytes=1500,
+        times=20,
+    ),
+    Target(
+        name="prior-archive",
+        read=_of_file("prior.npz", open_prior),
+        seeds=(
+            _archive(
+                head=np.array(_prior_head("priors/ant-locked-none-30s-line.npz")[1:].decode()),
+                log_scores=np.zeros((1, 1, 120, 4), "f2"),
+            ),
+            _archive(head=np.array("{}")),
+        ),
+        words=(b"PK\1\2", b"PK\3\4", b"PK\5\6", b"\x93NUMPY", b"'descr': '|O'", b"(9999999999,)"),
+        most_bytes=8000,
+        times=50,
+    ),
+    Target(
+        name="repertoire",
+        read=_headed("repertoire.npz", load_repertoire, REPERTOIRE_ARRAYS),
+        seeds=(_repertoire_head(),),
+        words=NUMBERS,
+        most_bytes=3000,
+        times=20,
+    ),
+    Target(
+        name="study-landscape",
+        read=_landscape,
+        seeds=(_landscape_seed(),),
+        words=(b"PK\1\2", b"PK\3\4", b"PK\5\6", b"\x93NUMPY", b"'descr': '|O'", b"(9999999999,)"),
+        most_bytes=8000,
+        times=20,
+    ),
+    Target(
+        name="study-walks", read=_walks, seeds=(_walk_file(), b"[]"), words=NUMBERS, most_bytes=1000, times=50
+    ),
+    Target(
+        name="recording",
+        read=_of_file("recording.rrd", read_trial),
+        seeds=(_recording(),),
+        words=(b"RRF2", b"FOOT"),
+        most_bytes=60_000,
+        times=3,
+    ),
+)
