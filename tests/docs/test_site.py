@@ -43,6 +43,10 @@ def test_the_site_builds_without_a_warning_and_needs_no_network(tmp_path: Path) 
     assert len(pages) >= len(PAGES) - 2  # all but README and CONTRIBUTING
     assert (tmp_path / "site" / "configs" / "worlds" / "randomised.yaml").is_file()
     assert not list((tmp_path / "site").rglob("*.py"))
+    assert (tmp_path / "site" / "search" / "search_index.js").is_file()  # in a folder no page reads the other
+    assert (
+        '<a class="figure" href="images/plugs.svg"' in (tmp_path / "site" / "which-servos.html").read_text()
+    )
     loaded = r"<(?:script|img|iframe)[^>]+src=[\"']?https?://|<link[^>]+rel=[\"']?stylesheet[^>]+https?://"
     for page in pages:
         assert not re.search(loaded, page.read_text(encoding="utf-8")), page.name
@@ -106,11 +110,19 @@ def find_spec_of(name: str) -> bool:
         return False
 
 
-def test_the_figures_are_what_their_script_makes(tmp_path: Path) -> None:
-    script = DOCS / "make_gait_figures.py"
-    subprocess.run([sys.executable, str(script), str(tmp_path)], cwd=ROOT, check=True, timeout=120)
+#: Scripts of figures, and what each makes.
+FIGURES = {
+    "make_gait_figures.py": ["foot.svg", "frames.svg", "gaits.svg", "leg.svg"],
+    "make_plug_figure.py": ["plugs.svg"],
+    "make_wiring_figures.py": ["wiring-bus.svg", "wiring-pca9685.svg", "wiring-servo2040.svg"],
+}
+
+
+@pytest.mark.parametrize("script", FIGURES)
+def test_the_figures_are_what_their_script_makes(tmp_path: Path, script: str) -> None:
+    subprocess.run([sys.executable, str(DOCS / script), str(tmp_path)], cwd=ROOT, check=True, timeout=120)
     made = sorted(path.name for path in tmp_path.iterdir())
-    assert made == ["foot.svg", "frames.svg", "gaits.svg", "leg.svg"]
+    assert made == FIGURES[script]
     for name in made:
         drawn = (tmp_path / name).read_text(encoding="utf-8")
         kept = (DOCS / "images" / name).read_text(encoding="utf-8")
