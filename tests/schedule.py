@@ -69,6 +69,7 @@ REALTIME = (
     "tests/see/test_latency_trial.py::test_ctrl_c",
     "tests/see/test_latency_trial.py::test_a_robot",
     "tests/cli/see/test_look.py",
+    "tests/cli/see/test_look_unattended.py",
     "tests/cli/see/test_twin.py",
 )
 
@@ -108,6 +109,7 @@ SLOW = (
     "tests/cli/test_run.py::test_runs_that_begin_together_all_have_a_recording",
     "tests/cli/test_run.py::test_the_same_seed_gives_the_same_walk",
     "tests/cli/test_study.py",
+    "tests/cli/see/test_look_unattended.py",
     "tests/control/test_batch.py::test_a_batch_equals_its_single_trials[loaded",
     "tests/control/test_batch.py::test_a_batch_equals_its_single_trials[rough",
     "tests/control/test_controllers_seam.py::test_a_controller_that_looks_at_the_state_walks_the_same_alone_and_in_a"

@@ -96,6 +96,7 @@ _Tag = Annotated[int, Field(ge=TAG_IDS[0], le=TAG_IDS[-1])]
 _EdgeMm = Annotated[Number, Field(ge=5, le=2000)]
 _Metres = Annotated[Number, Field(ge=-100, le=100)]
 _Degrees = Annotated[Number, Field(ge=-360, le=360)]
+_Pixels = Annotated[int, Field(ge=16, le=20000)]
 
 
 class _Strict(BaseModel):
@@ -119,8 +120,8 @@ class _RobotTagFile(_Strict):
 
 
 class _AssumedLensFile(_Strict):
-    width_px: Annotated[int, Field(ge=16, le=20000)]
-    height_px: Annotated[int, Field(ge=16, le=20000)]
+    width_px: _Pixels
+    height_px: _Pixels
     fov_deg: Annotated[Number, Field(ge=10, le=150)]
 
 
@@ -128,6 +129,8 @@ class _CameraFile(_Strict):
     position_m: Annotated[list[_Metres], Field(min_length=3, max_length=3)]
     #: w, x, y, z, from the camera's frame to the floor's.
     orientation: Annotated[list[Annotated[Number, Field(ge=-1, le=1)]], Field(min_length=4, max_length=4)]
+    #: Width and height of its pictures; those of the calibration unless given.
+    picture_px: Annotated[list[_Pixels], Field(min_length=2, max_length=2)] | None = None
 
 
 class _PlaceFile(_Strict):
@@ -181,13 +184,7 @@ def save_place(place: Place, path: str | Path) -> None:
             "id": tag.tag_id, "edge_mm": _rounded(1000 * tag.edge_m / scale), **_pose(tag.mount),
             "height_m": tag.height_m,
         },
-        "camera": {
-            "position_m": [_rounded(value) for value in place.camera.position_floor],
-            "orientation": [
-                _rounded(value)
-                for value in Rotation.from_matrix(place.camera.rotation).as_quat(scalar_first=True)
-            ],
-        },
+        "camera": _camera(place.camera),
     }  # fmt: skip
     if place.latency_s is not None:
         content["latency_s"] = place.latency_s
@@ -203,8 +200,30 @@ def store_latency(path: Path, latency_s: float) -> None:
     A file in braces is written again as a whole, without its comments. Raises InputError for a file that
     cannot be read or written.
     """
-    wanted = {**read_mapping(path), "latency_s": latency_s}
-    text = _with_latency(path.read_text(encoding="utf-8"), latency_s)
+    _store(path, "latency_s", latency_s)
+
+
+def store_camera(path: Path, camera: Camera) -> None:
+    """Write where a camera stands, and the size of its pictures, into the file of its place.
+
+    What stays, and what is raised, are as with `store_latency`.
+    """
+    _store(path, "camera", _camera(camera))
+
+
+def _camera(camera: Camera) -> dict[str, object]:
+    """A camera as the file has it, without its lens."""
+    quaternion = Rotation.from_matrix(camera.rotation).as_quat(scalar_first=True)
+    return {
+        "position_m": [_rounded(value) for value in camera.position_floor],
+        "orientation": [_rounded(value) for value in quaternion],
+        "picture_px": [camera.lens.width_px, camera.lens.height_px],
+    }
+
+
+def _store(path: Path, key: str, value: object) -> None:
+    wanted = {**read_mapping(path), key: value}
+    text = _with_value(path.read_text(encoding="utf-8"), key, value)
     try:
         with replacing(path) as draft:
             draft.write_text(text, encoding="utf-8")
@@ -214,15 +233,15 @@ def store_latency(path: Path, latency_s: float) -> None:
         raise _not_written(path, error) from error
 
 
-def _with_latency(text: str, latency_s: float) -> str:
-    """Text of a file with another latency, on its own line, whose comment stays; else on a new last line."""
-    line = f"latency_s: {latency_s}"
-    changed, count = _LATENCY.subn(lambda found: f"{line}{found[1]}", text)
-    return changed if count else f"{text.rstrip()}\n{line}\n"
-
-
-#: The line of the latency; what is kept of it is its comment.
-_LATENCY = re.compile(r"^latency_s[ \t]*:[^#\n]*?([ \t]*(?:#.*)?)$", re.MULTILINE)
+def _with_value(text: str, key: str, value: object) -> str:
+    """Text of a file with another value of a key in its place, with its comment; else at the end."""
+    # A mapping of one number alone would be written in braces.
+    lines = _yaml({key: value}) if isinstance(value, Mapping) else f"{key}: {value}"
+    first, *more = lines.rstrip().splitlines()
+    # Its line without the comment, which is kept, and the lines below it that are indented.
+    pattern = re.compile(rf"^{key}[ \t]*:[^#\n]*?([ \t]*(?:#.*)?)$(?:\n[ \t]+.*)*", re.MULTILINE)
+    changed, count = pattern.subn(lambda found: "\n".join([f"{first}{found[1]}", *more]), text)
+    return changed if count else "\n".join([text.rstrip(), first, *more, ""])
 
 
 def _yaml(content: dict[str, object]) -> str:
@@ -266,14 +285,22 @@ def load_place(path: str | Path) -> Place:
 
 
 def _lens(content: _PlaceFile, path: Path) -> Lens:
-    """The lens of the file that is named, or the assumed one."""
+    """The lens of the file that is named, or the assumed one, for the pictures of the camera."""
     if (content.lens is None) == (content.assumed_lens is None):
         raise InputError(f"{path}: got lens and assumed_lens, or none; allowed: one of them")
     if content.lens is not None:
-        return load_lens(path.parent / content.lens)
-    assumed = content.assumed_lens
-    assert assumed is not None  # noqa: S101  one of them is there
-    return Lens.assumed(assumed.width_px, assumed.height_px, assumed.fov_deg)
+        lens = load_lens(path.parent / content.lens)
+    else:
+        assumed = content.assumed_lens
+        assert assumed is not None  # noqa: S101  one of them is there
+        lens = Lens.assumed(assumed.width_px, assumed.height_px, assumed.fov_deg)
+    if content.camera.picture_px is None:
+        return lens
+    width_px, height_px = content.camera.picture_px
+    try:
+        return lens.scaled(width_px, height_px)
+    except InputError as error:
+        raise InputError(f"{path}: camera.picture_px: {error}") from error
 
 
 def _relative(file: Path, folder: Path) -> Path:

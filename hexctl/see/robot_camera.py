@@ -1,17 +1,21 @@
 """A camera that tells a robot where it is: its options, and the place that it learns by looking."""
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+from scipy.spatial.transform import Rotation
+
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.see.estimation.pose_filter import PoseEstimate
 from hexctl.see.options import LATENCIES_MS, CameraOptions, never
-from hexctl.see.place import Place, arena_of, load_place, print_scale, save_place
+from hexctl.see.place import Place, arena_of, load_place, print_scale, save_place, store_camera
 from hexctl.see.place_setup import PlaceSetup
 from hexctl.see.pose_stream import CameraReport, CameraStatus, PoseOutputs, PoseStream
 from hexctl.see.pose_table import PoseTable
@@ -20,7 +24,7 @@ from hexctl.see.sheet import Sheet
 from hexctl.see.video.mjpeg import MjpegServer
 from hexctl.see.video.video_source import VideoSource
 from hexctl.see.video.video_writer import VideoWriter
-from hexctl.see.vision.camera import place_camera
+from hexctl.see.vision.camera import Camera, place_camera
 from hexctl.see.vision.floor import averaged_corners
 from hexctl.see.vision.tags import Picture, Sighted, TagFinder
 
@@ -35,6 +39,10 @@ SEARCHED_EVERY = 15
 
 #: Pictures by which the camera is placed at a known floor.
 PLACING_PICTURES = 8
+
+
+#: A camera that stands this far from where its file says, or is turned by this much, is stored again.
+ELSEWHERE_M, ELSEWHERE_RAD = 0.02, math.radians(0.5)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -186,6 +194,8 @@ class RobotCamera(CameraOptions):
             placed = seen_place(place, video, finder, stop_requested)
             if changes:
                 save_place(place, self.place)
+            if placed is not None and _stands_elsewhere(placed.camera, before.camera):
+                store_camera(Path(self.place), placed.camera)
             return None if placed is None else (placed, False, changes)
         pictures = list(_searched(video, finder, LEARNING_PICTURES, stop_requested))
         if stop_requested():
@@ -219,6 +229,14 @@ def seen_place(
     if camera is None:
         camera = replace(place.camera, lens=lens)
     return replace(place, camera=camera)
+
+
+def _stands_elsewhere(camera: Camera, known: Camera) -> bool:
+    """Whether a camera shows another part of the floor than one that is known."""
+    shift_m = float(np.linalg.norm(camera.position_floor - known.position_floor))
+    turned_rad = Rotation.from_matrix(camera.rotation.T @ known.rotation).magnitude()
+    sizes = [(each.lens.width_px, each.lens.height_px) for each in (camera, known)]
+    return shift_m > ELSEWHERE_M or turned_rad > ELSEWHERE_RAD or sizes[0] != sizes[1]
 
 
 def _searched(

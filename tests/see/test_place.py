@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from hexctl.errors import InputError
-from hexctl.see.place import Place, load_place, save_place, store_latency
+from hexctl.see.place import Place, load_place, save_place, store_camera, store_latency
 from hexctl.see.vision.camera import Camera
 from hexctl.see.vision.floor import FloorTag
 from hexctl.see.vision.lens import Lens, save_lens
@@ -143,6 +143,31 @@ def test_a_file_in_braces_takes_a_latency_too(tmp_path: Path) -> None:
     found = load_place(path)
     assert found.latency_s == 0.081
     assert found.floor_tags.keys() == PLACE.floor_tags.keys()
+
+
+def test_the_camera_is_stored_as_it_stands_now_with_the_size_of_its_pictures(tmp_path: Path) -> None:
+    """Comments and all else stay; the lens is scaled from the file of its calibration."""
+    path = saved(tmp_path)
+    text = path.read_text().replace("camera:", "camera:  # by the window")
+    path.write_text(text + "# the end\n")
+    moved = replace(CAMERA, lens=WEBCAM.scaled(640, 360), position_floor=CAMERA.position_floor + 0.2)
+    store_camera(path, moved)
+    found = load_place(path)
+    assert np.allclose(found.camera.position_floor, moved.position_floor, atol=1e-5)
+    assert np.allclose(found.camera.lens.matrix, moved.lens.matrix)
+    assert (found.camera.lens.width_px, found.latency_s) == (640, 0.08)
+    assert found.floor_tags.keys() == PLACE.floor_tags.keys()
+    assert "camera:  # by the window\n" in path.read_text()
+    assert path.read_text().endswith("latency_s: 0.08\n# the end\n")
+
+
+def test_pictures_of_another_shape_than_the_lens_are_refused(tmp_path: Path) -> None:
+    path = saved(tmp_path)
+    path.write_text(path.read_text().replace("[1280, 720]", "[640, 480]"))
+    with pytest.raises(InputError, match=r"place\.yaml: camera\.picture_px: .*1280x720.*640x480"):
+        load_place(path)
+    path.write_text(path.read_text().replace("  picture_px: [640, 480]\n", ""))
+    assert load_place(path).camera.lens == WEBCAM
 
 
 def test_a_folder_that_takes_no_file_is_told(tmp_path: Path) -> None:

@@ -2,13 +2,15 @@ import csv
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
 from hexctl.errors import InputError
+from hexctl.robot.loader import load_robot
 from hexctl.robot.rotations import wrapped_rad
 from hexctl.see.estimation.pose_filter import PoseEstimate
-from hexctl.see.place import load_place, store_latency
+from hexctl.see.place import arena_of, load_place, store_latency
 from hexctl.see.pose_stream import CameraReport, CameraStatus
 from hexctl.see.robot_camera import CameraStarted, RobotCamera
 from hexctl.see.sheet import Sheet
@@ -72,6 +74,30 @@ def test_a_known_place_is_used_and_the_camera_placed_by_what_it_sees(tmp_path: P
     (x_m, y_m), radius_m = started.arena
     assert radius_m > 0.5
     assert (x_m, y_m) != (0.0, 0.0)
+
+
+def test_a_camera_with_other_pictures_is_stored_so_that_the_arena_is_what_it_sees(
+    tmp_path: Path, recorded: Path
+) -> None:
+    """The file is what `adapt --arena` reads: in smaller pictures the tag is seen less far away."""
+    robot = load_robot("ant")
+    _, large = looked(tmp_path, recorded)
+    assert arena_of(load_place(tmp_path / "place.yaml"), robot)[1] == pytest.approx(large.arena[1], abs=0.06)
+    with (
+        open_video(str(recorded / "walk.mp4")) as video,
+        VideoWriter(tmp_path / "walk.mp4", FILM_FPS) as half,
+    ):
+        for frame in video:
+            half.write(np.asarray(cv2.resize(frame.picture, (960, 540))), frame.at_s)
+    (tmp_path / "lens.yaml").write_bytes((recorded / "lens.yaml").read_bytes())
+    camera = RobotCamera(camera=tmp_path / "walk.mp4", place=tmp_path / "place.yaml", linked=False)
+    started: list[CameraStarted] = []
+    camera.run(lambda: bool(started), on_started=started.append)
+    assert not started[0].learned
+    stored = load_place(tmp_path / "place.yaml")
+    assert stored.camera.lens.width_px == 960
+    assert arena_of(stored, robot) == pytest.approx(started[0].arena)
+    assert arena_of(stored, robot)[1] < large.arena[1] - 0.1
 
 
 def test_what_contradicts_a_known_place_is_refused_and_the_file_stays(tmp_path: Path, recorded: Path) -> None:
