@@ -49,6 +49,9 @@ VELOCITY_PER_SECOND = np.array([0.3, 0.3, 1.5])
 #: once, a step of millimetres would be a leap.
 LEAST_S = 0.02
 
+#: Time over which the velocity is the mean of what odometry says.
+VELOCITY_S = 0.06
+
 #: Sightings are never believed to be better than this: a body that sways carries its tag along.
 LEAST_SIGMA = np.array([0.003, 0.003, math.radians(0.2)])
 
@@ -144,11 +147,12 @@ class PoseBelief(ArrayFields):
         step[:2, 4] = -own.imag, own.real
         if not sure:
             step[2, 5], step[2, 6] = turn_rad, distance_m
-        # The velocity is that of the step: what it was before is of no more use.
-        mean[VELOCITY] = way.real, way.imag, turned_rad
-        mean[7:9] = (facing.conjugate() * way).real, (facing.conjugate() * way).imag
-        mean[VELOCITY] /= max(took_s, LEAST_S)
-        step[VELOCITY, VELOCITY] = 0.0
+        # One step of odometry may be off by its own length, where the weight goes from feet to feet.
+        ahead_now = facing.conjugate() * way
+        now = np.array([ahead_now.real, ahead_now.imag, turned_rad]) / max(took_s, LEAST_S)
+        kept = math.exp(-took_s / VELOCITY_S)
+        mean[VELOCITY] = kept * mean[VELOCITY] + (1 - kept) * now
+        step[VELOCITY, VELOCITY] *= kept
         covariance = step @ self.covariance @ step.T
         noise = np.zeros(STATES)
         noise[POSE] = PER_METRE**2 * distance_m + PER_RAD**2 * abs(turn_rad) + PER_SECOND**2 * took_s

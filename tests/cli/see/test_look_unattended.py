@@ -37,7 +37,7 @@ TRIALS = 2
 MARGIN_M = 0.05
 
 #: Stops by a busy computer: pictures, states or commands that came too late. They are no fault of the robot.
-LATE = re.compile(r"stopped: (state|expired|pose lost)|knows no position|no longer knows where it is")
+LATE = re.compile(r"stopped: (state|expired|pose lost)|knows no position|no longer knows|lost before the walk")
 RETRIED_S = 400.0
 
 
