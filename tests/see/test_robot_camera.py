@@ -82,6 +82,7 @@ def test_a_camera_with_other_pictures_is_stored_so_that_the_arena_is_what_it_see
     """The file is what `adapt --arena` reads: in smaller pictures the tag is seen less far away."""
     robot = load_robot("ant")
     _, large = looked(tmp_path, recorded)
+    assert large.arena is not None
     assert arena_of(load_place(tmp_path / "place.yaml"), robot)[1] == pytest.approx(large.arena[1], abs=0.06)
     with (
         open_video(str(recorded / "walk.mp4")) as video,

@@ -152,7 +152,7 @@ class PoseBelief(ArrayFields):
         now = np.array([ahead_now.real, ahead_now.imag, turned_rad]) / max(took_s, LEAST_S)
         kept = math.exp(-took_s / VELOCITY_S)
         mean[VELOCITY] = kept * mean[VELOCITY] + (1 - kept) * now
-        step[VELOCITY, VELOCITY] *= kept
+        step[VELOCITY, VELOCITY] = 0.0
         covariance = step @ self.covariance @ step.T
         noise = np.zeros(STATES)
         noise[POSE] = PER_METRE**2 * distance_m + PER_RAD**2 * abs(turn_rad) + PER_SECOND**2 * took_s

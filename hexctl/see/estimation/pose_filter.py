@@ -126,7 +126,7 @@ class PoseFilter:
         if measured and yaw_rad is not None and before is not None:
             motion = np.array([motion[0], motion[1], wrapped_rad(yaw_rad - before[1])])
         own = OwnMotion(max(from_s, last_s), to_s, motion, measured)
-        with self._blended():
+        with self._blended(self._published_s):
             self._motions.append(own)
             self._seen_until(to_s)
             self._replay(bisect.bisect_right(self._times, from_s))
@@ -151,7 +151,7 @@ class PoseFilter:
         prior = self._advanced(self._fused[place - 1][1] if place else base, sighting.at_s)
         if prior.surprise(sighting) > MOST_SIGMA:
             return self._suspect(sighting)
-        with self._blended():
+        with self._blended(max(self._published_s, sighting.at_s)):
             self._fused.insert(place, (sighting, prior.after(sighting)))
             self._tip = None
             self._replay(place + 1)
@@ -291,17 +291,25 @@ class PoseFilter:
             self._motions.pop(0)
 
     @contextmanager
-    def _blended(self) -> Iterator[None]:
-        """What changes within is a correction: what is published stays, and glides there."""
+    def _blended(self, at_s: float) -> Iterator[None]:
+        """What changes within about a time is a correction: what is published stays, and glides there."""
         if self._base is None or self._published_s == -math.inf:
             yield
             return
-        before = self._at(self._published_s)
+        before = self._exactly(at_s)
         yield
-        after = self._at(max(before.at_s, self._published_s))
-        if after.at_s == before.at_s:
+        after = self._exactly(at_s)
+        if before is not None and after is not None:
             self._offset = self._offset + before.mean[POSE] - after.mean[POSE]
             self._offset[2] = wrapped_rad(self._offset[2])
+
+    def _exactly(self, at_s: float) -> PoseBelief | None:
+        """Belief at a time by what is known of it then and before; None before the first."""
+        place = bisect.bisect_right(self._times, at_s)
+        belief = self._fused[place - 1][1] if place else self._base
+        if belief is None or belief.at_s > at_s:
+            return None
+        return self._advanced(belief, at_s)
 
     def _blend(self, now_s: float) -> None:
         """Let the correction that is left become smaller until a time."""

@@ -45,6 +45,18 @@ def test_parts_of_a_motion_are_the_whole() -> None:
     assert parts.at_s == 0.2
 
 
+def test_a_step_of_odometry_that_is_off_does_not_turn_the_velocity_round() -> None:
+    """Where the weight goes from feet to feet, one step is off by its own length: it coasts on ahead."""
+    now = belief(np.zeros(STATES))
+    for tick, forward_m in enumerate([0.004] * 20 + [-0.004]):
+        now = now.moved(OwnMotion(0.02 * tick, 0.02 * (tick + 1), np.array([forward_m, 0.0, 0.0])), 0.42)
+    assert 0.05 < now.mean[7] < 0.2
+    stopped = now
+    for tick in range(21, 36):
+        stopped = stopped.moved(OwnMotion(0.02 * tick, 0.02 * (tick + 1), np.zeros(3)), 0.72)
+    assert abs(stopped.mean[7]) < 0.002
+
+
 def test_slip_is_learned() -> None:
     spread = np.diag([1e-6, 1e-6, 1e-6])
     at_first = PoseBelief.of(Sighting(0.0, PlanarPose(0, 0, 0), spread))

@@ -183,8 +183,9 @@ def test_too_old_a_sighting_is_refused() -> None:
 
 def test_what_is_published_glides_to_a_correction() -> None:
     poses = fixed()
-    poses.move(1.0, 1.48, np.array([0.1, 0.0, 0.0]))
-    poses.move(1.48, 1.5, np.zeros(3))
+    poses.move(1.0, 1.2, np.array([0.1, 0.0, 0.0]))
+    for tick in range(15):
+        poses.move(1.2 + 0.02 * tick, 1.22 + 0.02 * tick, np.zeros(3))
     shown = [poses.estimate(1.5)]
     for frame in range(30):
         poses.see(seen(1.5 + frame / 30, 0.14))
