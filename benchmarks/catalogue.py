@@ -8,6 +8,7 @@ from benchmarks.bus import bus_rows
 from benchmarks.cameras import camera_rows
 from benchmarks.check import check_rows
 from benchmarks.clock import clock_rows
+from benchmarks.flood import flood_rows
 from benchmarks.landscape import landscape_benchmarks
 from benchmarks.link import link_rows
 from benchmarks.recording import recording_rows
@@ -30,6 +31,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "clock": clock_rows,
     "view": view_rows,
     "link": link_rows,
+    "flood": flood_rows,
     "ros": ros_rows,
     "bus": bus_rows,
     "see": see_rows,

@@ -53,7 +53,7 @@ def _round_trips_us(times: int) -> tuple[FloatArray, FloatArray]:
     """Return round trips through a served mock robot and through a bare echo, each (times,) in us."""
     robot, echo = free_port(), free_port()
     with ExitStack() as stack:
-        stack.enter_context(_robot(robot, "mock"))
+        stack.enter_context(served(robot, "mock"))
         stack.enter_context(_process([sys.executable, "-m", "benchmarks.echo", str(echo)], "ready"))
         states = StateArrivals()
         link = Link(endpoint=f"tcp/127.0.0.1:{robot}")
@@ -148,7 +148,7 @@ def _walk_rows(duration_s: float) -> Iterator[Row]:
     """Walk on a simulated robot at the other end of the link; count ticks, and commands that got lost."""
     port = free_port()
     link = Link(endpoint=f"tcp/127.0.0.1:{port}")
-    with _robot(port, "sim"):
+    with served(port, "sim"):
         plan = TrialPlan(gait=make_gait(ant(), "tripod"), duration_s=duration_s)
         log = TickLog()
         with realtime(), Guard(ZenohServos(ant(), link=link)) as servos:
@@ -178,7 +178,8 @@ def realtime() -> Iterator[None]:
 
 
 @contextmanager
-def _robot(port: int, backend: str) -> Iterator[None]:
+def served(port: int, backend: str) -> Iterator[None]:
+    """Serve a robot in a process of its own until the block ends."""
     command = [sys.executable, "-u", "-m", "hexctl", "serve", "--backend", backend]
     with _process([*command, "--listen", f"tcp/127.0.0.1:{port}"], "serving"):
         yield

@@ -16,6 +16,7 @@ class Scale:
         ticks: control ticks per round of the tick benchmark.
         clock_s: how long the wall clock is watched.
         link_s: how long round trips over the link are measured.
+        flood_s: how long commands are counted beside a flood of foreign ones.
         twin_s: how long a robot at the other end of the link walks.
         bus_s: how long each of the robots on a bus walks.
         starts: how often a process is started.
@@ -33,6 +34,7 @@ class Scale:
     ticks: int
     clock_s: float
     link_s: float
+    flood_s: float
     twin_s: float
     bus_s: float
     starts: int
@@ -51,6 +53,7 @@ FULL = Scale(
     ticks=5000,
     clock_s=60.0,
     link_s=60.0,
+    flood_s=10.0,
     twin_s=600.0,
     bus_s=600.0,
     starts=7,
@@ -70,6 +73,7 @@ QUICK = Scale(
     ticks=500,
     clock_s=1.0,
     link_s=1.0,
+    flood_s=1.0,
     twin_s=3.0,
     bus_s=2.0,
     starts=2,

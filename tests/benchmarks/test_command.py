@@ -21,6 +21,7 @@ TINY = Scale(
     ticks=20,
     clock_s=0.2,
     link_s=0.5,
+    flood_s=0.5,
     twin_s=2.0,
     bus_s=1.0,
     starts=1,

@@ -21,11 +21,13 @@ from hexctl.serve.stops.estop import ReadyStop, StopResult, estop
 from hexctl.serve.stops.stop import HOLD_S
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import KeyMap, Link, Role
+from hexctl.wire.messages import LEASE_ID_BYTES, CommandTag, encode_positions
 from hexctl.wire.session import open_session
 from hexctl.wire.stop_datagram import DATAGRAM_BYTES, mark_of
 from hexctl.wire.stop_secret import find_stop_secret
 from tests.serve.processes import Served, controlling, served, wait_until
-from tests.serve.test_link_faults import wait_for_motion
+from tests.serve.swaying import HELD_UP
+from tests.serve.test_link_faults import ATTEMPTS, wait_for_motion
 
 KEYS = KeyMap.of("ant")
 
@@ -217,6 +219,50 @@ def test_a_robot_is_stopped_a_hundred_times_of_a_hundred_although_it_is_attacked
     assert len(stops.motions_s) == times
     assert max(stops.motions_s) <= RESTS_S
     assert all(one.at_rest for one in stops.results)
+
+
+#: Commands under a wrong lease: so many at a time, so often, and until so many have been read.
+BURST, BURSTS_S, ENOUGH = 10, 0.002, 10_000
+
+
+@contextmanager
+def foreign_commands(session: Any) -> Iterator[None]:
+    """Thousands of well-formed commands a second under a lease that nobody has."""
+    payload = encode_positions(np.zeros(18))
+    tag = CommandTag(
+        sequence=1 << 40,
+        stamp_ns=time.monotonic_ns(),
+        time_to_live_ms=200,
+        lease_id=bytes(LEASE_ID_BYTES),
+        lease_sequence=1,
+    ).packed()
+
+    def send() -> None:
+        for _ in range(BURST):
+            session.put(KEYS.command, payload, attachment=tag)
+
+    with repeated(send, BURSTS_S):
+        yield
+
+
+def test_commands_get_through_a_flood_of_foreign_ones(tmp_path: Path) -> None:
+    for attempt in range(ATTEMPTS):
+        (place := tmp_path / str(attempt)).mkdir()
+        with served(place) as robot, controlling(place, robot.endpoint) as controller:
+            controller.wait_for("moving")
+            with (
+                open_session(Link(endpoint=robot.endpoint), Role.CONTROLLER, KEYS) as session,
+                foreign_commands(session),
+            ):
+                wait_until(lambda: robot.status()["commands"]["stale_owner"] > ENOUGH, "the flood")
+                status = robot.status()
+        if status["stopped"] is None or HELD_UP not in controller.said():
+            break
+    assert status["stopped"] is None
+    assert status["controller"] is not None
+    assert (
+        status["commands"]["lost"] + status["commands"]["overflowed"] <= status["commands"]["accepted"] / 10
+    )
 
 
 class StubbornClient:
