@@ -20,10 +20,10 @@ from hexctl.backends.sim.world import load_world
 from hexctl.control.assessment.score import progress_floor_m
 from hexctl.palette import LINE_COLOR, hex_color
 from hexctl.robot.loader import load_robot
-from hexctl.study.cache import LandscapeCache
-from hexctl.study.drawing import label_axes, new_figure
-from hexctl.study.evaluate import Silent, fill, simulate_here
-from hexctl.study.landscape import Landscape, LandscapeSpec
+from hexctl.study.landscapes.cache import LandscapeCache
+from hexctl.study.landscapes.evaluate import Silent, fill, simulate_here
+from hexctl.study.landscapes.landscape import Landscape, LandscapeSpec
+from hexctl.study.reports.drawing import label_axes, new_figure
 from hexctl.study.transfer.searches import walk_of
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from faults.backend import BACKENDS
 from faults.fault import FAULTS
 from faults.measurement import REST_S, Outcome
 from faults.table import MOVING
-from hexctl.study.drawing import DPI
+from hexctl.study.reports.drawing import DPI
 
 #: Colours by backend, readable on white and on dark, and by colour-blind people (Okabe and Ito).
 COLORS = ("#999999", "#0072B2", "#56B4E9", "#009E73", "#D55E00", "#CC79A7", "#B8860B", "#8C564B")

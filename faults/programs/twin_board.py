@@ -19,11 +19,11 @@ from faults.programs.truth import TOLD
 from faults.programs.twin import TwinServos
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.mavlink.transport import open_port, parse_port
-from hexctl.robot.bus_map import bus_map_of
-from hexctl.robot.drivers import BUS_DRIVERS
 from hexctl.robot.loader import load_robot_file
-from hexctl.robot.pwm_map import pwm_map_of
-from hexctl.robot.servo_models import DEFAULT_BAUDS
+from hexctl.robot.servos.bus_map import bus_map_of
+from hexctl.robot.servos.drivers import BUS_DRIVERS
+from hexctl.robot.servos.pwm_map import pwm_map_of
+from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
 from hexctl.serve.boards.bus_board import BusBoard
 from hexctl.serve.boards.bus_faults import parse_bus_fault
 from hexctl.serve.boards.lx16a_servos import Lx16aServo

@@ -11,7 +11,7 @@ from hexctl.errors import CommandRefusedError, InputError, RobotFaultError, chec
 from hexctl.robot.failure import Failure, Failures, each_failure, failure_text, untold_note
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
-from hexctl.robot.raw_map import RawMap
+from hexctl.robot.servos.raw_map import RawMap
 from hexctl.types import N_JOINTS, FloatArray, JointTargets, RobotState, all_finite
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from hexctl.backends.clock import Clock, CountedClock, WallClock
 from hexctl.backends.port_thread import PortThread, ReopenedCount, reason_of
 from hexctl.errors import RobotFaultError
 from hexctl.robot.model import Robot
-from hexctl.robot.raw_map import RawMap
+from hexctl.robot.servos.raw_map import RawMap
 from hexctl.types import FloatArray, JointTargets, RobotState
 
 if TYPE_CHECKING:

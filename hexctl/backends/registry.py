@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Any, Self
 from hexctl.backends.base import LegServos
 from hexctl.errors import InputError, MissingExtraError, argument
 from hexctl.names import nearest
-from hexctl.robot.bus_map import bus_map_of
-from hexctl.robot.drivers import BUS_DRIVERS
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_event import FailureEvent
 from hexctl.robot.loader import RobotFile
 from hexctl.robot.model import Robot
 from hexctl.robot.plugins import load_named
-from hexctl.robot.pwm_map import pwm_map_of
 from hexctl.robot.schema import ServosSection
-from hexctl.robot.servo_map import ServoMap, default_servo_map
+from hexctl.robot.servos.bus_map import bus_map_of
+from hexctl.robot.servos.drivers import BUS_DRIVERS
+from hexctl.robot.servos.pwm_map import pwm_map_of
+from hexctl.robot.servos.servo_map import ServoMap, default_servo_map
 
 if TYPE_CHECKING:
     from hexctl.backends.sim.world import World

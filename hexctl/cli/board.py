@@ -15,7 +15,7 @@ from hexctl.cli.options import (
     WorldOption,
 )
 from hexctl.cli.values import Range, choice, given, number
-from hexctl.robot.drivers import Driver
+from hexctl.robot.servos.drivers import Driver
 
 if TYPE_CHECKING:
     from hexctl.serve.boards.service import BusBoardService

@@ -7,6 +7,9 @@ import sys
 
 from hexctl.cli.interrupts import INTERRUPTED, defer_in_imports, forget_deferred, raise_deferred
 
+#: Modules of which something may still run when a command is over.
+MAY_HANG = ("record.rrd", "study.landscapes.evaluate")
+
 
 def main() -> None:
     """Load the command line, run it, and exit with its code."""
@@ -30,7 +33,9 @@ def main() -> None:
         sys.stderr.write(f"hexctl: {interrupted}\n")
         code = INTERRUPTED
     forget_deferred()
-    rrd, evaluate = (sys.modules.get(f"hexctl.{name}") for name in ("record.rrd", "study.evaluate"))
+    rrd, evaluate = (
+        sys.modules.get(f"hexctl.{name}") for name in ("record.rrd", "study.landscapes.evaluate")
+    )
     if (rrd is not None and rrd.stuck()) or (code and evaluate is not None and evaluate.simulating()):
         # Python would wait for Rerun, and Rerun for a disk that takes nothing more; or for walks that nothing
         # stops, and crash where another Ctrl-C cuts that short.

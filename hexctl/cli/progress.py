@@ -14,8 +14,8 @@ from hexctl.cli.console import INTERRUPTED, make_bar, print_above, print_note, s
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-    from hexctl.study.cache import LandscapeCache
-    from hexctl.study.landscape import Landscape
+    from hexctl.study.landscapes.cache import LandscapeCache
+    from hexctl.study.landscapes.landscape import Landscape
 
 
 @contextmanager
@@ -38,7 +38,7 @@ def interruptible(
     try:
         yield
     except KeyboardInterrupt:
-        from hexctl.study.cache import LandscapeCache
+        from hexctl.study.landscapes.cache import LandscapeCache
 
         cache = LandscapeCache()
         saved, total = count(cache)

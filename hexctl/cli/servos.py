@@ -11,13 +11,13 @@ import typer
 from hexctl.cli.board import BAUD
 from hexctl.cli.options import JsonOption
 from hexctl.cli.values import Range, choice
-from hexctl.robot.drivers import BUS_DRIVERS, PWM_DRIVERS, BusDriver
+from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS, BusDriver
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from hexctl.backends.serial_ports import SerialPort
-    from hexctl.robot.bus_map import BusMap
+    from hexctl.robot.servos.bus_map import BusMap
 
 #: How long the cable of an adapter may take to be pulled.
 FIND_TIMEOUT_S = 60.0
@@ -345,7 +345,7 @@ def _untold_model(driver: str, robot: str | None, model: str | None) -> str | No
     from hexctl.cli.console import print_note
     from hexctl.errors import InputError
     from hexctl.robot.loader import load_robot_file
-    from hexctl.robot.servo_models import DEFAULT_MODELS
+    from hexctl.robot.servos.servo_models import DEFAULT_MODELS
 
     if driver != "lx16a":
         if model is not None:
@@ -361,8 +361,8 @@ def _untold_model(driver: str, robot: str | None, model: str | None) -> str | No
 
 def _map_of(robot: str, driver: str) -> "BusMap":
     """Bus map of a robot file."""
-    from hexctl.robot.bus_map import bus_map_of
     from hexctl.robot.loader import load_robot_file
+    from hexctl.robot.servos.bus_map import bus_map_of
 
     return bus_map_of(load_robot_file(robot).content.servos, driver)
 

@@ -32,8 +32,8 @@ from hexctl.errors import InputError
 
 if TYPE_CHECKING:
     from hexctl.backends.sim.world import DomainRandomization
-    from hexctl.study.matrix import MatrixResult
     from hexctl.study.study import HoldResult, RecoveryResult, StudyResult, TransferResult
+    from hexctl.study.verdicts.matrix import MatrixResult
 
 RUN_COUNT = Range(low=1, high=999, whole=True)
 BUDGET = Range(low=1, high=10_000, whole=True)
@@ -350,7 +350,15 @@ def _matrix(
     """Run the matrix of verdicts; returns the result and its table as lines."""
     from hexctl.backends.sim.world import load_world
     from hexctl.robot.loader import load_robot
-    from hexctl.study.matrix import FAILURES, ROBOTS, TIME_STEPS_S, WORLDS, MatrixPlan, cells_of, run_matrix
+    from hexctl.study.verdicts.matrix import (
+        FAILURES,
+        ROBOTS,
+        TIME_STEPS_S,
+        WORLDS,
+        MatrixPlan,
+        cells_of,
+        run_matrix,
+    )
 
     def several(name: str, default: Sequence[str]) -> tuple[str, ...]:
         return listed(settings[name]) if name in settings else tuple(default)

@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 
 from hexctl.errors import InputError
-from hexctl.robot.bus_map import bus_map_of
 from hexctl.robot.configs import find_config, read_mapping, validate
-from hexctl.robot.drivers import BUS_DRIVERS
 from hexctl.robot.meshes import Meshes, read_meshes
 from hexctl.robot.model import Body, GaitDefaults, Robot, ServoModel, stance_angles
-from hexctl.robot.pwm_map import pwm_map_of
-from hexctl.robot.raw_map import RawMap
 from hexctl.robot.schema import JointSection, LinkSection, MountSection, RobotSchema
-from hexctl.robot.servo_map import ServoMap, servo_map_of
+from hexctl.robot.servos.bus_map import bus_map_of
+from hexctl.robot.servos.drivers import BUS_DRIVERS
+from hexctl.robot.servos.pwm_map import pwm_map_of
+from hexctl.robot.servos.raw_map import RawMap
+from hexctl.robot.servos.servo_map import ServoMap, servo_map_of
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS, FloatArray
 
 

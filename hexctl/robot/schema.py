@@ -13,7 +13,7 @@ from pydantic import (
 )
 
 from hexctl.robot.configs import Number
-from hexctl.robot.drivers import Driver
+from hexctl.robot.servos.drivers import Driver
 from hexctl.types import N_JOINTS, N_LEGS
 
 Length = Annotated[Number, Field(gt=0, le=10, allow_inf_nan=False)]

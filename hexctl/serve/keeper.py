@@ -26,8 +26,8 @@ from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.control.controllers import SITTING_S, sitting_angles_rad
 from hexctl.control.guard import MAX_EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, HexctlError
-from hexctl.robot.drivers import BUS_DRIVERS
 from hexctl.robot.loader import load_robot_file
+from hexctl.robot.servos.drivers import BUS_DRIVERS
 from hexctl.types import JOINT_NAMES, FloatArray, JointTargets, RobotState
 
 #: Backends that it can reach after the server: they tell whether their servos hold.

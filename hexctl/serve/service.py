@@ -12,9 +12,9 @@ from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.port_servos import PortServos
 from hexctl.backends.registry import BackendOptions, check_options, make_servos
 from hexctl.errors import InputError, argument, check_type
-from hexctl.robot.drivers import BUS_DRIVERS, PWM_DRIVERS
 from hexctl.robot.failure import Failure, failure_text
 from hexctl.robot.loader import load_robot_file
+from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
 from hexctl.serve.ros.options import RosOptions
 from hexctl.serve.server import RobotServer
 from hexctl.serve.stops.stop_file import StopFile

@@ -9,8 +9,8 @@ from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.control.result import STATUSES, TrialResult
 from hexctl.files import atomic_write
 from hexctl.gait.gait import make_gait
-from hexctl.study.cache import CacheError, LandscapeCache
-from hexctl.study.landscape import LandscapeSpec
+from hexctl.study.landscapes.cache import CacheError, LandscapeCache
+from hexctl.study.landscapes.landscape import LandscapeSpec
 from hexctl.study.plan import StudyPlan
 
 #: Gaits of a robot that knows of no failure: its default one, and the tripod.

@@ -13,9 +13,9 @@ from hexctl.control.turning import check_plan
 from hexctl.errors import InputError, LimitError, ReachError, argument, check_type
 from hexctl.robot.failure import FAILURE_FORMS, UNKNOWN, parse_failure
 from hexctl.robot.model import Robot
-from hexctl.study.experiments import experiments_of
-from hexctl.study.landscape import N_CODES, LandscapeSpec
-from hexctl.study.worlds import MAX_WORLDS, nearby_worlds
+from hexctl.study.landscapes.landscape import N_CODES, LandscapeSpec
+from hexctl.study.verdicts.experiments import experiments_of
+from hexctl.study.verdicts.worlds import MAX_WORLDS, nearby_worlds
 from hexctl.types import N_LEGS
 
 #: The five of the paper.

@@ -20,11 +20,11 @@ from hexctl.errors import EStopError, InputError, SimulationDivergedError, argum
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import UNKNOWN, parse_failure
 from hexctl.robot.model import Robot
-from hexctl.study.cache import LandscapeCache
-from hexctl.study.evaluate import Progress, Silent, check_jobs, evaluate
-from hexctl.study.landscape import Landscape, LandscapeSpec
+from hexctl.study.landscapes.cache import LandscapeCache
+from hexctl.study.landscapes.evaluate import Progress, Silent, check_jobs, evaluate
+from hexctl.study.landscapes.landscape import Landscape, LandscapeSpec
+from hexctl.study.landscapes.versions import code_versions
 from hexctl.study.plan import check_robot, check_walks
-from hexctl.study.versions import code_versions
 from hexctl.types import N_JOINTS, N_LEGS, FloatArray
 
 #: Each leg has its own block of worlds, so that six legs see six times as many; each block is evenly spread.

@@ -15,9 +15,9 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World
 from hexctl.errors import InputError
 from hexctl.study.default_gaits import DefaultWalk
-from hexctl.study.experiments import landscape_by_symmetry
-from hexctl.study.landscape import Landscape
+from hexctl.study.landscapes.landscape import Landscape
 from hexctl.study.plan import HEURISTICS, WITHOUT, StudyPlan
+from hexctl.study.verdicts.experiments import landscape_by_symmetry
 from hexctl.types import ArrayFields, FloatArray
 
 

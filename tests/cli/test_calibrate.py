@@ -21,7 +21,7 @@ import pytest
 from hexctl.cli.main import exit_code
 from hexctl.robot.configs import config_root
 from hexctl.robot.loader import load_servo_map
-from hexctl.robot.servo_map import ServoMap
+from hexctl.robot.servos.servo_map import ServoMap
 from hexctl.types import JOINT_NAMES, FloatArray
 from tests.backends.mavlink.boards import PATIENCE_S, BoardProcess, board, fitting_file
 from tests.backends.mavlink.clients import Client

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from hexctl.cli.main import exit_code
-from hexctl.robot.bus_map import bus_map_of
 from hexctl.robot.loader import load_robot_file
+from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.types import JOINT_NAMES
 from tests.backends.bus.boards import a_map, bus_board
 from tests.robots import edited_file, put

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from hexctl.cli.main import exit_code
-from hexctl.study.cache import LandscapeCache
-from hexctl.study.evaluate import fill, simulate_here
+from hexctl.study.landscapes.cache import LandscapeCache
+from hexctl.study.landscapes.evaluate import fill, simulate_here
 from hexctl.waiting import wait_for
-from tests.study.landscapes import same, spec
+from tests.study.made_up import same, spec
 from tests.study.watching import Remembering
 
 TINY = [

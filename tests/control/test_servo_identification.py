@@ -10,8 +10,8 @@ from hexctl.backends.mock import MockServos
 from hexctl.control.calibration import EndedError
 from hexctl.control.servo_identification import Identification, identify_servos, joint_named
 from hexctl.errors import InputError
-from hexctl.robot.bus_map import bus_map_of
 from hexctl.robot.schema import ServosSection
+from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.types import JOINT_NAMES, JointTargets
 from tests.backends.bus.boards import a_map, bus_board
 from tests.robots import shipped

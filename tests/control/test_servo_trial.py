@@ -11,7 +11,7 @@ from hexctl.backends.bus.single_servo import SingleServo
 from hexctl.backends.mock import MockServos
 from hexctl.control.servo_trial import TEST_DEG, held, try_servo, wiggle
 from hexctl.errors import RobotFaultError
-from hexctl.robot.servo_models import DEFAULT_BAUDS
+from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
 from hexctl.serve.boards.bus_board import BusBoard
 from hexctl.serve.boards.bus_servos import BusServo
 from hexctl.types import JointTargets

@@ -15,10 +15,10 @@ from hexctl.backends.sim.world import DomainRandomization, World
 from hexctl.cli.main import exit_code
 from hexctl.control.drive.velocity_limits import VelocityLimits
 from hexctl.gait.gait import make_gait
-from hexctl.robot.bus_map import bus_map_of
 from hexctl.robot.loader import load_meshes, load_robot, load_robot_file
-from hexctl.robot.pwm_map import pwm_map_of
 from hexctl.robot.schema import MountSection, RobotSchema
+from hexctl.robot.servos.bus_map import bus_map_of
+from hexctl.robot.servos.pwm_map import pwm_map_of
 from hexctl.serve.ros.driver import GAIT
 from hexctl.types import JOINT_NAMES
 from hexctl.wire.certificates import make_certificates

@@ -11,8 +11,8 @@ from hexctl.backends.bus.scan import scan_bus
 from hexctl.backends.mock import MockServos
 from hexctl.backends.pwm.i2c_socket import I2cSocket
 from hexctl.control.controllers import sitting_angles_rad
-from hexctl.robot.bus_map import bus_map_of
 from hexctl.robot.loader import load_robot_file
+from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.serve.boards.bus_servos import BusServo
 from hexctl.serve.keeper import KeeperSpec, take_over, wait_for_the_end
 from hexctl.types import JOINT_NAMES, FloatArray, JointTargets

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hexctl.backends.bus.registers import table_of
+from hexctl.backends.bus.register.registers import table_of
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
 from hexctl.serve.boards.bus_servos import BusServo

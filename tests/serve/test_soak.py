@@ -16,8 +16,8 @@ from hexctl.backends.mock import MockServos
 from hexctl.backends.zenoh.client import ZenohServos, ask
 from hexctl.control.guard import Guard
 from hexctl.errors import HexctlError
-from hexctl.robot.bus_map import bus_map_of
 from hexctl.robot.loader import load_robot_file
+from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.types import FloatArray, JointTargets
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.session import open_session

@@ -9,13 +9,13 @@ import pytest
 
 from hexctl.control.batch import run_sim_trial
 from hexctl.study import default_gaits
-from hexctl.study.cache import CacheError, LandscapeCache
 from hexctl.study.default_gaits import DefaultWalk, default_trial, walk_default_gaits
-from hexctl.study.evidence import cm
-from hexctl.study.figures import convergence_figure
+from hexctl.study.landscapes.cache import CacheError, LandscapeCache
 from hexctl.study.plan import StudyPlan
+from hexctl.study.reports.figures import convergence_figure
+from hexctl.study.verdicts.evidence import cm
 from tests.robots import shipped
-from tests.study.landscapes import made_up_findings, reported, spread_out, summarised
+from tests.study.made_up import made_up_findings, reported, spread_out, summarised
 from tests.trials import gait_of
 
 PLAN = StudyPlan(robot=shipped(), legs=(2, 5), failure="limp", duration_s=0.2)

@@ -14,7 +14,14 @@ from hexctl.backends.sim.world import DomainRandomization, Kind, load_randomizat
 from hexctl.control.assessment.static_stability import STAND_UP, in_posture
 from hexctl.errors import InputError
 from hexctl.robot.failure import BROKEN_KINDS, Failure, drawn_failure
-from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec, Rows, empty_landscape, with_rows
+from hexctl.study.landscapes.landscape import (
+    NUMBERS,
+    Landscape,
+    LandscapeSpec,
+    Rows,
+    empty_landscape,
+    with_rows,
+)
 from hexctl.study.prior import (
     TIME_STEP_S,
     WORLDS_PER_LEG,
@@ -30,7 +37,7 @@ from hexctl.study.transfer.searches import walk_of
 from hexctl.types import FloatArray
 from tests.adapt.priors import key_of, plan_of
 from tests.robots import shipped
-from tests.study.landscapes import made_up_in
+from tests.study.made_up import made_up_in
 
 
 @cache

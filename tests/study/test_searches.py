@@ -8,10 +8,10 @@ from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.registry import make_optimizer
 from hexctl.adapt.optimizers.shipped import OPTIMIZERS
 from hexctl.errors import InputError
-from hexctl.study.landscape import Landscape, empty_landscape
+from hexctl.study.landscapes.landscape import Landscape, empty_landscape
 from hexctl.study.searches import codes_until_stuck, curve_of, search_landscape
 from hexctl.types import FloatArray
-from tests.study.landscapes import made_up, made_up_findings, spec, spread_out
+from tests.study.made_up import made_up, made_up_findings, spec, spread_out
 
 SEEDS = (5000, 5001, 5002, 5003)
 INVALID = range(1, 100, 2)

@@ -8,7 +8,7 @@ import pytest
 from hexctl.backends.sim.world import World
 from hexctl.control.assessment.uncertainty_store import SimulationUncertainty, keep_uncertainty
 from hexctl.errors import InputError
-from hexctl.study.cache import LandscapeCache
+from hexctl.study.landscapes.cache import LandscapeCache
 from hexctl.study.plan import StudyPlan
 from hexctl.study.study import run_study, run_transfer
 from tests.robots import shipped

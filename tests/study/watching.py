@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator, Sequence
 
-from hexctl.study.evaluate import Chunk, ChunkDone, Silent, simulate_chunk
-from hexctl.study.landscape import Landscape
+from hexctl.study.landscapes.evaluate import Chunk, ChunkDone, Silent, simulate_chunk
+from hexctl.study.landscapes.landscape import Landscape
 
 
 class Remembering(Silent):

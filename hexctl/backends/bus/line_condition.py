@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hexctl.robot.bus_map import BusMap
+from hexctl.robot.servos.bus_map import BusMap
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, ServoReadings
 
 #: Questions over which shares are taken, and bad answers among them with which a share is no accident.

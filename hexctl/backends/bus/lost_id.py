@@ -9,8 +9,8 @@ from hexctl.backends.bus.scan import find_servo, give_id, opened_line
 from hexctl.backends.bus.servo_bus import ServoBus
 from hexctl.backends.bus.single_servo import FoundServo
 from hexctl.errors import RobotFaultError
-from hexctl.robot.bus_map import BusMap
 from hexctl.robot.model import Robot
+from hexctl.robot.servos.bus_map import BusMap
 from hexctl.types import N_JOINTS, BoolArray
 
 #: Id that servos have from the factory.

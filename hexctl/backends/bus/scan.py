@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import count
 
-from hexctl.backends.bus import lx16a_packets as lx
+from hexctl.backends.bus.lx16a import packets as lx
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import BROADCAST
 from hexctl.backends.bus.serial_line import SerialLine
@@ -19,7 +19,7 @@ from hexctl.backends.bus.single_servo import (
     single_servo,
 )
 from hexctl.errors import InputError, RobotFaultError, argument
-from hexctl.robot.servo_models import SERVO_TYPES
+from hexctl.robot.servos.servo_models import SERVO_TYPES
 
 #: Ids that a servo can have.
 IDS = tuple(range(253))

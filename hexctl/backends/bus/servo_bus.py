@@ -8,9 +8,9 @@ from typing import ClassVar
 import numpy as np
 
 from hexctl.backends.bus.line_condition import AnswerShares
-from hexctl.robot.bus_map import BusMap
 from hexctl.robot.model import Robot
-from hexctl.robot.servo_models import ServoType
+from hexctl.robot.servos.bus_map import BusMap
+from hexctl.robot.servos.servo_models import ServoType
 from hexctl.types import N_JOINTS, BoolArray, FloatArray
 
 #: All joints, by index.

@@ -8,18 +8,18 @@ import numpy as np
 from hexctl.backends.bus.bus_thread import BusThread
 from hexctl.backends.bus.line_condition import LineCondition
 from hexctl.backends.bus.lost_id import lost_id_notes
-from hexctl.backends.bus.lx16a_bus import Lx16aBus
+from hexctl.backends.bus.lx16a.bus import Lx16aBus
 from hexctl.backends.bus.readings import BelievedReadings, polls
-from hexctl.backends.bus.register_bus import RegisterBus
+from hexctl.backends.bus.register.bus import RegisterBus
 from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.bus.servo_bus import BusCounters, ServoBus, needed_counts
 from hexctl.backends.bus.unexpected_ids import check_no_unexpected_ids
 from hexctl.backends.clock import Clock
 from hexctl.backends.port_servos import PortServos
 from hexctl.errors import InputError, RobotFaultError, argument
-from hexctl.robot.bus_map import BusMap
 from hexctl.robot.model import Robot
-from hexctl.robot.servo_models import DEFAULT_BAUDS, SERVO_TYPES
+from hexctl.robot.servos.bus_map import BusMap
+from hexctl.robot.servos.servo_models import DEFAULT_BAUDS, SERVO_TYPES
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState, ServoReadings
 
 MOST_BAUD = 4_500_000

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hexctl.backends.bus import lx16a_packets as lx
+from hexctl.backends.bus.lx16a import packets as lx
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import PING, PROTOCOLS, PacketFormat
-from hexctl.backends.bus.register_servo import RegisterServo
-from hexctl.backends.bus.registers import AX, STS, Register, RegisterTable, X, table_of
+from hexctl.backends.bus.register.registers import AX, STS, Register, RegisterTable, X, table_of
+from hexctl.backends.bus.register.servo import RegisterServo
+from hexctl.backends.bus.register.settings import hardware_error, renew_torque_limit, settings_of
 from hexctl.backends.bus.servo_bus import TRIES
-from hexctl.backends.bus.servo_settings import hardware_error, renew_torque_limit, settings_of
-from hexctl.robot.servo_models import SERVO_TYPES, ServoType
+from hexctl.robot.servos.servo_models import SERVO_TYPES, ServoType
 
 #: Protocols of each driver, the more likely one first.
 PROTOCOLS_OF = {"dynamixel": (2, 1), "feetech": (1,), "lx16a": (1,)}

@@ -8,7 +8,7 @@ from hexctl.backends.bus.lost_id import FACTORY_ID, adoptable
 from hexctl.backends.bus.scan import IDS, answering_ids
 from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.errors import RobotFaultError
-from hexctl.robot.bus_map import BusMap
+from hexctl.robot.servos.bus_map import BusMap
 from hexctl.types import JOINT_NAMES, BoolArray
 
 #: How far beyond the ids of the joints others are looked for: as far as all joints shifted once.

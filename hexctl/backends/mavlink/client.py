@@ -24,8 +24,8 @@ from hexctl.backends.mavlink.transport import (
 )
 from hexctl.errors import MessageError, RobotFaultError
 from hexctl.robot.model import Robot
-from hexctl.robot.raw_map import RawMap
-from hexctl.robot.servo_map import ServoMap
+from hexctl.robot.servos.raw_map import RawMap
+from hexctl.robot.servos.servo_map import ServoMap
 from hexctl.types import FloatArray, JointTargets, RobotState
 from hexctl.waiting import wait_for
 

@@ -22,7 +22,7 @@ from hexctl.backends.pwm.i2c_socket import I2cSocket
 from hexctl.backends.pwm.servos import PwmServos
 from hexctl.errors import InputError, MissingExtraError, RobotFaultError, argument
 from hexctl.robot.model import Robot
-from hexctl.robot.pwm_map import PCA9685_CHANNELS, PwmMap
+from hexctl.robot.servos.pwm_map import PCA9685_CHANNELS, PwmMap
 from hexctl.types import N_JOINTS, BoolArray, FloatArray
 
 MODE1, MODE2, CHANNELS, PRESCALE = 0x00, 0x01, 0x06, 0xFE

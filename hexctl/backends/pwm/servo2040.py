@@ -21,7 +21,7 @@ from hexctl.backends.pwm.board import BoardReport
 from hexctl.backends.pwm.servos import PwmServos
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.model import Robot
-from hexctl.robot.pwm_map import SERVO2040_US, PwmMap
+from hexctl.robot.servos.pwm_map import SERVO2040_US, PwmMap
 from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray
 
 SET, GET = 0xD3, 0xC7

@@ -11,7 +11,7 @@ from hexctl.backends.port_servos import PortServos
 from hexctl.backends.pwm.board import BoardReport, PwmBoard, PwmCounters
 from hexctl.backends.pwm.board_thread import BoardThread
 from hexctl.robot.model import Robot
-from hexctl.robot.pwm_map import PwmMap
+from hexctl.robot.servos.pwm_map import PwmMap
 from hexctl.types import RobotState
 
 #: A board that has not answered for this long is mute.

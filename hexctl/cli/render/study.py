@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from hexctl.study.evidence import Bar
     from hexctl.study.study import StudyResult
+    from hexctl.study.verdicts.evidence import Bar
 
 
 def _verdict_lines(verdicts: Iterable[tuple[str, str]]) -> list[str]:
@@ -23,8 +23,8 @@ def bar_lines(bars: Iterable["Bar"]) -> list[str]:
 
 def study_lines(result: "StudyResult") -> list[str]:
     """Claims, bars that are missed, and the time spent."""
-    from hexctl.study.bars import bar_rows
-    from hexctl.study.evidence import cm
+    from hexctl.study.verdicts.bars import bar_rows
+    from hexctl.study.verdicts.evidence import cm
 
     findings = result.findings
     lines = _verdict_lines((claim.verdict, claim.claim) for claim in result.claims)

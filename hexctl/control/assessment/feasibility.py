@@ -16,7 +16,7 @@ from hexctl.gait.gait import AUTO, Gait, Motion, ideal_speed_m_s, make_gait
 from hexctl.ik.legs import TOLERANCE_RAD, range_excess_rad, solve_legs
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.model import Robot
-from hexctl.robot.raw_map import RawMap, joints_beyond, joints_beyond_travel
+from hexctl.robot.servos.raw_map import RawMap, joints_beyond, joints_beyond_travel
 from hexctl.types import JOINT_NAMES, ArrayFields, FloatArray
 
 #: Points of one gait cycle that are evaluated.

@@ -17,7 +17,7 @@ from hexctl.control.calibration.operator import (
 from hexctl.control.guard import Guard
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.robot.model import Robot
-from hexctl.robot.raw_map import RawMap, reference_deg
+from hexctl.robot.servos.raw_map import RawMap, reference_deg
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, FloatArray
 
 #: Measurements of a joint that are averaged.

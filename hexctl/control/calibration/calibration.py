@@ -13,7 +13,7 @@ from hexctl.control.guard import MAX_EXPIRY_S, Guard
 from hexctl.errors import InputError, argument
 from hexctl.robot.configs import find_config
 from hexctl.robot.loader import RobotFile, load_robot_file
-from hexctl.robot.servos_section import check_writable
+from hexctl.robot.servos.servos_section import check_writable
 from hexctl.types import JOINT_NAMES
 
 

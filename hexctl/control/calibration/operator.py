@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
-from hexctl.robot.raw_map import RawMap
-from hexctl.robot.servos_section import back_up, write_joint
+from hexctl.robot.servos.raw_map import RawMap
+from hexctl.robot.servos.servos_section import back_up, write_joint
 from hexctl.types import JOINT_NAMES
 
 #: What a positive and a negative movement of each kind of joint look like.

@@ -6,7 +6,7 @@ import time
 import numpy as np
 
 from hexctl.backends.base import LegServos
-from hexctl.robot.bus_map import BusMap
+from hexctl.robot.servos.bus_map import BusMap
 from hexctl.serve.boards.bus_faults import FACTORY_ID, BusFault, BusFaults
 from hexctl.serve.boards.bus_servos import BusBoardCounters, RegisterServos, SimulatedServos
 from hexctl.serve.boards.lx16a_servos import Lx16aServos

@@ -12,7 +12,7 @@ import numpy as np
 
 from hexctl.backends.bus.packets import PacketFormat, PacketStream
 from hexctl.errors import InputError, argument
-from hexctl.robot.bus_map import BusMap
+from hexctl.robot.servos.bus_map import BusMap
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_JOINTS, N_LEGS, BoolArray
 
 ALLOWED = (

@@ -19,9 +19,9 @@ from hexctl.backends.bus.packets import (
     WRITE,
     PacketFormat,
 )
-from hexctl.backends.bus.registers import Register, RegisterTable, table_of
-from hexctl.robot.bus_map import BusMap
-from hexctl.robot.servo_models import ServoType
+from hexctl.backends.bus.register.registers import Register, RegisterTable, table_of
+from hexctl.robot.servos.bus_map import BusMap
+from hexctl.robot.servos.servo_models import ServoType
 from hexctl.serve.boards.bus_faults import BusFaults
 from hexctl.types import BoolArray, FloatArray
 

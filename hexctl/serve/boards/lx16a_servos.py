@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from hexctl.backends.bus import lx16a_packets as lx
+from hexctl.backends.bus.lx16a import packets as lx
 from hexctl.backends.bus.packets import BROADCAST
-from hexctl.robot.bus_map import BusMap
+from hexctl.robot.servos.bus_map import BusMap
 from hexctl.serve.boards.bus_faults import BusFaults
 from hexctl.serve.boards.bus_servos import USUAL_C, BusBoardCounters, SimulatedServo, SimulatedServos
 from hexctl.types import FloatArray

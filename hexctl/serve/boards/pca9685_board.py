@@ -10,7 +10,7 @@ import numpy as np
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.pwm.i2c_socket import I2cMessage, take_transaction
-from hexctl.robot.pwm_map import PwmMap
+from hexctl.robot.servos.pwm_map import PwmMap
 from hexctl.serve.boards.pca9685_chips import SimulatedI2c, SimulatedPca9685
 from hexctl.serve.boards.simulated_board import (
     BoardFault,

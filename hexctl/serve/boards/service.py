@@ -12,10 +12,10 @@ from hexctl.backends.base import LegServos
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.registry import make_servos
 from hexctl.errors import InputError, argument
-from hexctl.robot.bus_map import bus_map_of
-from hexctl.robot.pwm_map import pwm_map_of
 from hexctl.robot.schema import ServosSection
-from hexctl.robot.servo_models import DEFAULT_BAUDS
+from hexctl.robot.servos.bus_map import bus_map_of
+from hexctl.robot.servos.pwm_map import pwm_map_of
+from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
 from hexctl.serve.service import ServiceStarted, ServosSpec, check_between
 
 if TYPE_CHECKING:

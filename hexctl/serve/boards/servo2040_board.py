@@ -23,7 +23,7 @@ from hexctl.backends.pwm.servo2040 import (
     encoded,
 )
 from hexctl.errors import InputError
-from hexctl.robot.pwm_map import SERVO2040_US, PwmMap
+from hexctl.robot.servos.pwm_map import SERVO2040_US, PwmMap
 from hexctl.serve.boards.simulated_board import (
     BoardFault,
     DueFaults,

@@ -21,7 +21,7 @@ from hexctl.backends.mavlink.messages import (
 from hexctl.backends.mavlink.transport import Address, Arrival, MavlinkLink, Port, SequenceCount
 from hexctl.control.guard import EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, RobotFaultError
-from hexctl.robot.servo_map import ServoMap
+from hexctl.robot.servos.servo_map import ServoMap
 from hexctl.serve.boards import board_telemetry
 from hexctl.serve.boards.board_answers import answers, for_us
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, JointTargets, RobotState

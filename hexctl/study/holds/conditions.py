@@ -13,7 +13,7 @@ from hexctl.control.plan import AUTO_ROTATION, TrialPlan, suited_rotation
 from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure, parse_failure
 from hexctl.robot.model import Robot
-from hexctl.study.versions import code_versions, source_digest
+from hexctl.study.landscapes.versions import code_versions, source_digest
 
 #: What walks hold, from the least to the most.
 HOLDS = ("none", "heading", "line")

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hexctl.study.evidence import Bar, clustered_error, cm, limit_text, too_short
 from hexctl.study.holds.conditions import HOLDS, INTACT, HoldConditions
 from hexctl.study.holds.plan import HoldPlan
 from hexctl.study.holds.walks import HoldWalk
+from hexctl.study.verdicts.evidence import Bar, clustered_error, cm, limit_text, too_short
 from hexctl.types import BoolArray, FloatArray
 
 #: The family of worlds with robots as they are built, in which intact robots are judged.

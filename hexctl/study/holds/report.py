@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hexctl.files import atomic_write
-from hexctl.study.drawing import grid_of, label_axes, new_figure, save_figure
-from hexctl.study.evidence import cm, share_text
 from hexctl.study.holds.conditions import SENSORS
 from hexctl.study.holds.findings import HoldFindings, HoldStatistics, hold_bars
-from hexctl.study.page import Bullets, Picture, Section, Table, render_page
-from hexctl.study.tables import number
-from hexctl.study.versions import code_versions
+from hexctl.study.landscapes.versions import code_versions
+from hexctl.study.reports.drawing import grid_of, label_axes, new_figure, save_figure
+from hexctl.study.reports.page import Bullets, Picture, Section, Table, render_page
+from hexctl.study.reports.tables import number
+from hexctl.study.verdicts.evidence import cm, share_text
 from hexctl.types import BoolArray, FloatArray
 
 if TYPE_CHECKING:

@@ -25,10 +25,10 @@ from hexctl.backends.sim.world import DomainRandomization, load_randomization
 from hexctl.control.assessment.static_stability import stable_slots_of, usual_posture
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
-from hexctl.study.cache import FOLDER, LandscapeCache
-from hexctl.study.evaluate import evaluate
 from hexctl.study.holds.conditions import with_sensors
-from hexctl.study.landscape import Landscape, LandscapeSpec
+from hexctl.study.landscapes.cache import FOLDER, LandscapeCache
+from hexctl.study.landscapes.evaluate import evaluate
+from hexctl.study.landscapes.landscape import Landscape, LandscapeSpec
 from hexctl.types import N_LEGS, FloatArray
 
 #: The family of the worlds and its members, which nothing was built or tuned with.

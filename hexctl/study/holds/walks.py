@@ -9,12 +9,12 @@ from hexctl.control.batch import run_sim_trials
 from hexctl.control.result import STATUSES, TrialResult
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import Gait
-from hexctl.study.cache import LandscapeCache
-from hexctl.study.evaluate import Progress
 from hexctl.study.holds.conditions import HoldCase, HoldConditions
 from hexctl.study.holds.plan import HoldPlan
-from hexctl.study.walks import WalkCache
-from hexctl.study.walks import walk_all as all_walks
+from hexctl.study.landscapes.cache import LandscapeCache
+from hexctl.study.landscapes.evaluate import Progress
+from hexctl.study.landscapes.walks import WalkCache
+from hexctl.study.landscapes.walks import walk_all as all_walks
 
 #: Statuses of walks that end on their feet and have a final deviation.
 ENDED = ("ok", "no_progress")
@@ -128,5 +128,5 @@ def _walk_from(values: dict[str, Any]) -> HoldWalk:
 def walk_all(
     plan: HoldPlan, cache: HoldCache, progress: Progress, jobs: int | None = None
 ) -> list[tuple[HoldConditions, HoldWalk]]:
-    """All walks of a plan, hold by hold in each world, as `hexctl.study.walks.walk_all` has it."""
+    """All walks of a plan, hold by hold in each world, as `hexctl.study.landscapes.walks.walk_all` has it."""
     return all_walks(plan.walked(), cache, walk_cases, lambda case: case.hold, progress, jobs)

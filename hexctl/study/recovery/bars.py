@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from dataclasses import replace
 
-from hexctl.study.evidence import Bar, cm, limit_text, too_short
 from hexctl.study.recovery.findings import (
     RecoveryFindings,
     RecoveryStatistics,
@@ -13,6 +12,7 @@ from hexctl.study.recovery.findings import (
 )
 from hexctl.study.recovery.methods import TOLD
 from hexctl.study.recovery.plan import LINE, SECOND
+from hexctl.study.verdicts.evidence import Bar, cm, limit_text, too_short
 
 #: The method that is judged.
 JUDGED = "recover"

@@ -18,8 +18,8 @@ from hexctl.control.result import TrialResult
 from hexctl.gait.gait import Gait, ideal_speed_m_s, make_gait
 from hexctl.robot.failure_event import FailureEvent, parse_failure_event
 from hexctl.robot.model import Robot
+from hexctl.study.landscapes.versions import code_versions, source_digest
 from hexctl.study.recovery.methods import Alarm, method_of
-from hexctl.study.versions import code_versions, source_digest
 from hexctl.types import ArrayFields, FloatArray
 
 #: What fails in a walk in which nothing does.

@@ -7,14 +7,14 @@ from functools import cached_property
 
 import numpy as np
 
-from hexctl.study.evidence import (
+from hexctl.study.recovery.episodes import Episode, RecoveryConditions
+from hexctl.study.recovery.methods import NOTHING
+from hexctl.study.recovery.plan import HEXAHEAL, LINE, RecoveryPlan
+from hexctl.study.verdicts.evidence import (
     clustered_error,
     share_text,
     wilson_interval,
 )
-from hexctl.study.recovery.episodes import Episode, RecoveryConditions
-from hexctl.study.recovery.methods import NOTHING
-from hexctl.study.recovery.plan import HEXAHEAL, LINE, RecoveryPlan
 from hexctl.types import FloatArray
 
 #: A failure matters that, with nothing done about it, changes the end by more than this, or the speed by more

@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hexctl.files import atomic_write
-from hexctl.study.drawing import save_figure
-from hexctl.study.evidence import cm
 from hexctl.study.holds.conditions import SENSORS
-from hexctl.study.page import Bullets, Picture, Section, Table, render_page
+from hexctl.study.landscapes.versions import code_versions
 from hexctl.study.recovery.bars import recovery_bars
 from hexctl.study.recovery.episodes import Episode
 from hexctl.study.recovery.findings import (
@@ -22,8 +20,10 @@ from hexctl.study.recovery.findings import (
 )
 from hexctl.study.recovery.methods import method_of
 from hexctl.study.recovery.plan import HEXAHEAL, LINE, RULED, SECOND
-from hexctl.study.tables import number
-from hexctl.study.versions import code_versions
+from hexctl.study.reports.drawing import save_figure
+from hexctl.study.reports.page import Bullets, Picture, Section, Table, render_page
+from hexctl.study.reports.tables import number
+from hexctl.study.verdicts.evidence import cm
 from hexctl.types import FloatArray
 
 if TYPE_CHECKING:

@@ -8,12 +8,12 @@ from hexctl.control.batch import run_sim_trials
 from hexctl.control.controllers import Controller
 from hexctl.control.preparation import WalkStart
 from hexctl.control.result import STATUSES
-from hexctl.study.cache import LandscapeCache
-from hexctl.study.evaluate import Progress
+from hexctl.study.landscapes.cache import LandscapeCache
+from hexctl.study.landscapes.evaluate import Progress
+from hexctl.study.landscapes.walks import WalkCache, Walked
+from hexctl.study.landscapes.walks import walk_all as all_walks
 from hexctl.study.recovery.episodes import Episode, RecoveryCase, RecoveryConditions
 from hexctl.study.recovery.methods import METHODS, Alarm, method_of
-from hexctl.study.walks import WalkCache, Walked
-from hexctl.study.walks import walk_all as all_walks
 
 
 def walk_episodes(
@@ -71,7 +71,7 @@ def walk_all(
     progress: Progress,
     jobs: int | None = None,
 ) -> list[tuple[RecoveryConditions, Episode]]:
-    """All episodes of some cases, method by method in each world, as `hexctl.study.walks.walk_all` has it."""
+    """All episodes of some cases, method by method in each world, as `landscapes.walks` has it."""
     return all_walks(walked, cache, walk_episodes, _chunk_of, progress, jobs)
 
 

@@ -22,10 +22,10 @@ from hexctl.control.result import STATUSES, TrialResult
 from hexctl.gait.gait import ideal_speed_m_s, make_gait
 from hexctl.robot.failure_event import parse_failure_event
 from hexctl.robot.model import Robot
-from hexctl.study.cache import LandscapeCache
+from hexctl.study.landscapes.cache import LandscapeCache
+from hexctl.study.landscapes.versions import code_versions, source_digest
+from hexctl.study.landscapes.walks import WalkCache
 from hexctl.study.recovery.episodes import ENDED, Track
-from hexctl.study.versions import code_versions, source_digest
-from hexctl.study.walks import WalkCache
 
 #: When the gait changes, and the failure comes before it at the latest and the earliest, in cycles.
 CHANGE_CYCLES, ALARM_CYCLES, PHASES_CYCLES = 2.6, 0.4, 1.0

@@ -14,7 +14,7 @@ from hexctl.errors import InputError, argument, check_type
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import FAILURE_FORMS, parse_failure
 from hexctl.robot.model import Robot
-from hexctl.study.landscape import LandscapeSpec
+from hexctl.study.landscapes.landscape import LandscapeSpec
 from hexctl.study.plan import BASELINE, HEURISTICS, StudyPlan, check_robot
 from hexctl.study.prior import WHOLE_S, in_whole_steps
 from hexctl.types import N_LEGS

@@ -9,15 +9,15 @@ import numpy as np
 
 from hexctl.adapt.optimizers.shipped import BAYES
 from hexctl.files import atomic_write
-from hexctl.study.drawing import color_of, grid_of, label_axes, new_figure, save_figure
-from hexctl.study.evidence import Bar, cm, too_short
-from hexctl.study.page import Block, Bullets, Picture, Section, Table, render_page
+from hexctl.study.landscapes.versions import code_versions
 from hexctl.study.plan import BASELINE
-from hexctl.study.tables import number
+from hexctl.study.reports.drawing import color_of, grid_of, label_axes, new_figure, save_figure
+from hexctl.study.reports.page import Block, Bullets, Picture, Section, Table, render_page
+from hexctl.study.reports.tables import number
 from hexctl.study.transfer.plan import EARLY, PRIORED
 from hexctl.study.transfer.searches import NEAR_M, NEARER_M, Curves, TransferFindings
-from hexctl.study.uncertainty import StudyUncertainty
-from hexctl.study.versions import code_versions
+from hexctl.study.verdicts.evidence import Bar, cm, too_short
+from hexctl.study.verdicts.uncertainty import StudyUncertainty
 from hexctl.types import FloatArray
 
 if TYPE_CHECKING:

@@ -16,10 +16,10 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.control.assessment.score import progress_floor_m
 from hexctl.control.trial import LOOK_TICKS, Enough
 from hexctl.errors import RobotFaultError
-from hexctl.study.evidence import clustered_error
-from hexctl.study.landscape import PATH_STRIDE, Landscape
+from hexctl.study.landscapes.landscape import PATH_STRIDE, Landscape
 from hexctl.study.prior import deflection_of
 from hexctl.study.transfer.plan import EARLY, PRIORED, TransferPlan
+from hexctl.study.verdicts.evidence import clustered_error
 from hexctl.types import ArrayFields, BoolArray, FloatArray
 
 

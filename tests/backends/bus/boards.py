@@ -9,9 +9,9 @@ import numpy as np
 from hexctl.backends.base import LegServos
 from hexctl.backends.bus.servos import BusServos
 from hexctl.backends.mock import MockServos
-from hexctl.robot.bus_map import BusMap, bus_map_of
 from hexctl.robot.schema import ServosSection
-from hexctl.robot.servo_models import DEFAULT_BAUDS
+from hexctl.robot.servos.bus_map import BusMap, bus_map_of
+from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
 from hexctl.serve.boards.bus_board import BusBoard
 from hexctl.serve.boards.bus_faults import parse_bus_fault
 from tests.robots import shipped

@@ -4,8 +4,8 @@ import pytest
 
 from hexctl.backends.bus.unexpected_ids import id_differences, ids_around, joint_of
 from hexctl.errors import RobotFaultError
-from hexctl.robot.bus_map import BusMap, bus_map_of
 from hexctl.robot.schema import ServosSection
+from hexctl.robot.servos.bus_map import BusMap, bus_map_of
 from hexctl.types import JOINT_NAMES
 from tests.backends.bus.boards import bus_board, servos_on
 

@@ -21,7 +21,7 @@ from hexctl.backends.clock import WallClock
 from hexctl.backends.mavlink import messages
 from hexctl.backends.mavlink.codec import Codec, Frame
 from hexctl.robot.loader import load_servo_map
-from hexctl.robot.servo_map import ServoMap
+from hexctl.robot.servos.servo_map import ServoMap
 from hexctl.serve.boards import board_telemetry
 from hexctl.types import FloatArray
 from hexctl.waiting import wait_for

@@ -9,8 +9,8 @@ from hexctl.backends.base import LegServos
 from hexctl.backends.mock import MockServos
 from hexctl.backends.pwm.pca9685 import Pca9685Servos
 from hexctl.backends.pwm.servo2040 import Servo2040Servos
-from hexctl.robot.pwm_map import PwmMap, pwm_map_of
 from hexctl.robot.schema import ServosSection
+from hexctl.robot.servos.pwm_map import PwmMap, pwm_map_of
 from hexctl.serve.boards.pca9685_board import Pca9685Board, parse_pca9685_fault
 from hexctl.serve.boards.servo2040_board import Servo2040Board, parse_servo2040_fault
 from hexctl.serve.boards.simulated_board import SimulatedBoard

@@ -23,7 +23,7 @@ from hexctl.backends.pwm.pca9685 import (
     pulse_of,
 )
 from hexctl.errors import InputError, MissingExtraError, RobotFaultError
-from hexctl.robot.pwm_map import PwmMap
+from hexctl.robot.servos.pwm_map import PwmMap
 from hexctl.serve.boards.pca9685_chips import SimulatedI2c, SimulatedPca9685
 from hexctl.testing.servos import LegServosConformance
 from hexctl.types import FloatArray, JointTargets, RobotState

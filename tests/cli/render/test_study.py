@@ -1,7 +1,7 @@
 """Studies in the terminal."""
 
 from hexctl.cli.render.study import bar_lines
-from hexctl.study.evidence import Bar
+from hexctl.study.verdicts.evidence import Bar
 
 
 def test_verdicts_stand_in_a_column_and_each_reason_once_below() -> None:

@@ -13,11 +13,11 @@ from hexctl.control.calibration import CalibrationResult, calibrate
 from hexctl.control.calibration.backdriving import described_pose, leg_pose_deg
 from hexctl.errors import RobotFaultError
 from hexctl.ik.legs import foot_positions_body
-from hexctl.robot.bus_map import BusMap, bus_map_of
 from hexctl.robot.configs import read_mapping
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.model import Robot
 from hexctl.robot.schema import ServosSection
+from hexctl.robot.servos.bus_map import BusMap, bus_map_of
 from hexctl.types import JOINT_NAMES, FloatArray, RobotState, ServoReadings
 from tests.backends.fake_time import FakeTime
 from tests.control.calibration.hands import ENDS_DEG, Hands

@@ -11,11 +11,11 @@ import pytest
 from hexctl.backends.mock import MockServos
 from hexctl.control.calibration import calibrate
 from hexctl.errors import InputError
-from hexctl.robot.bus_map import bus_map_of
 from hexctl.robot.configs import read_mapping
 from hexctl.robot.loader import load_robot_file
-from hexctl.robot.pwm_map import PwmMap, pwm_map_of
 from hexctl.robot.schema import ServosSection
+from hexctl.robot.servos.bus_map import bus_map_of
+from hexctl.robot.servos.pwm_map import PwmMap, pwm_map_of
 from hexctl.serve.boards.bus_board import BusBoard
 from hexctl.types import FloatArray, JointTargets, RobotState
 from tests.backends.bus.boards import bus_board

@@ -17,7 +17,7 @@ from hexctl.control.calibration import CalibrationResult, EndedError, calibrate,
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.robot.loader import load_robot_file, load_servo_map
 from hexctl.robot.model import Robot
-from hexctl.robot.servo_map import ServoMap
+from hexctl.robot.servos.servo_map import ServoMap
 from hexctl.types import JOINT_NAMES, FloatArray, JointTargets, RobotState
 from tests.backends.fake_time import FakeTime
 from tests.backends.mavlink.boards import fitting_file

@@ -7,19 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.backends.bus.lx16a_bus import Lx16aBus
-from hexctl.backends.bus.lx16a_packets import ANSWER_BYTES, LX16A
+from hexctl.backends.bus.lx16a.bus import Lx16aBus
+from hexctl.backends.bus.lx16a.packets import ANSWER_BYTES, LX16A
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import BROADCAST, PROTOCOLS, PacketFormat, PacketStream
-from hexctl.backends.bus.register_bus import RegisterBus
-from hexctl.backends.bus.registers import table_of
+from hexctl.backends.bus.register.bus import RegisterBus
+from hexctl.backends.bus.register.registers import table_of
 from hexctl.backends.bus.servo_bus import BusCounters
 from hexctl.backends.bus.single_servo import single_servo
 from hexctl.backends.pwm.servo2040 import NEVER_US, Servo2040, decoded, encoded, find_reply
 from hexctl.errors import RobotFaultError
-from hexctl.robot.bus_map import BusMap
-from hexctl.robot.pwm_map import pwm_map_of
 from hexctl.robot.schema import ServosSection
+from hexctl.robot.servos.bus_map import BusMap
+from hexctl.robot.servos.pwm_map import pwm_map_of
 from hexctl.types import N_JOINTS
 from tests.backends.bus.boards import MODELS, a_map
 from tests.fuzz.target import Target

@@ -14,7 +14,7 @@ from hexctl.backends.mavlink.transport import Arrival, LinkCounters, MavlinkLink
 from hexctl.backends.mock import MockServos
 from hexctl.errors import CommandRefusedError
 from hexctl.robot.schema import ServosSection
-from hexctl.robot.servo_map import servo_map_of
+from hexctl.robot.servos.servo_map import servo_map_of
 from hexctl.serve.boards.board_answers import ANSWERS, answers, for_us
 from hexctl.serve.boards.servo_board import Channels, Peers, ServoBoard
 from hexctl.types import N_JOINTS

@@ -23,9 +23,9 @@ from hexctl.control.result import TrialResult
 from hexctl.errors import HexctlError, InputError
 from hexctl.record.recorded_trial import read_trial
 from hexctl.robot.configs import config_root
-from hexctl.study.cache import LandscapeCache
 from hexctl.study.default_gaits import _loaded
 from hexctl.study.holds.walks import HoldCache
+from hexctl.study.landscapes.cache import LandscapeCache
 from hexctl.study.recovery.walks import EpisodeCache
 from hexctl.study.repertoire.walks import repertoire_cache
 from tests.fuzz.folder import own_folder, written
@@ -178,7 +178,7 @@ def _landscape(data: bytes) -> None:
 
 
 def _landscape_seed() -> bytes:
-    from hexctl.study.landscape import empty_landscape
+    from hexctl.study.landscapes.landscape import empty_landscape
 
     cached = LandscapeCache(own_folder())
     cached.save(empty_landscape(_asked()))

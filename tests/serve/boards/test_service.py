@@ -3,7 +3,7 @@
 import pytest
 
 from hexctl.errors import InputError
-from hexctl.robot.drivers import BUS_DRIVERS, PWM_DRIVERS
+from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
 from hexctl.serve.boards.service import BoardService, BusBoardService
 from hexctl.serve.service import ServiceStarted, ServosSpec
 

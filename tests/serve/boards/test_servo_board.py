@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import common
 from hexctl.backends.mavlink import messages
 from hexctl.errors import CommandRefusedError
 from hexctl.robot.loader import load_servo_map
-from hexctl.robot.servo_map import default_servo_map
+from hexctl.robot.servos.servo_map import default_servo_map
 from hexctl.serve.boards.servo_board import FREE_AFTER_S, MOST_PEERS, Channels, Peers
 from hexctl.types import FloatArray
 from tests.backends.mavlink.boards import BoardProcess, board, fitting_file, stance_us

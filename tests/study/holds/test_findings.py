@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hexctl.study.evidence import clustered_error
 from hexctl.study.holds.conditions import HoldCase
 from hexctl.study.holds.findings import HoldFindings, hold_bars
+from hexctl.study.verdicts.evidence import clustered_error
 from tests.robots import shipped
 from tests.study.holds.made_up import findings, plan, walk
 

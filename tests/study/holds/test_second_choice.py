@@ -20,11 +20,11 @@ from hexctl.study.holds.second_choice import (
     table,
     told_scores,
 )
-from hexctl.study.landscape import NUMBERS, Landscape
+from hexctl.study.landscapes.landscape import NUMBERS, Landscape
 from hexctl.types import FloatArray
 from tests.adapt.priors import made_up_score_prior
 from tests.robots import shipped
-from tests.study.landscapes import made_up_in
+from tests.study.made_up import made_up_in
 
 DISTANCE = NUMBERS.index("distance_m")
 

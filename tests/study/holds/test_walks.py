@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from hexctl.control.batch import run_sim_trial
-from hexctl.study.cache import CacheError, LandscapeCache
-from hexctl.study.evaluate import Silent
 from hexctl.study.holds import walks as walks_module
 from hexctl.study.holds.conditions import HoldCase
 from hexctl.study.holds.walks import HoldCache, HoldWalk, walk_all
+from hexctl.study.landscapes.cache import CacheError, LandscapeCache
+from hexctl.study.landscapes.evaluate import Silent
 from tests.study.holds.made_up import plan, walk
 
 PLAN = plan(worlds=1, legs=(2,), failures=("limp",), duration_s=1.0)

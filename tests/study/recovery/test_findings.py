@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.study.evidence import clustered_error
 from hexctl.study.recovery.plan import HEXAHEAL, SECOND
+from hexctl.study.verdicts.evidence import clustered_error
 from tests.robots import shipped
 from tests.study.recovery.made_up import DELAY_S, PACE_HZ, alarm, bars_of, changed, findings, on_line
 

@@ -9,8 +9,8 @@ import pytest
 from hexctl.control.batch import run_sim_trial
 from hexctl.control.monitor.monitored_walk import recovering_walk
 from hexctl.control.monitor.repertoire_store import save_repertoire
-from hexctl.study.cache import CacheError, LandscapeCache
-from hexctl.study.evaluate import Silent
+from hexctl.study.landscapes.cache import CacheError, LandscapeCache
+from hexctl.study.landscapes.evaluate import Silent
 from hexctl.study.recovery.episodes import RecoveryCase, RecoveryConditions
 from hexctl.study.recovery.walks import EpisodeCache, walk_all, walk_episodes
 from tests.control.monitor.repertoires import made_up

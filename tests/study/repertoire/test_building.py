@@ -12,9 +12,9 @@ import pytest
 from hexctl.control.monitor.repertoire_store import load_repertoire
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.robot.failure import Failure
-from hexctl.study import evaluate
-from hexctl.study.cache import LandscapeCache
-from hexctl.study.evaluate import Silent
+from hexctl.study.landscapes import evaluate
+from hexctl.study.landscapes.cache import LandscapeCache
+from hexctl.study.landscapes.evaluate import Silent
 from hexctl.study.repertoire import building
 from hexctl.study.repertoire.building import build_repertoire, repertoire_of
 from hexctl.study.repertoire.walks import (

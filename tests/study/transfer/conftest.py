@@ -2,7 +2,7 @@
 
 import pytest
 
-from hexctl.study.landscape import Landscape
+from hexctl.study.landscapes.landscape import Landscape
 from hexctl.study.transfer.searches import TransferFindings, search_worlds
 from tests.study.transfer.made_up import MODEL, in_the_model, plan
 

@@ -7,10 +7,17 @@ import numpy as np
 from hexctl.adapt.prior.prior import PriorKey
 from hexctl.adapt.prior.samples import FINAL
 from hexctl.backends.sim.world import load_randomization
-from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec, Rows, empty_landscape, with_rows
+from hexctl.study.landscapes.landscape import (
+    NUMBERS,
+    Landscape,
+    LandscapeSpec,
+    Rows,
+    empty_landscape,
+    with_rows,
+)
 from hexctl.study.transfer.plan import EARLY, TransferPlan
 from hexctl.study.transfer.searches import TransferFindings
-from hexctl.study.uncertainty import StudyUncertainty
+from hexctl.study.verdicts.uncertainty import StudyUncertainty
 from hexctl.types import FloatArray
 from tests.adapt.priors import MadeUpModel, key_of, made_up_prior, path_of
 from tests.robots import shipped

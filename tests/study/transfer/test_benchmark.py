@@ -14,7 +14,7 @@ from hexctl.control.plan import TrialPlan
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
-from hexctl.study.landscape import NUMBERS, Landscape, Rows, empty_landscape, with_rows
+from hexctl.study.landscapes.landscape import NUMBERS, Landscape, Rows, empty_landscape, with_rows
 from hexctl.study.prior import PriorPlan
 from hexctl.study.transfer.plan import TransferPlan
 from hexctl.study.transfer.report import transfer_bars, transfer_json, write_transfer_report

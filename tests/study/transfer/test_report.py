@@ -6,10 +6,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from hexctl.study.evidence import cm
-from hexctl.study.landscape import Landscape
+from hexctl.study.landscapes.landscape import Landscape
 from hexctl.study.transfer.report import REPORT, TABLE, transfer_bars, transfer_json, write_transfer_report
 from hexctl.study.transfer.searches import TransferFindings, search_worlds
+from hexctl.study.verdicts.evidence import cm
 from tests.study.transfer.made_up import (
     BUDGET,
     DURATION_S,

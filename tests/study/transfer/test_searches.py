@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from hexctl.adapt.prior.samples import samples_of
-from hexctl.study.landscape import Landscape
+from hexctl.study.landscapes.landscape import Landscape
 from hexctl.study.transfer.plan import EARLY
 from hexctl.study.transfer.searches import TransferFindings, run_course, search_worlds, walk_of
 from hexctl.types import FloatArray
 from tests.adapt.priors import made_up_prior
-from tests.study.landscapes import made_up_in, spread_out
+from tests.study.made_up import made_up_in, spread_out
 from tests.study.transfer.made_up import (
     BUDGET,
     DURATION_S,

@@ -1,0 +1,110 @@
+"""The bus map: id, model, direction, offset and limits of each joint's servo on a bus; raw are counts."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from hexctl.errors import InputError
+from hexctl.robot.schema import ServosSection
+from hexctl.robot.servos.drivers import BUS_DRIVERS
+from hexctl.robot.servos.raw_map import IntArray, RawMap, calibration_of, check_once, joint_value
+from hexctl.robot.servos.servo_models import DEFAULT_MODELS, ServoType, servo_type
+from hexctl.types import (
+    JOINT_KINDS,
+    JOINT_NAMES,
+    JOINTS_PER_LEG,
+    N_JOINTS,
+    BoolArray,
+    FloatArray,
+    check_finite,
+)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BusMap(RawMap):
+    """Conversion between joint angles and counts of the servos on a bus.
+
+    Attributes:
+        driver: one of `BUS_DRIVERS`.
+        ids: bus id of each joint's servo, each once, (18,).
+        models: model of each joint's servo, of one protocol.
+    """
+
+    unit: ClassVar[str] = "counts"
+    driver: str
+    ids: IntArray
+    models: tuple[ServoType, ...]
+
+    def __post_init__(self) -> None:
+        check_finite(self.ids, (N_JOINTS,), "servos.ids")
+        super().__post_init__()
+        check_once("id", JOINT_NAMES, self.ids)
+        _check_models(self.driver, self.models)
+
+    def servo_name(self, joint: int) -> str:
+        """Which servo moves a joint, 0..17: its id."""
+        return f"id {self.ids[joint]}"
+
+    @property
+    def protocol(self) -> int:
+        """Version of the driver's protocol that the servos speak."""
+        return self.models[0].protocol
+
+    @property
+    def travel(self) -> tuple[FloatArray, FloatArray]:
+        """Lowest and highest count of each servo's model."""
+        least, most = zip(*((float(model.least), float(model.most)) for model in self.models), strict=True)
+        return np.array(least), np.array(most)
+
+    def names(self, joints: BoolArray) -> str:
+        """Names and ids of some joints, (18,), as messages give them."""
+        if joints.all():
+            return "all servos"
+        return ", ".join(
+            f"leg {joint // JOINTS_PER_LEG + 1} {JOINT_KINDS[joint % JOINTS_PER_LEG]} (id {self.ids[joint]})"
+            for joint in np.flatnonzero(joints).tolist()
+        )
+
+
+def bus_map_of(section: ServosSection, driver: str) -> BusMap:
+    """Bus map of a section `servos` for a driver: keys of a joint come first, then of its kind, then common.
+
+    Raises InputError for ids, models or limits that no bus can have.
+    """
+    if section.driver not in (None, driver):
+        raise InputError(f"servos.driver: got {section.driver}; allowed: {driver}, with the backend {driver}")
+    if driver not in BUS_DRIVERS:
+        raise InputError(f"servos.driver: got {driver!r}; allowed: {', '.join(BUS_DRIVERS)}")
+    usual = DEFAULT_MODELS[driver]
+    models = tuple(servo_type(joint_value(section, joint, "model", usual)) for joint in range(N_JOINTS))
+    calibration = calibration_of(
+        section, "counts", [model.least for model in models], [model.most for model in models]
+    )
+    for joint, model in enumerate(models):
+        low, high = calibration["least"][joint], calibration["most"][joint]
+        if low < model.least or high > model.most:
+            raise InputError(
+                f"servos.{JOINT_NAMES[joint]}: got min_count {low:g} and max_count {high:g}; allowed: "
+                f"min_count and max_count from {model.least} to {model.most} ({model.name})"
+            )
+    ids = [joint_value(section, joint, "id", joint + 1) for joint in range(N_JOINTS)]
+    return BusMap(
+        driver=driver,
+        ids=np.array(ids, dtype=np.int64),
+        models=models,
+        per_deg=np.array([model.counts_per_deg for model in models]),
+        centre=np.array([float(model.centre) for model in models]),
+        **calibration,
+    )
+
+
+def _check_models(driver: str, models: tuple[ServoType, ...]) -> None:
+    """Raise InputError unless one driver speaks to all models, with one protocol."""
+    for model in models:
+        if model.driver != driver:
+            raise InputError(f"servos.model: got {model.name} with {driver}; allowed: models of {driver}")
+    kinds = {(model.protocol, model.counts, model.registers) for model in models}
+    if len(kinds) > 1 and driver != "lx16a":  # which has no registers
+        names = sorted({model.name for model in models})
+        raise InputError(f"servos.model: got {', '.join(names)}; allowed: models with the same registers")

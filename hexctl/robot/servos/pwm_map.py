@@ -1,0 +1,104 @@
+"""The PWM map: the output of a board that each joint's hobby servo is plugged into, and its pulses."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from hexctl.errors import InputError
+from hexctl.robot.schema import ServosSection
+from hexctl.robot.servos.drivers import PWM_DRIVERS
+from hexctl.robot.servos.raw_map import IntArray, RawMap, check_once, joint_value
+from hexctl.robot.servos.servo_map import pulses_of
+from hexctl.types import JOINT_NAMES, JOINTS_PER_LEG, N_JOINTS, N_LEGS, check_finite
+
+#: Outputs of a driver's boards.
+OUTPUTS = {"servo2040": 18, "pca9685": 32}
+
+#: Outputs of one PCA9685: output 16 is the first one of the second board.
+PCA9685_CHANNELS = 16
+
+#: Shortest and longest pulse of a servo2040, whose firmware clips others.
+SERVO2040_US = (500.0, 2500.0)
+
+#: Touch inputs of the legs, where the file has none: the firmware's L1, L2, L3, then R3, R2, R1.
+USUAL_TOUCHES = (0, 1, 2, 5, 4, 3)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PwmMap(RawMap):
+    """Which output moves which joint, and the pulses of its angles.
+
+    Attributes:
+        driver: one of `PWM_DRIVERS`.
+        outputs: output of each joint, leg-major, (18,), each once, counted from 0.
+        touches: touch input of each leg, (6,), each once, counted from 0.
+        addresses: of two PCA9685 boards on their I2C bus.
+        oscillators_mhz: frequencies of their oscillators.
+    """
+
+    unit: ClassVar[str] = "us"
+    driver: str
+    outputs: IntArray
+    touches: IntArray
+    addresses: tuple[int, int] = (0x40, 0x41)
+    oscillators_mhz: tuple[float, float] = (25.0, 25.0)
+
+    def __post_init__(self) -> None:
+        check_finite(self.outputs, (N_JOINTS,), "servos.outputs")
+        check_finite(self.touches, (N_LEGS,), "servos.touches")
+        super().__post_init__()
+        most = OUTPUTS[self.driver] - 1
+        for name, output in zip(JOINT_NAMES, self.outputs.tolist(), strict=True):
+            if not 0 <= output <= most:
+                raise InputError(f"servos.{name}.id: got {output}; allowed: 0 to {most} with {self.driver}")
+        check_once("id", JOINT_NAMES, self.outputs)
+        check_once("touch", JOINT_NAMES[JOINTS_PER_LEG - 1 :: JOINTS_PER_LEG], self.touches)
+        if self.driver == "servo2040":
+            self._check_pulses(*SERVO2040_US)
+
+    def servo_name(self, joint: int) -> str:
+        """Which servo moves a joint, 0..17: its output, with a PCA9685 also by what is printed there."""
+        output = int(self.outputs[joint])
+        if self.driver != "pca9685":
+            return f"output {output}"
+        board, channel = divmod(output, PCA9685_CHANNELS)
+        return f"output {output}, channel {channel} at {self.addresses[board]:#x}"
+
+    def _check_pulses(self, least_us: float, most_us: float) -> None:
+        for name, low, high in zip(JOINT_NAMES, self.least, self.most, strict=True):
+            if low < least_us or high > most_us:
+                raise InputError(
+                    f"servos.{name}: got min_us {low:g} and max_us {high:g}; allowed: {least_us:g} to "
+                    f"{most_us:g} us with {self.driver}"
+                )
+
+
+def pwm_map_of(section: ServosSection, driver: str) -> PwmMap:
+    """PWM map of a section `servos` for a driver; `id` of a joint is its output, else 0, 1 ... 17.
+
+    Raises InputError for outputs, inputs or pulses that the board does not have.
+    """
+    if driver not in PWM_DRIVERS:
+        raise InputError(f"servos.driver: got {driver!r}; allowed: {', '.join(PWM_DRIVERS)}")
+    if section.driver not in (None, driver):
+        raise InputError(f"servos.driver: got {section.driver}; allowed: {driver}, with the backend {driver}")
+    for name in JOINT_NAMES:
+        touch = getattr(section, name).touch
+        if touch is not None and not name.endswith("tibia"):
+            raise InputError(f"servos.{name}: got touch {touch:g}; allowed: touch under the tibia")
+        if touch is not None and driver != "servo2040":
+            raise InputError(f"servos.{name}: got touch {touch:g}; allowed: no touch with {driver}")
+    outputs = [joint_value(section, joint, "id", joint) for joint in range(N_JOINTS)]
+    touches = [
+        joint_value(section, JOINTS_PER_LEG * leg + JOINTS_PER_LEG - 1, "touch", usual)
+        for leg, usual in enumerate(USUAL_TOUCHES)
+    ]
+    return PwmMap(
+        driver=driver,
+        outputs=np.array(outputs, dtype=np.int64),
+        touches=np.array(touches, dtype=np.int64),
+        addresses=(int(section.addresses[0]), int(section.addresses[1])),
+        oscillators_mhz=section.oscillator_mhz,
+        **pulses_of(section),
+    )

@@ -1,0 +1,92 @@
+"""The servo map: channel of each joint's servo on a board with MAVLink firmware, and its pulses.
+
+It is the section `servos` of a robot file, and describes wiring and mounting. It is not part of the `Robot`,
+so calibrating leaves priors, sessions and links valid.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from hexctl.errors import InputError
+from hexctl.robot.schema import ServosSection
+from hexctl.robot.servos.raw_map import IntArray, RawMap, calibration_of, joint_value
+from hexctl.types import JOINT_NAMES, N_JOINTS, FloatArray, check_finite
+
+#: Pulse limits of a servo without any in the file: 180 degrees of travel about the centre pulse.
+DEFAULT_MIN_US, DEFAULT_MAX_US = 500, 2500
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ServoMap(RawMap):
+    """Conversion between joint angles and pulses of channels; raw positions are pulses in us.
+
+    Attributes:
+        channels: the channel of each joint, leg-major, (18,), 1..18, each once.
+        low_battery_v: voltage below which the robot reports a fault, or None.
+    """
+
+    unit: ClassVar[str] = "us"
+    channels: IntArray
+    low_battery_v: float | None = None
+
+    def __post_init__(self) -> None:
+        check_finite(self.channels, (N_JOINTS,), "servos.channels")
+        super().__post_init__()
+        if sorted(self.channels.tolist()) != list(range(1, N_JOINTS + 1)):
+            raise InputError(f"servos: {_clash(self.channels)}; allowed: each of the channels 1..18 once")
+
+    def servo_name(self, joint: int) -> str:
+        """Which servo moves a joint, 0..17: its channel."""
+        return f"channel {self.channels[joint]}"
+
+    def to_us(self, positions_rad: FloatArray) -> FloatArray:
+        """Pulses of angles (18,) in rad, by channel, (18,), clipped to the limits."""
+        return self.by_channel(self.limited_raw(positions_rad))
+
+    def to_rad(self, us: FloatArray) -> FloatArray:
+        """Angles (18,) in rad of pulses by channel (18,), which are not clipped."""
+        return self.angles_rad(us[self.channels - 1])
+
+    def by_channel(self, values: FloatArray) -> FloatArray:
+        """Values by joint (18,) in the order of the channels."""
+        ordered = np.empty(N_JOINTS)
+        ordered[self.channels - 1] = values
+        return ordered
+
+
+def default_servo_map() -> ServoMap:
+    """Servo map of a robot file without a section `servos`: channels in the order of joints, no offsets."""
+    return servo_map_of(ServosSection())
+
+
+def servo_map_of(section: ServosSection) -> ServoMap:
+    """Servo map of a section: keys of a joint come first, then those of its kind, then the defaults.
+
+    Raises InputError for channels or limits that no board can have.
+    """
+    channels = [joint_value(section, joint, "channel", joint + 1) for joint in range(N_JOINTS)]
+    return ServoMap(
+        channels=np.array(channels, dtype=np.int64),
+        low_battery_v=section.low_battery_v,
+        **pulses_of(section),
+    )
+
+
+def pulses_of(section: ServosSection) -> dict[str, FloatArray]:
+    """Pulses of hobby servos, by field of `RawMap`; raises InputError for limits that leave no travel."""
+    least, most = [float(DEFAULT_MIN_US)] * N_JOINTS, [float(DEFAULT_MAX_US)] * N_JOINTS
+    return calibration_of(section, "us", least, most) | {
+        "per_deg": np.full(N_JOINTS, float(section.us_per_deg)),
+        "centre": np.full(N_JOINTS, float(section.centre_us)),
+    }
+
+
+def _clash(channels: IntArray) -> str:
+    """Text that names joints with the same channel, or else the channels."""
+    for channel in range(1, N_JOINTS + 1):
+        sharing = [name for name, own in zip(JOINT_NAMES, channels, strict=True) if own == channel]
+        if len(sharing) > 1:
+            return f"got channel {channel} for {' and '.join(sharing)}"
+    return f"got channels {channels.tolist()}"

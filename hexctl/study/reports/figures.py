@@ -1,0 +1,403 @@
+"""Figures of a study: paths seen from above, and best-so-far over evaluations."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hexctl.palette import (
+    INVALID_COLOR,
+    LEGEND_M,
+    LINE_COLOR,
+    UNJUDGED_COLOR,
+    VERDICT_COLORS,
+    baseline_color,
+    hex_color,
+    scale_stops,
+)
+from hexctl.study.default_gaits import DefaultWalk
+from hexctl.study.landscapes.landscape import Landscape
+from hexctl.study.plan import BASELINE
+from hexctl.study.reports.drawing import color_of, grid_of, label_axes, new_figure, save_figure
+from hexctl.study.searches import Curve, Findings, Searches
+from hexctl.study.verdicts.evidence import cm
+from hexctl.study.verdicts.trajectories import EARLY, EARLY_M, LATE, LATE_M, ends, within
+from hexctl.types import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+#: Width of a panel and of the colour bar, in inches.
+PANEL_IN, BAR_IN = 4.3, 1.0
+
+#: Width of a legend's entry, in inches.
+LEGEND_ENTRY_IN = 2.0
+
+#: Opacity of a verdict without an interval.
+PALE = 0.4
+
+#: Legs whose examples the paper shows, and the arbitrary gait that stands for them without self-rotation.
+EXAMPLE_LEGS, EXAMPLE_CODE = (2, 6), 57
+
+
+def trajectories_figure(landscapes: list[Landscape], title: str) -> "Figure":
+    """All trajectories of some landscapes, one panel each, coloured by final deviation."""
+    rows, columns = grid_of(len(landscapes))
+    figure, panels = new_figure(rows, columns, _size_in(landscapes, rows, columns))
+    for panel, landscape in zip(panels, landscapes, strict=False):
+        lines = _draw_paths(panel, landscape, np.arange(len(landscape.codes)))
+        left, right = ends(landscape)
+        valid, near = int(landscape.valid.sum()), within(landscape, 0.10)
+        panel.set_title(
+            f"leg {landscape.spec.leg}:  {left} left, {right} right,  {valid} valid, {near} within 10 cm",
+            fontsize=9,
+        )
+    _finish_paths(figure, panels, len(landscapes), title)
+    _add_bar(figure, panels, lines)
+    return figure
+
+
+def best_figure(findings: Findings) -> "Figure":
+    """Best gaits of the optimizers over all runs, by the paper's count."""
+    legs = findings.searched
+    rows, columns = grid_of(len(legs))
+    figure, panels = new_figure(rows, columns, (PANEL_IN * columns + BAR_IN, 2.6 * rows + 0.5))
+    for panel, leg in zip(panels, legs, strict=False):
+        landscape = findings.rotated(leg)
+        codes, times = _found(findings, leg)
+        chosen = [landscape.row_of(code) for code in codes.tolist()]
+        lines = _draw_paths(
+            panel, landscape, np.array(chosen, dtype=int), 0.8 + 2.2 * times / max(1, times.max(initial=1))
+        )
+        panel.set_title(f"leg {leg}:  {len(codes)} different gaits in {times.sum()} runs", fontsize=9)
+    title = "Best trajectories found, over all optimizers and runs (sideways stretched)"
+    _finish_paths(figure, panels, len(legs), title, equal=False)
+    _add_bar(figure, panels, lines)
+    return figure
+
+
+def examples_figure(findings: Findings) -> "Figure | None":
+    """Single trajectories of legs 2 and 6, without and with self-rotation; None without these legs."""
+    legs = [leg for leg in EXAMPLE_LEGS if leg in findings.plan.legs]
+    if not legs:
+        return None
+    figure, panels = new_figure(len(legs), 2, (11.0, 3.2 * len(legs) + 0.4))
+    for row, leg in enumerate(legs):
+        best = _best_row(findings.rotated(leg))
+        pairs = [(findings.without(leg), _example_row(findings.without(leg))), (findings.rotated(leg), best)]
+        for panel, (landscape, chosen) in zip(panels[2 * row :], pairs, strict=False):
+            _draw_example(panel, landscape, chosen)
+    _finish_paths(
+        figure, panels, len(panels), "Left: an arbitrary gait. Right: self-rotation and the best gait"
+    )
+    return figure
+
+
+def _example_row(landscape: Landscape) -> int:
+    return landscape.row_of(EXAMPLE_CODE) if EXAMPLE_CODE in landscape.spec.codes else 0
+
+
+def _best_row(landscape: Landscape) -> int:
+    return int(landscape.scores.argmin())
+
+
+def _found(findings: Findings, leg: int) -> "tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]":
+    """Codes that were the best of a run, and the number of runs of each."""
+    best = [findings.searches[leg, name, True].best_codes for name in findings.plan.optimizers]
+    return np.unique(np.concatenate(best), return_counts=True)
+
+
+def _points(landscape: Landscape, row: int) -> FloatArray:
+    """Path from its origin as far as it was walked, (P, 2)."""
+    path = landscape.paths_m[row]
+    return np.concatenate([np.zeros((1, 2)), path[np.isfinite(path[:, 0])]])
+
+
+def _draw_paths(
+    panel: "Axes", landscape: Landscape, rows: "np.ndarray[Any, Any]", widths: "FloatArray | float" = 0.9
+) -> Any:
+    """Draw the paths of some rows, the best on top and invalid ones grey; return what a colour bar needs."""
+    from matplotlib.collections import LineCollection
+    from matplotlib.colors import LinearSegmentedColormap, LogNorm
+
+    ordered = np.argsort(-landscape.scores[rows], kind="stable")
+    widths = np.broadcast_to(widths, rows.shape)[ordered]
+    rows = rows[ordered]
+    valid = landscape.valid[rows]
+    grey = LineCollection(
+        [_points(landscape, row) for row in rows[~valid]], colors=hex_color(INVALID_COLOR), linewidths=0.4
+    )
+    panel.add_collection(grey)
+    lines = LineCollection(
+        [_points(landscape, row) for row in rows[valid]],
+        array=landscape.final_m[rows][valid],
+        cmap=LinearSegmentedColormap.from_list("deviation", scale_stops()),
+        norm=LogNorm(LEGEND_M[0], LEGEND_M[-1]),
+        linewidths=widths[valid],
+    )
+    panel.add_collection(lines)
+    panel.autoscale_view()
+    return lines
+
+
+def _draw_example(panel: "Axes", landscape: Landscape, row: int) -> None:
+    points = _points(landscape, row)
+    panel.plot(points[:, 0], points[:, 1], color="#1F4E79", linewidth=1.8)
+    panel.plot(points[::25, 0], points[::25, 1], "o", color="#1F4E79", markersize=3)
+    slots = ",".join(str(slot) for slot in landscape.spec.space.slots_of(int(landscape.codes[row])))
+    off = f"{landscape.number('signed_m')[row]:+.3f} m"
+    ends = off if landscape.valid[row] else f"{off}, invalid ({landscape.status[row]})"
+    panel.set_title(f"{landscape.spec.title}, code {landscape.codes[row]} ({slots}): {ends}", fontsize=9)
+
+
+def _size_in(landscapes: list[Landscape], rows: int, columns: int) -> tuple[float, float]:
+    """Width and height of a figure whose panels hold all paths at equal scales, in inches."""
+    points = np.concatenate([landscape.paths_m.reshape(-1, 2) for landscape in landscapes])
+    points = np.concatenate([np.zeros((1, 2)), points[np.isfinite(points[:, 0])]])
+    wide, high = np.ptp(points, axis=0)
+    panel_in = PANEL_IN * float(np.clip(high / max(wide, 1e-6), 0.4, 1.6))
+    return PANEL_IN * columns + BAR_IN + 0.4, (panel_in + 0.35) * rows + 0.6
+
+
+def _add_bar(figure: "Figure", panels: "list[Axes]", lines: Any) -> None:
+    bar = figure.colorbar(lines, ax=panels, shrink=0.8, pad=0.01, extend="both")
+    bar.set_label("deviation at the end", fontsize=9)
+    bar.set_ticks(list(LEGEND_M), labels=["1 cm", "2.5 cm", "10 cm", "30 cm", "1 m", "3 m"])
+    bar.minorticks_off()
+
+
+def _finish_paths(
+    figure: "Figure", panels: "list[Axes]", used: int, title: str, *, equal: bool = True
+) -> None:
+    """Give all panels the line of travel and labels, and equal scales unless told otherwise."""
+    for panel in panels[:used]:
+        panel.axhline(0, color=hex_color(LINE_COLOR), linewidth=0.8, zorder=0)
+        panel.plot(0, 0, "o", color=hex_color(LINE_COLOR), markersize=4)
+        if equal:
+            panel.set_aspect("equal", adjustable="box")
+    label_axes(panels, used, "progress along the heading in m", "to the left of the line in m")
+    figure.suptitle(title, fontsize=11, wrap=True)
+
+
+FLOOR_COLOR = "#888888"
+
+#: Lower end of the scale: less than this says nothing about a robot.
+LOW_M = 0.002
+
+
+def convergence_figure(findings: Findings, *, paper_count: bool) -> "Figure":
+    """One panel per leg with the mean of every optimizer, by one of the two counts."""
+    legs = findings.searched
+    rows, columns = grid_of(len(legs))
+    figure, panels = new_figure(rows, columns, (4.6 * columns + 0.6, 3.4 * rows + 0.8))
+    for panel, leg in zip(panels, legs, strict=False):
+        for name in findings.plan.optimizers:
+            search = findings.searches[leg, name, paper_count]
+            _draw_curve(panel, name, search.curve)
+            _draw_spread(panel, name, search.curve)
+            _mark_stuck(panel, search)
+        best = findings.rotated(leg).best_m
+        panel.axhline(best, color=FLOOR_COLOR, linewidth=1.2, linestyle=":", label="best of all gaits")
+        own = _draw_defaults(panel, findings.defaults(leg))
+        panel.set_title("\n".join([f"leg {leg}:  best of all gaits {_on_scale(best)}", *own]), fontsize=9)
+    counted = "repetitions counted (the paper's count)" if paper_count else "each gait paid for once"
+    _finish_curves(
+        figure, panels, len(legs), f"Mean of the best deviation over {findings.plan.runs} runs, {counted}"
+    )
+    return figure
+
+
+def _draw_defaults(panel: "Axes", walks: list[DefaultWalk]) -> list[str]:
+    """Draw where the robot's own gaits end, as level lines; a line of text with their values, if any."""
+    for walk in walks:
+        # One that is invalid has an entry in the legend, too: it is that of all panels.
+        level_m = float("nan") if walk.final_m is None else walk.final_m
+        label = f"{walk.gait}, without a search"
+        color = hex_color(baseline_color(walk.gait))
+        panel.axhline(level_m, color=color, linewidth=1.4, linestyle="-.", label=label)
+    texts = [
+        f"{walk.gait} {walk.status if walk.final_m is None else _on_scale(walk.final_m)}" for walk in walks
+    ]
+    return [f"without a search: {', '.join(texts)}"] if texts else []
+
+
+def _on_scale(value_m: float) -> str:
+    return cm(value_m) + (" (below the scale)" if value_m < LOW_M else "")
+
+
+def means_figure(findings: Findings) -> "Figure":
+    """Means over all legs and runs, by both counts, with the project's bars."""
+    figure, panels = new_figure(1, 2, (11.0, 4.2))
+    best = float(np.mean([findings.rotated(leg).best_m for leg in findings.searched]))
+    for panel, paper_count in zip(panels, (True, False), strict=True):
+        for name in findings.plan.optimizers:
+            _draw_curve(panel, name, findings.mean_curve(name, paper_count=paper_count))
+        panel.axhline(best, color=FLOOR_COLOR, linewidth=1.2, linestyle=":", label="best of all gaits")
+        panel.plot([EARLY, LATE], [EARLY_M, LATE_M], "v", color="#C0392B", markersize=7, label="bars")
+        panel.set_title("repetitions counted" if paper_count else "each gait paid for once", fontsize=9)
+    _finish_curves(figure, panels, 2, "Mean over all legs and runs")
+    return figure
+
+
+def _draw_curve(panel: "Axes", name: str, curve: Curve) -> None:
+    evaluations = np.arange(1, len(curve.mean) + 1)
+    style = "--" if name == BASELINE else "-"
+    panel.plot(evaluations, curve.mean, style, color=color_of(name), linewidth=1.4, label=name)
+
+
+def _draw_spread(panel: "Axes", name: str, curve: Curve) -> None:
+    """Shade where eight of ten runs of the random baseline are; six such bands would hide one another."""
+    if name == BASELINE:
+        evaluations = np.arange(1, len(curve.mean) + 1)
+        label = f"{name}, 10-90 % of the runs"
+        panel.fill_between(evaluations, curve.p10, curve.p90, color="#000000", alpha=0.08, lw=0, label=label)
+
+
+def _mark_stuck(panel: "Axes", search: Searches) -> None:
+    """Mark where a search, on average, runs out of codes of its own and random ones take over."""
+    stuck = float(search.own_codes.mean())
+    if not search.paper_count and search.optimizer != BASELINE and stuck < len(search.curve.mean):
+        value = search.curve.mean[round(stuck) - 1]
+        panel.plot(stuck, value, "o", color=color_of(search.optimizer), markersize=4)
+
+
+def _finish_curves(figure: "Figure", panels: "list[Axes]", used: int, title: str) -> None:
+    """Give all panels a logarithmic scale and labels, and the figure one legend."""
+    for panel in panels[:used]:
+        panel.set_yscale("log")
+        panel.axhline(LATE_M, color="#C0392B", linewidth=0.5)
+        panel.axhline(EARLY_M, color="#C0392B", linewidth=0.5)
+        panel.set_yticks([0.01, 0.025, 0.1, 0.5, 1.0], ["1 cm", "2.5 cm", "10 cm", "50 cm", "1 m"])
+        panel.minorticks_off()
+        panel.set_ylim(bottom=LOW_M)
+    label_axes(panels, used, "evaluations", "deviation from the line")
+    handles, labels = panels[0].get_legend_handles_labels()
+    columns = min(len(labels), max(2, int(figure.get_figwidth() / LEGEND_ENTRY_IN)))
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=9, frameon=False)
+    figure.suptitle(title, fontsize=11, wrap=True)
+
+
+def verdicts_figure(rows: Sequence[tuple[str, Sequence[str]]], columns: Sequence[str]) -> "Figure":
+    """Verdicts as coloured squares: a row for each setting, a column for each claim.
+
+    Those in brackets, which no interval was tested for, are pale.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(0.55 * len(columns) + 3.4, 0.3 * len(rows) + 2.0), layout="constrained")
+    panel = figure.subplots()
+    for row, (_, verdicts) in enumerate(rows):
+        for column, verdict in enumerate(verdicts):
+            panel.add_patch(_square(column, row, verdict))
+    panel.set_xlim(-0.5, len(columns) - 0.5)
+    panel.set_ylim(len(rows) - 0.5, -0.5)
+    panel.set_xticks(range(len(columns)), columns, rotation=40, ha="right", fontsize=8)
+    panel.set_yticks(range(len(rows)), [title for title, _ in rows], fontsize=8)
+    panel.tick_params(length=0)
+    names = [*VERDICT_COLORS, "not judged"]
+    shown = {verdict for _, verdicts in rows for verdict in verdicts}
+    names += [f"({name})" for name in VERDICT_COLORS if f"({name})" in shown]
+    keys = [_square(0, 0, name, name) for name in names]
+    figure.legend(handles=keys, loc="outside upper center", ncols=4, fontsize=8, frameon=False)
+    return figure
+
+
+def _square(column: int, row: int, verdict: str, label: str = "") -> Any:
+    from matplotlib.patches import Rectangle
+
+    color = hex_color(VERDICT_COLORS.get(verdict.strip("()"), UNJUDGED_COLOR))
+    alpha = PALE if verdict.startswith("(") else 1.0
+    return Rectangle((column - 0.46, row - 0.46), 0.92, 0.92, color=color, alpha=alpha, label=label)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FigureEntry:
+    """One figure of the report.
+
+    Attributes:
+        name: of its files, without the ending.
+        paper: what the paper shows and says there.
+        here: how to read it.
+        draw: draws it; None where the study has nothing to show.
+    """
+
+    name: str
+    paper: str
+    here: str
+    draw: "Callable[[Findings], Figure | None]"
+
+
+FIGURES = (
+    FigureEntry(
+        name="trajectories_without_self_rotation",
+        paper="Fig. 3: with leg 2 or 3 failed the robot goes left, with 5 or 6 right, with 1 or 4 straight "
+        "or to either side.",
+        here="All gaits of each leg; grey ones are invalid (they fell or made less than half the way).",
+        draw=lambda findings: trajectories_figure(
+            [findings.without(leg) for leg in findings.plan.legs], "All gaits, without self-rotation"
+        ),
+    ),
+    FigureEntry(
+        name="trajectories_with_self_rotation",
+        paper="Fig. 6: after turning on the spot there are gaits with a small deviation for every leg.",
+        here="The same gaits after the robot has turned until the failed leg trails, or leads if asked for.",
+        draw=lambda findings: (
+            None
+            if findings.plan.self_rotation == "none"
+            else trajectories_figure(
+                [findings.rotated(leg) for leg in findings.plan.legs], "All gaits, with self-rotation"
+            )
+        ),
+    ),
+    FigureEntry(
+        name="examples",
+        paper="Fig. 4 and 9: legs 2 and 6 with an arbitrary gait, and with a gait that was found.",
+        here="A dot every five seconds. The paper does not name its gaits; ours is code 57 on the left, the "
+        "best of all gaits on the right.",
+        draw=examples_figure,
+    ),
+    FigureEntry(
+        name="convergence_paper_count",
+        paper="Fig. 7: curves fall within 20 evaluations, are flat after, and end around 2.5 cm.",
+        here="A repeated code costs an evaluation, as in the paper. A run without a valid gait so far is "
+        "left out of the mean. The scale is logarithmic. The spread of every optimizer is in "
+        "convergence.parquet. Level lines: where the robot ends with its default gait and with the tripod.",
+        draw=lambda findings: convergence_figure(findings, paper_count=True),
+    ),
+    FigureEntry(
+        name="convergence_fresh_count",
+        paper="Not in the paper: hexctl walks no gait twice, so a search does not pay for repetitions.",
+        here="A dot marks where a search has, on average, asked for its last code of its own; random untried "
+        "codes follow from there. After 120 evaluations every gait is known.",
+        draw=lambda findings: convergence_figure(findings, paper_count=False),
+    ),
+    FigureEntry(
+        name="convergence_means",
+        paper="Abstract: 10 cm with 20 evaluations, 2.5 cm with 40 to 60, on average.",
+        here="All legs and runs together. Triangles: 10 cm at 20 and 2.5 cm at 60 evaluations.",
+        draw=means_figure,
+    ),
+    FigureEntry(
+        name="best_trajectories",
+        paper="Fig. 8: the best trajectories keep the direction reasonably well for each failed leg.",
+        here="The best gait of each run, by the paper's count; the more runs found it, the thicker the line.",
+        draw=best_figure,
+    ),
+)
+
+
+def draw_figures(
+    findings: Findings, folder: Path, on_figure: Callable[[str], None] = lambda _: None
+) -> list[FigureEntry]:
+    """Write all figures as PNG and SVG into a folder and return those that there are."""
+    drawn = []
+    for entry in FIGURES:
+        figure = entry.draw(findings)
+        if figure is not None:
+            save_figure(figure, folder, entry.name)
+            drawn.append(entry)
+        on_figure(entry.name)
+    return drawn

@@ -1,0 +1,284 @@
+"""Claims of the paper about trajectories: to which side they go, and what the self-rotation changes."""
+
+import math
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from hexctl.control.turning import turn_needed_rad
+from hexctl.study.landscapes.landscape import Landscape
+from hexctl.study.searches import Findings
+from hexctl.study.verdicts.evidence import (
+    Claim,
+    Judgement,
+    Measure,
+    Tolerance,
+    judge_all,
+    make_claim,
+    measures_text,
+    share_text,
+)
+from hexctl.study.verdicts.experiments import is_mirror_of, is_own_mirror
+
+#: After 20 evaluations about 10 cm, after 60 about 2.5 cm, says the paper.
+EARLY, EARLY_M = 20, 0.10
+LATE, LATE_M = 60, 0.025
+
+#: A side is not judged on fewer valid gaits than this.
+MIN_VALID = 10
+
+
+#: Share of the gaits that is a tendency to one side; both sides have at least a fifth.
+TENDENCY, BOTH = 0.9, 0.2
+
+#: Share of the gaits that have to end nearer to the line with self-rotation.
+NEARER = 2 / 3
+
+#: Gaits near the line that the self-rotation has to gain, in the mean over legs: more than none.
+MORE = 0.1
+
+#: Smaller self-rotations are none.
+TURN_RAD = math.radians(1.0)
+
+
+def left_share(landscape: Landscape) -> float:
+    """Share of gaits that end on the left, of those that have an end; NaN where none has."""
+    left, right = ends(landscape)
+    return left / (left + right) if left + right else float("nan")
+
+
+def ends(landscape: Landscape) -> tuple[int, int]:
+    """Number of gaits that end on the left and on the right, valid or not."""
+    signed = landscape.number("signed_m")
+    return int((signed > 0).sum()), int((signed <= 0).sum())
+
+
+def valid_left_share(landscape: Landscape) -> float:
+    """Share of the valid gaits that end on the left; NaN with fewer than `MIN_VALID`."""
+    signed = landscape.number("signed_m")[landscape.valid]
+    return float((signed > 0).mean()) if signed.size >= MIN_VALID else float("nan")
+
+
+def within(landscape: Landscape, limit_m: float) -> int:
+    """Number of valid gaits that end within a distance of the line."""
+    return int((landscape.final_m[landscape.valid] <= limit_m).sum())
+
+
+def _counts(numbers: Iterable[int], of: int) -> str:
+    """Valid gaits in each world."""
+    return f"{', '.join(str(number) for number in numbers)} of {of} gaits valid"
+
+
+def _sides(findings: Findings, legs: Sequence[int], sign: int) -> list[Measure]:
+    """Share of the valid gaits of each leg that end on a side, without self-rotation."""
+    measures = []
+    for leg in legs:
+        landscapes = [world.without(leg) for world in findings.worlds]
+        shares = [valid_left_share(landscape) for landscape in landscapes]
+        measures.append(
+            Measure(
+                f"leg {leg}",
+                tuple(share if sign > 0 else 1 - share for share in shares),
+                _counts((int(one.valid.sum()) for one in landscapes), len(landscapes[0].codes)),
+                most=1.0,
+            )
+        )
+    return measures
+
+
+def _all_ends(findings: Findings, legs: Sequence[int]) -> str:
+    """Share on the left of all gaits, invalid ones included."""
+    shares = [f"leg {leg} {left_share(findings.without(leg)):.0%}" for leg in legs]
+    return "on the left of all gaits, valid or not: " + (", ".join(shares) or "no such leg")
+
+
+def veers_left(findings: Findings) -> Claim:
+    """Claim about legs 2 and 3."""
+    return _side(findings, (2, 3), "left", "When leg 2 or 3 fails, the robot moves to the left")
+
+
+def veers_right(findings: Findings) -> Claim:
+    """Claim about legs 5 and 6."""
+    return _side(findings, (5, 6), "right", "When leg 5 or 6 fails, the robot moves to the right")
+
+
+def _side(findings: Findings, legs: Sequence[int], side: str, statement: str) -> Claim:
+    legs = [leg for leg in legs if leg in findings.plan.legs]
+    tolerance = Tolerance(TENDENCY, 1.0)
+    measures = _sides(findings, legs, 1 if side == "left" else -1)
+    mirrored = all(_mirrored(findings, leg, 8 - leg) for leg in legs)
+    return make_claim(
+        statement,
+        f"at least {TENDENCY:.0%} of each leg's valid gaits end on the {side}, without self-rotation; a leg "
+        f"with fewer than {MIN_VALID} is not judged",
+        measures_text(measures, share_text, tolerance),
+        judge_all(measures, tolerance),
+        beside=_all_ends(findings, legs),
+        symmetric=f"mirror image of legs {', '.join(str(8 - leg) for leg in legs)}: one vote for both"
+        if legs and mirrored
+        else "",
+    )
+
+
+def _mirrored(findings: Findings, leg: int, other: int) -> bool:
+    plan = findings.plan
+    return is_mirror_of(plan.robot, findings.world, leg, other, "none", plan.failure)
+
+
+def goes_both_ways(findings: Findings) -> Claim:
+    """Claim about legs 1 and 4."""
+    plan = findings.plan
+    legs = [leg for leg in (1, 4) if leg in plan.legs]
+    tolerance = Tolerance(BOTH, 1 - BOTH)
+    measures = _sides(findings, legs, 1)
+    judgement, symmetric = judge_all(measures, tolerance), ""
+    if legs and all(is_own_mirror(plan.robot, findings.world, leg, "none", plan.failure) for leg in legs):
+        symmetric = "robot and world are their own mirror image with this leg failed"
+        if not judgement.not_judged:
+            judgement = Judgement(None, no_evidence="the mirror symmetry alone implies it")
+    return make_claim(
+        "When leg 1 or 4 fails, the robot goes straight or turns left or right, depending on the gait",
+        f"each side has at least {BOTH:.0%} of each leg's valid gaits, without self-rotation",
+        measures_text(measures, lambda share: f"{share:.0%} left", tolerance),
+        judgement,
+        beside=_all_ends(findings, legs),
+        symmetric=symmetric,
+    )
+
+
+def rotation_straightens(findings: Findings) -> Claim:
+    """Claim about the effect of the self-rotation, gait by gait."""
+    measures = [_nearer(findings, group) for group in _turning(findings)]
+    tolerance = Tolerance(NEARER, 1.0)
+    return make_claim(
+        "The self-rotation avoids motions to the left or right",
+        f"of each leg's gaits at least {NEARER:.0%} end nearer to the line with self-rotation than the same "
+        "gait without; an invalid gait is behind every valid one, and pairs without a valid one do not count",
+        measures_text(measures, share_text, tolerance),
+        judge_all(measures, tolerance),
+        beside="a leg that points to the rear already is no pair",
+    )
+
+
+def _turning(findings: Findings) -> list[tuple[int, ...]]:
+    """Legs with which the self-rotation turns the robot, in groups that are one experiment without it."""
+    if findings.plan.self_rotation == "none":
+        return []
+    groups = findings.plan.experiments(findings.world, "none")
+    return [group for group in groups if _turns(findings.rotated(group[0]))]
+
+
+def _turns(landscape: Landscape) -> bool:
+    """Whether the self-rotation of a landscape turns the robot."""
+    spec = landscape.spec
+    needed_rad = turn_needed_rad(spec.robot, spec.trial(spec.codes[0]).plan)
+    return abs(needed_rad) > TURN_RAD
+
+
+def _nearer(findings: Findings, group: Sequence[int]) -> Measure:
+    """Share of the pairs of a leg's gaits that end nearer to the line with self-rotation."""
+    values, counts = [], []
+    for world in findings.worlds:
+        before, after = world.without(group[0]), world.rotated(group[0])
+        rows = np.searchsorted(after.codes, before.codes)
+        some = before.valid | after.valid[rows]
+        nearer = after.scores[rows][some] < before.scores[some]
+        values.append(float(nearer.mean()) if nearer.size else float("nan"))
+        counts.append(f"{nearer.size} pairs, {int(before.valid.sum())} valid before")
+    return Measure(legs_text(group), tuple(values), ", ".join(dict.fromkeys(counts)), most=1.0)
+
+
+def legs_text(group: Sequence[int]) -> str:
+    """Name of an experiment."""
+    listed = ", ".join(str(leg) for leg in group)
+    return f"leg {listed}" if len(group) == 1 else f"legs {listed} (one experiment)"
+
+
+def experiment_text(findings: Findings, group: Sequence[int]) -> str:
+    """Name of an experiment with all its legs, searched or not."""
+    groups = findings.plan.experiments(findings.world, findings.plan.self_rotation)
+    return legs_text(next(whole for whole in groups if group[0] in whole))
+
+
+def rotation_helps(findings: Findings) -> Claim:
+    """Claim about the gaits near the line after the self-rotation, beside the same gaits without it.
+
+    Some of 120 gaits end near the line by chance: their number alone says nothing about the self-rotation.
+    """
+    enough, more = Tolerance(low=1.0), Tolerance(low=MORE)
+    after = [_near(findings, group) for group in findings.experiments]
+    turning = _turning(findings)
+    pairs = [_near_of_same_gaits(findings, group) for group in turning]
+    before = [Measure(legs_text(group), tuple(pair[0])) for group, pair in zip(turning, pairs, strict=True)]
+    gain = [_gain(pairs)] if pairs else []
+    here = [f"leg {leg} {within(findings.without(leg), EARLY_M)}" for leg in findings.plan.legs]
+    return make_claim(
+        "After the self-rotation there are gaits with a small deviation, whichever leg failed",
+        "each leg has a valid gait that ends within 10 cm of the line, and of the same gaits more do so with "
+        "self-rotation than without, in the mean over the legs that turn; no evidence where each of these "
+        "has one without, too",
+        f"gaits within 10 cm: {measures_text(after, lambda count: f'{count:.3g}', enough)}; of the same "
+        f"gaits more than without: {measures_text(gain, lambda count: f'{count:+.1f}', more)}",
+        _judge_near(judge_all(after, enough), judge_all(before, enough), judge_all(gain, more)),
+        beside="without self-rotation: " + ", ".join(here),
+        null=_smooth_text(findings),
+    )
+
+
+def _judge_near(after: Judgement, before: Judgement, gain: Judgement) -> Judgement:
+    """Judgement of the gaits near the line: with self-rotation, without, and of the difference."""
+    if gain == Judgement(None):
+        return gain  # No leg turns: nothing was measured.
+    if after.holds is not False and before.holds:
+        return Judgement(None, no_evidence="each leg that turns has such a gait without self-rotation, too")
+    if False in (after.holds, gain.holds):
+        return Judgement(False)
+    return gain if after.holds else after
+
+
+def _near(findings: Findings, group: Sequence[int]) -> Measure:
+    """Number of gaits near the line after the self-rotation."""
+    landscapes = [world.rotated(group[0]) for world in findings.worlds]
+    counts = tuple(float(within(landscape, EARLY_M)) for landscape in landscapes)
+    valid = _counts((int(one.valid.sum()) for one in landscapes), len(landscapes[0].codes))
+    late = ", ".join(str(within(one, LATE_M)) for one in landscapes)
+    return Measure(experiment_text(findings, group), counts, f"{late} within 2.5 cm; {valid}")
+
+
+def _near_of_same_gaits(findings: Findings, group: Sequence[int]) -> tuple[list[int], list[int]]:
+    """Gaits near the line in each world, without and with self-rotation, of those walked both ways."""
+    without, turned = [], []
+    for world in findings.worlds:
+        before, after = world.without(group[0]), world.rotated(group[0])
+        rows = np.searchsorted(after.codes, before.codes)
+        without.append(within(before, EARLY_M))
+        turned.append(int((after.scores[rows] <= EARLY_M).sum()))
+    return without, turned
+
+
+def _gain(pairs: Sequence[tuple[list[int], list[int]]]) -> Measure:
+    """How many more gaits are near the line with self-rotation, mean over the legs that turn."""
+    gains = np.array([turned for _, turned in pairs]) - np.array([without for without, _ in pairs])
+    each = "; ".join(
+        f"{', '.join(map(str, turned))} against {', '.join(map(str, without))}" for without, turned in pairs
+    )
+    return Measure("mean", tuple(gains.mean(axis=0).tolist()), each, least=-np.inf)
+
+
+def _smooth_text(findings: Findings) -> str:
+    """Gaits that chance puts near the line, one number for each experiment."""
+    expected = [expected_within(findings.rotated(group[0]), EARLY_M) for group in findings.experiments]
+    numbers = ", ".join(f"{count:.1f}" for count in expected)
+    return f"{numbers} gaits within 10 cm if deviations up to the median were spread evenly"
+
+
+def expected_within(landscape: Landscape, limit_m: float) -> float:
+    """Expected number of valid gaits within a distance of the line, if chance alone placed them.
+
+    Half of them end within the median; spread evenly up to it, limit / median of that half are within the
+    limit. 0 without a valid gait.
+    """
+    if not landscape.valid.any():
+        return 0.0
+    valid_m = landscape.final_m[landscape.valid]
+    return float(valid_m.size * min(1.0, limit_m / (2 * max(float(np.median(valid_m)), limit_m / 2))))

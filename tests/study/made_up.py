@@ -1,0 +1,113 @@
+"""Landscapes for tests: made up in an instant, or really walked for a moment."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hexctl.backends.sim.world import World
+from hexctl.study.landscapes.landscape import (
+    NUMBERS,
+    Landscape,
+    LandscapeSpec,
+    Rows,
+    empty_landscape,
+    with_rows,
+)
+from hexctl.study.plan import ROTATIONS, StudyPlan
+from hexctl.study.reports.report import write_report
+from hexctl.study.reports.tables import summary_json
+from hexctl.study.searches import Findings, search_all
+from hexctl.study.verdicts.claims import claims_of
+from hexctl.study.verdicts.uncertainty import StudyUncertainty
+from hexctl.types import FloatArray
+from tests.robots import shipped
+
+ALL = tuple(range(1, 121))
+
+
+def spec(leg: int = 5, self_rotation: str = "none", duration_s: float = 0.4, codes: Sequence[int] = ALL,
+         seed: int = 0, world: World | None = None) -> LandscapeSpec:  # fmt: skip
+    return LandscapeSpec(
+        robot=shipped(),
+        world=world or World(),
+        leg=leg,
+        self_rotation=self_rotation,
+        duration_s=duration_s,
+        seed=seed,
+        codes=tuple(codes),
+    )
+
+
+def made_up(leg: int, self_rotation: str, signed_m: FloatArray, invalid: Sequence[int] = ()) -> Landscape:
+    """A landscape with these signed deviations; `invalid` are codes that made no progress."""
+    return made_up_in(spec(leg, self_rotation, duration_s=1.0), signed_m, invalid)
+
+
+def made_up_in(asked: LandscapeSpec, signed_m: FloatArray, invalid: Sequence[int] = ()) -> Landscape:
+    """The landscape of a spec, made up likewise."""
+    empty = empty_landscape(asked)
+    numbers = np.zeros((120, len(NUMBERS)))
+    numbers[:, NUMBERS.index("signed_m")] = signed_m
+    numbers[:, NUMBERS.index("distance_m")] = 4.0
+    status = np.where(np.isin(empty.codes, list(invalid)), "no_progress", "ok").astype("<U16")
+    paths = np.zeros((120, empty.spec.n_points, 2), dtype=np.float32)
+    paths[..., 0] = np.linspace(0, 4, empty.spec.n_points)
+    paths[..., 1] = signed_m[:, np.newaxis] * np.linspace(0, 1, empty.spec.n_points)
+    return with_rows(empty, Rows(codes=empty.codes, status=status, numbers=numbers, paths_m=paths))
+
+
+def spread_out(worst_m: float, sign: FloatArray | float = 1.0) -> FloatArray:
+    """120 deviations, evenly from 0 to the worst, in an order that no search finds smooth."""
+    order = np.random.default_rng(1).permutation(120)
+    return np.asarray(np.linspace(0.001, worst_m, 120)[order] * sign)
+
+
+def made_up_findings(
+    rotated_m: FloatArray,
+    left: dict[int, float] | None = None,
+    *,
+    legs: tuple[int, ...] = (1, 2, 3, 4, 5, 6),
+    optimizers: tuple[str, ...] = ("pso", "psosp", "dps", "debest", "derand", "random"),
+    runs: int = 3,
+    budget: int = 120,
+    duration_s: float = 30.0,
+) -> Findings:
+    """Findings in which each leg has a share of its gaits on the left without self-rotation.
+
+    Paths are those of a second, whatever the duration: no number depends on them.
+    """
+    left = left or {1: 0.5, 2: 1.0, 3: 1.0, 4: 0.5, 5: 0.0, 6: 0.0}
+    plan = StudyPlan(
+        robot=shipped(), legs=legs, optimizers=optimizers, runs=runs, budget=budget, duration_s=duration_s
+    )
+    landscapes = []
+    for leg in legs:
+        sign = np.where(np.arange(120) < 120 * left[leg], 1.0, -1.0)
+        signed = (spread_out(2.0, sign), rotated_m)
+        landscapes += [made_up(leg, rotation, m) for rotation, m in zip(ROTATIONS, signed, strict=True)]
+    return search_all(plan, landscapes)
+
+
+def same(one: Rows, other: Rows) -> bool:
+    """Whether all numbers of two landscapes are equal to the last bit."""
+    return all(
+        np.array_equal(getattr(one, name), getattr(other, name), equal_nan=name in ("numbers", "paths_m"))
+        for name in ("codes", "status", "numbers", "paths_m")
+    )
+
+
+def reported(findings: Findings, folder: Path) -> Path:
+    """Report of findings, in a folder."""
+    return write_report(findings, claims_of(findings), uncertainty_of(findings), folder)
+
+
+def summarised(findings: Findings) -> dict[str, Any]:
+    """Findings as in `study.json`."""
+    return summary_json(findings, claims_of(findings), uncertainty_of(findings))
+
+
+def uncertainty_of(findings: Findings) -> StudyUncertainty:
+    """The simulation's own uncertainty of the walks."""
+    return StudyUncertainty.of(findings.plan.robot, findings.plan.world, findings.plan.duration_s)
