@@ -18,7 +18,7 @@ from faults.measurement import (
 from faults.phase import PHASES
 from faults.process import Program
 from faults.rig import Rig
-from hexctl.adapt.store import SessionStore
+from hexctl.adapt.sessions.store import SessionStore
 from hexctl.robot.loader import load_robot_file
 
 #: How long a robot is watched after a fault is over.

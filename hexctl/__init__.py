@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from hexctl.adapt.prior.prior import Prior, ScorePrior, load_prior, load_score_prior
     from hexctl.adapt.result import AdaptationResult
     from hexctl.adapt.search import new_spec
-    from hexctl.adapt.session import BaselineRecord, Session, SessionSpec, TrialRecord, WalkRecord
-    from hexctl.adapt.session_table import sessions
+    from hexctl.adapt.sessions.session import BaselineRecord, Session, SessionSpec, TrialRecord, WalkRecord
+    from hexctl.adapt.sessions.store import delete_session, export_session, list_sessions, load_session
+    from hexctl.adapt.sessions.table import sessions
     from hexctl.adapt.space import GaitSpace
-    from hexctl.adapt.store import delete_session, export_session, list_sessions, load_session
     from hexctl.backends.base import LegServos, ServosWrapper
     from hexctl.backends.clock import Clock, Tick, WallClock
     from hexctl.backends.mock import MockServos
@@ -161,9 +161,9 @@ _MODULES = {
     "adapt.result": "AdaptationResult",
     "adapt.search": "new_spec",
     "adapt.best": "BestGait best_gait",
-    "adapt.session": "Session SessionSpec TrialRecord BaselineRecord WalkRecord",
-    "adapt.session_table": "sessions",
-    "adapt.store": "delete_session export_session list_sessions load_session",
+    "adapt.sessions.session": "Session SessionSpec TrialRecord BaselineRecord WalkRecord",
+    "adapt.sessions.table": "sessions",
+    "adapt.sessions.store": "delete_session export_session list_sessions load_session",
     "adapt.prior.prior": "Prior ScorePrior load_prior load_score_prior",
     "adapt.prior.find": "list_priors",
     "study.prior": "PriorPlan build_prior",

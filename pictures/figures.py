@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 from hexctl.adapt.overview import write_overview
-from hexctl.adapt.store import SessionStore
+from hexctl.adapt.sessions.store import SessionStore
 from hexctl.cli.main import exit_code
 from pictures.picture import Picture
 from pictures.window import BAR, SIZE, opened

@@ -22,7 +22,8 @@ from hexctl.adapt.reset_free import ResetFreeRunner, arena_of, at_home, connecte
 from hexctl.adapt.result import AdaptationResult
 from hexctl.adapt.runner import TrialRunner, check_not_interrupted
 from hexctl.adapt.search import check_parts, extended, make_search, new_spec
-from hexctl.adapt.session import UNWATCHED, Session, SessionSpec
+from hexctl.adapt.sessions.session import UNWATCHED, Session, SessionSpec
+from hexctl.adapt.sessions.store import RUNS, SessionStore, load_session
 from hexctl.adapt.setting import (
     Note,
     Setting,
@@ -34,7 +35,6 @@ from hexctl.adapt.setting import (
     trimmed_plan,
 )
 from hexctl.adapt.stance import with_stance
-from hexctl.adapt.store import RUNS, SessionStore, load_session
 from hexctl.backends.base import LegServos
 from hexctl.control.assessment.static_stability import stable_slots_of
 from hexctl.control.guard import Guard

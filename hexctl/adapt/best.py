@@ -7,9 +7,9 @@ from pathlib import Path
 from hexctl.adapt.prior.find import find_prior, prior_folders
 from hexctl.adapt.prior.prior import PriorKey, open_prior
 from hexctl.adapt.prior.samples import covering, ranked_codes
-from hexctl.adapt.session import Session
+from hexctl.adapt.sessions.session import Session
+from hexctl.adapt.sessions.store import RUNS, load_session
 from hexctl.adapt.space import GaitSpace
-from hexctl.adapt.store import RUNS, load_session
 from hexctl.backends.base import as_robot
 from hexctl.control.assessment.static_stability import in_posture, usual_posture
 from hexctl.control.plan import AUTO_ROTATION, TrialPlan, suited_rotation

@@ -11,9 +11,9 @@ from hexctl.adapt.objectives import Objective, make_objective
 from hexctl.adapt.optimizer import Observation, Optimizer, Prediction
 from hexctl.adapt.optimizers.trim import wanted_trim_rad, wanted_turn_trim_rad_s
 from hexctl.adapt.runner import LegFailedError, RobotStoppedError, WalkedTrial, noticed_legs
-from hexctl.adapt.session import BASELINE_INDEX, BaselineRecord, Session, TrialRecord
+from hexctl.adapt.sessions.session import BASELINE_INDEX, BaselineRecord, Session, TrialRecord
+from hexctl.adapt.sessions.store import SessionStore
 from hexctl.adapt.space import GaitSpace
-from hexctl.adapt.store import SessionStore
 from hexctl.control.preparation import StopRequested, never
 from hexctl.control.trial import Enough
 from hexctl.errors import HexctlError, InputError, RecordingError, argument

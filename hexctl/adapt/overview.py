@@ -8,7 +8,8 @@ from types import MappingProxyType
 from typing import Any
 from urllib.parse import quote
 
-from hexctl.adapt.session import (
+from hexctl.adapt.sessions.rows import StoreError
+from hexctl.adapt.sessions.session import (
     BASELINE_INDEX,
     MILESTONES_M,
     BaselineRecord,
@@ -17,8 +18,7 @@ from hexctl.adapt.session import (
     WalkRecord,
     trials_text,
 )
-from hexctl.adapt.session_rows import StoreError
-from hexctl.adapt.store import load_session, stored_names
+from hexctl.adapt.sessions.store import load_session, stored_names
 from hexctl.errors import HexctlError, InputError
 from hexctl.record.overview import Overview, OverviewTrial, drawable
 from hexctl.record.overview_figures import write_overview_file

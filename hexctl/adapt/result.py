@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.adapt.session import BaselineRecord, Session, TrialRecord, trials_text
+from hexctl.adapt.sessions.session import BaselineRecord, Session, TrialRecord, trials_text
 from hexctl.control.result import path_axes
 from hexctl.errors import RecordingError, RobotFaultError
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from hexctl.adapt.session import BASELINE_INDEX, UNWATCHED, SessionSpec
+from hexctl.adapt.sessions.session import BASELINE_INDEX, UNWATCHED, SessionSpec
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import make_floor
 from hexctl.backends.sim.world import World

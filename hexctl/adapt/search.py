@@ -22,10 +22,10 @@ from hexctl.adapt.prior.choice import DEFAULT_TARGET_M, Advice, choose_prior, no
 from hexctl.adapt.prior.find import prior_folders
 from hexctl.adapt.prior.prior import Prior, ScorePrior
 from hexctl.adapt.prior.samples import samples_of, score_samples_of
-from hexctl.adapt.session import BASELINE_GAITS, Session, SessionSpec
+from hexctl.adapt.sessions.session import BASELINE_GAITS, Session, SessionSpec
+from hexctl.adapt.sessions.store import RUNS
 from hexctl.adapt.setting import Note, load_setting, log_note, start_note, with_known_uncertainty
 from hexctl.adapt.space import GaitSpace
-from hexctl.adapt.store import RUNS
 from hexctl.backends.base import LegServos
 from hexctl.backends.registry import check_options, option_values
 from hexctl.control.assessment.score import progress_floor_m

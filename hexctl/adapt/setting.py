@@ -12,7 +12,7 @@ from hexctl.adapt.optimizers.shipped import BAYES, TRIM
 from hexctl.adapt.prior.find import check_prior
 from hexctl.adapt.prior.prior import Prior, PriorKey, ScorePrior, load_prior, load_score_prior
 from hexctl.adapt.prior.samples import covering
-from hexctl.adapt.session import Session, SessionSpec
+from hexctl.adapt.sessions.session import Session, SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World, load_world
 from hexctl.control.assessment.score import progress_floor_m

@@ -51,7 +51,7 @@ from hexctl.errors import HexctlError, InputError, RecordingError
 if TYPE_CHECKING:
     from hexctl.adapt.adaptation import Adaptation
     from hexctl.adapt.result import AdaptationResult
-    from hexctl.adapt.session import Session, SessionSpec
+    from hexctl.adapt.sessions.session import Session, SessionSpec
     from hexctl.record.live import LiveView
 
 BUDGET = Range(low=1, high=100_000, whole=True)
@@ -326,7 +326,7 @@ def _resume(name: str, budget: int | None, *, record: bool, **shown: bool) -> in
     """Continue a session and return the exit code."""
     with StopOnInterrupt() as interrupt:
         from hexctl.adapt.adaptation import Adaptation
-        from hexctl.adapt.store import load_session
+        from hexctl.adapt.sessions.store import load_session
 
         spec = load_session(name, folder=RUNS).spec
         make = partial(Adaptation.resume, name, budget=budget)

@@ -84,7 +84,7 @@ def _gamepads() -> Iterable[str]:
 
 
 def _sessions() -> Iterable[str]:
-    from hexctl.adapt.store import stored_names
+    from hexctl.adapt.sessions.store import stored_names
 
     return stored_names(RUNS)
 

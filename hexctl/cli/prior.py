@@ -26,7 +26,7 @@ from hexctl.cli.values import Range, choice, given, listed, number, refuse_given
 from hexctl.errors import InputError
 
 if TYPE_CHECKING:
-    from hexctl.adapt.session import SessionSpec
+    from hexctl.adapt.sessions.session import SessionSpec
 
 WORLDS = Range(low=2, high=1024, whole=True)
 PriorHold = Literal["none", "heading", "line"]

@@ -8,7 +8,7 @@ import sys
 import typer
 
 from hexctl.adapt.measurement import Answer
-from hexctl.adapt.session import BASELINE_INDEX, SessionSpec
+from hexctl.adapt.sessions.session import BASELINE_INDEX, SessionSpec
 from hexctl.cli.console import print_note
 from hexctl.control.calibration import EndedError
 from hexctl.control.preparation import StopRequested

@@ -13,8 +13,8 @@ from hexctl.cli.values import listed
 from hexctl.errors import InputError
 
 if TYPE_CHECKING:
-    from hexctl.adapt.session import Session
-    from hexctl.adapt.session_rows import StoreError
+    from hexctl.adapt.sessions.rows import StoreError
+    from hexctl.adapt.sessions.session import Session
 
 sessions = typer.Typer(help="List, show, export and delete sessions of hexctl adapt.", no_args_is_help=True)
 
@@ -34,7 +34,7 @@ def list_sessions(as_json: JsonOption = False) -> None:
 
     One that is damaged is named on stderr, with exit code 3; the others are listed all the same.
     """
-    from hexctl.adapt.store import list_sessions as all_sessions
+    from hexctl.adapt.sessions.store import list_sessions as all_sessions
     from hexctl.cli.render.adapt import session_line
 
     damaged: list[StoreError] = []
@@ -66,7 +66,7 @@ def show(
     as_json: JsonOption = False,
 ) -> None:
     """Show a session's trials."""
-    from hexctl.adapt.store import load_session
+    from hexctl.adapt.sessions.store import load_session
     from hexctl.cli.render.adapt import session_lines
 
     session = load_session(name, RUNS)
@@ -100,7 +100,7 @@ def export(
     path: Annotated[Path, typer.Argument(metavar="FILE", help="New file, .csv or .parquet.")],
 ) -> None:
     """Write a session's trials to a CSV or Parquet file."""
-    from hexctl.adapt.store import export_session
+    from hexctl.adapt.sessions.store import export_session
 
     export_session(name, path, RUNS)
     print_result(f"{path}")
@@ -112,9 +112,9 @@ def delete(
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask. Its recordings are deleted too.")] = False,
 ) -> None:
     """Delete a session and its recordings."""
-    from hexctl.adapt.session import trials_text
-    from hexctl.adapt.session_rows import StoreError
-    from hexctl.adapt.store import delete_session, load_session
+    from hexctl.adapt.sessions.rows import StoreError
+    from hexctl.adapt.sessions.session import trials_text
+    from hexctl.adapt.sessions.store import delete_session, load_session
 
     try:
         trials = trials_text(len(load_session(name, RUNS).trials))

@@ -17,8 +17,8 @@ from hexctl.adapt.adaptation import Adaptation, OnBegin
 from hexctl.adapt.loop import OnBaseline, OnTrial
 from hexctl.adapt.result import AdaptationResult
 from hexctl.adapt.search import new_spec
+from hexctl.adapt.sessions.store import RUNS
 from hexctl.adapt.setting import Note, log_note
-from hexctl.adapt.store import RUNS
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.preparation import StopRequested, never
 from hexctl.errors import HexctlError, InputError

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from hexctl.adapt.store import RUNS
+from hexctl.adapt.sessions.store import RUNS
 from hexctl.doctor.connections import Connections, Device, read_connections
 from hexctl.doctor.drawing import Drawing, read_drawing
 from hexctl.doctor.machine import WALK_MB, Machine, read_machine

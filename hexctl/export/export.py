@@ -6,7 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from hexctl.adapt.store import RUNS, export_session
+from hexctl.adapt.sessions.store import RUNS, export_session
 from hexctl.errors import InputError, argument
 from hexctl.export.pictures import PictureOptions
 from hexctl.export.recordings import OnProgress, Recordings, Trials, is_session, recordings_of

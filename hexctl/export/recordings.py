@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from hexctl.adapt.store import load_session
+from hexctl.adapt.sessions.store import load_session
 from hexctl.errors import InputError, check_type
 from hexctl.record.recorded_trial import RecordedTrial, read_trial
 from hexctl.robot.model import Robot

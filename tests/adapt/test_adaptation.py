@@ -25,7 +25,7 @@ from hexctl.adapt.runner import (
     WalkedTrial,
 )
 from hexctl.adapt.search import new_spec
-from hexctl.adapt.store import delete_session, export_session, list_sessions, load_session
+from hexctl.adapt.sessions.store import delete_session, export_session, list_sessions, load_session
 from hexctl.backends.sim.world import load_world
 from hexctl.control.result import TrialResult
 from hexctl.errors import InputError, RobotFaultError, WrongTypeError

@@ -15,9 +15,9 @@ from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.registry import make_optimizer
 from hexctl.adapt.prior.samples import FINAL
 from hexctl.adapt.runner import WalkedTrial
-from hexctl.adapt.session import Session, SessionSpec
+from hexctl.adapt.sessions.session import Session, SessionSpec
+from hexctl.adapt.sessions.store import SessionStore
 from hexctl.adapt.space import GaitSpace
-from hexctl.adapt.store import SessionStore
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import Enough
 from hexctl.errors import InputError, RecordingError

@@ -11,7 +11,7 @@ from hexctl.adapt.measurement import Answer, measured, not_walked
 from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES
 from hexctl.adapt.optimizer import Observation
 from hexctl.adapt.prior.samples import DISTANCE, FINAL, features_of
-from hexctl.adapt.session import Session, SessionSpec
+from hexctl.adapt.sessions.session import Session, SessionSpec
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.gait.gait import make_gait

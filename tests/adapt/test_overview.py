@@ -9,7 +9,7 @@ import rerun as rr
 
 from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.overview import make_overview, write_overview
-from hexctl.adapt.session import BaselineRecord, Session, TrialRecord
+from hexctl.adapt.sessions.session import BaselineRecord, Session, TrialRecord
 from hexctl.control.result import TrialResult
 from hexctl.errors import InputError
 from hexctl.record.overview import make_table

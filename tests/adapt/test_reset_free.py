@@ -13,7 +13,7 @@ from hexctl.adapt import runner as runner_module
 from hexctl.adapt.arena import Arena
 from hexctl.adapt.reset_free import ResetFreeRunner, await_ready, cool_down
 from hexctl.adapt.runner import RobotStoppedError, TrialRunner
-from hexctl.adapt.session import SessionSpec
+from hexctl.adapt.sessions.session import SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.controllers import sitting_angles_rad

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from hexctl.adapt.runner import WalkedTrial
-from hexctl.adapt.session import SessionSpec
+from hexctl.adapt.sessions.session import SessionSpec
 from hexctl.control.result import Deviation, TrialResult
 from hexctl.control.trial import Enough
 from hexctl.gait.encoding import Slots

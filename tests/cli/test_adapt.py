@@ -15,7 +15,7 @@ import pytest
 
 from hexctl.adapt import search
 from hexctl.adapt.runner import TrialRunner, WalkedTrial
-from hexctl.adapt.store import SessionStore, list_sessions
+from hexctl.adapt.sessions.store import SessionStore, list_sessions
 from hexctl.cli.main import exit_code
 from hexctl.record.recording import Recording
 from hexctl.robot.configs import config_root

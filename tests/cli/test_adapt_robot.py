@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from hexctl.adapt.prior.prior import Prior, save_prior
-from hexctl.adapt.store import SessionStore
+from hexctl.adapt.sessions.store import SessionStore
 from hexctl.cli.main import exit_code
 from hexctl.see.vision.camera import Camera
 from tests.adapt.priors import MadeUpModel, key_of, made_up_prior

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hexctl.adapt.store import SessionStore
+from hexctl.adapt.sessions.store import SessionStore
 from hexctl.backends.registry import BACKENDS
 from hexctl.cli import completion
 from hexctl.robot.configs import config_names

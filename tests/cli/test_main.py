@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from hexctl.adapt.store import SessionStore
+from hexctl.adapt.sessions.store import SessionStore
 from hexctl.cli.main import exit_code
 from hexctl.robot.configs import config_names
 from tests.cli.paths import PATH_LINES
@@ -298,7 +298,7 @@ def test_a_ctrl_c_that_a_command_does_not_handle_is_a_line(
         raise KeyboardInterrupt
 
     monkeypatch.setattr("hexctl.record.run.Run.__init__", interrupted)
-    monkeypatch.setattr("hexctl.adapt.store.list_sessions", interrupted)
+    monkeypatch.setattr("hexctl.adapt.sessions.store.list_sessions", interrupted)
     assert exit_code(command) == 130
     assert capsys.readouterr().err == "hexctl: interrupted\n"
 

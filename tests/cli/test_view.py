@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import rerun as rr
 
-from hexctl.adapt.session import TrialRecord
-from hexctl.adapt.store import SessionStore
+from hexctl.adapt.sessions.session import TrialRecord
+from hexctl.adapt.sessions.store import SessionStore
 from hexctl.cli.main import exit_code
 from hexctl.control.log import TickLog
 from hexctl.record import live, viewer

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from hexctl.adapt.overview import recordings_of, write_overview
-from hexctl.adapt.session import Session, TrialRecord
-from hexctl.adapt.store import SessionStore
+from hexctl.adapt.sessions.session import Session, TrialRecord
+from hexctl.adapt.sessions.store import SessionStore
 from pictures.window import Window
 from tests.adapt.walking import SPEC, result_of
 from tests.viewer.checks import check_robot, check_session, check_trial, of_kind

@@ -14,7 +14,7 @@ from hexctl.adapt.objectives import INVALID_SCORE, Objective
 from hexctl.adapt.optimizers.bayes import SURE
 from hexctl.adapt.optimizers.shipped import BAYES, TRIM
 from hexctl.adapt.runner import LegFailedError
-from hexctl.adapt.session import (
+from hexctl.adapt.sessions.session import (
     BASELINE_INDEX,
     MILESTONES_M,
     BaselineRecord,

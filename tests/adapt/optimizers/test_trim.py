@@ -23,9 +23,9 @@ from hexctl.adapt.optimizers.trim import (
 from hexctl.adapt.result import AdaptationResult
 from hexctl.adapt.runner import TrialRunner, WalkedTrial
 from hexctl.adapt.search import new_spec
-from hexctl.adapt.session_export import flat_rows
+from hexctl.adapt.sessions.export import flat_rows
+from hexctl.adapt.sessions.store import load_session
 from hexctl.adapt.setting import load_setting
-from hexctl.adapt.store import load_session
 from hexctl.backends.sim.servos import SimServos
 from hexctl.cli.main import exit_code
 from hexctl.cli.render.adapt import closing_lines

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from hexctl.adapt.session import BaselineRecord, Session, SessionSpec, TrialRecord
+from hexctl.adapt.sessions.session import BaselineRecord, Session, SessionSpec, TrialRecord
 from hexctl.cli.render.adapt import closing_lines, opening_line, session_line
 
 SPEC = SessionSpec(optimizer="bayes", prior="x.npz", target_m=0.025)

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from hexctl.adapt.session import BaselineRecord, Session, SessionSpec, TrialRecord
+from hexctl.adapt.sessions.session import BaselineRecord, Session, SessionSpec, TrialRecord
 from hexctl.control.result import STATUSES
 from hexctl.errors import printable
 from hexctl.gait.encoding import check_permutation

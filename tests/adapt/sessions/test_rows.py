@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from hexctl.adapt.session_rows import StoreError, is_store, reading
-from hexctl.adapt.store import (
+from hexctl.adapt.sessions.rows import StoreError, is_store, reading
+from hexctl.adapt.sessions.store import (
     SessionStore,
     delete_session,
     export_session,
@@ -22,7 +22,7 @@ from hexctl.adapt.store import (
 )
 from hexctl.cli.main import exit_code
 from hexctl.errors import InputError
-from tests.adapt.test_store import record
+from tests.adapt.sessions.test_store import record
 from tests.adapt.walking import SPEC
 
 #: Somebody without the rights of root, who may read what all may.

@@ -4,7 +4,7 @@ import csv
 from pathlib import Path
 from typing import Any
 
-from hexctl.adapt.session import BASELINE_GAITS, Session
+from hexctl.adapt.sessions.session import BASELINE_GAITS, Session
 from hexctl.control.result import QUALITIES
 from hexctl.errors import InputError, MissingExtraError
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from hexctl.adapt.session import Session
-from hexctl.adapt.stored_session import stored_session
+from hexctl.adapt.sessions.session import Session
+from hexctl.adapt.sessions.stored import stored_session
 from hexctl.errors import HexctlError, InputError
 
 SCHEMA_VERSION = 1

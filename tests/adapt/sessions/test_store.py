@@ -14,10 +14,10 @@ from pathlib import Path
 import pytest
 
 from hexctl.adapt.objectives import OBJECTIVES
-from hexctl.adapt.session import BaselineRecord, Session, SessionSpec, TrialRecord
-from hexctl.adapt.session_export import LAST_COLUMNS, flat_rows
-from hexctl.adapt.session_rows import StoreError
-from hexctl.adapt.store import SessionStore
+from hexctl.adapt.sessions.export import LAST_COLUMNS, flat_rows
+from hexctl.adapt.sessions.rows import StoreError
+from hexctl.adapt.sessions.session import BaselineRecord, Session, SessionSpec, TrialRecord
+from hexctl.adapt.sessions.store import SessionStore
 from hexctl.errors import InputError
 from tests.adapt.walking import SPEC, result_of
 
@@ -173,8 +173,8 @@ def test_two_processes_on_one_store(tmp_path: Path) -> None:
 KILLED = """
 import sys
 from pathlib import Path
-from hexctl.adapt.store import SessionStore
-from tests.adapt.test_store import SPEC, record
+from hexctl.adapt.sessions.store import SessionStore
+from tests.adapt.sessions.test_store import SPEC, record
 with SessionStore(Path(sys.argv[1])) as store:
     session = store.create(SPEC)
     for index in range(1, 100_000):

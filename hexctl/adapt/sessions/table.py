@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Any
 
-from hexctl.adapt.session import Session
-from hexctl.adapt.session_export import flat_rows
-from hexctl.adapt.store import RUNS, list_sessions
+from hexctl.adapt.sessions.export import flat_rows
+from hexctl.adapt.sessions.session import Session
+from hexctl.adapt.sessions.store import RUNS, list_sessions
 
 #: What is told of the session in each row: fields of `SessionSpec`.
 SPEC_COLUMNS = ("robot", "world", "failure", "objective", "duration_s", "backend")

@@ -14,10 +14,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Self
 
-from hexctl.adapt.session import BaselineRecord, Session, SessionSpec, TrialRecord
-from hexctl.adapt.session_export import export
-from hexctl.adapt.session_rows import FILE_NAME, SCHEMA_VERSION, SessionRows, StoreError, is_store, reading
-from hexctl.adapt.stored_session import is_folder_name, is_made_by_hexctl
+from hexctl.adapt.sessions.export import export
+from hexctl.adapt.sessions.rows import FILE_NAME, SCHEMA_VERSION, SessionRows, StoreError, is_store, reading
+from hexctl.adapt.sessions.session import BaselineRecord, Session, SessionSpec, TrialRecord
+from hexctl.adapt.sessions.stored import is_folder_name, is_made_by_hexctl
 from hexctl.errors import InputError, check_type
 
 _LOG = logging.getLogger(__name__)

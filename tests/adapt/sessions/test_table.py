@@ -9,7 +9,7 @@ import pytest
 
 import hexctl
 from hexctl.adapt.adaptation import adapt
-from hexctl.adapt.session_table import USUAL_COLUMNS
+from hexctl.adapt.sessions.table import USUAL_COLUMNS
 
 
 @pytest.fixture(scope="module")
