@@ -15,9 +15,9 @@ import numpy as np
 from hexctl.adapt.optimizers.registry import make_optimizer
 from hexctl.adapt.optimizers.shipped import OPTIMIZERS
 from hexctl.adapt.prior.prior import open_prior
-from hexctl.adapt.session_rows import FILE_NAME, reading
+from hexctl.adapt.sessions.rows import FILE_NAME, reading
+from hexctl.adapt.sessions.stored import stored_session
 from hexctl.adapt.space import GaitSpace
-from hexctl.adapt.stored_session import stored_session
 from hexctl.control.monitor.repertoire_store import load_repertoire
 from hexctl.control.result import TrialResult
 from hexctl.errors import HexctlError, InputError
@@ -30,7 +30,7 @@ from hexctl.study.recovery.walks import EpisodeCache
 from hexctl.study.repertoire.walks import repertoire_cache
 from tests.fuzz.folder import own_folder, written
 from tests.fuzz.target import Target
-from tests.study.landscapes import spec
+from tests.study.made_up import spec
 
 DATA = Path(__file__).parents[2] / "data"
 NUMBERS = (
