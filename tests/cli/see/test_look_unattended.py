@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hexctl.adapt.session import Session
-from hexctl.adapt.store import SessionStore
+from hexctl.adapt.sessions.session import Session
+from hexctl.adapt.sessions.store import SessionStore
 from hexctl.cli.console import ABORTED, DONE
 from hexctl.record import paths
 from hexctl.robot.loader import load_robot
