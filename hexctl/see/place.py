@@ -289,6 +289,8 @@ def _lens(content: _PlaceFile, path: Path) -> Lens:
     if (content.lens is None) == (content.assumed_lens is None):
         raise InputError(f"{path}: got lens and assumed_lens, or none; allowed: one of them")
     if content.lens is not None:
+        if not (path.parent / content.lens).is_file():
+            raise InputError(f"{path}: lens: got {content.lens}; allowed: a file that is there")
         lens = load_lens(path.parent / content.lens)
     else:
         assumed = content.assumed_lens

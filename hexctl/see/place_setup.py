@@ -84,7 +84,8 @@ class PlaceSetup:
         lens, lens_file = self._lens(size_px, before)
         bar_mm = self.bar_mm or (BAR_MM if before is None else before.bar_mm)
         scale = print_scale(bar_mm)
-        floor = learn_floor(lens, views, {tag: scale * edge for tag, edge in self._edges_m(before).items()})
+        edges_m = self._edges_m(before)
+        floor = learn_floor(lens, views, {tag: scale * edge for tag, edge in edges_m.items()})
         place = Place(
             camera=floor.cameras[0],
             floor_tags=floor.tags,
@@ -93,7 +94,8 @@ class PlaceSetup:
             lens_file=lens_file,
             latency_s=None if before is None else before.latency_s,
         )
-        return place, (*floor.doubts, *(BAR_DOUBT,) * (self.bar_mm is None and before is None))
+        unseen = _unseen_doubt(sorted(set(edges_m) - set(floor.tags)))
+        return place, (*unseen, *floor.doubts, *(BAR_DOUBT,) * (self.bar_mm is None and before is None))
 
     def _lens(self, size_px: tuple[int, int], before: Place | None) -> tuple[Lens, Path | None]:
         """The lens, and its file if it has one."""
@@ -138,6 +140,14 @@ def _sheet_numbers(sheet: Sheet | None, place: Place) -> Iterator[tuple[str, flo
         given_m = sheet.floor_edges_m.get(number)
         if given_m is not None:
             yield name, 1000 * given_m, 1000 * tag.edge_m / scale
+
+
+def _unseen_doubt(numbers: Sequence[int]) -> tuple[str, ...]:
+    """What is said of printed tags that were not seen."""
+    if not numbers:
+        return ()
+    those = f"tag {numbers[0]} is" if len(numbers) == 1 else f"tags {', '.join(map(str, numbers))} are"
+    return (f"{those} not seen, and not used: in the picture, unfolded, and large enough?",)
 
 
 def _contradiction(name: str, given: str, path: Path, known: str) -> InputError:

@@ -20,6 +20,7 @@ from hexctl.see.video.video_source import Frame, VideoSource
 from hexctl.see.video.video_writer import VideoWriter
 from hexctl.see.vision.camera_watch import CameraChange
 from hexctl.see.vision.overlay import Overlay
+from hexctl.see.vision.robot_tracker import SeenRobot
 from hexctl.see.vision.tags import TagFinder
 
 #: Without pictures the pose is told this often.
@@ -27,6 +28,9 @@ TELL_S = 0.03
 
 #: Period of the status.
 STATUS_S = 1.0
+
+#: How long the video and the page show what happened.
+EVENT_S = 3.0
 
 #: Variances below these say less than is known of tags, paper and legs.
 LEAST_POSITION_M2, LEAST_YAW_RAD2 = 0.002**2, 0.003**2
@@ -40,7 +44,7 @@ class CameraStatus:
         estimate: of the robot's pose.
         fps: pictures per second since the last status.
         seen: share of them in which the robot's tag was found.
-        quality: of the last sighting, 0 to 1; 0 without one.
+        quality: of the last sighting since then, 0 to 1; 0 without one.
         tag_px: edge of the tag in it.
     """
 
@@ -121,15 +125,17 @@ class PoseStream:
         self, place: Place, robot: Robot, latency_s: float, outputs: PoseOutputs, finder: TagFinder
     ) -> None:
         self._place, self._outputs = place, outputs
-        self._corners = place.floor_corners
         self._observer = Observer(
-            robot, place.camera, self._corners, place.robot_tag, latency_s=latency_s, finder=finder
+            robot, place.camera, place.floor_corners, place.robot_tag, latency_s=latency_s, finder=finder
         )
         self._overlay = Overlay()
         self._pictures = self._seen = self._restarts = 0
         self._look_s = 0.0
         self._last = Observation(None, False, None)
+        self._sighted: SeenRobot | None = None
+        self._since_believed = 0
         self._sight: Sight = "lost"
+        self._event, self._event_at_s = "", -math.inf
 
     def run(
         self,
@@ -143,16 +149,21 @@ class PoseStream:
         """Look until `stop_requested` returns True or the video ends; callbacks as in `RobotCamera.run`."""
         began_s = told_s = time.monotonic()
         told_pictures = told_seen = 0
-        file_s = 0.0
+        shown_s = 0.0
+
+        def tell(text: str) -> None:
+            self._event, self._event_at_s = text, shown_s
+            on_event(text)
+
         while not stop_requested() and not video.ended:
             frame = video.read(TELL_S)
             for state in () if self._outputs.robot is None else self._outputs.robot.states():
                 self._observer.listen(state)
             if frame is not None:
-                self._look(frame, on_event)
-                file_s = frame.at_s
-            estimate = self._observer.estimate(time.monotonic() if video.live else file_s)
-            self._tell(estimate, on_event)
+                shown_s = frame.at_s
+                self._look(frame, tell)
+            estimate = self._observer.estimate(time.monotonic() if video.live else shown_s)
+            self._tell(estimate, tell)
             if frame is not None:
                 on_pose(estimate)
                 self._show(frame, estimate)
@@ -161,6 +172,7 @@ class PoseStream:
                 pictures, seen = self._pictures - told_pictures, self._seen - told_seen
                 on_status(self._status(estimate, pictures / (now_s - told_s), seen / max(1, pictures)))
                 told_s, told_pictures, told_seen = now_s, self._pictures, self._seen
+                self._sighted = None
         return self._report(time.monotonic() - began_s, video)
 
     def _look(self, frame: Frame, on_event: Callable[[str], None]) -> None:
@@ -169,6 +181,8 @@ class PoseStream:
         self._look_s += time.process_time() - began_s
         self._pictures += 1
         self._seen += self._last.robot is not None
+        self._sighted = self._last.robot or self._sighted
+        self._since_believed = 0 if self._last.believed else self._since_believed + 1
         if self._last.change is not None:
             on_event(_told_change(self._last.change))
 
@@ -176,7 +190,7 @@ class PoseStream:
         """Send the pose to the robot, and tell when it is lost, found or elsewhere."""
         if estimate.sight != self._sight and "lost" in (estimate.sight, self._sight):
             on_event(
-                "the robot is lost: its tag is not seen" if estimate.pose is None else "the robot is seen"
+                f"the robot is lost: {self._why_lost()}" if estimate.pose is None else "the robot is seen"
             )
         if estimate.restarts != self._restarts:
             on_event("the robot is somewhere else than its legs say: was it carried, or did it slip?")
@@ -191,6 +205,13 @@ class PoseStream:
             yaw_variance_rad2=max(LEAST_YAW_RAD2, float(estimate.covariance[2, 2])),
         )
 
+    def _why_lost(self) -> str:
+        if not self._since_believed:
+            return "no pictures come"
+        if self._last.robot is not None:
+            return "its tag is seen, but not believed: was the camera moved?"
+        return "its tag is not seen"
+
     def _show(self, frame: Frame, estimate: PoseEstimate) -> None:
         if self._outputs.table is not None:
             self._outputs.table.write(frame.at_s, estimate, self._last)
@@ -200,11 +221,11 @@ class PoseStream:
         drawn = self._overlay.draw(
             frame.picture,
             self._observer.watch.camera,
-            self._corners,
+            self._observer.watch.floor_corners,
             sighting=self._last.robot,
             pose_floor=estimate.pose,
             height_m=self._observer.height_m + self._place.robot_tag.height_m,
-            lines=_lines(estimate, self._last),
+            lines=[*_lines(estimate, self._last), *self._events(frame.at_s)],
         )
         if self._outputs.video is not None:
             self._outputs.video.write(drawn, frame.at_s)
@@ -213,8 +234,12 @@ class PoseStream:
             if good:
                 self._outputs.page.publish(jpeg.tobytes())
 
+    def _events(self, at_s: float) -> list[str]:
+        """What happened shortly before a picture, as text for it."""
+        return [self._event] if at_s - self._event_at_s < EVENT_S else []
+
     def _status(self, estimate: PoseEstimate, fps: float, seen: float) -> CameraStatus:
-        robot = self._last.robot
+        robot = self._sighted
         return CameraStatus(
             estimate=estimate,
             fps=fps,
@@ -249,7 +274,8 @@ def _lines(estimate: PoseEstimate, observation: Observation) -> list[str]:
     lines = [f"{pose.x_m:+.3f} {pose.y_m:+.3f} m  {math.degrees(pose.yaw_rad):+.1f} deg"]
     if observation.robot is not None:
         tag = observation.robot.tag
-        lines.append(f"tag {tag.edge_px:.0f} px, quality {observation.robot.quality:.2f}")
-    if estimate.sight == "bridging":
+        doubt = "" if observation.believed else ", not believed"
+        lines.append(f"tag {tag.edge_px:.0f} px, quality {observation.robot.quality:.2f}{doubt}")
+    elif estimate.sight == "bridging":
         lines.append(f"not seen for {estimate.age_s:.1f} s: by its legs")
     return lines

@@ -26,6 +26,7 @@ from hexctl.see.video.video_source import VideoSource
 from hexctl.see.video.video_writer import VideoWriter
 from hexctl.see.vision.camera import Camera, place_camera
 from hexctl.see.vision.floor import averaged_corners
+from hexctl.see.vision.lens import load_lens
 from hexctl.see.vision.tags import Picture, Sighted, TagFinder
 
 #: Age of a picture of which nothing is known: of webcams 50 to 120 ms.
@@ -117,6 +118,10 @@ class RobotCamera(CameraOptions):
             path = getattr(self, name)
             if path is not None and Path(path).exists():
                 raise InputError(f"{argument(name)}: {path} exists; allowed: a new file, nothing is replaced")
+        for name in ("output", "poses", "place"):
+            path = getattr(self, name)
+            if path is not None and not Path(path).parent.is_dir():
+                raise InputError(f"{argument(name)}: got {path}; allowed: a folder that is there")
 
     def run(
         self,
@@ -174,11 +179,11 @@ class RobotCamera(CameraOptions):
     def _before(self) -> Place | None:
         """The place of the file, if there is one; raises InputError for what contradicts it."""
         path = Path(self.place)
-        if not path.exists():
-            return None
-        before = load_place(path)
-        if not self.relearn:
+        before = load_place(path) if path.exists() else None
+        if before is not None and not self.relearn:
             self._setup().check_known(before, path)
+        elif self.lens is not None:
+            load_lens(self.lens)  # a bad one is told before anything is opened
         return before
 
     def _found(

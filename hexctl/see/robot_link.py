@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import zenoh
 
-from hexctl.backends.zenoh.client import DESCRIBE_TIMEOUT_S, ask_until
-from hexctl.errors import InputError, MessageError, argument
+from hexctl.backends.zenoh.client import DESCRIBE_TIMEOUT_S, ask, ask_until
+from hexctl.errors import InputError, MessageError, RobotFaultError, argument
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import about_z, yaw_rad
 from hexctl.see.vision.planar_pose import PlanarPose
@@ -149,17 +149,28 @@ def linked_robot(link: Link, role: Role, name: str | None = None) -> Iterator[tu
         role: in which the session is opened.
         name: of the robot; the only one there unless given.
 
-    Raises RobotFaultError when no robot answers, and InputError when several do.
+    Raises RobotFaultError when no robot answers, and InputError when several do, or only others.
     """
     asked = KeyMap.of("*" if name is None else name).renamed(dict(link.names))
     with open_session(link, role, asked) as session:
         silence = f"no robot answers at {link.endpoint}; is hexctl serve running there?"
-        answers = ask_until(session, asked.describe, timeout_s=DESCRIBE_TIMEOUT_S, silence=silence)
+        try:
+            answers = ask_until(session, asked.describe, timeout_s=DESCRIBE_TIMEOUT_S, silence=silence)
+        except RobotFaultError:
+            everyone = KeyMap.of("*").renamed(dict(link.names))
+            others = [] if name is None else ask(session, everyone.describe)
+            if not others:
+                raise
+            raise _not_one(f"{name}", [robot_of(answer) for answer in others]) from None
         robots = [robot_of(answer) for answer in answers]
         if len(robots) > 1:
-            names = ", ".join(sorted(robot.name for robot in robots))
-            raise InputError(f"{argument('robot')}: got none, and there are {names}; allowed: one of them")
+            raise _not_one("none", robots)
         yield session, robots[0]
+
+
+def _not_one(got: str, there: list[Robot]) -> InputError:
+    names = ", ".join(sorted(robot.name for robot in there))
+    return InputError(f"{argument('robot')}: got {got}, and there are: {names}; allowed: one of them")
 
 
 @contextmanager

@@ -102,6 +102,13 @@ def test_a_damaged_file_is_refused_by_key(tmp_path: Path, changes: dict[str, Any
         load_place(path)
 
 
+def test_a_lens_that_is_gone_is_told_with_the_file_that_names_it(tmp_path: Path) -> None:
+    path = saved(tmp_path)
+    (tmp_path / "lens.yaml").unlink()
+    with pytest.raises(InputError, match=r"place\.yaml: lens: got lens\.yaml; allowed: a file that is there"):
+        load_place(path)
+
+
 def test_a_bar_measured_later_scales_what_was_learned_by_it_and_nothing_else() -> None:
     small = PLACE.printed(98.0)
     assert np.allclose(small.camera.position_floor, 0.98 * CAMERA.position_floor)

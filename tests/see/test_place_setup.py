@@ -6,10 +6,13 @@ from pathlib import Path
 import pytest
 
 from hexctl.errors import InputError
+from hexctl.robot.loader import load_robot
 from hexctl.see.place import load_place
 from hexctl.see.place_setup import PlaceSetup
 from hexctl.see.sheet import Sheet
+from tests.see.scenes import CAMERA
 from tests.see.test_place import PLACE, saved
+from tests.see.vision.test_floor import seen_by
 
 NOTHING = PlaceSetup(lens=None, fov_deg=None, bar_mm=None, sheet=None, tag_height_mm=None)
 
@@ -48,3 +51,14 @@ def test_a_contradiction_is_refused_by_name(setup: PlaceSetup, said: str, tmp_pa
     path = saved(tmp_path)
     with pytest.raises(InputError, match=f"{said}; allowed: what it has, relearn, or another place"):
         setup.check_known(load_place(path), path)
+
+
+def test_printed_tags_that_were_not_seen_are_told() -> None:
+    views = [{number: seen_by(CAMERA)[number] for number in (0, 1)}]
+    place, doubts = replace(NOTHING, bar_mm=100.0).learned(views, (1280, 720), load_robot("ant"), None)
+    assert set(place.floor_tags) == {0, 1}
+    assert doubts[0] == "tags 2, 3 are not seen, and not used: in the picture, unfolded, and large enough?"
+    one = replace(NOTHING, bar_mm=100.0, sheet=Sheet(floor_tags=2))
+    assert one.learned(views, (1280, 720), load_robot("ant"), None)[1][0].startswith("tag 2 is not seen")
+    fits = replace(NOTHING, bar_mm=100.0, sheet=Sheet(floor_tags=1))
+    assert "not seen" not in " ".join(fits.learned(views, (1280, 720), load_robot("ant"), None)[1])

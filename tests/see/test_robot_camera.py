@@ -205,6 +205,16 @@ def test_files_that_exist_are_not_replaced(tmp_path: Path) -> None:
             RobotCamera(camera="0", **given)
 
 
+def test_files_that_are_not_there_are_told_before_the_camera_is_opened(tmp_path: Path) -> None:
+    gone = tmp_path / "gone" / "file"
+    for name in ("output", "poses", "place"):
+        given: dict[str, Any] = {name: gone}
+        with pytest.raises(InputError, match=rf"{name}: got .*file; allowed: a folder that is there"):
+            RobotCamera(camera="63", **given)
+    with pytest.raises(InputError, match="nolens"):
+        RobotCamera(camera="63", place=tmp_path / "place.yaml", lens=tmp_path / "nolens.yaml").run()
+
+
 @pytest.mark.parametrize("latency_ms", [-1.0, 2001.0, float("nan")])
 def test_an_impossible_latency_is_refused(latency_ms: float) -> None:
     with pytest.raises(InputError, match="0 to 2000"):

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from hexctl.errors import RobotFaultError
+from hexctl.errors import InputError, RobotFaultError
 from hexctl.see.robot_link import LegState, SenderClock, robot_link
 from hexctl.see.vision.planar_pose import PlanarPose
 from hexctl.waiting import wait_for
@@ -51,6 +51,14 @@ def test_without_a_robot_it_is_a_fault() -> None:
     with (
         pytest.raises(RobotFaultError),
         robot_link(Link(endpoint=f"tcp/127.0.0.1:{free_port()}")),
+    ):
+        pass
+
+
+def test_another_name_than_that_of_the_robot_there_is_told(robot: Served) -> None:
+    with (
+        pytest.raises(InputError, match=r"robot: got pexod, and there are: ant; allowed: one of them"),
+        robot_link(Link(endpoint=robot.endpoint), "pexod"),
     ):
         pass
 

@@ -208,16 +208,16 @@ def _status_line(status: "CameraStatus") -> str:
     pose = status.estimate.pose
     if pose is None:
         return f"not seen; {status.fps:.0f} pictures a second"
+    tag = f", {status.tag_px:.0f} px, quality {status.quality:.2f}" if status.seen else ""
     return (
         f"{pose.x_m:+.3f}, {pose.y_m:+.3f} m, {math.degrees(pose.yaw_rad):+.1f} deg; "
-        f"{status.estimate.sight}; {status.fps:.0f} pictures a second, "
-        f"tag in {status.seen:.0%}, {status.tag_px:.0f} px, quality {status.quality:.2f}"
+        f"{status.estimate.sight}; {status.fps:.0f} pictures a second, tag in {status.seen:.0%}{tag}"
     )
 
 
 def _report_line(report: "CameraReport") -> str:
     if report.look_s is None:
-        return "no pictures"
+        return "ended before the robot was looked for"
     return (
         f"{report.pictures} pictures in {report.duration_s:.1f} s, the robot in {report.seen:.0%} of "
         f"them; {1000 * report.look_s:.1f} ms of processor time each"

@@ -75,6 +75,11 @@ class CameraWatch:
         self._turn = self._blind = self._pictures = 0
 
     @property
+    def floor_corners(self) -> dict[int, FloatArray]:
+        """Corners (4, 2) in m, by number, of the tags that are used: those that were not moved."""
+        return dict(self._floor)
+
+    @property
     def visible(self) -> list[int]:
         """Numbers of the tags that were seen when they were looked at last, or not yet looked at."""
         return [tag_id for tag_id, seen in self._seen.items() if seen]

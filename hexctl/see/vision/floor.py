@@ -29,6 +29,12 @@ CORNER_PX = 0.2
 #: is, as a share, or whose place is less certain, in m, is told.
 DOUBT_PX, DOUBT_EDGE, DOUBT_M = 1.5, 0.04, 0.01
 
+#: What is said of a lens without a calibration, before what may come from it.
+LENS_DOUBT = (
+    "the lens is only assumed, by which tags may look too small, bent or far off: calibrate it with hexctl "
+    "see calibrate"
+)
+
 #: First guesses from which the fit begins.
 TRIED = 2
 
@@ -242,13 +248,12 @@ class _Fit:
         residuals_px = {tag_id: float(np.sqrt(np.mean(each))) for tag_id, each in squares.items() if each}
         deviations_m = self._deviations_m()
         doubts = [
+            *(() if self._lens.calibrated else (LENS_DOUBT,)),
             *_tag_doubts(cameras, self._views, tags, residuals_px, deviations_m),
             *(f"camera place {number + 1} shares no tag with the others" for number in self._left_out),
         ]
         if len(tags) == 1:
             doubts.append("only one tag is seen: far from it the floor is a guess; lay out more")
-        if not self._lens.calibrated:
-            doubts.append("the lens is only assumed: calibrate it with hexctl see calibrate")
         return LearnedFloor(
             tags=tags, cameras=tuple(cameras), residuals_px=residuals_px, deviations_m=deviations_m,
             doubts=tuple(doubts),

@@ -1,5 +1,6 @@
 """What was seen, drawn into the picture: tags, floor, where the robot is and where it has been."""
 
+import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 
@@ -13,7 +14,11 @@ from hexctl.see.vision.tags import Picture
 from hexctl.types import FloatArray
 
 #: Colours, blue first as OpenCV has them.
-_SEEN, _BELIEVED, _FLOOR, _TEXT = (80, 220, 80), (60, 160, 255), (200, 160, 60), (255, 255, 255)
+_SEEN, _BELIEVED, _FLOOR, _TEXT = (80, 220, 80), (60, 160, 255), (230, 180, 60), (255, 255, 255)
+_GRID, _DARK = (175, 175, 175), (40, 40, 40)
+
+#: Size of the text in small pictures, below which it cannot be read.
+LEAST_FONT = 0.4
 
 #: Length of the arrow that shows the robot's heading, and of the axes at the home tag, in m.
 ARROW_M, AXIS_M = 0.25, 0.2
@@ -57,25 +62,31 @@ class Overlay:
         self._floor(drawn, camera, floor_corners)
         if sighting is not None:
             _polygon(drawn, sighting.tag.corners_px, _SEEN, 2)
-        if pose_floor is not None:
+        if pose_floor is None:
+            self._path.append((math.nan, math.nan))  # interrupts the way
+        else:
             self._path.append((pose_floor.x_m, pose_floor.y_m))
             self._robot(drawn, camera, pose_floor, height_m)
         _text(drawn, lines)
         return np.asarray(drawn)
 
     def _floor(self, drawn: Picture, camera: Camera, floor_corners: Mapping[int, FloatArray]) -> None:
-        for corners in floor_corners.values():
-            _polygon(drawn, camera.pixels(_at_height(corners, 0.0)), _FLOOR, 1)
         steps = np.arange(-_REACH_M, _REACH_M + _GRID_M / 2, _GRID_M)
         along = np.linspace(-_REACH_M, _REACH_M, 41)
         for step in steps:
             across = np.full_like(along, step)
             for line in (np.column_stack([along, across]), np.column_stack([across, along])):
-                _path(drawn, camera.pixels(_at_height(line, 0.0)), (130, 130, 130), 1)
+                _path(drawn, camera.pixels(_at_height(line, 0.0)), _GRID, 1)
+        for number, corners in floor_corners.items():
+            corners_px = camera.pixels(_at_height(corners, 0.0))
+            _polygon(drawn, corners_px, _FLOOR, 2)
+            _name(drawn, f"{number}", corners_px[corners_px[:, 1].argmax()], _FLOOR)
         axes = np.array([[0.0, 0.0], [AXIS_M, 0.0], [0.0, AXIS_M]])
         origin, x_axis, y_axis = camera.pixels(_at_height(axes, 0.0))
         _arrow(drawn, origin, x_axis, (60, 60, 230))
         _arrow(drawn, origin, y_axis, (60, 200, 60))
+        _name(drawn, "x", x_axis, (60, 60, 230))
+        _name(drawn, "y", y_axis, (60, 200, 60))
 
     def _robot(self, drawn: Picture, camera: Camera, pose: PlanarPose, height_m: float) -> None:
         way = camera.pixels(_at_height(np.array(self._path), height_m))
@@ -87,12 +98,25 @@ class Overlay:
 
 def _text(drawn: Picture, lines: Sequence[str]) -> None:
     """Lines in the upper left corner, on a dark ground."""
-    size = drawn.shape[0] / 1200
+    size = _font_size(drawn)
     for row, line in enumerate(lines):
         (width, height), below = cv2.getTextSize(line, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
         bottom = 10 + (row + 1) * (height + below + 4)
-        cv2.rectangle(drawn, (6, bottom - height - 4), (14 + width, bottom + below), (40, 40, 40), cv2.FILLED)
+        cv2.rectangle(drawn, (6, bottom - height - 4), (14 + width, bottom + below), _DARK, cv2.FILLED)
         cv2.putText(drawn, line, (10, bottom), cv2.FONT_HERSHEY_SIMPLEX, size, _TEXT, 1, cv2.LINE_AA)
+
+
+def _name(drawn: Picture, text: str, beside_px: FloatArray, color: tuple[int, int, int]) -> None:
+    """Short text to the right of a point and below it; nothing where that is far outside."""
+    if np.isfinite(beside_px).all() and np.abs(beside_px).max() < 4 * max(drawn.shape[:2]):
+        size = 1.3 * _font_size(drawn)
+        at = (round(float(beside_px[0]) + 20 * size), round(float(beside_px[1]) + 40 * size))
+        for shade, width in ((_DARK, 3), (color, 1)):
+            cv2.putText(drawn, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, shade, width, cv2.LINE_AA)
+
+
+def _font_size(drawn: Picture) -> float:
+    return max(LEAST_FONT, float(drawn.shape[0]) / 1200)
 
 
 def _at_height(points: FloatArray, height_m: float) -> FloatArray:

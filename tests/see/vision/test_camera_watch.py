@@ -73,6 +73,7 @@ def test_one_tag_that_was_kicked_is_used_no_more(usual: Picture) -> None:
     kicked = FLOOR_TAGS | {3: PlacedTag(3, FLOOR_TAGS[3].edge_m, PlanarPose(-0.6, 0.03, 0.05))}
     told = list(changes(watching, picture_of(CAMERA, kicked), 60))
     assert [change.tag_id for change in told] == [3]
+    assert 3 not in watching.floor_corners
     assert set(watching.visible) == {0, 1, 2}
     assert np.allclose(watching.camera.position_floor, CAMERA.position_floor, atol=0.01)
 

@@ -50,3 +50,26 @@ def test_a_robot_behind_the_camera_is_not_drawn() -> None:
 
 def test_a_grey_picture_becomes_one_in_colour() -> None:
     assert drawn(Overlay(), sighting(), HERE, gray=True).shape == (720, 1280, 3)
+
+
+def test_the_way_is_interrupted_while_the_robot_is_lost() -> None:
+    overlay = Overlay()
+    for pose in (HERE, None):
+        drawn(overlay, None, pose)
+    again = drawn(overlay, None, PlanarPose(0.6, 0.4, 0.5))
+    column, row = np.rint(CAMERA.pixels(np.array([[0.35, 0.25, 0.2]]))[0]).astype(int)
+    patch = again[row - 3 : row + 4, column - 3 : column + 4].astype(int)
+    assert not (np.abs(patch - (60, 160, 255)).sum(axis=2) < 60).any()
+
+
+def test_tags_and_axes_have_names_and_those_far_outside_do_not() -> None:
+    every = drawn(Overlay(), None, None)
+    fewer = Overlay().draw(
+        EMPTY, CAMERA, {0: FLOOR_CORNERS[0]}, sighting=None, pose_floor=None, height_m=0.2, lines=[]
+    )
+    below = CAMERA.pixels(np.column_stack([FLOOR_CORNERS[2], np.zeros(4)]))
+    column, row = np.rint(below[below[:, 1].argmax()]).astype(int)
+    beside = (slice(row + 8, row + 32), slice(column + 6, column + 36))
+    assert (every[beside] != fewer[beside]).any()
+    far = {0: FLOOR_CORNERS[0], 1: FLOOR_CORNERS[0] - [60.0, 0.0]}
+    Overlay().draw(EMPTY, CAMERA, far, sighting=None, pose_floor=None, height_m=0.2, lines=[])
