@@ -267,15 +267,14 @@ def _told_change(change: CameraChange) -> str:
 
 
 def _lines(estimate: PoseEstimate, observation: Observation) -> list[str]:
-    """Text for the picture."""
-    if estimate.pose is None:
-        return ["robot not seen"]
-    pose = estimate.pose
-    lines = [f"{pose.x_m:+.3f} {pose.y_m:+.3f} m  {math.degrees(pose.yaw_rad):+.1f} deg"]
-    if observation.robot is not None:
-        tag = observation.robot.tag
+    """Text for the picture: where the robot is, and by what that is known."""
+    pose, robot = estimate.pose, observation.robot
+    where = "pose not known"
+    if pose is not None:
+        where = f"{pose.x_m:+.3f} {pose.y_m:+.3f} m  {math.degrees(pose.yaw_rad):+.1f} deg"
+    if robot is not None:
         doubt = "" if observation.believed else ", not believed"
-        lines.append(f"tag {tag.edge_px:.0f} px, quality {observation.robot.quality:.2f}{doubt}")
-    elif estimate.sight == "bridging":
-        lines.append(f"not seen for {estimate.age_s:.1f} s: by its legs")
-    return lines
+        return [where, f"tag {robot.tag.edge_px:.0f} px, quality {robot.quality:.2f}{doubt}"]
+    if pose is None:
+        return [where, "tag not seen"]
+    return [where, f"tag not seen for {estimate.age_s:.1f} s: by its legs"]

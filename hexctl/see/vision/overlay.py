@@ -99,8 +99,9 @@ class Overlay:
 def _text(drawn: Picture, lines: Sequence[str]) -> None:
     """Lines in the upper left corner, on a dark ground."""
     size = _font_size(drawn)
+    (_, height), below = cv2.getTextSize("Ty", cv2.FONT_HERSHEY_SIMPLEX, size, 1)  # of every line
     for row, line in enumerate(lines):
-        (width, height), below = cv2.getTextSize(line, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
+        (width, _), _ = cv2.getTextSize(line, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
         bottom = 10 + (row + 1) * (height + below + 4)
         cv2.rectangle(drawn, (6, bottom - height - 4), (14 + width, bottom + below), _DARK, cv2.FILLED)
         cv2.putText(drawn, line, (10, bottom), cv2.FONT_HERSHEY_SIMPLEX, size, _TEXT, 1, cv2.LINE_AA)
@@ -109,7 +110,7 @@ def _text(drawn: Picture, lines: Sequence[str]) -> None:
 def _name(drawn: Picture, text: str, beside_px: FloatArray, color: tuple[int, int, int]) -> None:
     """Short text to the right of a point and below it; nothing where that is far outside."""
     if np.isfinite(beside_px).all() and np.abs(beside_px).max() < 4 * max(drawn.shape[:2]):
-        size = 1.3 * _font_size(drawn)
+        size = 1.6 * _font_size(drawn)
         at = (round(float(beside_px[0]) + 20 * size), round(float(beside_px[1]) + 40 * size))
         for shade, width in ((_DARK, 3), (color, 1)):
             cv2.putText(drawn, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, shade, width, cv2.LINE_AA)

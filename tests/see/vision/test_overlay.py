@@ -73,3 +73,15 @@ def test_tags_and_axes_have_names_and_those_far_outside_do_not() -> None:
     assert (every[beside] != fewer[beside]).any()
     far = {0: FLOOR_CORNERS[0], 1: FLOOR_CORNERS[0] - [60.0, 0.0]}
     Overlay().draw(EMPTY, CAMERA, far, sighting=None, pose_floor=None, height_m=0.2, lines=[])
+
+
+def test_a_line_of_low_letters_covers_none_above_it() -> None:
+    def text(*lines: str) -> Picture:
+        return Overlay().draw(EMPTY, CAMERA, {}, sighting=None, pose_floor=None, height_m=0.2, lines=lines)[
+            :120, :300
+        ]
+
+    one, both = text("tag 32 px, quality 0.49"), text("tag 32 px, quality 0.49", "no more")
+    letters = one > 150
+    assert letters.any()
+    assert (both[letters] > 150).all()
