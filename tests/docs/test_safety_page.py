@@ -1,0 +1,74 @@
+"""The page that a safety officer signs says what the code does: its times, and who may do what."""
+
+import math
+from typing import Any
+
+import pytest
+
+from hexctl.backends.clock import PERIOD_S
+from hexctl.cli.keys import new
+from hexctl.control.guard import EXPIRY_S, FALL_COS_TILT, FALL_TICKS, POSE_EXPIRY_S, TOO_HOT_C
+from hexctl.serve.boards.servo_board import FREE_AFTER_S, RELEASE_AFTER_S
+from hexctl.serve.idle import SIT_AFTER_S
+from hexctl.serve.leases import LEASE_S
+from hexctl.serve.stops.stop import HOLD_S
+from hexctl.wire.links import KeyMap, Role
+from hexctl.wire.session import access_control
+from hexctl.wire.stop_secret import HOLDERS
+from tests.docs.pages import ROOT
+
+PAGE = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
+
+LEAN_DEG = math.degrees(math.acos(FALL_COS_TILT))
+
+#: What the page says of a constant of the code.
+TOLD = {
+    "silence": f"older than {EXPIRY_S:g} s",
+    "state": f"no state for {EXPIRY_S:g} s",
+    "fall": f"leans by more than {LEAN_DEG:.0f}° for {FALL_TICKS * PERIOD_S:g} s",
+    "pose": f"stays away for {POSE_EXPIRY_S:g} s",
+    "heat": f"a servo at {TOO_HOT_C:g} °C or more",
+    "sitting": f"sits down after {SIT_AFTER_S:g} s (`--sit-after`)",
+    "lease": f"lease not renewed for {LEASE_S:g} s",
+    "clear": f"with the id of the stop, {HOLD_S:g} s after it at the earliest",
+    "board": f"holds after {EXPIRY_S:g} s, lets go after {RELEASE_AFTER_S:g} s",
+    "peer": f"the commander was silent for {FREE_AFTER_S:g} s",
+    "days": f"({new.__defaults__[2]} days unless given)",  # type: ignore[index]
+}
+
+
+@pytest.mark.parametrize("name", TOLD)
+def test_the_page_has_the_times_of_the_code(name: str) -> None:
+    assert TOLD[name] in PAGE
+
+
+def allowed(role: Role) -> set[tuple[str, str]]:
+    """Messages and keys that a robot with certificates takes from a role."""
+    control: dict[str, Any] = access_control(KeyMap.of("ant"), certified=True)
+    named = {
+        name for policy in control["policies"] if role.value in policy["subjects"] for name in policy["rules"]
+    }
+    rules = [rule for rule in control["rules"] if rule["id"] in named and "ingress" in rule["flows"]]
+    return {
+        (message, key.rpartition("/")[2])
+        for rule in rules
+        for message in rule["messages"]
+        for key in rule["key_exprs"]
+    }
+
+
+def test_a_viewer_reads_and_nothing_else() -> None:
+    taken = allowed(Role.VIEWER)
+    assert {message for message, _ in taken} == {"declare_subscriber", "query"}
+    assert {key for message, key in taken if message == "query"} == {"describe"}
+    assert Role.VIEWER not in HOLDERS  # of the secret of the datagram stop
+
+
+def test_a_controller_commands_stops_and_sets_the_pose() -> None:
+    taken = allowed(Role.CONTROLLER)
+    assert {key for message, key in taken if message == "put"} == {"command", "pose"}
+    assert {key for message, key in taken if message == "query"} == {"describe", "lease", "estop", "failure"}
+
+
+def test_there_is_no_role_above_the_controller() -> None:
+    assert {role.value for role in Role} == {"robot", "controller", "viewer"}
