@@ -74,6 +74,7 @@ if TYPE_CHECKING:
     from hexctl.serve.ros.options import RosOptions
     from hexctl.serve.service import RobotService, ServosSpec, serve
     from hexctl.serve.stops.estop import ReadyStop, StopResult, clear_stop, estop
+    from hexctl.settings import Settings, read_settings
     from hexctl.study.plan import StudyPlan
     from hexctl.study.prior import PriorPlan, build_prior
     from hexctl.study.study import StudyResult, study
@@ -108,7 +109,7 @@ __all__ = [
     "RunResult", "RunSpec", "run", "Diagnosis", "DiagnosisResult", "LegFinding", "diagnose",
     "StudyPlan", "StudyResult", "study", "RobotService", "RosOptions", "ServosSpec",
     "serve", "estop", "clear_stop", "ReadyStop", "StopResult", "export", "RecordedTrial", "read_trial",
-    "demo", "DemoResult", "doctor", "Checkup",
+    "demo", "DemoResult", "doctor", "Checkup", "Settings", "read_settings",
     # errors
     "HexctlError", "InputError", "WrongTypeError", "MissingExtraError", "ReachError", "LimitError",
     "CommandRefusedError", "EStopError", "RobotFaultError", "SimulationDivergedError", "RecordingError",
@@ -180,6 +181,7 @@ _MODULES = {
     "record.recorded_trial": "RecordedTrial read_trial",
     "demo.rescue": "DemoResult",
     "doctor.checkup": "Checkup",
+    "settings": "Settings read_settings",
     # errors
     "errors": (
         "HexctlError InputError WrongTypeError MissingExtraError ReachError LimitError "

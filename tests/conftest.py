@@ -36,8 +36,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 @pytest.fixture(autouse=True)
 def _own_state(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Keep stops of served robots apart from those of other tests and of this computer."""
+    """Keep stops of served robots apart from those of other tests, and settings of this computer out."""
     monkeypatch.delenv("STATE_DIRECTORY", raising=False)
+    for name in [name for name in os.environ if name.startswith("HEXCTL_") and "_TEST_" not in name]:
+        if not name.startswith("HEXCTL_REQUIRE_"):
+            monkeypatch.delenv(name)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path_factory.getbasetemp() / "no-settings"))
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path_factory.getbasetemp() / f"state-{os.urandom(6).hex()}"))
 
 

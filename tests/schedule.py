@@ -59,6 +59,7 @@ REALTIME = (
     "tests/cli/test_calibrate.py",
     "tests/cli/test_run.py::test_ctrl_c",
     "tests/cli/test_hangup.py",
+    "tests/cli/test_settings.py::test_a_process",
     "tests/record/test_live.py",
     "tests/see/video/test_video_source.py",
     "tests/see/video/test_mjpeg.py",

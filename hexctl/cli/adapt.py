@@ -12,7 +12,6 @@ from hexctl.cli.console import (
     ABORTED,
     DONE,
     INTERRUPTED,
-    RUNS,
     StopOnInterrupt,
     code_of_stop,
     in_flags,
@@ -45,6 +44,7 @@ from hexctl.cli.options import (
     robot_option,
 )
 from hexctl.cli.see.arena import ArenaOption, arena_fields
+from hexctl.cli.settings import runs_folder
 from hexctl.cli.values import Range, choice, given, number, with_values
 from hexctl.errors import HexctlError, InputError, RecordingError
 
@@ -315,7 +315,7 @@ def _begin(asked: dict[str, Any], *, record: bool, **shown: bool) -> int:
         from hexctl.cli.prior import how_to_build_prior
         from hexctl.cli.prompts import check_answerable
 
-        spec = new_spec(**asked, folder=RUNS, note=_note, advice=how_to_build_prior)
+        spec = new_spec(**asked, folder=runs_folder(), note=_note, advice=how_to_build_prior)
         if spec.ask:
             check_answerable()
         searched = _search(partial(Adaptation, spec), spec, interrupt, record=record, **shown)
@@ -328,7 +328,7 @@ def _resume(name: str, budget: int | None, *, record: bool, **shown: bool) -> in
         from hexctl.adapt.adaptation import Adaptation
         from hexctl.adapt.sessions.store import load_session
 
-        spec = load_session(name, folder=RUNS).spec
+        spec = load_session(name, folder=runs_folder()).spec
         make = partial(Adaptation.resume, name, budget=budget)
         searched = _search(make, spec, interrupt, record=record, **shown)
     return searched if isinstance(searched, int) else _end(searched, resumed=True, **shown)
@@ -356,7 +356,7 @@ def _search(
             table.begin(session)
 
         adaptation = make(
-            folder=RUNS,
+            folder=runs_folder(),
             record=record,
             operator=TrialPrompt(spec, interrupt.requested) if spec.ask else None,
             live=_open_window if view else None,
@@ -429,7 +429,7 @@ def _show(name: str) -> None:
     from hexctl.adapt.overview import view_runs
 
     try:
-        view_runs([name], RUNS)
+        view_runs([name], runs_folder())
     except RecordingError as error:
         _note(str(error))
 

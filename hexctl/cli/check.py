@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.console import BAD_INPUT, RUNS, print_note, print_result
+from hexctl.cli.console import BAD_INPUT, print_note, print_result
 from hexctl.cli.options import (
     DURATION_S,
     HEADING_DEG,
@@ -20,6 +20,7 @@ from hexctl.cli.options import (
     PaceOption,
     TurnOption,
 )
+from hexctl.cli.settings import runs_folder
 from hexctl.cli.values import number, refuse_given
 from hexctl.errors import InputError
 
@@ -139,7 +140,7 @@ def _measured(robot: "Robot", world_name: str, duration_s: float) -> dict[str, A
 
     world = load_world(world_name)
     # A damaged file is refused before anything is measured.
-    before = known_uncertainty(robot, world, duration_s=duration_s, folder=RUNS)
+    before = known_uncertainty(robot, world, duration_s=duration_s, folder=runs_folder())
     found = simulation_uncertainty(robot, world, duration_s=duration_s)
     if before is not None and not before.borrowed and before.walks > found.walks:
         print_note(
@@ -149,7 +150,7 @@ def _measured(robot: "Robot", world_name: str, duration_s: float) -> dict[str, A
     codes, legs = ", ".join(map(str, CODES)), " and ".join(map(str, LEGS))
     how = f"hexctl check --physics: codes {codes} with leg {legs} locked, in {world_name}"
     try:
-        keep_uncertainty(robot, world, found, folder=RUNS, how=how)
+        keep_uncertainty(robot, world, found, folder=runs_folder(), how=how)
     except InputError as error:
         print_note(f"hexctl: not kept: {error}")
     return found.to_dict()

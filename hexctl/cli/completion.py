@@ -7,7 +7,7 @@ Tab key stay quick. Where none of its words fits, the shell offers files.
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from hexctl.cli.console import RUNS
+from hexctl.cli.settings import runs_folder
 from hexctl.errors import HexctlError
 
 Words = list[str]
@@ -86,11 +86,11 @@ def _gamepads() -> Iterable[str]:
 def _sessions() -> Iterable[str]:
     from hexctl.adapt.sessions.store import stored_names
 
-    return stored_names(RUNS)
+    return stored_names(runs_folder())
 
 
 def _viewable() -> Iterable[str]:
-    return [*_sessions(), *map(str, RUNS.glob("*.rrd"))]
+    return [*_sessions(), *map(str, runs_folder().glob("*.rrd"))]
 
 
 robots = _offered(_robots)

@@ -4,7 +4,6 @@ import io
 import os
 import signal
 import sys
-from pathlib import Path
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
@@ -27,9 +26,6 @@ INTERRUPTED = 130
 
 #: Reasons of a stop that are a fault of the robot or its link; `fault` may have details after a colon.
 FAULTS = ("fault", "state", "pose lost", "expired")
-
-#: Recordings, sessions and studies, below the current folder.
-RUNS = Path("runs")
 
 #: Signals that ask a command to stop; the last comes when its terminal is closed.
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

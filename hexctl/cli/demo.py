@@ -14,13 +14,13 @@ from hexctl.cli.console import (
     DONE,
     FAULT,
     INTERRUPTED,
-    RUNS,
     StopOnInterrupt,
     in_flags,
     print_note,
     print_result,
 )
 from hexctl.cli.options import JsonOption
+from hexctl.cli.settings import runs_folder
 from hexctl.cli.values import Range, number
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def demo(
         try:
             result = _run(budget, interrupt, as_json=as_json)
         except KeyboardInterrupt:
-            print_note(f"hexctl: interrupted; what was walked until then is under {RUNS}/")
+            print_note(f"hexctl: interrupted; what was walked until then is under {runs_folder()}/")
             raise typer.Exit(INTERRUPTED) from None
     if result is None or result.interrupted:
         raise typer.Exit(INTERRUPTED)
@@ -85,7 +85,7 @@ def _run(budget: int, interrupt: StopOnInterrupt, *, as_json: bool) -> "DemoResu
         try:
             return rescue.demo(
                 budget=budget,
-                folder=RUNS,
+                folder=runs_folder(),
                 note=lambda text: print_note(f"hexctl: {text}"),
                 on_walk=walked,
                 on_begin=table.begin,
@@ -160,7 +160,7 @@ def _show(result: "DemoResult") -> int:
     assert search is not None  # noqa: S101  it was not interrupted
     try:
         check_display()
-        return view_runs([*map(str, result.recordings), search.session.name], RUNS)
+        return view_runs([*map(str, result.recordings), search.session.name], runs_folder())
     except RecordingError as error:
         print_note(f"hexctl: {error}")
         return DONE

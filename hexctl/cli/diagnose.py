@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from hexctl.cli.console import DONE, INTERRUPTED, RUNS, StopOnInterrupt, code_of, print_note, print_result
+from hexctl.cli.console import DONE, INTERRUPTED, StopOnInterrupt, code_of, print_note, print_result
 from hexctl.cli.options import (
     BackendOption,
     ConnectOption,
@@ -22,6 +22,7 @@ from hexctl.cli.options import (
     SimFailureOption,
     WorldOption,
 )
+from hexctl.cli.settings import runs_folder
 from hexctl.errors import InputError, RecordingError, RobotFaultError
 
 if TYPE_CHECKING:
@@ -73,7 +74,7 @@ def diagnose(
         seed=seed,
         realtime=realtime,
         record=record,
-        record_folder=None if no_record or record is not None else RUNS,
+        record_folder=None if no_record or record is not None else runs_folder(),
         connect=connect,
         credentials=keys,
         insecure=insecure,

@@ -3,8 +3,9 @@
 import json
 from typing import TYPE_CHECKING, Any
 
-from hexctl.cli.console import RUNS, print_result
+from hexctl.cli.console import print_result
 from hexctl.cli.options import JsonOption
+from hexctl.cli.settings import runs_folder
 
 if TYPE_CHECKING:
     from hexctl.doctor.checkup import Checkup
@@ -18,7 +19,7 @@ def doctor(as_json: JsonOption = False) -> None:
     """
     from hexctl.doctor.checkup import doctor as look
 
-    checkup = look(RUNS)
+    checkup = look(runs_folder())
     if as_json:
         print_result(json.dumps(checkup.to_dict()))
         return
@@ -52,6 +53,7 @@ def _rows(checkup: "Checkup") -> list[tuple[str, str]]:
         ("gamepads", _devices(found.gamepads)),
         ("TCP ports", network),
         ("variables", ", ".join(f"{name}={value}" for name, value in checkup.variables.items()) or "none"),
+        ("settings", _settings(checkup)),
         ("packages", versions),
         ("extras missing", ", ".join(missing) or "none"),
     ]
@@ -62,6 +64,14 @@ def _processor(checkup: "Checkup") -> str:
     load = "" if machine.load is None else f", load {machine.load:g}"
     governor = "" if machine.governor is None else f", governor {machine.governor}"
     return f"{machine.processor}, {machine.cores} cores{load}{governor}"
+
+
+def _settings(checkup: "Checkup") -> str:
+    """What is in force, by file."""
+    by_origin: dict[str, list[str]] = {}
+    for one in checkup.settings.values:
+        by_origin.setdefault(one.origin, []).append(f"{one.key} = {one.value}")
+    return "; ".join(f"{origin}: {', '.join(said)}" for origin, said in by_origin.items()) or "none"
 
 
 def _devices(devices: "tuple[Device, ...]") -> str:

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.console import RUNS, make_bar, print_result
+from hexctl.cli.console import make_bar, print_result
 from hexctl.cli.options import robot_option
 from hexctl.cli.progress import WithBar
+from hexctl.cli.settings import runs_folder
 from hexctl.cli.values import Range, choice, number, with_values
 
 if TYPE_CHECKING:
@@ -106,7 +107,7 @@ def export(
             output=output,
             robot=_robot(robot),
             ros2_control=ros2_control,
-            folder=RUNS,
+            folder=runs_folder(),
             on_progress=progress.tell,
             **picture,
         )

@@ -5,9 +5,10 @@ from typing import Annotated
 
 import typer
 
+from hexctl.cli.settings import Commands
 from hexctl.cli.values import Range, number
 
-keys = typer.Typer(help="Make and show certificates for robots beyond this computer.", no_args_is_help=True)
+keys = Commands(help="Make and show certificates for robots beyond this computer.", no_args_is_help=True)
 
 FolderArgument = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the certificates.")]
 

@@ -28,6 +28,7 @@ from hexctl.cli.see.group import see
 from hexctl.cli.serve import ServeCommand, serve
 from hexctl.cli.servos import ports, servos
 from hexctl.cli.sessions import sessions
+from hexctl.cli.settings import Commands, origin_of
 from hexctl.cli.status import status
 from hexctl.cli.study import study
 from hexctl.cli.twin import twin
@@ -68,7 +69,7 @@ class _Commands(TyperGroup):
             return super().invoke(ctx)
 
 
-app = typer.Typer(
+app = Commands(
     name="hexctl",
     cls=_Commands,
     help="Walk a six-legged robot, simulated or real, at 50 Hz.",
@@ -149,6 +150,8 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
 
 def _bad_value(error: typer.BadParameter) -> str:
     """Message about a value that is not allowed: which option or argument, what it got, what is allowed."""
+    if (origin := origin_of(error)) is not None:
+        return f"{origin}: {error.message}"
     if error.param is None or "; allowed: " not in error.message:
         return error.format_message()
     flag = next((name for name in error.param.opts if name.startswith("--")), error.param.name)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.console import RUNS, print_note, print_result
+from hexctl.cli.console import print_note, print_result
 from hexctl.cli.options import (
     ALL_LEGS,
     FAILURE_HELP,
@@ -22,6 +22,7 @@ from hexctl.cli.options import (
     listed_legs,
 )
 from hexctl.cli.progress import StudyProgress, interruptible
+from hexctl.cli.settings import Commands, runs_folder
 from hexctl.cli.values import Range, choice, given, listed, number, refuse_given, with_values
 from hexctl.errors import InputError
 
@@ -34,7 +35,7 @@ DIRECTIONS = Range(low=1, high=12, whole=True)
 CODES = Range(low=0, high=11, whole=True)
 PRIOR_DURATION_S = Range(low=6, unit="s")
 
-prior = typer.Typer(
+prior = Commands(
     help="Make and show priors: what hexctl adapt believes before its first trial.", no_args_is_help=True
 )
 
@@ -170,7 +171,7 @@ def build(
         hold=hold,
         duration_s=duration,
     )
-    path = out or RUNS / PRIORS / prior_file_name(plan, family)
+    path = out or runs_folder() / PRIORS / prior_file_name(plan, family)
     with interruptible(lambda cache: cache.count(plan.specs())), StudyProgress() as progress:
         build_prior(plan, path, jobs=jobs, dask=dask, progress=progress)
     text = f"prior: {path} ({path.stat().st_size / 1e3:.0f} kB)"
@@ -203,7 +204,7 @@ def _repertoire(
         **with_values(**asked),
     )
     plan.check()
-    path = out or RUNS / REPERTOIRES / repertoire_file_name(plan)
+    path = out or runs_folder() / REPERTOIRES / repertoire_file_name(plan)
     counted = interruptible(lambda cache: repertoire_cache(cache).count(plan.walked()), "walks")
     with counted, StudyProgress() as progress:
         build_repertoire(plan, path, jobs=jobs, dask=dask, progress=progress)
@@ -227,10 +228,12 @@ def show(
         print_result(json.dumps(shown) if as_json else lines)
         return
     if file is not None:
-        path = named_prior(file, prior_folders(RUNS))
+        path = named_prior(file, prior_folders(runs_folder()))
         described = [{"prior": str(path), **describe_prior(path)}]
     else:
-        described = list_priors(RUNS, on_damaged=lambda error: print_note(f"hexctl: passed over: {error}"))
+        described = list_priors(
+            runs_folder(), on_damaged=lambda error: print_note(f"hexctl: passed over: {error}")
+        )
     if as_json:
         print_result(json.dumps(described))
     else:
@@ -242,11 +245,11 @@ def _repertoires(file: str | None) -> list[dict[str, Any]]:
     from hexctl.control.monitor.repertoire_store import describe_repertoire, repertoire_files
 
     if file is not None:
-        named = (path for path in repertoire_files(RUNS) if file in (path.name, path.stem))
+        named = (path for path in repertoire_files(runs_folder()) if file in (path.name, path.stem))
         path = Path(file) if Path(file).is_file() else next(named, Path(file))
         return [{"repertoire": str(path), **describe_repertoire(path)}]
     described = []
-    for path in repertoire_files(RUNS):
+    for path in repertoire_files(runs_folder()):
         try:
             described.append({"repertoire": str(path), **describe_repertoire(path)})
         except InputError as error:

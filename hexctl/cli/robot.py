@@ -7,10 +7,11 @@ from typing import Annotated, Literal
 import typer
 
 from hexctl.cli.console import print_note, print_result
+from hexctl.cli.settings import Commands
 from hexctl.cli.values import choice, listed
 from hexctl.errors import InputError
 
-robot = typer.Typer(help="Make robot files.", no_args_is_help=True)
+robot = Commands(help="Make robot files.", no_args_is_help=True)
 
 Forward = Literal["x", "y", "-x", "-y"]
 

@@ -11,7 +11,6 @@ import typer
 
 from hexctl.cli.console import (
     INTERRUPTED,
-    RUNS,
     StopOnInterrupt,
     code_of,
     make_bar,
@@ -56,6 +55,7 @@ from hexctl.cli.options import (
     recovery_policy,
 )
 from hexctl.cli.progress import WithBar
+from hexctl.cli.settings import runs_folder
 from hexctl.cli.values import number
 from hexctl.errors import InputError, LimitError, ReachError, RecordingError, RobotFaultError
 
@@ -171,7 +171,7 @@ def run(
         seed=seed,
         realtime=realtime,
         record=record,
-        record_folder=None if no_record or record is not None else RUNS,
+        record_folder=None if no_record or record is not None else runs_folder(),
         connect=connect,
         credentials=keys,
         insecure=insecure,
@@ -191,7 +191,7 @@ def _with_best(spec: "RunSpec") -> "RunSpec":
         return spec
     from hexctl.adapt.best import best_gait
 
-    best = best_gait(spec, RUNS)
+    best = best_gait(spec, runs_folder())
     print_note(f"hexctl: {best.source}")
     return best.spec
 

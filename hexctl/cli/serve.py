@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperCommand
 
 from hexctl.cli import completion
 from hexctl.cli.options import (
@@ -22,6 +21,7 @@ from hexctl.cli.options import (
     SimFailureOption,
     WorldOption,
 )
+from hexctl.cli.settings import SettingsCommand
 from hexctl.cli.values import Range, number
 from hexctl.errors import InputError
 
@@ -37,7 +37,7 @@ ROS_DOMAIN = Range(low=0, high=232, whole=True)
 ROS_ROUTER = "tcp/localhost:7447"
 
 
-class ServeCommand(TyperCommand):
+class ServeCommand(SettingsCommand):
     """The command whose option --ros may be given without a value."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:

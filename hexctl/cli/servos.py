@@ -10,6 +10,7 @@ import typer
 
 from hexctl.cli.board import BAUD
 from hexctl.cli.options import JsonOption
+from hexctl.cli.settings import Commands
 from hexctl.cli.values import Range, choice
 from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS, BusDriver
 
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 #: How long the cable of an adapter may take to be pulled.
 FIND_TIMEOUT_S = 60.0
 
-servos = typer.Typer(
+servos = Commands(
     help="Look at servos on a serial bus, one by one, before there is a robot file and after.",
     no_args_is_help=True,
 )

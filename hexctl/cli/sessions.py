@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.console import FAULT, RUNS, print_note, print_result
+from hexctl.cli.console import FAULT, print_note, print_result
 from hexctl.cli.options import JsonOption
+from hexctl.cli.settings import Commands, runs_folder
 from hexctl.cli.values import listed
 from hexctl.errors import InputError
 
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from hexctl.adapt.sessions.rows import StoreError
     from hexctl.adapt.sessions.session import Session
 
-sessions = typer.Typer(help="List, show, export and delete sessions of hexctl adapt.", no_args_is_help=True)
+sessions = Commands(help="List, show, export and delete sessions of hexctl adapt.", no_args_is_help=True)
 
 NameArgument = Annotated[
     str,
@@ -38,11 +39,11 @@ def list_sessions(as_json: JsonOption = False) -> None:
     from hexctl.cli.render.adapt import session_line
 
     damaged: list[StoreError] = []
-    found = all_sessions(RUNS, on_damage=damaged.append)
+    found = all_sessions(runs_folder(), on_damage=damaged.append)
     if as_json:
         print_result(json.dumps([{**session.as_json(), "trials": len(session.trials)} for session in found]))
     elif not found and not damaged:
-        print_result(f"no sessions under {RUNS}/ yet; hexctl adapt makes one")
+        print_result(f"no sessions under {runs_folder()}/ yet; hexctl adapt makes one")
     elif found:
         print_result("\n".join(session_line(session) for session in found))
     for error in damaged:
@@ -69,7 +70,7 @@ def show(
     from hexctl.adapt.sessions.store import load_session
     from hexctl.cli.render.adapt import session_lines
 
-    session = load_session(name, RUNS)
+    session = load_session(name, runs_folder())
     if pareto is not None:
         print_result(_pareto_text(session, pareto, as_json=as_json))
         return
@@ -102,7 +103,7 @@ def export(
     """Write a session's trials to a CSV or Parquet file."""
     from hexctl.adapt.sessions.store import export_session
 
-    export_session(name, path, RUNS)
+    export_session(name, path, runs_folder())
     print_result(f"{path}")
 
 
@@ -117,14 +118,14 @@ def delete(
     from hexctl.adapt.sessions.store import delete_session, load_session
 
     try:
-        trials = trials_text(len(load_session(name, RUNS).trials))
+        trials = trials_text(len(load_session(name, runs_folder()).trials))
     except StoreError as error:
         print_note(f"hexctl: {error}")
         trials = "trials"
     if not yes and not _agreed(f"delete session {name}, its {trials} and the recordings?"):
         print_result("nothing deleted")
         return
-    delete_session(name, RUNS)
+    delete_session(name, runs_folder())
     print_result(f"deleted {name}")
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.console import RUNS, print_result
+from hexctl.cli.console import print_result
 from hexctl.cli.options import (
     ALL_LEGS,
     FAILURE_HELP,
@@ -27,6 +27,7 @@ from hexctl.cli.options import (
 )
 from hexctl.cli.progress import StudyProgress, interruptible
 from hexctl.cli.render.study import bar_lines, study_lines
+from hexctl.cli.settings import runs_folder
 from hexctl.cli.values import Range, choice, listed, number, refuse_given, with_values
 from hexctl.errors import InputError
 
@@ -241,7 +242,7 @@ def study(
     _check_kind(kinds, own)
     if not (hold or recovery):
         refuse_given({"--exact-sensors": exact_sensors or None}, "with --hold or --recovery")
-    folder = out or RUNS / f"study-{datetime.now():%Y%m%d-%H%M%S}"
+    folder = out or runs_folder() / f"study-{datetime.now():%Y%m%d-%H%M%S}"
     options: dict[str, Any] = {"legs": listed_legs(legs), "duration_s": duration} | with_values(worlds=worlds)
     result: StudyResult | TransferResult | MatrixResult | HoldResult | RecoveryResult
     if hold or recovery:
@@ -331,7 +332,7 @@ def _transfer(
 
     model = load_robot(robot)
     if prior in (None, "auto"):
-        folders = prior_folders(RUNS)
+        folders = prior_folders(runs_folder())
         failure = options.get("failure", "locked")
         believed = find_transfer_prior(
             model, options["legs"], options["duration_s"], folders, failure=failure

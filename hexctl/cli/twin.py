@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hexctl.cli.options import LEG, InsecureOption, JsonOption, KeysOption, LinkOption, ZenohConnectOption
+from hexctl.cli.settings import Commands
 
 if TYPE_CHECKING:
     from hexctl.serve.remote import RemoteRobots
 
-twin = typer.Typer(help="Let legs of a simulation on the network fail and heal.", no_args_is_help=True)
+twin = Commands(help="Let legs of a simulation on the network fail and heal.", no_args_is_help=True)
 
 
 @twin.command()

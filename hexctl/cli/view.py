@@ -5,8 +5,9 @@ from typing import Annotated, Any
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.console import DONE, RUNS, StopOnInterrupt, print_note
+from hexctl.cli.console import DONE, StopOnInterrupt, print_note
 from hexctl.cli.options import InsecureOption, KeysOption, LinkOption
+from hexctl.cli.settings import runs_folder
 from hexctl.errors import InputError, RobotFaultError
 
 
@@ -49,9 +50,9 @@ def _view_runs(names: list[str], *, web: bool) -> int:
     from hexctl.adapt.overview import serve_runs, view_runs
 
     if not web:
-        return view_runs(names, RUNS)
+        return view_runs(names, runs_folder())
     with StopOnInterrupt() as interrupt:
-        serve_runs(names, RUNS, on_url=_print_address, stop_requested=interrupt.requested)
+        serve_runs(names, runs_folder(), on_url=_print_address, stop_requested=interrupt.requested)
     return DONE
 
 

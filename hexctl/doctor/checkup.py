@@ -15,6 +15,7 @@ from hexctl.doctor.connections import Connections, Device, read_connections
 from hexctl.doctor.drawing import Drawing, read_drawing
 from hexctl.doctor.machine import WALK_MB, Machine, read_machine
 from hexctl.doctor.packages import Packages, read_packages
+from hexctl.doctor.settings import SettingsFound, read_settings_found
 from hexctl.export.render import RENDERERS
 
 #: Packages that each use needs, and the extra that brings them.
@@ -44,6 +45,7 @@ class Checkup:
         drawing: what draws without a screen.
         connections: serial ports, I2C buses, gamepads, network ports.
         variables: variables of the environment that are set.
+        settings: what files `hexctl.toml` and variables `HEXCTL_*` say.
         works: by use, None where it works, else what is missing and what to do about it.
     """
 
@@ -52,6 +54,7 @@ class Checkup:
     drawing: Drawing
     connections: Connections
     variables: dict[str, str]
+    settings: SettingsFound
     works: dict[str, str | None]
 
     def to_dict(self) -> dict[str, Any]:
@@ -73,6 +76,7 @@ def doctor(folder: Path | str = RUNS) -> Checkup:
         drawing=drawing,
         connections=connections,
         variables={name: os.environ[name] for name in VARIABLES if os.environ.get(name)},
+        settings=read_settings_found(),
         works=dict(_works(machine, packages, drawing, connections)),
     )
 

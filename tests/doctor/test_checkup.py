@@ -36,6 +36,7 @@ def test_it_is_plain_json_that_names_no_person(here: hexctl.Checkup) -> None:
         "drawing",
         "connections",
         "variables",
+        "settings",
         "works",
     }
     assert str(Path.home()) == "/" or f"({Path.home()}/" not in text

@@ -1,0 +1,342 @@
+"""Settings as defaults of options: `hexctl.toml` and `HEXCTL_*` where nothing was typed.
+
+A setting is parsed and checked as if it had been typed. Light to import: `hexctl --help` needs it.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from hexctl.cli.console import in_flags, print_note
+from hexctl.errors import InputError, shown
+from hexctl.names import nearest
+
+if TYPE_CHECKING:
+    from hexctl.settings import Origin, Setting, Settings
+
+FunctionT = TypeVar("FunctionT", bound=Callable[..., Any])
+
+#: Options that only a person at the keyboard gives: consent, the end of a stop, links that nothing guards.
+TYPED_ONLY = ("yes", "clear", "ready", "insecure", "ros-drive")
+
+#: Commands that do their work whatever is wrong with the settings, and say it: a stop, and the look at them.
+UNSTOPPABLE = (("estop",), ("doctor",))
+
+#: Commands that follow each setting of robot and connection; None: all that have the option.
+FOLLOWERS: Mapping[str, tuple[tuple[str, ...], ...] | None] = {
+    "robot": (
+        *(("run",), ("adapt",), ("drive",), ("diagnose",), ("serve",), ("board",), ("check",)),
+        ("prior", "build"),
+    ),
+    "backend": (("run",), ("adapt",), ("drive",), ("diagnose",), ("serve",)),
+    "world": (("run",), ("adapt",), ("drive",), ("diagnose",), ("serve",)),
+    "listen": None,
+    "device": None,
+    "connect": None,
+    "link": None,
+    "keys": None,
+}
+
+#: Commands whose `--connect` or `--keys` are not those of a link.
+WITHOUT_LINK = (("board",), ("calibrate",))
+
+#: Key of a context's `meta` with the origins of its settings, by parameter.
+_ORIGINS = "hexctl.settings.origins"
+
+
+class _FollowsSettings:
+    """A command whose options that were not typed follow the settings."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse arguments, with settings as defaults; not for a help text, a completion or a group."""
+        if not ctx.resilient_parsing:
+            typed, rest, _ = self.make_parser(ctx).parse_args(args=list(args))  # type: ignore[attr-defined]
+            alone = not (rest and isinstance(self, TyperGroup))
+            if alone and not typed.get("help"):
+                said = _said(ctx, {name: value for name, value in typed.items() if value is not None})
+                ctx.meta[_ORIGINS] = {name: setting.origin for name, (setting, _) in said.items()}
+                ctx.default_map = {name: value for name, (_, value) in said.items()}
+        return super().parse_args(ctx, args)  # type: ignore[misc,no-any-return]
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command; say which settings it follows, and name their place in errors about them."""
+        origins = ctx.meta.get(_ORIGINS, {})
+        for place, options in _by_place(ctx, origins).items():
+            print_note(f"hexctl: {place} sets {', '.join(options)}")
+        try:
+            return super().invoke(ctx)  # type: ignore[misc]
+        except InputError as error:
+            text = _with_origin(in_flags(error), ctx, origins)
+            if text is None:
+                raise
+            raise InputError(text) from error.__cause__
+
+
+class SettingsCommand(_FollowsSettings, TyperCommand):
+    """A command that follows the settings."""
+
+
+class SettingsGroup(_FollowsSettings, TyperGroup):
+    """A group of commands with options of its own, which follow the settings."""
+
+
+class Commands(typer.Typer):
+    """A group of commands that follow the settings."""
+
+    def command(self, *arguments: Any, **more: Any) -> Callable[[FunctionT], FunctionT]:
+        """Register a command, as Typer does."""
+        more.setdefault("cls", SettingsCommand)
+        return super().command(*arguments, **more)
+
+
+def origin_of(error: typer.BadParameter) -> "Origin | None":
+    """Where the value was said that an error is about; None where it was typed."""
+    origins = {} if error.ctx is None else error.ctx.meta.get(_ORIGINS, {})
+    return None if error.param is None else origins.get(error.param.name)
+
+
+def runs_folder() -> Path:
+    """Folder of recordings, sessions, priors and studies: `runs`, unless settings say otherwise."""
+    from hexctl.settings import find_settings
+
+    return find_settings().runs
+
+
+def _said(ctx: Any, typed: Mapping[str, Any]) -> "dict[str, tuple[Setting, Any]]":
+    """Settings that a command follows, by parameter, each with its value as if it had been typed.
+
+    Raises InputError for the first thing that is wrong with the settings, unless the command is one of
+    `UNSTOPPABLE`: that does without what is wrong, and says it.
+    """
+    from hexctl.settings import find_settings
+
+    path, settings = _path(ctx), find_settings()
+    problems = [*settings.problems, *_problems(ctx.find_root().command, settings)]
+    said: dict[str, tuple[Setting, Any]] = {}
+    params = {param.name: param for param in ctx.command.params}
+    for name, setting in _Following(ctx, path, settings, typed).settings().items():
+        try:
+            said[name] = setting, _as_typed(params[name], setting)
+        except InputError as error:
+            problems.append(str(error))
+    if problems and path not in UNSTOPPABLE:
+        raise InputError(problems[0])
+    for problem in dict.fromkeys(problems):
+        print_note(f"hexctl: {problem}")
+    return said
+
+
+def _path(ctx: Any) -> tuple[str, ...]:
+    """Names of a command, from outside, without the program's."""
+    return () if ctx.parent is None else (*_path(ctx.parent), ctx.info_name)
+
+
+class _Following:
+    """Which settings one call of a command follows, by what was typed."""
+
+    def __init__(
+        self, ctx: Any, path: tuple[str, ...], settings: "Settings", typed: Mapping[str, Any]
+    ) -> None:
+        self._path, self._layers, self._typed = path, settings.layers, typed
+        self._options = {_flag(param): param for param in ctx.command.params if _flag(param)}
+        self._found: dict[str, Setting] = {}
+
+    def settings(self) -> "dict[str, Setting]":
+        """Settings by parameter."""
+        if "resume" in self._typed:  # a session goes on as it was begun
+            return {}
+        # What a link or a simulation takes depends on these, in this order.
+        first = [option for option in ("backend", "link", "connect", "listen") if option in self._options]
+        for option in dict.fromkeys((*first, *self._options)):
+            if self._options[option].name in self._typed or option in TYPED_ONLY:
+                continue
+            setting = self._setting(option)
+            if setting is not None:
+                self._found[option] = setting
+        return {self._options[option].name: setting for option, setting in self._found.items()}
+
+    def _setting(self, option: str) -> "Setting | None":
+        common = self._common(option)
+        for layer in self._layers:
+            setting = layer.option(self._path, option) or (layer.common(common) if common else None)
+            if setting is not None:
+                return setting
+        return None
+
+    def _common(self, option: str) -> str | None:
+        """The setting of robot and connection that an option follows here; None for none."""
+        on_link = self._path not in WITHOUT_LINK and self._backend in (None, "zenoh")
+        if option == "connect" and not on_link:
+            ported = self._path == ("calibrate",) or self._backend not in ("sim", "mock", "zenoh")
+            return "device" if ported and ":" not in str(self._backend) else None
+        if option not in FOLLOWERS or self._path not in (FOLLOWERS[option] or (self._path,)):
+            return None
+        return option if self._useful(option, on_link=on_link or self._path == ("serve",)) else None
+
+    def _useful(self, option: str, *, on_link: bool) -> bool:
+        """Whether an option has a use with what was typed and found so far."""
+        if option == "robot":
+            return "robot_name" not in self._typed
+        if option == "backend":
+            return self._path != ("serve",) or self._any("backend") != "zenoh"
+        if option == "world":
+            return self._backend == "sim"
+        if option == "device":
+            return self._backend not in ("sim", "mock", None)
+        return on_link and self._link_follows(option)
+
+    def _link_follows(self, option: str) -> bool:
+        """Whether the setting of a link's option has a use beside those that were typed."""
+        typed = {"connect", "listen", "link"} & self._typed.keys()
+        if self._path == ("view",) and not typed:
+            return False  # recordings are viewed
+        if self._typed.get("no_link"):
+            return False
+        if option != "keys":
+            return not typed
+        place = self._value("listen") if self._path == ("serve",) else self._value("connect")
+        return self._value("link") is not None or str(place).startswith(("tls/", "quic/"))
+
+    @property
+    def _backend(self) -> str | None:
+        """The backend of the command; None where it has none."""
+        if "backend" not in self._options:
+            return None
+        return str(self._value("backend") or self._options["backend"].default or "sim").lower()
+
+    def _value(self, option: str) -> Any:
+        if option in self._found:
+            return self._found[option].value
+        return self._typed.get(self._options[option].name) if option in self._options else None
+
+    def _any(self, common: str) -> Any:
+        """Value of a setting of robot and connection, whatever the command."""
+        found = (layer.common(common) for layer in self._layers)
+        return next((setting.value for setting in found if setting is not None), None)
+
+
+def _problems(root: Any, settings: "Settings") -> Iterator[str]:
+    """A line for each key of a file, and each variable of a command, that stands for no option."""
+    from hexctl.settings import CHOSEN, COMMON, PREFIX
+
+    for layer in settings.layers:
+        if layer.folder is not None:
+            yield from _unknown_keys(root, layer.values, layer.place, ())
+            continue
+        names = [*(PREFIX + key.upper() for key in COMMON), CHOSEN]
+        for name in layer.values:
+            if name not in names:
+                yield from _unknown_variable(root, name, name.removeprefix(PREFIX).lower().split("_"))
+
+
+def _unknown_keys(command: Any, table: Mapping[str, Any], place: str, path: tuple[str, ...]) -> Iterator[str]:
+    """A line for each key of a table that is neither a command nor an option of this one."""
+    from hexctl.settings import COMMON
+
+    options = [flag for param in command.params if (flag := _flag(param))] if path else list(COMMON)
+    below = getattr(command, "commands", {})
+    for key, value in table.items():
+        name = ".".join((*path, key))
+        if isinstance(value, Mapping) and key in below:
+            yield from _unknown_keys(below[key], value, place, (*path, key))
+        elif key in TYPED_ONLY and path:
+            yield f"{place}: {name}: got {shown(value)}; allowed: only typed, as --{key}"
+        elif isinstance(value, Mapping) and key in options:
+            yield f"{place}: {name}: got a table; allowed: one value"
+        elif key in options:
+            continue
+        elif key in below:
+            yield f"{place}: {name}: got {shown(value)}; allowed: a table [{name}] of the command's options"
+        else:
+            known = [*options, *below]
+            what = "option" if path else "setting or command"
+            yield f"{place}: {name}: unknown {what}; allowed: {', '.join(known)}{nearest(key, known)}"
+
+
+def _unknown_variable(command: Any, name: str, words: list[str]) -> Iterator[str]:
+    """A line about a variable that begins with the name of a command and does not end with an option."""
+    if words[0] not in getattr(command, "commands", {}):
+        return
+    command, words = command.commands[words[0]], words[1:]
+    while len(words) > 1 and words[0] in getattr(command, "commands", {}):
+        command, words = command.commands[words[0]], words[1:]
+    options = [flag for param in command.params if (flag := _flag(param))]
+    option = "-".join(words)
+    if not option:
+        return
+    if option in TYPED_ONLY:
+        yield f"{name}: allowed: only typed, as --{option}"
+    elif option not in options:
+        yield f"{name}: unknown option {option!r}; allowed: {', '.join(options)}{nearest(option, options)}"
+
+
+def _flag(param: Any) -> str:
+    """Name of an option without hyphens; empty for an argument."""
+    return next((name[2:] for name in param.opts if name.startswith("--")), "")
+
+
+def _as_typed(param: Any, setting: "Setting") -> Any:
+    """Value of a setting in the form in which the command line has it; raises InputError for another type."""
+    value = setting.value
+    if param.is_flag:
+        return _switched(setting)
+    if param.multiple:
+        texts = value.split() if setting.origin.is_variable else value if isinstance(value, list) else [value]
+        return [_one_text(param, setting, one) for one in texts]
+    if isinstance(value, list):
+        return ",".join(_one_text(param, setting, one) for one in value)
+    return _one_text(param, setting, value)
+
+
+def _switched(setting: "Setting") -> bool:
+    """Value of an option that is given or not."""
+    words = {"true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
+    value = setting.value
+    if setting.origin.is_variable and str(value).lower() in words:
+        return words[str(value).lower()]
+    if isinstance(value, bool):
+        return value
+    raise InputError(f"{setting.origin}: got {shown(value)}; allowed: true, false")
+
+
+def _one_text(param: Any, setting: "Setting", value: Any) -> str:
+    """Text of one value; a path begins at the file's folder."""
+    from hexctl.settings import FOLDERS, NAMES_OR_PATHS
+
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise InputError(f"{setting.origin}: got {shown(value)}; allowed: text or a number")
+    text, option = str(value), _flag(param)
+    path_like = "/" in text or bool(Path(text).suffix)
+    is_path = (
+        param.type_descriptor.annotation is Path
+        or option in FOLDERS
+        or text.startswith(("./", "../", "~/"))
+        or (option in NAMES_OR_PATHS and path_like)
+    )
+    return setting.placed(text) if is_path and isinstance(value, str) else text
+
+
+def _by_place(ctx: Any, origins: "Mapping[str, Origin]") -> dict[str, list[str]]:
+    """Options that follow settings, as they would be typed, by file or variable."""
+    lines: dict[str, list[str]] = {}
+    for param in ctx.command.params:
+        if (origin := origins.get(param.name)) is not None:
+            value = ctx.default_map[param.name]
+            texts = value if isinstance(value, list) else [value]
+            flag = f"--{_flag(param)}"
+            said = [flag if one is True else f"{flag} {one}" for one in texts if one is not False]
+            lines.setdefault(origin.place, []).extend(said)
+    return {place: options for place, options in lines.items() if options}
+
+
+def _with_origin(text: str, ctx: Any, origins: "Mapping[str, Origin]") -> str | None:
+    """Text of an error with the place of the setting that it is about; None where it is about none."""
+    for param in ctx.command.params:
+        origin = origins.get(param.name)
+        for beginning in (f"--{_flag(param)}: ", f"{_flag(param)}: "):
+            if origin is not None and text.startswith(beginning):
+                return f"{origin}: {text.removeprefix(beginning)}"
+    return None

@@ -1,0 +1,78 @@
+"""The settings of a computer: which files and variables are followed, and what they say."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hexctl.settings import CHOSEN, COMMON, PREFIX, Layer, find_settings
+
+#: Settings that name other computers, by the last word of their key; their values are not told.
+ADDRESSES = ("connect", "listen", "camera", "dask", "ros", "page", "host", "port")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SettingFound:
+    """One setting that is in force.
+
+    Attributes:
+        key: its key in a file, such as `run.duration`, or its variable.
+        value: its value as text; `given` for one that may name another computer.
+        origin: the file, or `environment`.
+    """
+
+    key: str
+    value: str
+    origin: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SettingsFound:
+    """What files and variables say.
+
+    Attributes:
+        values: settings in force.
+        problems: why a file or a variable is not followed, one line each.
+    """
+
+    values: tuple[SettingFound, ...]
+    problems: tuple[str, ...]
+
+
+def read_settings_found() -> SettingsFound:
+    """Settings in force in the current folder; what one file says is left out where another comes first."""
+    settings = find_settings()
+    found: dict[str, SettingFound] = {}
+    for layer in settings.layers:
+        for key, value in _keys(layer):
+            found.setdefault(key, SettingFound(key=key, value=_told(key, value), origin=layer.place))
+    return SettingsFound(values=tuple(found.values()), problems=settings.problems)
+
+
+def _keys(layer: Layer) -> Iterator[tuple[str, Any]]:
+    """Keys and values of a layer; a variable of robot and connection has the key of files."""
+    if layer.folder is not None:
+        yield from _flat(layer.values, ())
+        return
+    for name, text in layer.values.items():
+        word = name.removeprefix(PREFIX).lower()
+        if text and name != CHOSEN:
+            yield word if word in COMMON else name, text
+
+
+def _flat(table: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, (*path, key))
+        else:
+            yield ".".join((*path, key)), value
+
+
+def _told(key: str, value: Any) -> str:
+    """Text of a value, without the names of persons and of other computers."""
+    last = key.lower().replace("_", ".").replace("-", ".").rpartition(".")[2]
+    if last in ADDRESSES:
+        return "given"
+    home = str(Path("~").expanduser())
+    text = str(value)
+    return text if home in ("/", "~") else text.replace(home, "~")

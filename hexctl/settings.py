@@ -1,0 +1,309 @@
+"""Settings: what files `hexctl.toml` and variables `HEXCTL_*` say where the command line says nothing.
+
+    robot = "lab.yaml"
+    backend = "zenoh"
+    connect = "tls/hexapod.local:7447"
+    keys = "keys"
+
+    [run]
+    duration = 20
+
+Variables come before the file of the folder, and that before the user's own. Light to import: a file is
+parsed only where there is one.
+"""
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from hexctl.errors import InputError, shown
+from hexctl.files import read_file
+from hexctl.names import nearest
+
+#: Name of a file with settings.
+FILE = "hexctl.toml"
+
+#: Beginning of the variables; `HEXCTL_SETTINGS` names the only file to read, or `none`.
+PREFIX = "HEXCTL_"
+CHOSEN = "HEXCTL_SETTINGS"
+
+#: Settings of robot and connection, which every command follows that has a use for them.
+COMMON = {
+    "robot": "a shipped name or a robot file",
+    "backend": "what moves, as `--backend` says it",
+    "connect": "where the robot is on the network, a Zenoh endpoint",
+    "listen": "where `hexctl serve` listens, a Zenoh endpoint",
+    "device": "port of servo board, servo bus or I2C",
+    "keys": "folder of certificates",
+    "link": "link file",
+    "world": "the simulated world",
+    "runs": "folder of recordings, sessions, priors and studies",
+}
+
+#: Of these, folders; and names that may be paths.
+FOLDERS = ("keys", "runs")
+NAMES_OR_PATHS = ("robot", "world", "link")
+
+#: Where runs are kept unless settings say otherwise.
+RUNS = Path("runs")
+
+MOST_BYTES = 100_000
+
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """Where a setting was said.
+
+    Attributes:
+        place: the file, or the variable.
+        key: the key in the file, such as `run.duration`; empty for a variable.
+    """
+
+    place: str
+    key: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.place}: {self.key}" if self.key else self.place
+
+    @property
+    def is_variable(self) -> bool:
+        """Whether it was said by a variable of the environment."""
+        return not self.key
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """One value, as its file or variable has it.
+
+    Attributes:
+        value: text; from a file also a number, True or False, or a list of them.
+        origin: where it was said.
+        folder: folder at which its relative paths begin.
+    """
+
+    value: Any
+    origin: Origin
+    folder: Path = Path()
+
+    def placed(self, text: str) -> str:
+        """A path of this setting: one that is not absolute begins at `folder`, `~` is the home folder."""
+        path = Path(text)
+        return str(self.folder / (path.expanduser() if text.startswith("~") else path))
+
+
+@dataclass(frozen=True, slots=True)
+class Layer:
+    """What one file says, or the variables; a layer that comes first has priority.
+
+    Attributes:
+        place: name of the file for messages, `environment` for variables.
+        values: of a file nested by command, as in TOML; of the environment by variable.
+        folder: folder of the file; None for the environment.
+    """
+
+    place: str
+    values: Mapping[str, Any]
+    folder: Path | None
+
+    def common(self, key: str) -> Setting | None:
+        """Setting of robot and connection, by its name in `COMMON`."""
+        return self.option((), key)
+
+    def option(self, command: tuple[str, ...], option: str) -> Setting | None:
+        """Setting of one option of a command: `("prior", "build"), "worlds"`; None where nothing is said."""
+        words = (*command, option)
+        if self.folder is None:
+            name = PREFIX + "_".join(words).replace("-", "_").upper()
+            text = self.values.get(name)
+            return Setting(text, Origin(name)) if text else None
+        here: Any = self.values
+        for word in words:
+            here = here.get(word) if isinstance(here, Mapping) else None
+        if here is None or isinstance(here, Mapping):
+            return None
+        return Setting(here, Origin(self.place, ".".join(words)), self.folder)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings:
+    """What files and variables say, for programs and for the command line.
+
+    Attributes:
+        layers: variables and files, those with priority first.
+        problems: why a file or a variable is not followed, one line each.
+    """
+
+    layers: tuple[Layer, ...] = ()
+    problems: tuple[str, ...] = ()
+    _common: Mapping[str, Setting] = field(default_factory=dict, repr=False)
+
+    @property
+    def values(self) -> dict[str, str]:
+        """Settings of robot and connection that are said, by their names in `COMMON`; paths as from here."""
+        return {key: _text(key, setting) for key, setting in self._common.items()}
+
+    @property
+    def origins(self) -> dict[str, str]:
+        """Where each of `values` was said."""
+        return {key: str(setting.origin) for key, setting in self._common.items()}
+
+    @property
+    def runs(self) -> Path:
+        """Folder of recordings, sessions, priors and studies."""
+        return Path(self.values.get("runs", RUNS))
+
+    def of(self, *command: str) -> dict[str, Any]:
+        """Options that are said for one command, such as `of("run")` or `of("prior", "build")`, by option.
+
+        Of the files alone: which variable is whose option, the command line knows.
+        """
+        options: dict[str, Any] = {}
+        for layer in reversed(self.layers):
+            here: Any = layer.values if layer.folder is not None else {}
+            for word in command:
+                here = here.get(word) if isinstance(here, Mapping) else None
+            options |= {key: value for key, value in (here or {}).items() if not isinstance(value, Mapping)}
+        return options
+
+
+def read_settings(folder: Path | str = ".") -> Settings:
+    """Settings in force in a folder.
+
+    settings = hexctl.read_settings()
+    hexctl.run(robot=settings.values.get("robot", "ant"), record_folder=settings.runs)
+
+    Args:
+        folder: the folder, in place of the current one.
+
+    Raises InputError for a file that cannot be read or is not TOML, and for a value of `COMMON` that is no
+    text. Options of commands are checked where they are used.
+    """
+    settings = find_settings(Path(folder))
+    if settings.problems:
+        raise InputError(settings.problems[0])
+    return settings
+
+
+def find_settings(folder: Path = Path()) -> Settings:
+    """Settings in force in a folder; what is wrong with them is in their `problems`."""
+    variables = {name: text for name, text in os.environ.items() if name.startswith(PREFIX)}
+    layers, problems = [Layer("environment", variables, None)], []
+    for path in settings_files(folder):
+        try:
+            layers.append(Layer(shown_path(path), _content(path), path.parent))
+        except InputError as error:
+            problems.append(str(error))
+    common: dict[str, Setting] = {}
+    for layer in reversed(layers):
+        for key in COMMON:
+            if (setting := layer.common(key)) is None:
+                continue
+            if isinstance(setting.value, str) and setting.value:
+                common[key] = setting
+            else:
+                problems.append(f"{setting.origin}: got {shown(setting.value)}; allowed: text, {COMMON[key]}")
+    problems += _misspelt(variables)
+    return Settings(layers=tuple(layers), problems=tuple(problems), _common=common)
+
+
+def settings_files(folder: Path = Path()) -> tuple[Path, ...]:
+    """Files with settings that a folder is under, those with priority first.
+
+    The nearest `hexctl.toml` from the folder upwards, to the root of its repository or the home folder; where
+    it lies in neither, only its own. Then that of the user, in the folder of configurations.
+    """
+    chosen = os.environ.get(CHOSEN, "")
+    if chosen:
+        return () if chosen == "none" else (Path(chosen).expanduser(),)
+    home = _home()
+    users = os.environ.get("XDG_CONFIG_HOME")
+    config = Path(users) if users else None if home is None else home / ".config"
+    own = () if config is None else (config / "hexctl" / FILE,)
+    near = (place / FILE for place in _upwards(folder, home))
+    return (*islice(filter(_is_there, near), 1), *filter(_is_there, own))
+
+
+def _is_there(path: Path) -> bool:
+    """Whether there is something of that name, readable or not."""
+    try:
+        path.lstat()
+    except (OSError, ValueError):
+        return False
+    return True
+
+
+def _upwards(folder: Path, home: Path | None) -> Iterator[Path]:
+    """Folders in which a file is looked for."""
+    try:
+        here = folder.resolve()
+    except OSError:
+        return
+    parents = (here, *here.parents)
+    roots = [place for place in parents if place == home or (place / ".git").exists()]
+    yield folder
+    if roots:
+        yield from parents[1 : parents.index(roots[0]) + 1]
+
+
+def _home() -> Path | None:
+    """The user's home folder; None for a service that has none."""
+    try:
+        return Path.home()
+    except RuntimeError:
+        return None
+
+
+def shown_path(path: Path) -> str:
+    """Path as messages name it: relative in the current folder, with `~` in the home folder."""
+    home = _home()
+    if path.is_absolute() and home is not None and path.is_relative_to(home) and home != Path("/"):
+        return f"~/{path.relative_to(home)}"
+    return str(path)
+
+
+def _content(path: Path) -> dict[str, Any]:
+    """What a file says, keys with hyphens; raises InputError that names the file."""
+    import tomllib
+
+    name = shown_path(path)
+    try:
+        content = tomllib.loads(read_file(path, MOST_BYTES).decode("utf-8"))
+    except OSError as error:
+        raise InputError(f"{name}: cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{name}: cannot be read as text: {error}") from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{name}: is not valid TOML: {error}") from error
+    return _hyphenated(content, name)
+
+
+def _hyphenated(table: Mapping[str, Any], place: str) -> dict[str, Any]:
+    """Table whose keys are written as options are; raises InputError for one key in two spellings."""
+    plain: dict[str, Any] = {}
+    for key, value in table.items():
+        name = key.strip().casefold().replace("_", "-")
+        if name in plain:
+            raise InputError(f"{place}: {key}: is given twice; allowed: once")
+        plain[name] = _hyphenated(value, place) if isinstance(value, dict) else value
+    return plain
+
+
+def _misspelt(variables: Mapping[str, str]) -> Iterator[str]:
+    """A line for each variable that is nearly one of `COMMON`; others may be of other programs."""
+    for name in variables:
+        word = name.removeprefix(PREFIX).lower()
+        if word in COMMON or "_" in word or name == CHOSEN or not (near := nearest(word, COMMON)):
+            continue
+        known = ", ".join(PREFIX + key.upper() for key in COMMON)
+        meant = near.partition("'")[2].rstrip("'?")
+        yield f"{name}: unknown variable; allowed: {known}; did you mean '{PREFIX}{meant.upper()}'?"
+
+
+def _text(key: str, setting: Setting) -> str:
+    """Value of a setting of robot or connection."""
+    text = str(setting.value)
+    is_path = key in FOLDERS or (key in NAMES_OR_PATHS and ("/" in text or bool(Path(text).suffix)))
+    return setting.placed(text) if is_path else text
