@@ -20,29 +20,19 @@ from hexctl.cli.console import (
     print_result,
 )
 from hexctl.cli.diagnose import found_failure
-from hexctl.cli.options import (
+from hexctl.cli.options.connection import ConnectOption, InsecureOption, KeysOption, LinkOption
+from hexctl.cli.options.failure import (
     AUTO_LEG,
     AUTO_LEG_HELP,
-    DURATION_S,
-    HEADING_DEG,
-    SEED,
-    SEED_HELP,
-    SELF_ROTATION_HELP,
-    ConnectOption,
     FailureOption,
-    Hold,
-    InsecureOption,
-    JsonOption,
-    KeysOption,
-    LinkOption,
     RecoverOption,
-    SelfRotation,
-    WorldOption,
     complete_leg,
     leg_or_auto,
     recovery_policy,
-    robot_option,
 )
+from hexctl.cli.options.output import JsonOption
+from hexctl.cli.options.robot import SEED, SEED_HELP, WorldOption, robot_option
+from hexctl.cli.options.walk import DURATION_S, HEADING_DEG, SELF_ROTATION_HELP, Hold, SelfRotation
 from hexctl.cli.see.arena import ArenaOption, arena_fields
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.values import Range, choice, given, number, with_values

@@ -1,19 +1,14 @@
 """`hexctl board`: a servo board that speaks MAVLink, with a simulated robot on it."""
 
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from hexctl.cli.options import (
-    JsonOption,
-    RobotOption,
-    SeedOption,
-    SimFailedLegOption,
-    SimFailureOption,
-    WorldOption,
-)
+from hexctl.cli.options.connection import BoardInsecureOption, BoardKeysOption
+from hexctl.cli.options.failure import SimFailedLegOption, SimFailureOption
+from hexctl.cli.options.output import JsonOption
+from hexctl.cli.options.robot import RobotOption, SeedOption, WorldOption
 from hexctl.cli.values import Range, choice, given, number
 from hexctl.robot.servos.drivers import Driver
 
@@ -66,17 +61,8 @@ def board(
         float,
         number("--release-after", RELEASE_S, "Seconds without the controller until torque is disabled, {}."),
     ] = 10.0,
-    keys: Annotated[
-        Path | None,
-        typer.Option(
-            "--keys",
-            help="Folder with mavlink.key, the board's secret: only what it "
-            "signed is obeyed. (default: none)",
-        ),
-    ] = None,
-    insecure: Annotated[
-        bool, typer.Option("--insecure", help="Let others than this computer command without that secret.")
-    ] = False,
+    keys: BoardKeysOption = None,
+    insecure: BoardInsecureOption = False,
     bus: Annotated[
         Driver | None,
         choice(

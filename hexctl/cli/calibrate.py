@@ -1,12 +1,11 @@
 """`hexctl calibrate`: sign, offset and limits of each servo, one at a time."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from hexctl.cli.console import DONE, INTERRUPTED, StopOnInterrupt, print_note
-from hexctl.cli.options import InsecureOption
+from hexctl.cli.options.connection import CalibratedKeysOption, CalibratedPortOption, InsecureOption
 
 
 def calibrate(
@@ -20,28 +19,14 @@ def calibrate(
             "robot file, or mavlink)",
         ),
     ] = None,
-    connect: Annotated[
-        str | None,
-        typer.Option(
-            "--connect",
-            help="Where the servos are: a serial device such as /dev/ttyUSB0 or /dev/ttyACM0:115200, or "
-            "udpout:HOST:PORT. (default: the port of the robot file, or udpout:127.0.0.1:14550)",
-        ),
-    ] = None,
+    connect: CalibratedPortOption = None,
     joints: Annotated[
         str | None,
         typer.Option(
             "--joints", help="Only these joints, such as leg1_coxa,leg2_tibia or leg3. (default: all 18)"
         ),
     ] = None,
-    keys: Annotated[
-        Path | None,
-        typer.Option(
-            "--keys",
-            help="Folder with mavlink.key, the board's secret, for a board that "
-            "obeys it only. (default: none)",
-        ),
-    ] = None,
+    keys: CalibratedKeysOption = None,
     insecure: InsecureOption = False,
 ) -> None:
     """Find direction, offset and limits of each servo, and write them to the robot file.

@@ -8,15 +8,14 @@ import typer
 
 from hexctl.cli import completion
 from hexctl.cli.console import BAD_INPUT, print_note, print_result
-from hexctl.cli.options import (
+from hexctl.cli.options.output import JsonOption
+from hexctl.cli.options.robot import ROBOT_HELP, WORLD_HELP
+from hexctl.cli.options.walk import (
     DURATION_S,
     HEADING_DEG,
-    ROBOT_HELP,
-    WORLD_HELP,
     AmplitudeOption,
     CheckedGaitOption,
     HeightOption,
-    JsonOption,
     PaceOption,
     TurnOption,
 )

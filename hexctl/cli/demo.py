@@ -19,7 +19,7 @@ from hexctl.cli.console import (
     print_note,
     print_result,
 )
-from hexctl.cli.options import JsonOption
+from hexctl.cli.options.output import JsonOption
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.values import Range, number
 

@@ -3,25 +3,15 @@
 import json
 import sys
 from contextlib import ExitStack
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
 from hexctl.cli.console import DONE, INTERRUPTED, StopOnInterrupt, code_of, print_note, print_result
-from hexctl.cli.options import (
-    BackendOption,
-    ConnectOption,
-    InsecureOption,
-    JsonOption,
-    KeysOption,
-    LinkOption,
-    RobotOption,
-    SeedOption,
-    SimFailedLegOption,
-    SimFailureOption,
-    WorldOption,
-)
+from hexctl.cli.options.connection import ConnectOption, InsecureOption, KeysOption, LinkOption
+from hexctl.cli.options.failure import SimFailedLegOption, SimFailureOption
+from hexctl.cli.options.output import JsonOption, NoRecordOption, RecordOption
+from hexctl.cli.options.robot import BackendOption, RealtimeOption, RobotOption, SeedOption, WorldOption
 from hexctl.cli.settings import runs_folder
 from hexctl.errors import InputError, RecordingError, RobotFaultError
 
@@ -39,15 +29,9 @@ def diagnose(
     world: WorldOption = None,
     failed_leg: SimFailedLegOption = None,
     failure: SimFailureOption = None,
-    realtime: Annotated[
-        bool,
-        typer.Option("--realtime", help="Simulate at the speed of a real robot, not as fast as possible."),
-    ] = False,
-    record: Annotated[
-        Path | None,
-        typer.Option("--record", help="Recording to write, a new .rrd file. (default: one in runs/)"),
-    ] = None,
-    no_record: Annotated[bool, typer.Option("--no-record", help="Leave no recording.")] = False,
+    realtime: RealtimeOption = False,
+    record: RecordOption = None,
+    no_record: NoRecordOption = False,
     seed: SeedOption = 0,
     connect: ConnectOption = None,
     keys: KeysOption = None,

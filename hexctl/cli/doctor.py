@@ -4,7 +4,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from hexctl.cli.console import print_result
-from hexctl.cli.options import JsonOption
+from hexctl.cli.options.output import JsonOption
 from hexctl.cli.settings import runs_folder
 
 if TYPE_CHECKING:

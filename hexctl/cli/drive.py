@@ -22,20 +22,10 @@ from hexctl.cli.console import (
     note_no_window,
     print_note,
 )
-from hexctl.cli.options import (
-    FAILED_LEG_HELP,
-    LEG,
-    POSTURE_FRACTION,
-    BackendOption,
-    ConnectOption,
-    FailureOption,
-    InsecureOption,
-    KeysOption,
-    LinkOption,
-    RobotOption,
-    SeedOption,
-    WorldOption,
-)
+from hexctl.cli.options.connection import ConnectOption, InsecureOption, KeysOption, LinkOption
+from hexctl.cli.options.failure import FAILED_LEG_HELP, LEG, FailureOption
+from hexctl.cli.options.robot import BackendOption, RobotOption, SeedOption, WorldOption
+from hexctl.cli.options.walk import POSTURE_FRACTION
 from hexctl.cli.values import choice, number
 from hexctl.errors import EStopError, InputError
 

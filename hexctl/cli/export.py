@@ -7,7 +7,7 @@ import typer
 
 from hexctl.cli import completion
 from hexctl.cli.console import make_bar, print_result
-from hexctl.cli.options import robot_option
+from hexctl.cli.options.robot import robot_option
 from hexctl.cli.progress import WithBar
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.values import Range, choice, number, with_values

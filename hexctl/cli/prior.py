@@ -9,18 +9,10 @@ import typer
 
 from hexctl.cli import completion
 from hexctl.cli.console import print_note, print_result
-from hexctl.cli.options import (
-    ALL_LEGS,
-    FAILURE_HELP,
-    SELF_ROTATION_HELP,
-    DaskOption,
-    JobsOption,
-    JsonOption,
-    LegsOption,
-    RobotOption,
-    SelfRotation,
-    listed_legs,
-)
+from hexctl.cli.options.failure import ALL_LEGS, FAILURE_HELP, LegsOption, listed_legs
+from hexctl.cli.options.output import DaskOption, JobsOption, JsonOption
+from hexctl.cli.options.robot import RobotOption
+from hexctl.cli.options.walk import SELF_ROTATION_HELP, SelfRotation
 from hexctl.cli.progress import StudyProgress, interruptible
 from hexctl.cli.settings import Commands, runs_folder
 from hexctl.cli.values import Range, choice, given, listed, number, refuse_given, with_values

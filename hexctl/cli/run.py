@@ -19,30 +19,29 @@ from hexctl.cli.console import (
     print_result,
 )
 from hexctl.cli.diagnose import Found, found_failure
-from hexctl.cli.options import (
+from hexctl.cli.options.connection import ConnectOption, InsecureOption, KeysOption, LinkOption
+from hexctl.cli.options.failure import (
     AUTO_LEG,
-    HEADING_DEG,
-    AmplitudeOption,
-    BackendOption,
-    BodyRaiseOption,
-    ConnectOption,
-    DurationOption,
     FailedLegOption,
     FailOption,
     FailureOption,
-    GaitOption,
     HealOption,
-    HeightOption,
-    HoldOption,
-    InsecureOption,
-    JsonOption,
-    KeysOption,
-    LinkOption,
-    PaceOption,
     PolicyOption,
     RecoverOption,
-    RobotOption,
-    SeedOption,
+    listed_legs,
+    recovery_policy,
+)
+from hexctl.cli.options.output import JsonOption, NoRecordOption, RecordOption
+from hexctl.cli.options.robot import BackendOption, RealtimeOption, RobotOption, SeedOption, WorldOption
+from hexctl.cli.options.walk import (
+    HEADING_DEG,
+    AmplitudeOption,
+    BodyRaiseOption,
+    DurationOption,
+    GaitOption,
+    HeightOption,
+    HoldOption,
+    PaceOption,
     StanceShiftOption,
     SwingShareOption,
     ThenOption,
@@ -50,9 +49,6 @@ from hexctl.cli.options import (
     TuckOption,
     TurnOption,
     WalkRotationOption,
-    WorldOption,
-    listed_legs,
-    recovery_policy,
 )
 from hexctl.cli.progress import WithBar
 from hexctl.cli.settings import runs_folder
@@ -105,15 +101,9 @@ def run(
     self_rotation: WalkRotationOption = "auto",
     hold: HoldOption = "auto",
     trim: TrimOption = None,
-    realtime: Annotated[
-        bool,
-        typer.Option("--realtime", help="Simulate at the speed of a real robot, not as fast as possible."),
-    ] = False,
-    record: Annotated[
-        Path | None,
-        typer.Option("--record", help="Recording to write, a new .rrd file. (default: one in runs/)"),
-    ] = None,
-    no_record: Annotated[bool, typer.Option("--no-record", help="Leave no recording.")] = False,
+    realtime: RealtimeOption = False,
+    record: RecordOption = None,
+    no_record: NoRecordOption = False,
     view: Annotated[
         bool,
         typer.Option(

@@ -5,22 +5,21 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from itertools import zip_longest
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.options import (
+from hexctl.cli.options.connection import (
+    DeviceKeysOption,
+    DeviceOption,
     InsecureOption,
     KeysOption,
     LinkOption,
-    RobotOption,
-    SeedOption,
-    SimFailedLegOption,
-    SimFailureOption,
-    WorldOption,
+    ListenOption,
 )
+from hexctl.cli.options.failure import SimFailedLegOption, SimFailureOption
+from hexctl.cli.options.robot import RobotOption, SeedOption, WorldOption
 from hexctl.cli.settings import SettingsCommand
 from hexctl.cli.values import Range, number
 from hexctl.errors import InputError
@@ -61,33 +60,9 @@ def serve(
         ),
     ] = "sim",
     robot: RobotOption = "ant",
-    listen: Annotated[
-        str | None,
-        typer.Option(
-            "--listen",
-            help="Where to listen: PROTOCOL/HOST:PORT with tcp, tls or quic, such as tls/0.0.0.0:7447. "
-            "(default: tcp/127.0.0.1:7447)",
-        ),
-    ] = None,
-    device: Annotated[
-        str | None,
-        typer.Option(
-            "--device",
-            help="With mavlink, the servo board's port: /dev/ttyACM0:115200, udpout:HOST:PORT or "
-            "udpin:HOST:PORT (default: udpout:127.0.0.1:14550); with dynamixel, feetech and lx16a that of "
-            "the bus: /dev/ttyUSB0:1000000, with servo2040 that of the board: /dev/ttyACM0, and with pca9685 "
-            "the I2C bus: /dev/i2c-1. "
-            "(default: that of the robot file)",
-        ),
-    ] = None,
-    signing: Annotated[
-        Path | None,
-        typer.Option(
-            "--device-keys",
-            help="With mavlink, folder with mavlink.key, the board's secret: only what it "
-            "signed is believed. (default: none)",
-        ),
-    ] = None,
+    listen: ListenOption = None,
+    device: DeviceOption = None,
+    signing: DeviceKeysOption = None,
     world: WorldOption = None,
     failed_leg: SimFailedLegOption = None,
     failure: SimFailureOption = None,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from hexctl.cli.board import BAUD
-from hexctl.cli.options import JsonOption
+from hexctl.cli.options.output import JsonOption
 from hexctl.cli.settings import Commands
 from hexctl.cli.values import Range, choice
 from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS, BusDriver

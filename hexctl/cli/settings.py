@@ -11,6 +11,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from hexctl.cli.console import in_flags, print_note
+from hexctl.cli.options.groups import GroupedHelp
 from hexctl.errors import InputError, shown
 from hexctl.names import nearest
 
@@ -75,11 +76,11 @@ class _FollowsSettings:
             raise InputError(text) from error.__cause__
 
 
-class SettingsCommand(_FollowsSettings, TyperCommand):
+class SettingsCommand(GroupedHelp, _FollowsSettings, TyperCommand):
     """A command that follows the settings."""
 
 
-class SettingsGroup(_FollowsSettings, TyperGroup):
+class SettingsGroup(GroupedHelp, _FollowsSettings, TyperGroup):
     """A group of commands with options of its own, which follow the settings."""
 
 
@@ -327,8 +328,10 @@ def _by_place(ctx: Any, origins: "Mapping[str, Origin]") -> dict[str, list[str]]
             value = ctx.default_map[param.name]
             texts = value if isinstance(value, list) else [value]
             flag = f"--{_flag(param)}"
-            said = [flag if one is True else f"{flag} {one}" for one in texts if one is not False]
-            lines.setdefault(origin.place, []).extend(said)
+            switched = {True: [flag], False: param.secondary_opts}
+            for one in texts:
+                said = switched[one] if isinstance(one, bool) else [f"{flag} {one}"]
+                lines.setdefault(origin.place, []).extend(said)
     return {place: options for place, options in lines.items() if options}
 
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hexctl.cli.options import InsecureOption, JsonOption, KeysOption, LinkOption, ZenohConnectOption
+from hexctl.cli.options.connection import InsecureOption, KeysOption, LinkOption, ZenohConnectOption
+from hexctl.cli.options.output import JsonOption
 
 if TYPE_CHECKING:
     from rich.table import Table

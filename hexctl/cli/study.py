@@ -10,21 +10,10 @@ import typer
 
 from hexctl.cli import completion
 from hexctl.cli.console import print_result
-from hexctl.cli.options import (
-    ALL_LEGS,
-    FAILURE_HELP,
-    SELF_ROTATION_HELP,
-    WORLD_HELP,
-    DaskOption,
-    JobsOption,
-    JsonOption,
-    LegsOption,
-    SeedOption,
-    SelfRotation,
-    TrialDurationOption,
-    listed_legs,
-    robot_option,
-)
+from hexctl.cli.options.failure import ALL_LEGS, FAILURE_HELP, LegsOption, listed_legs
+from hexctl.cli.options.output import DaskOption, JobsOption, JsonOption
+from hexctl.cli.options.robot import WORLD_HELP, SeedOption, robot_option
+from hexctl.cli.options.walk import SELF_ROTATION_HELP, SelfRotation, TrialDurationOption
 from hexctl.cli.progress import StudyProgress, interruptible
 from hexctl.cli.render.study import bar_lines, study_lines
 from hexctl.cli.settings import runs_folder

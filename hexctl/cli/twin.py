@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hexctl.cli.options import LEG, InsecureOption, JsonOption, KeysOption, LinkOption, ZenohConnectOption
+from hexctl.cli.options.connection import InsecureOption, KeysOption, LinkOption, ZenohConnectOption
+from hexctl.cli.options.failure import LEG
+from hexctl.cli.options.output import JsonOption
 from hexctl.cli.settings import Commands
 
 if TYPE_CHECKING:

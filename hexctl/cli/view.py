@@ -6,7 +6,7 @@ import typer
 
 from hexctl.cli import completion
 from hexctl.cli.console import DONE, StopOnInterrupt, print_note
-from hexctl.cli.options import InsecureOption, KeysOption, LinkOption
+from hexctl.cli.options.connection import InsecureOption, KeysOption, LinkOption, WatchedOption
 from hexctl.cli.settings import runs_folder
 from hexctl.errors import InputError, RobotFaultError
 
@@ -23,14 +23,7 @@ def view(
     web: Annotated[
         bool, typer.Option("--web", help="Serve the viewer to a browser on this computer, until Ctrl-C.")
     ] = False,
-    connect: Annotated[
-        str | None,
-        typer.Option(
-            "--connect",
-            help="Watch the robot at this Zenoh endpoint instead, such as tcp/127.0.0.1:7447, without "
-            "commanding it.",
-        ),
-    ] = None,
+    connect: WatchedOption = None,
     keys: KeysOption = None,
     insecure: InsecureOption = False,
     link: LinkOption = None,

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import typer
 
-from hexctl.cli.options import RobotOption, SeedOption
+from hexctl.cli.options.robot import RobotOption, SeedOption
 from hexctl.cli.values import Range, given, with_values
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hexctl.cli.options import JsonOption
+from hexctl.cli.options.output import JsonOption
 from hexctl.cli.see.options import BoardCameraOption
 
 if TYPE_CHECKING:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hexctl.cli.options import InsecureOption, JsonOption, KeysOption, LinkOption, ZenohConnectOption
+from hexctl.cli.options.connection import InsecureOption, KeysOption, LinkOption, ZenohConnectOption
+from hexctl.cli.options.output import JsonOption
 from hexctl.cli.see.options import (
     LATENCY_MS,
     PORT,

@@ -6,14 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hexctl.cli.options import (
-    InsecureOption,
-    JsonOption,
-    KeysOption,
-    LinkOption,
-    SeedOption,
-    ZenohConnectOption,
-)
+from hexctl.cli.options.connection import InsecureOption, KeysOption, LinkOption, ZenohConnectOption
+from hexctl.cli.options.output import JsonOption
+from hexctl.cli.options.robot import SeedOption
 from hexctl.cli.see.options import FPS, LATENCY_MS, PORT, OneRobotOption, size_of
 from hexctl.cli.values import Range, number
 

@@ -1,0 +1,55 @@
+"""Options that say what moves: backend, robot, world, seed."""
+
+from typing import Annotated, Any
+
+import typer
+
+from hexctl.cli import completion
+from hexctl.cli.values import Range, in_lower_case, number
+
+SEED = Range(low=0, whole=True)
+
+WORLD_HELP = (
+    "Simulated world: flat, slippery, slope, rough, a YAML file, or one of a family such as randomised:7."
+)
+
+SEED_HELP = f"Seed of everything random, a whole number, {SEED}: the same seed gives the same result."
+
+ROBOT_HELP = (
+    "Robot: ant, phantomx, pexod, phantomx-ax, makeyourpet, freenove-big, jethexa, lukas, or a path to a "
+    "YAML file."
+)
+
+BackendOption = Annotated[
+    str,
+    typer.Option(
+        "--backend",
+        callback=in_lower_case,
+        autocompletion=completion.backends,
+        help="What moves: sim (simulation), zenoh (a robot that hexctl serve puts on the network), "
+        "mavlink (a servo board), dynamixel, feetech or lx16a (servos on a serial bus), servo2040 "
+        "or pca9685 (boards of hobby servos), mock (no robot), or package.module:Class (your own servos).",
+    ),
+]
+
+
+def robot_option(default: str, use: str = "") -> Any:
+    """Option `--robot` of a command that has another default, or another use for it."""
+    text = " ".join(filter(None, (ROBOT_HELP, use, f"(default: {default})")))
+    return typer.Option("--robot", autocompletion=completion.robots, help=text)
+
+
+RobotOption = Annotated[str, typer.Option("--robot", autocompletion=completion.robots, help=ROBOT_HELP)]
+
+WorldOption = Annotated[
+    str | None,
+    typer.Option(
+        "--world", autocompletion=completion.worlds, help=f"{WORLD_HELP} Only with sim. (default: flat)"
+    ),
+]
+
+SeedOption = Annotated[int, number("--seed", SEED, SEED_HELP)]
+
+RealtimeOption = Annotated[
+    bool, typer.Option("--realtime", help="Simulate at the speed of a real robot, not as fast as possible.")
+]
