@@ -10,7 +10,7 @@ from hexctl.backends.mavlink.transport import parse_port
 from hexctl.backends.pwm.pca9685 import parse_i2c_place
 from hexctl.backends.pwm.servo2040 import parse_servo2040_port
 from hexctl.backends.sim.world import load_world
-from hexctl.cli.options import leg_or_auto, legs_or_auto, listed_legs
+from hexctl.cli.options.failure import leg_or_auto, legs_or_auto, listed_legs
 from hexctl.cli.see.arena import arena_of
 from hexctl.cli.see.options import size_of
 from hexctl.cli.see.twin import point_of
