@@ -19,8 +19,9 @@ from hexctl.adapt.sessions.session import (
     trials_text,
 )
 from hexctl.adapt.sessions.store import load_session, stored_names
+from hexctl.adapt.steps import search_steps
 from hexctl.errors import HexctlError, InputError
-from hexctl.record.overview import Overview, OverviewTrial, drawable
+from hexctl.record.overview import Overview, OverviewTrial, SearchStep, drawable
 from hexctl.record.overview_figures import write_overview_file
 from hexctl.record.viewer import (
     FileServer,
@@ -52,7 +53,7 @@ def write_overview(session: Session, folder: Path, *, into: Path | None = None, 
         index: base + quote(recording.name) if base else recording.resolve().as_uri()
         for index, recording in recordings_of(session, folder).items()
     }
-    write_overview_file(path, make_overview(session, addresses))
+    write_overview_file(path, make_overview(session, addresses, search_steps(session)))
     return path
 
 
@@ -64,8 +65,15 @@ def recordings_of(session: Session, folder: Path) -> dict[int | str, Path]:
     return {key: path for key, path in files.items() if is_recording(path)}
 
 
-def make_overview(session: Session, addresses: Mapping[int | str, str] = MappingProxyType({})) -> Overview:
-    """Overview of a session; `addresses` are the URLs of its recordings, as of `recordings_of`."""
+def make_overview(
+    session: Session,
+    addresses: Mapping[int | str, str] = MappingProxyType({}),
+    steps: tuple[SearchStep, ...] = (),
+) -> Overview:
+    """Overview of a session; `addresses` are the URLs of its recordings, as of `recordings_of`.
+
+    `steps` are those of its search.
+    """
     ideals_m = [trial.result.ideal_distance_m for trial in session.trials]
     return Overview(
         title=session.name,
@@ -75,6 +83,7 @@ def make_overview(session: Session, addresses: Mapping[int | str, str] = Mapping
         course_m=max(ideals_m, default=0.0) or 1.0,
         trials=tuple(_trial(trial, addresses.get(trial.index)) for trial in session.trials),
         baseline=tuple(_baseline(walk, addresses.get(walk.gait)) for walk in session.baseline),
+        steps=steps,
     )
 
 

@@ -47,6 +47,38 @@ class OverviewTrial(ArrayFields):
         return end
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GaitBeliefs(ArrayFields):
+    """Where a search expects walks of every gait to end, by code from 1 on.
+
+    Attributes:
+        signed_m: deviation at the end, positive to the left, (gaits,).
+        low_m: where the interval of 9 in 10 trials begins, (gaits,).
+        high_m: where it ends, (gaits,).
+    """
+
+    signed_m: FloatArray
+    low_m: FloatArray
+    high_m: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SearchStep:
+    """What a search knew after some trials, and what it did next.
+
+    Attributes:
+        trials: how many of them were walked.
+        note: the last trial, the next gait and why it was chosen, or why the search ended, as Markdown.
+        next_code: the gait of the next trial, None after the last one.
+        beliefs: of all gaits; None where the search has none, or they are not known any more.
+    """
+
+    trials: int
+    note: str
+    next_code: int | None = None
+    beliefs: GaitBeliefs | None = None
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Overview:
     """A session as its overview shows it.
@@ -59,6 +91,7 @@ class Overview:
         course_m: length of the line of travel: the distance of a walk without slip.
         trials: in the order in which they were walked.
         baseline: walks with the gaits that the robot would use anyway; they are never the best trial.
+        steps: of the search, from before the first trial on.
     """
 
     title: str
@@ -68,6 +101,7 @@ class Overview:
     course_m: float
     trials: tuple[OverviewTrial, ...]
     baseline: tuple[OverviewTrial, ...] = ()
+    steps: tuple[SearchStep, ...] = ()
 
     @property
     def best(self) -> OverviewTrial | None:

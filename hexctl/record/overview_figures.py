@@ -21,12 +21,10 @@ from hexctl.palette import (
     baseline_color,
     deviation_color,
 )
+from hexctl.record.belief_figure import TIMELINE, belief_view, send_steps, steps_view
 from hexctl.record.overview import Overview, OverviewTrial, deviation_text, make_table
 from hexctl.record.rrd import check_whole, create_file, disconnect, flush, load_rerun
 from hexctl.types import FloatArray
-
-#: The only timeline: the index of the trial.
-TIMELINE = "trial"
 
 #: Where on it the baseline is.
 BEFORE_TRIALS = 0
@@ -186,7 +184,10 @@ def _send_baseline(stream: Any, overview: Overview) -> None:
         path = f"{BASELINE}/{walk.gait}"
         look = {"colors": [baseline_color(walk.gait or "")], "radii": [TRACK], "draw_order": TRACK_ORDER}
         stream.log(path, rr.LineStrips2D([picture(walk.path_m)], **look), static=True)
+    (_, top_m) = visible_m(overview)[1]
     for walk, place in zip(walks, _spread_ends_m(walks, overview.course_m), strict=True):
+        # Below the legend.
+        place[1] = min(place[1], top_m - 2.5 * MARGIN * overview.course_m)
         _send_names(stream, f"{BASELINE}/{walk.gait}/name", [(place, f"{walk.gait}, not told")])
 
 
@@ -321,10 +322,13 @@ def make_layout(overview: Overview) -> Any:
     """Blueprint of an overview."""
     import rerun.blueprint as rrb
 
-    left = rrb.Vertical(_above_view(overview), _curve_view(overview), row_shares=[5, 2])
+    views = [_above_view(overview), belief_view(overview), _curve_view(overview)]
+    shares = [share for view, share in zip(views, (5, 4, 2), strict=True) if view is not None]
+    left = rrb.Vertical(*(view for view in views if view is not None), row_shares=shares)
     table = rrb.TextDocumentView(origin=TABLE, name="trials")
+    right = rrb.Vertical(table, steps_view(), row_shares=[1, 1]) if overview.steps else table
     return rrb.Blueprint(
-        rrb.Horizontal(left, table, column_shares=[5, 3]),
+        rrb.Horizontal(left, right, column_shares=[5, 3]),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
         # Following: the time cursor begins at the last trial, so that all are shown.
@@ -413,5 +417,6 @@ def _send(stream: Any, overview: Overview) -> None:
     stream.send_recording_name(overview.title)
     send_above(stream, overview)
     send_curve(stream, overview)
+    send_steps(stream, overview)
     document = rr.TextDocument(make_table(overview), media_type="text/markdown")
     stream.log(TABLE, document, static=True)

@@ -1,6 +1,7 @@
 """`bayes`: search with a prior of simulated worlds; each trial narrows down which of them the robot is in."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -47,6 +48,14 @@ REAL_NOISE_M = 0.04
 
 #: What sessions believed of a real robot before they stored it.
 FORMER_REAL_NOISE_M = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A gait that is to be walked: its code, and why it, in words."""
+
+    code: int
+    why: str
 
 
 class Bayes(Optimizer):
@@ -179,14 +188,23 @@ class Bayes(Optimizer):
 
     def _suggest(self, count: int) -> list[int]:
         """One gait, whatever the count: the next choice needs its outcome."""
+        return [self.choice().code]
+
+    def choice(self) -> Choice:
+        """The gait that `ask` would give now."""
         tried, best = self._tried(), self.recommended()
-        if best is not None and (tried.all() or self._worth_repeating(best)):
-            return [best]
+        if best is not None and tried.all():
+            return Choice(best, "all gaits are walked: the one that is likeliest to be good again")
+        if best is not None and self._worth_repeating(best):
+            return Choice(best, "a repeat: no gait is likelier to be within the target, and it tells more")
         if tried.all():
-            # Every gait has failed: the one that is expected to go farthest.
-            return [int(np.argmax(self.forecast().distance_m)) + 1]
-        choose = most_useful if len(self._trials) < LOOKING_AHEAD else most_promising
-        return [choose(self.forecast(), self._chance_valid(), tried, self._best_m()) + 1]
+            farthest = int(np.argmax(self.forecast().distance_m)) + 1
+            return Choice(farthest, "every gait has failed: the one that is expected to go farthest")
+        ahead = len(self._trials) < LOOKING_AHEAD
+        choose = most_useful if ahead else most_promising
+        row = choose(self.forecast(), self._chance_valid(), tried, self._best_m())
+        gain = "this trial and the next one together" if ahead else "one trial"
+        return Choice(row + 1, f"the greatest expected gain of {gain}")
 
     def _worth_repeating(self, code: int) -> bool:
         """Whether a walked gait is the likeliest of all to be within the target and a repeat tells more.
