@@ -10,12 +10,15 @@ from hexctl.palette import (
     BACKGROUND,
     BASELINE_COLORS,
     BEST_COLOR,
+    FAILED_COLORS,
     INVALID_COLOR,
     JOINT_COLORS,
     LEG_COLORS,
     LEGEND_M,
     LINE_COLOR,
+    LINK_COLORS,
     MARGIN_COLOR,
+    NOTICED_COLORS,
     OTHER_BASELINE_COLOR,
     SCALE,
     TEXT_COLOR,
@@ -54,6 +57,7 @@ TOGETHER = {
     "verdicts": LINES["verdicts"],
     "curve": (*BASELINE_COLORS.values(), BEST_COLOR),
     "scene": (LINE_COLOR, WAY_COLOR),
+    "conditions of a leg": tuple(links["femur"] for links in (LINK_COLORS, FAILED_COLORS, NOTICED_COLORS)),
 }
 
 #: What the three kinds of colour blindness make of linear red, green and blue (Machado et al. 2009).

@@ -15,9 +15,9 @@ import numpy as np
 
 from hexctl.adapt.optimizer import NINETY_PERCENT, Prediction
 from hexctl.adapt.optimizers.bayes import Bayes
-from hexctl.adapt.optimizers.shipped import BAYES
+from hexctl.adapt.optimizers.shipped import BAYES, OPTIMIZERS, TRIM
 from hexctl.adapt.search import make_search
-from hexctl.adapt.sessions.session import Session, TrialRecord, trials_text
+from hexctl.adapt.sessions.session import Session, SessionSpec, TrialRecord, trials_text
 from hexctl.adapt.sessions.stored import DAMAGE
 from hexctl.adapt.setting import load_setting
 from hexctl.errors import HexctlError, InputError
@@ -50,18 +50,25 @@ class _Known:
 def search_steps(session: Session) -> tuple[SearchStep, ...]:
     """Steps of a session's search, from before its first trial to after its last one."""
     known: list[_Known] = []
-    missing = f"{session.spec.optimizer} expects nothing of gaits that it has not walked"
+    missing = _without(session.spec)
     try:
         if (search := _search_of(session)) is not None:
             known = list(_replayed(session, search))
-        elif session.spec.optimizer == BAYES:
-            missing = "with this objective bayes expects scores and not ends of walks, which are not shown"
     except (HexctlError, OSError, *DAMAGE) as error:
         missing = f"what was expected of the gaits cannot be shown: {' '.join(str(error).split())}"
     return tuple(
         _step(session, done, known[done] if known else None, missing)
         for done in range(len(session.trials) + 1)
     )
+
+
+def _without(spec: SessionSpec) -> str:
+    """Why a search has no beliefs about the ends of walks that could be shown."""
+    if spec.optimizer == BAYES:
+        return "with this objective bayes expects scores and not ends of walks, which are not shown"
+    if spec.optimizer in (*OPTIMIZERS, TRIM):
+        return f"{spec.optimizer} expects nothing of gaits that it has not walked"
+    return f"what {spec.optimizer} expects of the gaits is not known here"
 
 
 def _search_of(session: Session) -> Bayes | None:

@@ -9,6 +9,7 @@ import pytest
 from hexctl.adapt.loop import AdaptLoop
 from hexctl.adapt.optimizers.bayes import Bayes
 from hexctl.adapt.optimizers.registry import make_optimizer
+from hexctl.adapt.optimizers.shipped import OPTIMIZERS, TRIM
 from hexctl.adapt.search import make_search, new_spec
 from hexctl.adapt.sessions.session import Session
 from hexctl.adapt.sessions.store import SessionStore
@@ -107,8 +108,14 @@ def test_beliefs_that_are_not_those_of_the_session_are_not_shown(
         assert all("greatest expected gain" not in step.note for step in steps)
 
 
-@pytest.mark.parametrize("name", ["pso", "derand", "random", "no.such.module:Search"])
-def test_searches_without_beliefs_say_less(name: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        *((name, f"{name} expects nothing of gaits that it has not walked") for name in (*OPTIMIZERS, TRIM)),
+        ("no.such.module:Search", "what no.such.module:Search expects of the gaits is not known here"),
+    ],
+)
+def test_searches_without_beliefs_say_less(name: str, said: str, tmp_path: Path) -> None:
     with SessionStore(tmp_path) as store:
         session = store.create(replace(SPEC, budget=3))
         search = make_optimizer("random", GaitSpace((5,)), 0)
@@ -117,7 +124,7 @@ def test_searches_without_beliefs_say_less(name: str, tmp_path: Path) -> None:
     steps = search_steps(session)
     assert [step.beliefs for step in steps] == [None] * 4
     assert [step.next_code for step in steps] == [*(trial.code for trial in session.trials), None]
-    assert all(f"{name} expects nothing of gaits that it has not walked" in step.note for step in steps)
+    assert all(said in step.note for step in steps)
     assert all("9 of 10" not in step.note for step in steps)
 
 
