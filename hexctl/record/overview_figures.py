@@ -326,7 +326,7 @@ def make_layout(overview: Overview) -> Any:
     shares = [share for view, share in zip(views, (5, 4, 2), strict=True) if view is not None]
     left = rrb.Vertical(*(view for view in views if view is not None), row_shares=shares)
     table = rrb.TextDocumentView(origin=TABLE, name="trials")
-    heights = [1, 1] if len(shares) == len(views) else [2, 1]
+    heights = [4, 3] if len(shares) == len(views) else [2, 1]
     right = rrb.Vertical(table, steps_view(), row_shares=heights) if overview.steps else table
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[5, 3]),
