@@ -84,12 +84,12 @@ def test_trials_show_where_they_ended_once_they_are_walked(read: ReadBack) -> No
     assert list(walked) == [1, 2, 3, 4]
     np.testing.assert_allclose(
         walked[4],
-        [[10 * trial.index, height(trial.deviation_m or 0.0)] for trial in SESSION.trials],
+        [[10 * trial.index, float(height(trial.deviation_m or 0.0))] for trial in SESSION.trials],
         atol=1e-5,
     )
     assert len(walked[2]) == 2
     demo = read.values("/belief/not_told/demo", "Points2D:positions")
-    np.testing.assert_allclose(demo, [[[77.0, height(0.4)]]], atol=1e-5)
+    np.testing.assert_allclose(demo, [[[77.0, float(height(0.4))]]], atol=1e-5)
 
 
 def test_notes_change_with_the_trials(read: ReadBack) -> None:
