@@ -11,6 +11,7 @@ from benchmarks.clock import clock_rows
 from benchmarks.flood import flood_rows
 from benchmarks.landscape import landscape_benchmarks
 from benchmarks.link import link_rows
+from benchmarks.memory import memory_rows
 from benchmarks.recording import recording_rows
 from benchmarks.ros import ros_rows
 from benchmarks.rows import Row
@@ -38,6 +39,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "cameras": camera_rows,
     "single": single_rows,
     "recording": recording_rows,
+    "memory": memory_rows,
     "batch": batch_rows,
     "adapt": adapt_rows,
     "study": study_rows,

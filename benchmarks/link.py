@@ -178,15 +178,15 @@ def realtime() -> Iterator[None]:
 
 
 @contextmanager
-def served(port: int, backend: str) -> Iterator[None]:
+def served(port: int, backend: str) -> Iterator["subprocess.Popen[str]"]:
     """Serve a robot in a process of its own until the block ends."""
     command = [sys.executable, "-u", "-m", "hexctl", "serve", "--backend", backend]
-    with _process([*command, "--listen", f"tcp/127.0.0.1:{port}"], "serving"):
-        yield
+    with _process([*command, "--listen", f"tcp/127.0.0.1:{port}"], "serving") as server:
+        yield server
 
 
 @contextmanager
-def _process(command: list[str], ready: str) -> Iterator[None]:
+def _process(command: list[str], ready: str) -> Iterator["subprocess.Popen[str]"]:
     """Run a process until the block ends; it has said that it is ready when the block begins."""
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     try:
@@ -194,7 +194,7 @@ def _process(command: list[str], ready: str) -> Iterator[None]:
         said = process.stdout.readline()
         if ready not in said:
             raise RuntimeError(f"{' '.join(command)} did not come up: {said}")
-        yield
+        yield process
     finally:
         process.terminate()
         process.wait(10)

@@ -19,6 +19,8 @@ class Scale:
         flood_s: how long commands are counted beside a flood of foreign ones.
         twin_s: how long a robot at the other end of the link walks.
         bus_s: how long each of the robots on a bus walks.
+        memory_s: how long a simulated robot walks while its memory is watched.
+        memory_link_s: the same over the link, in real time.
         starts: how often a process is started.
         robots: random robots of each verdict of `hexctl check`.
         see_step_m: grid of the floor on which a camera looks for the robot.
@@ -37,6 +39,8 @@ class Scale:
     flood_s: float
     twin_s: float
     bus_s: float
+    memory_s: float
+    memory_link_s: float
     starts: int
     robots: int
     see_step_m: float
@@ -56,6 +60,8 @@ FULL = Scale(
     flood_s=10.0,
     twin_s=600.0,
     bus_s=600.0,
+    memory_s=3600.0,
+    memory_link_s=3600.0,
     starts=7,
     robots=20,
     see_step_m=0.25,
@@ -76,6 +82,8 @@ QUICK = Scale(
     flood_s=1.0,
     twin_s=3.0,
     bus_s=2.0,
+    memory_s=5.0,
+    memory_link_s=3.0,
     starts=2,
     robots=1,
     see_step_m=1.0,

@@ -15,7 +15,7 @@ from hexctl.control.log import TickLog
 from hexctl.errors import InputError
 from hexctl.record.blueprint import make_blueprint
 from hexctl.record.recording import APPLICATION_ID
-from hexctl.record.rrd import load_rerun
+from hexctl.record.rrd import Layout, free_streams, load_rerun
 from hexctl.record.scene import LEVEL, send_scene
 from hexctl.record.tracks.block_writer import BlockWriter
 from hexctl.record.tracks.columns import Subject
@@ -39,7 +39,8 @@ class Feed:
         self._stream: Any = rr.RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
         shown = {name: header[name] for name in ("watched", "servos")}
         blueprint = make_blueprint(robot, plan, floor, live=True, **shown)
-        self._stream.connect_grpc(address, default_blueprint=blueprint)
+        with Layout(blueprint) as layout:
+            self._stream.connect_grpc(address, default_blueprint=layout)
         self._stream.send_recording_name(header["title"])
         send_scene(self._stream, robot, plan, floor, meshes)
         self._began_at_s: float | None = None
@@ -56,6 +57,7 @@ class Feed:
     def close(self) -> None:
         """Send the remaining rows to the viewer."""
         self._stream.disconnect()
+        free_streams()
 
 
 def append(log: TickLog, block: dict[str, Any]) -> None:

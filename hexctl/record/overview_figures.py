@@ -23,7 +23,7 @@ from hexctl.palette import (
 )
 from hexctl.record.belief_figure import TIMELINE, belief_view, send_steps, steps_view
 from hexctl.record.overview import Overview, OverviewTrial, deviation_text, make_table
-from hexctl.record.rrd import check_whole, create_file, disconnect, flush, load_rerun
+from hexctl.record.rrd import check_whole, create_file, disconnect, flush, load_rerun, save_stream
 from hexctl.types import FloatArray
 
 #: Where on it the baseline is.
@@ -404,7 +404,7 @@ def write_overview_file(path: Path, overview: Overview) -> None:
 
 def _write(draft: Path, path: Path, overview: Overview) -> None:
     stream = load_rerun().RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
-    stream.save(str(draft), default_blueprint=make_layout(overview))
+    save_stream(stream, draft, make_layout(overview))
     try:
         _send(stream, overview)
         flush(stream, path)

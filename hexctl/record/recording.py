@@ -23,6 +23,7 @@ from hexctl.record.rrd import (
     disconnect,
     flush,
     load_rerun,
+    save_stream,
 )
 from hexctl.record.scene import LEVEL, send_scene
 from hexctl.record.summary import make_markdown, make_properties
@@ -109,7 +110,7 @@ class Recording:
         blueprint = make_blueprint(robot, plan, floor, watched=watched, servos=servos)
         self._sound = True
         self._indexed = not (plan.duration_s > LONG_S if long is None else long)
-        self._stream.save(str(path), default_blueprint=blueprint, write_footer=self._indexed)
+        save_stream(self._stream, path, blueprint, index=self._indexed)
         self._stream.send_recording_name(title)
         # With it a recording can be exported without the robot's file, as it was then.
         self._stream.send_property("robot", rr.AnyValues(name=robot.name, model=robot_to_json(robot)))

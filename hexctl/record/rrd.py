@@ -9,7 +9,8 @@ from functools import partial
 from itertools import takewhile
 from pathlib import Path
 from threading import Thread
-from typing import Any, BinaryIO
+from types import TracebackType
+from typing import Any, BinaryIO, Self
 
 from hexctl.errors import InputError, MissingExtraError, RecordingError
 
@@ -59,6 +60,43 @@ def _without_footer_warnings() -> Iterator[None]:
             os.environ[LOG_VARIABLE] = before
 
 
+class Layout:
+    """A layout (blueprint) of Rerun as an argument of its calls, which leaves nothing of it behind.
+
+    Rerun makes a stream of a layout, which refers to itself and would be kept for ever.
+    """
+
+    def __init__(self, blueprint: Any) -> None:
+        self._blueprint = blueprint.to_blueprint()
+        self._streams: list[Any] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Let the streams go, once the call has taken what is in them."""
+        for stream in self._streams:
+            stream.disconnect()
+        self._streams.clear()
+
+    def to_blueprint(self) -> Self:
+        """What Rerun asks a layout for."""
+        return self
+
+    def _log_to_stream(self, stream: Any) -> None:
+        """Write the layout into a stream that Rerun has made for it."""
+        self._streams.append(stream)
+        self._blueprint._log_to_stream(stream)  # noqa: SLF001  as Rerun would
+
+
+def save_stream(stream: Any, path: Path, blueprint: Any, *, index: bool = True) -> None:
+    """Have a stream write to a file that opens with a layout; without an index its memory does not grow."""
+    with Layout(blueprint) as layout:
+        stream.save(str(path), default_blueprint=layout, write_footer=index)
+
+
 def flush(stream: Any, path: Path) -> None:
     """Make sure that everything sent to a stream is in its file.
 
@@ -75,8 +113,19 @@ def flush(stream: Any, path: Path) -> None:
 
 
 def disconnect(stream: Any) -> None:
-    """Close a stream, which may lose what was not flushed."""
+    """Close a stream, which may lose what was not flushed, and free those that were closed before."""
     _bounded(stream.disconnect, FULL_TIMEOUT_S if _abandoned else FLUSH_TIMEOUT_S)
+    free_streams()
+
+
+def free_streams() -> None:
+    """Free closed streams that nothing refers to: Rerun keeps them for ever, 4 MB and two threads each.
+
+    Not in a program that has a recording of its own for all of Rerun (`rerun.init`): it would be let go too.
+    """
+    rr = load_rerun()
+    if not _abandoned and rr.get_global_data_recording() is None:
+        _bounded(rr.bindings.flush_and_cleanup_orphaned_recordings, FULL_TIMEOUT_S)
 
 
 #: Calls into Rerun that have not come back.
