@@ -21,7 +21,7 @@ help:
 	@echo "make test-all  the same, whole commands and studies, and what runs in real time (about 20 minutes)"
 	@echo "make smoke  the built wheel, installed alone"
 	@echo "make dist   wheel and sdist, checked and installed in an empty environment"
-	@echo "make bench  the numbers hexctl promises, measured (two hours, most of them on simulated buses)"
+	@echo "make bench  the numbers hexctl promises, measured (three hours, most of them on simulated buses and over a link)"
 	@echo "make faults  the fault matrix of docs/safety.md, as far as it is not done yet (hours; Ctrl-C ends it)"
 	@echo "make pictures  the pictures of the documentation, made anew (about 7 minutes)"
 	@echo "make soak   the long tests: a hundred stops, hostile input without end"

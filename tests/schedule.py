@@ -133,6 +133,7 @@ SLOW = (
     "tests/docs/test_step_response.py",
     "tests/examples/",
     "tests/faults/test_command.py",
+    "tests/record/test_recording_memory.py::test_memory_does_not_grow_with_the_length_of_a_walk",
     "tests/serve/test_steered_link.py",
     "tests/study/verdicts/test_bars.py::test_the_bar_is_the_mean_of_what_each_leg_allows",
     "tests/study/verdicts/test_claims.py::test_a_single_good_gait_is_found_late",
