@@ -240,6 +240,8 @@ def _walk(spec: "RunSpec", *, view: bool, as_json: bool, found: "Found | None" =
             kept = "" if run.recording_path is None else f"; recorded until then: {run.recording_path}"
             print_note(f"hexctl: interrupted without a soft stop{kept}")
             return INTERRUPTED
+        if run.index_due and not as_json:
+            print_note(f"hexctl: the walk is done; writing the index of {run.recording_path}")
     if found is not None:
         done.outcome["diagnosis"] = found.result.diagnosis.to_dict()
     print_result(*([json.dumps(done.outcome)] if as_json else _summary(done)))

@@ -20,7 +20,8 @@ NICENESS = 10
 def write_index(path: Path) -> bool:
     """Rewrite a closed recording with an index, and in fewer and larger pieces: a third of its size.
 
-    Returns whether it has one now. Where Rerun fails, as on a full disk, the file is as it was.
+    Returns whether it has one now. Where Rerun fails, as on a full disk, and after Ctrl-C, the file is as it
+    was: the walk is done, and its result is not lost for an index.
     """
     try:
         if has_index(path):
@@ -33,7 +34,7 @@ def write_index(path: Path) -> bool:
                 named.replace(draft)
             finally:
                 named.unlink(missing_ok=True)
-    except (OSError, MissingExtraError, RecordingError, subprocess.SubprocessError):
+    except (OSError, MissingExtraError, RecordingError, subprocess.SubprocessError, KeyboardInterrupt):
         return False
     return True
 
@@ -54,10 +55,15 @@ def _optimize(path: Path, draft: Path) -> None:
     try:
         with suppress(OSError):
             os.setpriority(os.PRIO_PROCESS, process.pid, NICENESS)
-        code = process.wait(START_S + path.stat().st_size / BYTES_PER_S)
+        code = _wait(process, START_S + path.stat().st_size / BYTES_PER_S)
     except BaseException:
         process.kill()
         process.wait()
         raise
     if code != 0:
         raise subprocess.CalledProcessError(code, command)
+
+
+def _wait(process: "subprocess.Popen[bytes]", timeout_s: float) -> int:
+    """Exit code of a process; raises TimeoutExpired."""
+    return process.wait(timeout_s)

@@ -176,13 +176,18 @@ class Recording:
             stream, self._stream = self._stream, None
             disconnect(stream)
 
+    @property
+    def index_due(self) -> bool:
+        """Whether `write_index` has something to do, once the file is closed."""
+        return self._sound and not self._indexed
+
     def write_index(self) -> None:
         """Give the closed file of a long walk its index: best when the robot needs nothing any more.
 
         It takes 30 s for an hour of walking. Without it, also where it fails, the file opens all the same.
         Nothing is done where `finish` has raised: what a full disk lost must not look whole.
         """
-        if self._sound and not self._indexed and self._stream is None:
+        if self.index_due and self._stream is None:
             self._indexed = write_index(self.path)
 
     def _send_summary(self, result: TrialResult | None, facts: Mapping[str, Any]) -> None:

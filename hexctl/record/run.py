@@ -178,6 +178,11 @@ class Run:
         return None if self._file is None else self._file.path
 
     @property
+    def index_due(self) -> bool:
+        """Whether the recording gets its index when the robot is no longer connected: 30 s for an hour."""
+        return self._recording is not None and self._recording.index_due
+
+    @property
     def recording_path(self) -> Path | None:
         """File of the recording; None without one, and before the robot is connected."""
         return None if self._recording is None else self._recording.path

@@ -16,7 +16,7 @@ import pytest
 from hexctl.backends import mock
 from hexctl.cli.main import exit_code
 from hexctl.record import recording
-from hexctl.record.rrd import ROOM_BYTES
+from hexctl.record.rrd import ROOM_BYTES, has_index
 from hexctl.record.tracks.block_writer import BlockWriter
 from tests.backends.fake_time import FakeTime
 from tests.cli.kits import Kit
@@ -134,6 +134,20 @@ def test_the_summary_says_how_it_went_and_how_to_look(
     for word in ("slots 1,4,2,6,3,5", "deviation", "status     ok", f"hexctl view runs/{recording.name}"):
         assert word in printed
     assert recording.stat().st_size > 10_000
+
+
+def test_a_long_walk_says_that_it_writes_its_index(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(recording, "LONG_S", 0.5)
+    path = tmp_path / "long.rrd"
+    command = ["run", "--duration", "1", "--record", str(path)]
+    assert exit_code(command) == 0
+    assert capsys.readouterr().err == f"hexctl: the walk is done; writing the index of {path}\n"
+    assert has_index(path)
+    path.unlink()
+    assert run_json(capsys, *command)["recording"] == str(path)
+    assert has_index(path)
 
 
 def test_two_runs_at_once_leave_two_recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

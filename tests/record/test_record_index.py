@@ -156,6 +156,23 @@ def test_a_process_that_hangs_is_ended(trial: Trial, tmp_path: Path, monkeypatch
     assert sorted(each.name for each in tmp_path.iterdir()) == ["hangs", "long.rrd"]
 
 
+def test_ctrl_c_while_it_is_written_costs_no_result(
+    trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "long.rrd"
+    write_long(path, trial)
+    content = path.read_bytes()
+
+    def interrupt(_process: object, _timeout_s: float) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as interrupted:
+        interrupted.setattr(record_index, "_wait", interrupt)
+        assert not write_index(path)
+    assert path.read_bytes() == content
+    assert [each.name for each in tmp_path.iterdir()] == [path.name]
+
+
 def test_no_recording_no_index(tmp_path: Path) -> None:
     assert not write_index(tmp_path / "missing.rrd")
     (tmp_path / "text.rrd").write_text("no recording")
