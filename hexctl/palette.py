@@ -67,6 +67,26 @@ VERDICT_COLORS: dict[str, Color] = {
 }
 UNJUDGED_COLOR: Color = (232, 234, 237)
 
+#: Optimizers of a study, and any other one; bars that results are held against, and the best of all gaits.
+OPTIMIZER_COLORS: dict[str, Color] = {
+    "pso": (0, 114, 178),
+    "psosp": (70, 145, 220),
+    "dps": (0, 158, 115),
+    "debest": (213, 94, 0),
+    "derand": (204, 121, 167),
+    "random": (0, 0, 0),
+    "exhaustive": (120, 120, 124),
+    "bayes": (192, 57, 43),
+    "bayes-early": (204, 130, 0),
+}
+OTHER_OPTIMIZER_COLORS: tuple[Color, ...] = ((184, 134, 11), (140, 86, 75), (127, 60, 141))
+BAR_COLOR: Color = (192, 57, 43)
+BEST_OF_ALL_COLOR: Color = (120, 120, 124)
+
+#: A remedy of a study that is left out, given in part, and whole; and others.
+REMEDY_COLORS: tuple[Color, Color, Color] = ((120, 120, 124), (204, 130, 0), (0, 114, 178))
+OTHER_REMEDY_COLORS: tuple[Color, ...] = ((0, 158, 115), (204, 121, 167), (213, 94, 0))
+
 #: Background of every scene of the viewer, whatever its theme, and what is written and ruled on it. Texts
 #: have a background of the theme's own: dark grey, or in the light theme a grey of middle brightness.
 BACKGROUND: Color = (24, 28, 36)

@@ -32,7 +32,6 @@ PICTURES: dict[str, Callable[[Path], Picture | Path]] = {
     "walking": figures.draw_walking,
     "session": figures.draw_session,
     "prior": _prior,
-    "convergence": figures.draw_convergence,
     "step_response": step_response.draw_step_response,
     "failure": failure_strip.draw_failure_strip,
     "camera_map": camera_map.draw_camera_map,

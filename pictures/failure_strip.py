@@ -20,7 +20,7 @@ from hexctl.control.preparation import WalkStart
 from hexctl.control.trial import run_trial
 from hexctl.gait.gait import make_gait
 from hexctl.ik.legs import link_points_body
-from hexctl.palette import LINE_COLOR, VERDICT_COLORS, hex_color
+from hexctl.palette import FAILED_COLORS, LINE_COLOR, VERDICT_COLORS, hex_color
 from hexctl.robot.failure_event import parse_failure_event
 from hexctl.robot.loader import load_robot
 from hexctl.types import FloatArray
@@ -35,7 +35,7 @@ MOMENTS_S = (-0.5, 0.4, 1.2, 3.0, 6.0)
 #: The walks: name and policy.
 WALKS: tuple[tuple[str, type[RecoveryPolicy]], ...] = (("walks on", WalkOn), ("recovers", GlideToStableGait))
 
-FAILED_COLOR, WHOLE_COLOR, BODY_COLOR = hex_color(VERDICT_COLORS["does not hold"]), "#404550", "#b8c2d0"
+FAILED_COLOR, WHOLE_COLOR, BODY_COLOR = hex_color(FAILED_COLORS["femur"]), "#404550", "#b8c2d0"
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,10 @@ import pytest
 from hexctl.palette import (
     ALARM_COLOR,
     BACKGROUND,
+    BAR_COLOR,
     BASELINE_COLORS,
     BEST_COLOR,
+    BEST_OF_ALL_COLOR,
     FAILED_COLORS,
     INVALID_COLOR,
     JOINT_COLORS,
@@ -19,7 +21,11 @@ from hexctl.palette import (
     LINK_COLORS,
     MARGIN_COLOR,
     NOTICED_COLORS,
+    OPTIMIZER_COLORS,
     OTHER_BASELINE_COLOR,
+    OTHER_OPTIMIZER_COLORS,
+    OTHER_REMEDY_COLORS,
+    REMEDY_COLORS,
     SCALE,
     TEXT_COLOR,
     VERDICT_COLORS,
@@ -56,6 +62,7 @@ TOGETHER = {
     "measured": LINES["measured"],
     "verdicts": LINES["verdicts"],
     "curve": (*BASELINE_COLORS.values(), BEST_COLOR),
+    "remedies": REMEDY_COLORS,
     "scene": (LINE_COLOR, WAY_COLOR),
     "conditions of a leg": tuple(links["femur"] for links in (LINK_COLORS, FAILED_COLORS, NOTICED_COLORS)),
 }
@@ -110,6 +117,12 @@ def test_lines_are_seen_in_the_light_and_in_the_dark(what: str) -> None:
     for color in LINES[what]:
         assert contrast(color, WHITE) >= 3, color
         assert contrast(color, BACKGROUND) >= 3, color
+
+
+def test_lines_of_reports_are_seen_on_paper() -> None:
+    optimizers = (*OPTIMIZER_COLORS.values(), *OTHER_OPTIMIZER_COLORS, BAR_COLOR, BEST_OF_ALL_COLOR)
+    for color in (*optimizers, *REMEDY_COLORS, *OTHER_REMEDY_COLORS):
+        assert contrast(color, WHITE) >= 3, color
 
 
 def test_labels_are_read_in_both_themes() -> None:

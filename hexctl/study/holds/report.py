@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hexctl.files import atomic_write
+from hexctl.palette import REMEDY_COLORS, hex_color
 from hexctl.study.holds.conditions import SENSORS
 from hexctl.study.holds.findings import HoldFindings, HoldStatistics, hold_bars
 from hexctl.study.landscapes.versions import code_versions
@@ -28,8 +29,8 @@ FIGURES = ("holds", "holds_by_failure")
 #: What is held, in the words of the report.
 HOLD_NAMES = {"none": "open loop", "heading": "yaw alone", "line": "pose"}
 
-#: Colours that people with colour-blindness tell apart (Okabe and Ito).
-HOLD_COLORS = {"none": "#999999", "heading": "#E69F00", "line": "#0072B2"}
+#: Colours of what is held.
+HOLD_COLORS = dict(zip(("none", "heading", "line"), map(hex_color, REMEDY_COLORS), strict=True))
 
 #: The scale of the figures, in cm, and the bins in each factor of ten.
 LOW_CM, HIGH_CM, BINS = 0.005, 500.0, 10

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hexctl.files import atomic_write
+from hexctl.palette import OTHER_REMEDY_COLORS, REMEDY_COLORS, hex_color
 from hexctl.study.holds.conditions import SENSORS
 from hexctl.study.landscapes.versions import code_versions
 from hexctl.study.recovery.bars import recovery_bars
@@ -34,9 +35,9 @@ REPORT = "recovery.html"
 TABLE = "recovery.parquet"
 FIGURE = "recovery"
 
-#: Colours that people with colour-blindness tell apart (Okabe and Ito).
-METHOD_COLORS = {"nothing": "#999999", "told": "#E69F00", "recover": "#0072B2"}
-OTHER_COLORS = ("#009E73", "#CC79A7", "#D55E00")
+#: Colours of the methods, and of any other one.
+METHOD_COLORS = dict(zip(("nothing", "told", "recover"), map(hex_color, REMEDY_COLORS), strict=True))
+OTHER_COLORS = tuple(map(hex_color, OTHER_REMEDY_COLORS))
 
 #: Lower end of the scale of deviations, in cm.
 LOW_CM = 0.01

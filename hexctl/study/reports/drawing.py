@@ -4,24 +4,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hexctl.errors import MissingExtraError
+from hexctl.palette import OPTIMIZER_COLORS, OTHER_OPTIMIZER_COLORS, hex_color
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-#: Colours that people with colour-blindness tell apart (Okabe and Ito), one for each optimizer.
-OPTIMIZER_COLORS = {
-    "pso": "#0072B2",
-    "psosp": "#56B4E9",
-    "dps": "#009E73",
-    "debest": "#D55E00",
-    "derand": "#CC79A7",
-    "random": "#000000",
-    "exhaustive": "#999999",
-    "bayes": "#C0392B",
-    "bayes-early": "#E69F00",
-}
-OTHER_COLORS = ("#B8860B", "#8C564B", "#7F3C8D")
 
 #: Pixels per inch of the PNG files.
 DPI = 130
@@ -39,7 +26,8 @@ def check_drawing() -> None:
 
 def color_of(optimizer: str) -> str:
     """Colour of an optimizer, the same in all figures."""
-    return OPTIMIZER_COLORS.get(optimizer, OTHER_COLORS[sum(optimizer.encode()) % len(OTHER_COLORS)])
+    others = OTHER_OPTIMIZER_COLORS
+    return hex_color(OPTIMIZER_COLORS.get(optimizer, others[sum(optimizer.encode()) % len(others)]))
 
 
 def new_figure(rows: int, columns: int, size_in: tuple[float, float]) -> "tuple[Figure, list[Axes]]":

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hexctl.palette import (
+    BAR_COLOR,
+    BEST_OF_ALL_COLOR,
     INVALID_COLOR,
     LEGEND_M,
     LINE_COLOR,
@@ -182,8 +184,6 @@ def _finish_paths(
     figure.suptitle(title, fontsize=11, wrap=True)
 
 
-FLOOR_COLOR = "#888888"
-
 #: Lower end of the scale: less than this says nothing about a robot.
 LOW_M = 0.002
 
@@ -200,7 +200,9 @@ def convergence_figure(findings: Findings, *, paper_count: bool) -> "Figure":
             _draw_spread(panel, name, search.curve)
             _mark_stuck(panel, search)
         best = findings.rotated(leg).best_m
-        panel.axhline(best, color=FLOOR_COLOR, linewidth=1.2, linestyle=":", label="best of all gaits")
+        panel.axhline(
+            best, color=hex_color(BEST_OF_ALL_COLOR), linewidth=1.2, linestyle=":", label="best of all gaits"
+        )
         own = _draw_defaults(panel, findings.defaults(leg))
         panel.set_title("\n".join([f"leg {leg}:  best of all gaits {_on_scale(best)}", *own]), fontsize=9)
     counted = "repetitions counted (the paper's count)" if paper_count else "each gait paid for once"
@@ -235,8 +237,12 @@ def means_figure(findings: Findings) -> "Figure":
     for panel, paper_count in zip(panels, (True, False), strict=True):
         for name in findings.plan.optimizers:
             _draw_curve(panel, name, findings.mean_curve(name, paper_count=paper_count))
-        panel.axhline(best, color=FLOOR_COLOR, linewidth=1.2, linestyle=":", label="best of all gaits")
-        panel.plot([EARLY, LATE], [EARLY_M, LATE_M], "v", color="#C0392B", markersize=7, label="bars")
+        panel.axhline(
+            best, color=hex_color(BEST_OF_ALL_COLOR), linewidth=1.2, linestyle=":", label="best of all gaits"
+        )
+        panel.plot(
+            [EARLY, LATE], [EARLY_M, LATE_M], "v", color=hex_color(BAR_COLOR), markersize=7, label="bars"
+        )
         panel.set_title("repetitions counted" if paper_count else "each gait paid for once", fontsize=9)
     _finish_curves(figure, panels, 2, "Mean over all legs and runs")
     return figure
@@ -268,8 +274,8 @@ def _finish_curves(figure: "Figure", panels: "list[Axes]", used: int, title: str
     """Give all panels a logarithmic scale and labels, and the figure one legend."""
     for panel in panels[:used]:
         panel.set_yscale("log")
-        panel.axhline(LATE_M, color="#C0392B", linewidth=0.5)
-        panel.axhline(EARLY_M, color="#C0392B", linewidth=0.5)
+        panel.axhline(LATE_M, color=hex_color(BAR_COLOR), linewidth=0.5)
+        panel.axhline(EARLY_M, color=hex_color(BAR_COLOR), linewidth=0.5)
         panel.set_yticks([0.01, 0.025, 0.1, 0.5, 1.0], ["1 cm", "2.5 cm", "10 cm", "50 cm", "1 m"])
         panel.minorticks_off()
         panel.set_ylim(bottom=LOW_M)

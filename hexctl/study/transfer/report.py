@@ -9,6 +9,7 @@ import numpy as np
 
 from hexctl.adapt.optimizers.shipped import BAYES
 from hexctl.files import atomic_write
+from hexctl.palette import BAR_COLOR, BEST_OF_ALL_COLOR, hex_color
 from hexctl.study.landscapes.versions import code_versions
 from hexctl.study.plan import BASELINE
 from hexctl.study.reports.drawing import color_of, grid_of, label_axes, new_figure, save_figure
@@ -91,8 +92,6 @@ def _trials(count: int | None) -> str:
     return "not within the budget" if count is None else f"after {count}"
 
 
-FLOOR_COLOR = "#888888"
-
 #: Points of the curves over seconds.
 SECONDS = 120
 
@@ -147,7 +146,9 @@ def _line(panel: "Axes", name: str, across: FloatArray, values: FloatArray) -> N
 
 
 def _floor(panel: "Axes", floor_m: float) -> None:
-    panel.axhline(floor_m, color=FLOOR_COLOR, linewidth=1.2, linestyle=":", label="best of all gaits")
+    panel.axhline(
+        floor_m, color=hex_color(BEST_OF_ALL_COLOR), linewidth=1.2, linestyle=":", label="best of all gaits"
+    )
 
 
 def _finish(
@@ -169,7 +170,7 @@ def _label(figure: "Figure", panels: "list[Axes]", used: int, across: str, title
     for panel in panels[:used]:
         panel.set_yscale("log")
         for bound_m in (NEAR_M, NEARER_M):
-            panel.axhline(bound_m, color="#C0392B", linewidth=0.5)
+            panel.axhline(bound_m, color=hex_color(BAR_COLOR), linewidth=0.5)
         panel.set_yticks([0.01, 0.025, 0.1, 0.5, 1.0], ["1 cm", "2.5 cm", "10 cm", "50 cm", "1 m"])
         panel.minorticks_off()
     label_axes(panels, used, across, "deviation of the best gait so far")
