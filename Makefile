@@ -23,7 +23,7 @@ help:
 	@echo "make dist   wheel and sdist, checked and installed in an empty environment"
 	@echo "make bench  the numbers hexctl promises, measured (three hours, most of them on simulated buses and over a link)"
 	@echo "make faults  the fault matrix of docs/safety.md, as far as it is not done yet (hours; Ctrl-C ends it)"
-	@echo "make pictures  the pictures of the documentation, made anew (about 7 minutes)"
+	@echo "make pictures  the pictures of the documentation, made anew (a few minutes)"
 	@echo "make soak   the long tests: a hundred stops, hostile input without end"
 	@echo "make fuzz   every decoder under mutated inputs led by coverage; SECONDS=5 or INPUTS=1000 for less of each"
 	@echo "make docs   the documentation as a site, in build/site"

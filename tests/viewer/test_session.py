@@ -51,6 +51,7 @@ def window(opened: Opener, session: tuple[Session, Path]) -> Iterator[Window]:
 
 def test_a_session_opens_with_all_its_panels(window: Window) -> None:
     check_session(window)
+    assert "why this gait" in [view.name for view in window.views]
     with pytest.raises(AssertionError, match="views are missing"):
         check_trial(window)
 
