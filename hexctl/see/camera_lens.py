@@ -24,12 +24,16 @@ class CameraLens:
             are taken while the board is moved; None with pictures.
         output: new file of the lens, a camera calibration of ROS (`camera_info`).
         fisheye: whether the lens sees more than about 110 degrees.
+        size_px: width and height that a camera is asked for; None leaves it as it is.
+        fps: pictures per second that a camera is asked for; None leaves it as it is.
     """
 
     pictures: Sequence[str | Path] = ()
     camera: str | int | Path | None = None
     output: str | Path = Path("lens.yaml")
     fisheye: bool = False
+    size_px: tuple[int, int] | None = None
+    fps: float | None = None
 
     def __post_init__(self) -> None:
         check_type(self.output, (str, Path), "output")
@@ -38,6 +42,11 @@ class CameraLens:
                 f"calibrate: got pictures and {argument('camera')}, or neither; "
                 f"allowed: pictures, or {argument('camera')}"
             )
+        for name, asked in (("size", self.size_px), ("fps", self.fps)):
+            if self.pictures and asked is not None:
+                raise InputError(
+                    f"{argument(name)}: got one with pictures; allowed: with {argument('camera')}"
+                )
         output = Path(self.output)
         if output.exists():
             raise InputError(
@@ -66,11 +75,15 @@ class CameraLens:
         """
         calibration = LensCalibration(fisheye=self.fisheye)
         for path in self.pictures:
-            refused = calibration.add(read_picture(Path(path)))
+            gray = read_picture(Path(path))
+            try:
+                refused = calibration.add(gray)
+            except InputError as error:
+                raise InputError(f"{path}: {error}") from error
             if refused is not None:
                 on_event(f"{path} is left out: {refused}")
         if self.camera is not None:
-            with open_video(str(self.camera), on_event=on_event) as video:
+            with open_video(str(self.camera), size_px=self.size_px, fps=self.fps, on_event=on_event) as video:
                 add_video(calibration, _grey_frames(video, stop_requested), on_kept=on_kept)
         calibrated = calibration.solve()
         try:

@@ -133,7 +133,7 @@ class PoseStream:
         self._look_s = 0.0
         self._last = Observation(None, False, None)
         self._sighted: SeenRobot | None = None
-        self._since_believed = 0
+        self._since_believed = self._misfits = 0
         self._sight: Sight = "lost"
         self._event, self._event_at_s = "", -math.inf
 
@@ -156,7 +156,7 @@ class PoseStream:
             on_event(text)
 
         while not stop_requested() and not video.ended:
-            frame = video.read(TELL_S)
+            frame = self._fitting(video.read(TELL_S), tell)
             for state in () if self._outputs.robot is None else self._outputs.robot.states():
                 self._observer.listen(state)
             if frame is not None:
@@ -174,6 +174,21 @@ class PoseStream:
                 told_s, told_pictures, told_seen = now_s, self._pictures, self._seen
                 self._sighted = None
         return self._report(time.monotonic() - began_s, video)
+
+    def _fitting(self, frame: Frame | None, on_event: Callable[[str], None]) -> Frame | None:
+        """A picture of the lens's size, or None: a camera that was away may come back with another."""
+        if frame is None:
+            return None
+        lens, (height_px, width_px) = self._place.camera.lens, frame.picture.shape[:2]
+        if (width_px, height_px) == (lens.width_px, lens.height_px):
+            return frame
+        if not self._misfits:
+            on_event(
+                f"the camera sends pictures of {width_px}x{height_px} px now, and they were "
+                f"{lens.width_px}x{lens.height_px}: they are left out; start again to look at them"
+            )
+        self._misfits += 1
+        return None
 
     def _look(self, frame: Frame, on_event: Callable[[str], None]) -> None:
         began_s = time.process_time()

@@ -120,3 +120,13 @@ def test_a_camera_that_stops_is_what_loses_the_robot(
     events, statuses, _ = streamed(film, monkeypatch)
     assert events == ["the robot is seen", "the robot is lost: no pictures come"]
     assert (statuses[-1].seen, statuses[-1].tag_px) == (0.0, 0.0)
+
+
+def test_a_camera_that_comes_back_with_another_size_is_told_once(
+    pictures: tuple[Picture, Picture], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen, small = pictures[0], np.asarray(cv2.resize(pictures[0], (640, 360)))
+    events, _, texts = streamed(Film([*[seen] * 13, *[small] * 45]), monkeypatch)
+    assert events[1].startswith("the camera sends pictures of 640x360 px now, and they were 1280x720")
+    assert events[2:] == ["the robot is lost: no pictures come"]
+    assert len(texts) == 13

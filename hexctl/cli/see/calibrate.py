@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hexctl.cli.options.output import JsonOption
-from hexctl.cli.see.options import BoardCameraOption
+from hexctl.cli.see.options import BoardCameraOption, FpsOption, SizeOption
 
 if TYPE_CHECKING:
     from hexctl.see.vision.calibration import CalibratedLens, LensCalibration
@@ -30,6 +30,8 @@ def calibrate(
     fisheye: Annotated[
         bool, typer.Option("--fisheye", help="For a lens that sees more than about 110 degrees.")
     ] = False,
+    size: SizeOption = None,
+    fps: FpsOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Calibrate the lens of a camera by pictures of the printed board.
@@ -40,7 +42,9 @@ def calibrate(
     from hexctl.cli.console import StopOnInterrupt, print_note, print_result
     from hexctl.see.camera_lens import CameraLens
 
-    calibration = CameraLens(pictures=pictures or (), camera=camera, output=output, fisheye=fisheye)
+    calibration = CameraLens(
+        pictures=pictures or (), camera=camera, output=output, fisheye=fisheye, size_px=size, fps=fps
+    )
     with StopOnInterrupt(plain=True) as interrupt:
         result = calibration.run(
             interrupt.requested, on_kept=_print_kept, on_event=lambda text: print_note(f"hexctl: {text}")

@@ -95,7 +95,7 @@ class LensCalibration:
         size_px = (gray.shape[1], gray.shape[0])
         if self._size_px not in (None, size_px):
             raise InputError(
-                f"calibrate: got a picture of {size_px[0]}x{size_px[1]} px after one of "
+                f"got a picture of {size_px[0]}x{size_px[1]} px after one of "
                 f"{'x'.join(map(str, self._size_px or ()))}; allowed: pictures of one size"
             )
         self._size_px = size_px
