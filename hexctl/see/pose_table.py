@@ -22,7 +22,7 @@ class PoseTable:
     def __init__(self, path: Path) -> None:
         """Begin a new file. Raises InputError where that is not possible."""
         try:
-            self._file = path.open("x", encoding="utf-8", newline="")
+            self._file = path.open("x", buffering=1, encoding="utf-8", newline="")
         except OSError as error:
             raise InputError(f"{argument('poses')}: {path} cannot be written: {error.strerror}") from error
         self._rows = csv.writer(self._file)

@@ -33,6 +33,13 @@ def test_what_is_not_known_is_empty(tmp_path: Path) -> None:
     assert (second["sight"], second["age_s"], second["seen_x_m"]) == ("bridging", "0.400", "")
 
 
+def test_a_row_is_in_the_file_at_once(tmp_path: Path) -> None:
+    lost = PoseEstimate(at_s=1.0, sight="lost", pose=None, covariance=None, age_s=math.inf, restarts=0)
+    with PoseTable(tmp_path / "poses.csv") as table:
+        table.write(1.0, lost, Observation(None, False, None))
+        assert len((tmp_path / "poses.csv").read_text(encoding="utf-8").splitlines()) == 2
+
+
 def test_a_file_that_exists_or_cannot_be_made_is_refused(tmp_path: Path) -> None:
     (tmp_path / "poses.csv").touch()
     for path in (tmp_path / "poses.csv", tmp_path / "nowhere" / "poses.csv"):

@@ -178,7 +178,7 @@ def look(
         report = looking.run(
             interrupt.requested,
             on_started=lambda started: _print_started(started, place),
-            on_status=lambda status: print_note(_status_line(status)),
+            on_status=lambda status: print_note(status_line(status)),
             on_event=lambda text: print_note(f"hexctl: {text}"),
         )
     print_result(json.dumps(report.to_dict()) if as_json else _report_line(report))
@@ -205,15 +205,15 @@ def _print_started(started: "CameraStarted", path: Path) -> None:
     print_note(f"looking for {started.robot}{page}; Ctrl-C ends it")
 
 
-def _status_line(status: "CameraStatus") -> str:
+def status_line(status: "CameraStatus") -> str:
+    """Line of a second: where the robot is, by what, and how it is seen."""
+    tag = f", {status.tag_px:.0f} px, quality {status.quality:.2f}" if status.seen else ""
+    pictures = f"{status.fps:.0f} pictures a second, tag in {status.seen:.0%}{tag}"
     pose = status.estimate.pose
     if pose is None:
-        return f"not seen; {status.fps:.0f} pictures a second"
-    tag = f", {status.tag_px:.0f} px, quality {status.quality:.2f}" if status.seen else ""
-    return (
-        f"{pose.x_m:+.3f}, {pose.y_m:+.3f} m, {math.degrees(pose.yaw_rad):+.1f} deg; "
-        f"{status.estimate.sight}; {status.fps:.0f} pictures a second, tag in {status.seen:.0%}{tag}"
-    )
+        return f"pose not known; {pictures}"
+    where = f"{pose.x_m:+.3f}, {pose.y_m:+.3f} m, {math.degrees(pose.yaw_rad):+.1f} deg"
+    return f"{where}; {status.estimate.sight}; {pictures}"
 
 
 def _report_line(report: "CameraReport") -> str:

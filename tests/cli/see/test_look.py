@@ -1,14 +1,19 @@
 """`hexctl see --camera` as a user calls it: a served robot, a rendered camera, and the pose to the robot."""
 
 import json
+import math
 import signal
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hexctl.cli.main import exit_code
+from hexctl.cli.see.look import status_line
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
+from hexctl.see.estimation.pose_filter import PoseEstimate
+from hexctl.see.pose_stream import CameraStatus
 from hexctl.see.twin.posture_history import followed_robot
 from hexctl.see.twin.scene import FLOOR_TAGS, WEBCAM
 from hexctl.see.video.mjpeg import MjpegServer
@@ -65,6 +70,17 @@ def test_what_contradicts_a_known_place_is_one_line(
     assert err.count("\n") == 1
     # What is not typed is what the place has: only the camera is missing.
     assert exit_code(["see", "--camera", "63", "--no-link", "--place", str(place)]) == 3
+
+
+def test_the_line_of_a_second_says_what_is_known() -> None:
+    lost = PoseEstimate(at_s=1.0, sight="lost", pose=None, covariance=None, age_s=math.inf, restarts=0)
+    known = replace(lost, sight="bridging", pose=PlanarPose(1.0, -2.0, 0.5), covariance=np.eye(3))
+    status = CameraStatus(estimate=known, fps=12.0, seen=0.5, quality=0.91, tag_px=27.2)
+    assert status_line(status) == (
+        "+1.000, -2.000 m, +28.6 deg; bridging; 12 pictures a second, tag in 50%, 27 px, quality 0.91"
+    )
+    assert status_line(replace(status, estimate=lost)).startswith("pose not known; 12 pictures a second, tag")
+    assert status_line(replace(status, seen=0.0)).endswith("tag in 0%")
 
 
 def test_a_page_on_a_port_in_use_names_its_option(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
