@@ -85,3 +85,14 @@ def test_a_line_of_low_letters_covers_none_above_it() -> None:
     letters = one > 150
     assert letters.any()
     assert (both[letters] > 150).all()
+
+
+def test_lines_that_a_distortion_folds_back_are_not_drawn() -> None:
+    """Below a camera that stands over the floor the webcam's distortion folds what it does not see."""
+    floor = Overlay().draw(EMPTY, CAMERA, {}, sighting=None, pose_floor=None, height_m=0.2, lines=[])
+    rows, columns = np.nonzero((floor != 90).any(axis=2))
+    keep = (rows > 560) & (columns > 200) & (columns < 1080)
+    points = CAMERA.floor_points(np.column_stack([columns, rows])[keep].astype(float))
+    off_grid_m = np.abs(points / 0.5 - np.round(points / 0.5)).min(axis=1) * 0.5
+    assert keep.any()
+    assert (off_grid_m < 0.02).all()
