@@ -1,7 +1,8 @@
 """A page's client in a process of its own: `python -m tests.cli.stopping.finger PORT`.
 
 It is told by lines what to do: `v 0.5 0 0` puts a finger down there and streams as the page does, `release`
-lifts it, `close` closes the socket as a tab that is closed does. Prints `open` when it may drive.
+lifts it, `stop` and `stand` press those buttons with another finger, `close` closes the socket as a tab that
+is closed does. Prints `open` when it may drive.
 """
 
 import json
@@ -40,6 +41,9 @@ def main(port: str) -> None:
                 word, *numbers = sys.stdin.readline().split() or ["close"]
                 if word == "close":
                     return
+                if word in ("stop", "stand"):
+                    page.send(json.dumps({"do": word}))
+                    continue
                 velocity = [float(number) for number in numbers] if word == "v" else None
                 if velocity is None:
                     page.send(json.dumps({"release": True}))

@@ -25,6 +25,9 @@ SIGNALS = {"hangup": signal.SIGHUP, "killed": signal.SIGKILL, "frozen": signal.S
 #: Time in which a terminal that was frozen answers what it was asked meanwhile.
 AWAKE_S = 0.4
 
+#: Time in which a robot that is told to stand has begun to.
+STANDS_S = 0.4
+
 #: Keys to each heading, at full speed.
 HEADINGS = ("w" * 5, "s" * 5, "a" * 5, "d" * 5, "\x1b[D" * 5, "\x1b[C" * 5, "wwwaa", "wwww\x1b[D")
 
@@ -77,8 +80,8 @@ class PageDriven(Driven):
     """Driven with the page, by a client of its own process.
 
     Args:
-        how: `released`; `closed`, by the closing handshake; `killed`, its process with SIGKILL; or `silent`,
-            with SIGSTOP: its socket stays open.
+        how: `released`; `stop`, by its button while the finger stays; `closed`, by the closing handshake;
+            `killed`, its process with SIGKILL; or `silent`, with SIGSTOP: its socket stays open.
     """
 
     def __init__(self, folder: Path, chance: random.Random, how: str) -> None:
@@ -115,14 +118,22 @@ class PageDriven(Driven):
         now_s = time.monotonic()
         if self._how == "released":
             self._tell("release")
-        elif self._how == "closed":
-            self._tell("close")
+        elif self._how in ("stop", "closed"):
+            self._tell("stop" if self._how == "stop" else "close")
         else:
             self._finger.send_signal(signal.SIGKILL if self._how == "killed" else signal.SIGSTOP)
         return now_s
 
     def again(self) -> None:
-        """Open another client where this one has gone."""
+        """Open another client where this one has gone, or stand up where the robot was stopped."""
+        if self._how == "stop" and self._finger is not None:
+            self._tell("release")
+            time.sleep(STANDS_S)
+            at_s = time.monotonic()
+            self._tell("stand")
+            time.sleep(STANDS_S)
+            self.servos.rest_after_s(at_s)
+            return
         if self._how == "released" and self._finger is not None:
             return
         self._leave()
@@ -217,11 +228,11 @@ class BrowserDriven(Driven):
 
 
 class KeysDriven(Driven):
-    """Driven with the keys of a terminal: the space bar, or a terminal that goes.
+    """Driven with the keys of a terminal: the space bar, the key that stops, or a terminal that goes.
 
     Args:
-        how: `space`; `closed`, its own terminal, as that of a shell's window; `hangup`, SIGHUP; `killed` or
-            `frozen`, the process with the terminal by SIGKILL or SIGSTOP.
+        how: `space`; `stop`, the key x; `closed`, its own terminal, as that of a shell's window; `hangup`,
+            SIGHUP; `killed` or `frozen`, the process with the terminal by SIGKILL or SIGSTOP.
     """
 
     def __init__(self, folder: Path, chance: random.Random, how: str) -> None:
@@ -261,8 +272,8 @@ class KeysDriven(Driven):
         """Press space, or let the terminal go."""
         assert self._terminal is not None
         now_s = time.monotonic()
-        if self._how == "space":
-            self._terminal.type(" ")
+        if self._how in ("space", "stop"):
+            self._terminal.type(" " if self._how == "space" else "x")
         elif isinstance(self._terminal, OnTerminal) and self._how == "closed":
             return self._terminal.close()
         else:
@@ -274,6 +285,12 @@ class KeysDriven(Driven):
         if self._how == "space":
             return
         assert self._terminal is not None
+        if self._how == "stop":
+            at_s = time.monotonic()
+            self._terminal.type("1")
+            time.sleep(STANDS_S)
+            self.servos.rest_after_s(at_s)
+            return
         if self._how == "frozen":
             self._terminal.process.send_signal(signal.SIGCONT)
             time.sleep(AWAKE_S)

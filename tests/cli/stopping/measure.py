@@ -54,6 +54,8 @@ CAUSES = {
     "pad-released": _cause("hold button of a gamepad let go", RELEASE_S, PadDriven, "released"),
     "finger-lifted": _cause("finger lifted, in a browser", RELEASE_S, BrowserDriven, "lifted", BROWSERS),
     "page-released": _cause("release of a page's client", RELEASE_S, PageDriven, "released"),
+    "page-stop": _cause("STOP of the page, a finger still down", RELEASE_S, PageDriven, "stop"),
+    "key-stop": _cause("key x", RELEASE_S, KeysDriven, "stop"),
     "space": _cause("space bar", RELEASE_S, KeysDriven, "space"),
     "link-released": _cause("hold button let go, over the link", RELEASE_S, LinkDriven, "released"),
     "pad-ended": _cause("gamepad pulled out, its file ends", SILENCE_S, PadDriven, "ended"),
