@@ -74,6 +74,9 @@ def asked(shell: str, line: str, folder: Path) -> list[str]:
         ("hexctl drive --hold ", ["auto", "none"]),
         ("hexctl drive --gamepad n", ["none"]),
         ("hexctl see print --paper ", ["a4", "letter"]),
+        ("hexctl d", ["drive", "demo", "diagnose", "doctor"]),
+        ("hexctl demo --", ["--budget", "--no-view", "--json", "--help"]),
+        ("hexctl doctor --", ["--json", "--help"]),
     ],
 )
 def test_values_are_offered(line: str, offered: list[str], tmp_path: Path) -> None:
@@ -90,6 +93,16 @@ def test_sessions_are_offered(line: str, tmp_path: Path) -> None:
     with SessionStore(tmp_path / "runs") as store:
         name = store.create(SPEC).name
     assert asked("bash", line, tmp_path) == [name]
+
+
+def test_what_is_offered_is_that_of_the_folder_of_runs(tmp_path: Path) -> None:
+    (tmp_path / "hexctl.toml").write_text('runs = "out"\nrobot = "pexod"\n')
+    with SessionStore(tmp_path / "out") as store:
+        name = store.create(SPEC).name
+    assert asked("bash", "hexctl sessions show ", tmp_path) == [name]
+    (tmp_path / "hexctl.toml").write_text("runs = [")
+    assert asked("bash", "hexctl sessions show ", tmp_path) == []
+    assert asked("bash", "hexctl run --robot p", tmp_path) == ["pexod", "phantomx", "phantomx-ax"]
 
 
 def test_recordings_are_offered_to_view(tmp_path: Path) -> None:

@@ -1,7 +1,10 @@
 """`hexctl doctor` as a user calls it."""
 
 import json
+from pathlib import Path
 from typing import Any
+
+import pytest
 
 from hexctl.cli.main import exit_code
 
@@ -19,3 +22,16 @@ def test_it_says_what_there_is_and_what_works(capsys: Any) -> None:
 def test_json_is_one_object(capsys: Any) -> None:
     assert exit_code(["doctor", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["works"]["simulate walks"] is None
+
+
+def test_it_says_which_settings_are_in_force_and_what_is_wrong(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("hexctl.toml").write_text("robot = 'pexod'\nconnect = 'tls/secret.lab:7447'\n[run]\nduraton = 3\n")
+    assert exit_code(["doctor"]) == 0
+    printed = capsys.readouterr()
+    row = next(line for line in printed.out.splitlines() if line.startswith("settings "))
+    assert row.split(maxsplit=1)[1] == "hexctl.toml: robot = pexod, connect = given, run.duraton = 3"
+    assert "secret.lab" not in printed.out + printed.err
+    assert printed.err.startswith("hexctl: hexctl.toml: run.duraton: unknown option; ")

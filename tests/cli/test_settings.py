@@ -16,6 +16,7 @@ from hexctl.cli.main import app, exit_code
 from hexctl.cli.settings import FOLLOWERS, TYPED_ONLY, SettingsCommand
 from hexctl.settings import COMMON
 from tests.cli.test_options import commands
+from tests.serve.processes import free_port
 
 PAGE = Path(__file__).parents[2] / "docs" / "settings.md"
 
@@ -300,6 +301,31 @@ def test_a_process_walks_by_its_settings_and_keeps_runs_where_they_say() -> None
     )
     assert other.returncode == 0, other.stderr
     assert other.stdout.startswith("ant on mock")
+
+
+def test_a_process_serves_and_others_find_and_stop_it_by_one_file(folder: Path) -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    write(f"robot = 'lukas'\nlisten = '{endpoint}'\nconnect = '{endpoint}'\n[serve]\nbackend = 'mock'\n")
+    served = subprocess.Popen(
+        [sys.executable, "-u", "-m", "hexctl", "serve"], stderr=subprocess.PIPE, text=True, cwd=folder
+    )
+    assert served.stderr is not None
+    try:
+        said = [served.stderr.readline() for _ in range(2)]
+        assert said[0] == f"hexctl: hexctl.toml sets --backend mock, --robot lukas, --listen {endpoint}\n"
+        assert said[1].startswith(f"serving lukas (mock) at {endpoint},")
+        status = hexctl("status", "--json")
+        assert status.returncode == 0, status.stderr
+        assert json.loads(status.stdout)["robot"] == "lukas"
+        write(f"connect = '{endpoint}'\nrobt = 1\n")
+        stopped = hexctl("estop", "--json")
+        assert stopped.returncode == 0, stopped.stderr
+        assert json.loads(stopped.stdout)["stopped"]
+        assert "robt: unknown setting" in stopped.stderr
+    finally:
+        served.terminate()
+        served.wait(30)
+        served.stderr.close()
 
 
 def test_without_a_command_nothing_of_the_settings_is_loaded() -> None:
