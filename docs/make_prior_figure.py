@@ -18,7 +18,7 @@ from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.prior.samples import samples_of
 from hexctl.backends.sim.world import load_world
 from hexctl.control.assessment.score import progress_floor_m
-from hexctl.palette import LINE_COLOR, hex_color
+from hexctl.palette import BEST_COLOR, LINE_COLOR, hex_color
 from hexctl.robot.loader import load_robot
 from hexctl.study.landscapes.cache import LandscapeCache
 from hexctl.study.landscapes.evaluate import Silent, fill, simulate_here
@@ -58,7 +58,7 @@ def draw(panel: "Axes", search: Bayes, truth: Landscape, order: np.ndarray, trie
         np.array(rows) + 1,
         truth.number("signed_m")[order][rows],
         "o",
-        color=hex_color(LINE_COLOR),
+        color=hex_color(BEST_COLOR),
         markersize=8,
         fillstyle="none",
         markeredgewidth=1.8,

@@ -39,7 +39,8 @@ def make_blueprint(
     import rerun.blueprint as rrb
 
     hidden = rrb.PlotLegend(visible=False)
-    scene = rrb.Vertical(scene_view(robot, plan, floor), _lanes_view(), row_shares=[6, 5])
+    # All legs have a lane in a window of 760 points.
+    scene = rrb.Vertical(scene_view(robot, plan, floor), _lanes_view(), row_shares=[5, 6])
     evidence = [_plot(paths.SUSPICION, "evidence, alarm at 1")] if watched else []
     reports = [
         _plot(path, name, plot_legend=hidden)
