@@ -26,6 +26,10 @@ from hexctl.record.overview import GaitBeliefs, SearchStep, deviation_text
 #: How far a prediction that is computed again may be off: other processors round otherwise.
 SAME_M = 1e-4
 
+#: Beliefs are shown until so many trials: it takes 2 s of computing to have all of them again, and the time
+#: grows with the third power of the trials. `bayes` seldom walks 20.
+MOST_TRIALS = 60
+
 #: Rows of the table of the gaits that are likeliest to be within the target.
 LIKELIEST = 5
 
@@ -56,8 +60,11 @@ def search_steps(session: Session) -> tuple[SearchStep, ...]:
             known = list(_replayed(session, search))
     except (HexctlError, OSError, *DAMAGE) as error:
         missing = f"what was expected of the gaits cannot be shown: {' '.join(str(error).split())}"
+    else:
+        if known:
+            missing = f"what was expected of the gaits is shown until trial {MOST_TRIALS}"
     return tuple(
-        _step(session, done, known[done] if known else None, missing)
+        _step(session, done, known[done] if done < len(known) else None, missing)
         for done in range(len(session.trials) + 1)
     )
 
@@ -85,12 +92,15 @@ def _search_of(session: Session) -> Bayes | None:
 
 
 def _replayed(session: Session, search: Bayes) -> Iterator[_Known]:
-    """What the search knew after 0, 1, … trials; raises InputError where that is not what the session had."""
+    """What the search knew after 0, 1, … trials; raises InputError where that is not what the session had.
+
+    It ends after `MOST_TRIALS`.
+    """
     state = session.optimizer_state or search.state()
     told = state["search"]["trials"]
     if [trial[0] for trial in told] != [trial.code for trial in session.trials]:
         raise InputError("steps: the optimizer was told of other trials than the session has")
-    for done in range(len(told) + 1):
+    for done in range(min(len(told), MOST_TRIALS) + 1):
         search.restore({**state, "asked": None, "search": {**state["search"], "trials": told[:done]}})
         if done < len(told):
             _check(session.trials[done], search)

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hexctl.adapt import steps as module
 from hexctl.adapt.loop import AdaptLoop
 from hexctl.adapt.optimizers.bayes import Bayes
 from hexctl.adapt.optimizers.registry import make_optimizer
@@ -126,6 +127,18 @@ def test_searches_without_beliefs_say_less(name: str, said: str, tmp_path: Path)
     assert [step.next_code for step in steps] == [*(trial.code for trial in session.trials), None]
     assert all(said in step.note for step in steps)
     assert all("9 of 10" not in step.note for step in steps)
+
+
+def test_after_many_trials_no_more_beliefs_are_computed(
+    walked: tuple[Session, list[FloatArray]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session, _ = walked
+    monkeypatch.setattr(module, "MOST_TRIALS", 2)
+    steps = search_steps(session)
+    assert [step.beliefs is not None for step in steps] == [True] * 3 + [False] * (len(steps) - 3)
+    assert "is shown until trial 2" not in steps[2].note
+    assert all("is shown until trial 2" in step.note for step in steps[3:])
+    assert steps[3].next_code == session.trials[3].code
 
 
 def test_a_session_that_is_not_at_its_end_goes_on(walked: tuple[Session, list[FloatArray]]) -> None:
