@@ -71,6 +71,18 @@ def send_steps(stream: Any, overview: Overview) -> None:
         _send_beliefs(stream, step, beliefs)
         _send_walked(stream, step, overview)
         _send_next(stream, step, beliefs)
+    _send_end(stream, overview.steps[believed[-1][0].trials + 1 :])
+
+
+def _send_end(stream: Any, after: Sequence[SearchStep]) -> None:
+    """Take the beliefs away at the first of the steps without any, so that no old ones stay."""
+    rr = load_rerun()
+    for step in after[:1]:
+        for path in (INTERVALS, NEXT):
+            stream.send_columns(path, _at(step), rr.LineStrips2D.columns(strips=[]).partition([0]))
+        for path in (EXPECTED, WALKED, f"{NEXT}/name"):
+            none = np.zeros((0, 2))
+            stream.send_columns(path, _at(step), rr.Points2D.columns(positions=none).partition([0]))
 
 
 def _at(step: SearchStep) -> list[Any]:

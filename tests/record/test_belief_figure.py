@@ -92,6 +92,22 @@ def test_trials_show_where_they_ended_once_they_are_walked(read: ReadBack) -> No
     np.testing.assert_allclose(demo, [[[77.0, float(height(0.4))]]], atol=1e-5)
 
 
+def test_beliefs_do_not_stay_where_there_are_none_any_more(tmp_path: Path) -> None:
+    path = tmp_path / "overview.rrd"
+    few = (*STEPS[:3], *(replace(step, beliefs=None) for step in STEPS[3:]))
+    write_overview_file(path, replace(SESSION, steps=few))
+    read = ReadBack(path)
+    shown = {
+        "intervals": by_trial(read, "/belief/intervals", "LineStrips2D:strips"),
+        "expected": by_trial(read, "/belief/expected", "Points2D:positions"),
+        "walked": by_trial(read, "/belief/walked", "Points2D:positions"),
+        "next": by_trial(read, "/belief/next", "LineStrips2D:strips"),
+        "name": by_trial(read, "/belief/next/name", "Points2D:positions"),
+    }
+    assert {name: (max(rows), rows[3]) for name, rows in shown.items()} == dict.fromkeys(shown, (3, []))
+    assert all(rows[2] for rows in shown.values())
+
+
 def test_notes_change_with_the_trials(read: ReadBack) -> None:
     assert by_trial(read, "/steps", "TextDocument:text") == {done: [f"after {done}"] for done in range(5)}
 
