@@ -26,7 +26,7 @@ PRELOADED = [
     "faults.programs.trials",
     "faults.programs.twin_board",
     "hexctl.cli.main",
-    "hexctl.cli.serve",
+    "hexctl.cli.network.serve",
     "hexctl.serve.server",
     "zenoh",
     "mujoco",

@@ -9,30 +9,30 @@ import typer
 from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
-from hexctl.cli.adapt import adapt
-from hexctl.cli.board import board
-from hexctl.cli.calibrate import calibrate
+from hexctl.cli.bus.board import board
+from hexctl.cli.bus.calibrate import calibrate
+from hexctl.cli.bus.servos import ports, servos
 from hexctl.cli.check import check
 from hexctl.cli.console import BAD_INPUT, FAULT, INTERRUPTED, in_flags
-from hexctl.cli.demo import demo
-from hexctl.cli.diagnose import diagnose
 from hexctl.cli.doctor import doctor
-from hexctl.cli.drive import drive
-from hexctl.cli.estop import estop
-from hexctl.cli.export import export
-from hexctl.cli.keys import keys
-from hexctl.cli.prior import prior
+from hexctl.cli.network.estop import estop
+from hexctl.cli.network.keys import keys
+from hexctl.cli.network.serve import ServeCommand, serve
+from hexctl.cli.network.status import status
+from hexctl.cli.network.twin import twin
+from hexctl.cli.results.export import export
+from hexctl.cli.results.sessions import sessions
+from hexctl.cli.results.view import view
 from hexctl.cli.robot import robot
-from hexctl.cli.run import run
 from hexctl.cli.see.group import see
-from hexctl.cli.serve import ServeCommand, serve
-from hexctl.cli.servos import ports, servos
-from hexctl.cli.sessions import sessions
 from hexctl.cli.settings import Commands, origin_of
-from hexctl.cli.status import status
-from hexctl.cli.study import study
-from hexctl.cli.twin import twin
-from hexctl.cli.view import view
+from hexctl.cli.study.prior import prior
+from hexctl.cli.study.study import study
+from hexctl.cli.walk.adapt import adapt
+from hexctl.cli.walk.demo import demo
+from hexctl.cli.walk.diagnose import diagnose
+from hexctl.cli.walk.drive import drive
+from hexctl.cli.walk.run import run
 from hexctl.errors import (
     EXTRAS,
     HexctlError,

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from hexctl.backends.clock import PERIOD_S
-from hexctl.cli.keys import new
+from hexctl.cli.network.keys import new
 from hexctl.control.guard import EXPIRY_S, FALL_COS_TILT, FALL_TICKS, POSE_EXPIRY_S, TOO_HOT_C
 from hexctl.serve.boards.servo_board import FREE_AFTER_S, RELEASE_AFTER_S
 from hexctl.serve.idle import SIT_AFTER_S

@@ -10,7 +10,7 @@ import numpy as np
 
 from hexctl.backends.mock import MockServos
 from hexctl.backends.zenoh.subscriber import LatestValues, StateSubscriber
-from hexctl.cli.status import status_rows
+from hexctl.cli.network.status import status_rows
 from hexctl.control.guard import Guard
 from hexctl.errors import HexctlError, RobotFaultError
 from hexctl.robot.formats.json_model import robot_from_json, robot_to_json

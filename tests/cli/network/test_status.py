@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from hexctl.cli.status import status_rows, status_table
+from hexctl.cli.network.status import status_rows, status_table
 from hexctl.robot.failure import Failure
 from hexctl.serve.service import ServosSpec
 from tests.serve.processes import hexctl, served

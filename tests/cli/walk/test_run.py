@@ -80,7 +80,7 @@ def test_the_same_seed_gives_the_same_walk(capsys: pytest.CaptureFixture[str]) -
 
 def test_runs_that_begin_together_all_have_a_recording(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "hexctl", "run", "--duration", "0.5", "--json"]
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])}
     walks = [
         subprocess.Popen(
             command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from hexctl.cli.console import StopOnInterrupt
-from hexctl.cli.demo import _activate
 from hexctl.cli.main import exit_code
+from hexctl.cli.walk.demo import _activate
 from hexctl.demo import rescue
 
 
@@ -21,7 +21,7 @@ def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_it_says_what_happens_and_what_to_do_next(tmp_path: Path, capsys: Any, monkeypatch: Any) -> None:
-    monkeypatch.setattr("hexctl.cli.demo.shutil.which", lambda _: "/bin/hexctl")
+    monkeypatch.setattr("hexctl.cli.walk.demo.shutil.which", lambda _: "/bin/hexctl")
     assert exit_code(["demo", "--budget", "1"]) == 0
     printed = capsys.readouterr()
     lines = printed.out.splitlines()
@@ -63,7 +63,7 @@ def test_a_folder_that_cannot_be_used_is_one_line(tmp_path: Path, capsys: Any) -
 
 
 def test_the_environment_is_named_where_the_command_is_not_on_the_path(monkeypatch: Any) -> None:
-    monkeypatch.setattr("hexctl.cli.demo.shutil.which", lambda _: None)
+    monkeypatch.setattr("hexctl.cli.walk.demo.shutil.which", lambda _: None)
     script = Path(sys.executable).with_name("activate")
     said = _activate()
     assert (said is None) is not script.is_file()

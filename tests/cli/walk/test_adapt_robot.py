@@ -26,7 +26,7 @@ from tests.see.test_place import PLACE as SEEN
 from tests.see.test_place import saved
 
 KITS = "tests.cli.adaptkits"
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 PATIENCE_S = 90.0
 
 #: Trials whose times are known: no self-rotation, one second of walk.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from hexctl.cli.board import BAUD
+from hexctl.cli.bus.board import BAUD
 from hexctl.cli.options.output import JsonOption
 from hexctl.cli.settings import Commands
 from hexctl.cli.values import Range, choice

@@ -19,7 +19,6 @@ from hexctl.cli.console import (
     print_note,
     print_result,
 )
-from hexctl.cli.diagnose import found_failure
 from hexctl.cli.options.connection import ConnectOption, InsecureOption, KeysOption, LinkOption
 from hexctl.cli.options.failure import (
     AUTO_LEG,
@@ -36,6 +35,7 @@ from hexctl.cli.options.walk import DURATION_S, HEADING_DEG, SELF_ROTATION_HELP,
 from hexctl.cli.see.arena import ArenaOption, arena_fields
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.values import Range, choice, given, number, with_values
+from hexctl.cli.walk.diagnose import found_failure
 from hexctl.errors import HexctlError, InputError, RecordingError
 
 if TYPE_CHECKING:
@@ -302,8 +302,8 @@ def _begin(asked: dict[str, Any], *, record: bool, **shown: bool) -> int:
     with StopOnInterrupt() as interrupt:  # loading takes a second, in which Ctrl-C is heard as well
         from hexctl.adapt.adaptation import Adaptation
         from hexctl.adapt.search import new_spec
-        from hexctl.cli.prior import how_to_build_prior
         from hexctl.cli.prompts import check_answerable
+        from hexctl.cli.study.prior import how_to_build_prior
 
         spec = new_spec(**asked, folder=runs_folder(), note=_note, advice=how_to_build_prior)
         if spec.ask:

@@ -18,7 +18,6 @@ from hexctl.cli.console import (
     print_note,
     print_result,
 )
-from hexctl.cli.diagnose import Found, found_failure
 from hexctl.cli.options.connection import ConnectOption, InsecureOption, KeysOption, LinkOption
 from hexctl.cli.options.failure import (
     AUTO_LEG,
@@ -53,6 +52,7 @@ from hexctl.cli.options.walk import (
 from hexctl.cli.progress import WithBar
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.values import number
+from hexctl.cli.walk.diagnose import Found, found_failure
 from hexctl.errors import InputError, LimitError, ReachError, RecordingError, RobotFaultError
 
 if TYPE_CHECKING:

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from hexctl.cli.export import Camera, Format
 from hexctl.cli.main import exit_code
+from hexctl.cli.results.export import Camera, Format
 from hexctl.export.export import FORMATS
 from hexctl.export.pictures import RATES_HZ, WIDTHS_PX
 from hexctl.export.render import CAMERAS
@@ -62,7 +62,7 @@ def test_what_is_wrong_is_told_in_one_line_with_flags(
 def test_words_and_ranges_are_those_of_the_library() -> None:
     from typing import get_args
 
-    from hexctl.cli.export import FPS, WIDTH_PX
+    from hexctl.cli.results.export import FPS, WIDTH_PX
 
     assert get_args(Format) == FORMATS
     assert get_args(Camera) == CAMERAS

@@ -37,7 +37,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         printed: list[str] = []
-        patch.setattr("hexctl.cli.prior.print_result", printed.append)
+        patch.setattr("hexctl.cli.study.prior.print_result", printed.append)
         assert exit_code([*BUILD, "--out", "mine/x.npz", "--json"]) == 0
     return folder / "mine" / "x.npz", json.loads(printed[0])
 

@@ -1,0 +1,1 @@
+"""Commands about servos and their boards, one by one."""

@@ -1,0 +1,1 @@
+"""Commands that show, list and export what was recorded."""
