@@ -97,6 +97,7 @@ class PoseFilter:
         self._base: PoseBelief | None = None
         self._fused: list[tuple[Sighting, PoseBelief]] = []
         self._tip: PoseBelief | None = None
+        self._mark: tuple[PoseBelief, PoseBelief] | None = None
         self._suspects: list[Sighting] = []
         self._slip_of: PoseBelief | None = None
         self._believed_s, self._newest_s = -math.inf, -math.inf
@@ -304,11 +305,22 @@ class PoseFilter:
             self._offset[2] = wrapped_rad(self._offset[2])
 
     def _exactly(self, at_s: float) -> PoseBelief | None:
-        """Belief at a time by what is known of it then and before; None before the first."""
+        """Belief at a time by what is known of it then and before; None before the first.
+
+        It is asked for with each motion. The belief after the newest motion until then is kept: without it,
+        each played again all since the last sighting, which took more than there was time.
+        """
         place = bisect.bisect_right(self._times, at_s)
-        belief = self._fused[place - 1][1] if place else self._base
-        if belief is None or belief.at_s > at_s:
+        origin = self._fused[place - 1][1] if place else self._base
+        if origin is None or origin.at_s > at_s:
             return None
+        belief = origin
+        if self._mark is not None and self._mark[0] is origin and self._mark[1].at_s <= at_s:
+            belief = self._mark[1]
+        ended = bisect.bisect_right(self._motions, at_s, key=lambda own: own.to_s)
+        if ended and self._motions[ended - 1].to_s > belief.at_s:
+            belief = self._advanced(belief, self._motions[ended - 1].to_s)
+            self._mark = (origin, belief)
         return self._advanced(belief, at_s)
 
     def _blend(self, now_s: float) -> None:
