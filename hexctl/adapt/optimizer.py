@@ -230,7 +230,8 @@ class Optimizer(ABC):
         Raises InputError for the state of another optimizer or another space, or one that is damaged; then
         nothing is taken over.
         """
-        got = (state.get("name"), tuple(state.get("failed_legs", ())))
+        legs = state.get("failed_legs", ())
+        got = (state.get("name"), tuple(legs) if isinstance(legs, (list, tuple)) else legs)
         if got != (self.name, self.space.failed_legs):
             raise InputError(f"optimizer state: got {got}; allowed: {(self.name, self.space.failed_legs)}")
         before = self.state()

@@ -12,7 +12,7 @@ from hexctl.backends.zenoh.client import ask, ask_until
 from hexctl.errors import RobotFaultError
 from hexctl.robot.failure_event import parse_failure_now, parse_healing
 from hexctl.serve.stops.stop import HOLD_S
-from hexctl.wire.description import RobotIdentity, check_may_command
+from hexctl.wire.description import RobotIdentity, check_may_command, status_of
 from hexctl.wire.links import KeyMap, Link, Role, load_link
 from hexctl.wire.session import open_session
 
@@ -33,14 +33,14 @@ class RemoteRobots:
     def statuses(self) -> list[dict[str, Any]]:
         """Status of each robot that answers (docs/protocol.md); empty where none does."""
         answers = ask(self._session, self._keys.describe, timeout_s=ANSWER_TIMEOUT_S)
-        return [answer.get("status", {}) for answer in answers]
+        return [status_of(answer) for answer in answers]
 
     def await_statuses(self) -> list[dict[str, Any]]:
         """Status of each robot, waiting for one that is just coming up.
 
         Raises RobotFaultError when no robot answers.
         """
-        return [answer.get("status", {}) for answer in self._ask(self._keys.describe)]
+        return [status_of(answer) for answer in self._ask(self._keys.describe)]
 
     def stop(self, request: str | None = None) -> list[dict[str, Any]]:
         """Stop every robot, whoever started it; `stopped` of each answer is its reason.
@@ -75,7 +75,8 @@ class RemoteRobots:
         stop, asked = status.get("stop"), {"op": "clear"}
         if isinstance(stop, dict):  # servers of earlier versions know no ids
             asked["id"] = str(stop.get("id"))
-            time.sleep(min(HOLD_S, max(0.0, stop.get("clear_in_s", 0.0))))
+            clear_in_s = stop.get("clear_in_s", 0.0)
+            time.sleep(min(HOLD_S, max(0.0, clear_in_s)) if isinstance(clear_in_s, float) else HOLD_S)
         key = self._link.keys(str(status["robot"])).estop if "robot" in status else self._keys.estop
         answers = self._ask(key, asked)
         for answer in answers:

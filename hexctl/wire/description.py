@@ -143,6 +143,12 @@ def decode_json(payload: bytes) -> dict[str, Any]:
     return content
 
 
+def status_of(answer: Mapping[str, Any]) -> dict[str, Any]:
+    """Status in a robot's answer to a query; empty for an answer without one."""
+    status = answer.get("status")
+    return status if isinstance(status, dict) else {}
+
+
 def check_same_robot(answer: dict[str, Any], robot: Robot) -> None:
     """Raise RobotFaultError that says where the robot at the other end differs from the one expected here."""
     if answer.get("protocol") != PROTOCOL_VERSION:

@@ -5,7 +5,7 @@ import os
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ import zenoh
 from hexctl.backends.base import LegServos, as_robot, check_connected, check_targets
 from hexctl.backends.clock import Clock, CountedClock, WallClock
 from hexctl.backends.zenoh.subscriber import LatestValues, StateSubscriber
-from hexctl.errors import MessageError, RobotFaultError, argument
+from hexctl.errors import MessageError, RobotFaultError, argument, shown
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.types import JointTargets, RobotState
@@ -28,6 +28,7 @@ from hexctl.wire.description import (
     decode_json,
     encode_json,
     robot_of,
+    status_of,
 )
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.messages import LEASE_ID_BYTES, CommandTag, encode_positions, prepare_codec
@@ -38,6 +39,9 @@ ANSWER_TIMEOUT_S = 1.0
 
 #: How long a robot may take to give a lease.
 ACQUIRE_TIMEOUT_S = 2.0
+
+#: Shortest and longest lease that is held, in s: it is renewed at a third of its time.
+LEASES_S = (0.1, 600.0)
 
 #: How long a robot may take to describe itself.
 DESCRIBE_TIMEOUT_S = 3.0
@@ -100,6 +104,30 @@ def owner_name() -> str:
     return f"hexctl on {socket.gethostname()} (process {os.getpid()})"
 
 
+def granted(answer: Mapping[str, Any]) -> tuple[bytes, int, float]:
+    """Identifier, number and duration in s of the lease that an answer grants.
+
+    Raises RobotFaultError for an answer that grants none that could be held.
+    """
+    text, sequence, duration_s = (answer.get(key) for key in ("lease", "sequence", "duration_s"))
+    try:
+        lease_id = bytes.fromhex(text)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        lease_id = b""
+    numbers = type(sequence) is int and type(duration_s) in (int, float)
+    if (
+        len(lease_id) != LEASE_ID_BYTES
+        or not numbers
+        or not 0 < sequence < 1 << 32
+        or not LEASES_S[0] <= duration_s <= LEASES_S[1]
+    ):
+        raise RobotFaultError(
+            f"the robot grants a lease that this hexctl does not understand: {shown(dict(answer))}; install "
+            "the same version on both ends"
+        )
+    return lease_id, sequence, float(duration_s)
+
+
 class LeaseClient:
     """Holds the lease of a robot from `acquire` to `release`, renewing it at a third of its time.
 
@@ -135,9 +163,7 @@ class LeaseClient:
 
         Raises RobotFaultError that says who holds the robot, or why it gives none.
         """
-        answer = self._query_lease()
-        self.lease_id, self.sequence = bytes.fromhex(answer["lease"]), int(answer["sequence"])
-        self._duration_s = float(answer["duration_s"])
+        self.lease_id, self.sequence, self._duration_s = granted(self._query_lease())
         self._renewal = threading.Thread(target=self._renew, name="lease", daemon=True)
         self._renewal.start()
 
@@ -309,7 +335,7 @@ class ZenohServos(LegServos):
                 "give them different names"
             )
         check_same_robot(answers[0], self._robot)
-        status = answers[0].get("status", {})
+        status = status_of(answers[0])
         identity = RobotIdentity.of_answer(status)
         check_may_command(identity, self._link)
         self.identity = identity

@@ -3,7 +3,7 @@
 import json
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,6 +11,7 @@ import typer
 
 from hexctl.cli.options.connection import InsecureOption, KeysOption, LinkOption, ZenohConnectOption
 from hexctl.cli.options.output import JsonOption
+from hexctl.errors import printable
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -108,26 +109,35 @@ def status_rows(status: Status) -> list[tuple[str, str]]:
     """Lines about one robot, the most urgent first; what a robot does not say is left out."""
     from hexctl.cli.render.words import link_in_words
 
-    rows = [
-        ("robot", _robot(status)),
-        ("served by", _served_by(status)),
-        ("stopped", _stopped(status)),
-        ("posture", POSTURES.get(status.get("posture", ""), "")),
-        ("controller", _controller(status)),
-        ("fault", status.get("fault") or ""),
-        ("battery", _battery(status)),
-        ("servos", _servos(status)),
-        ("joints", _joints(status)),
-        ("position", "known" if status.get("pose") else "not known, so no trial can be scored"),
-        ("commands", _commands(status.get("commands", {}))),
-        ("guard", f"{status.get('clipped', 0)} targets limited to what the joints can do"),
-        ("dropped", _dropped(status)),
-        ("servo link", link_in_words(status.get("servo_link"))),
-        ("loop", f"{status.get('ticks', 0)} ticks of 20 ms, {status.get('overruns', 0)} skipped"),
-        ("link", _link(status)),
-        ("ROS", _ros(status.get("ros"))),
-    ]
+    lines: tuple[tuple[str, Callable[[Status], str]], ...] = (
+        ("robot", _robot),
+        ("served by", _served_by),
+        ("stopped", _stopped),
+        ("posture", lambda told: POSTURES.get(told.get("posture", ""), "")),
+        ("controller", _controller),
+        ("fault", lambda told: told.get("fault") or ""),
+        ("battery", _battery),
+        ("servos", _servos),
+        ("joints", _joints),
+        ("position", lambda told: "known" if told.get("pose") else "not known, so no trial can be scored"),
+        ("commands", lambda told: _commands(told.get("commands", {}))),
+        ("guard", lambda told: f"{told.get('clipped', 0)} targets limited to what the joints can do"),
+        ("dropped", _dropped),
+        ("servo link", lambda told: link_in_words(told.get("servo_link"))),
+        ("loop", lambda told: f"{told.get('ticks', 0)} ticks of 20 ms, {told.get('overruns', 0)} skipped"),
+        ("link", _link),
+        ("ROS", lambda told: _ros(told.get("ros"))),
+    )
+    rows = [(name, _line(make, status)) for name, make in lines]
     return [(name, text) for name, text in rows if text]
+
+
+def _line(make: Callable[[Status], str], status: Status) -> str:
+    """A line about a robot; one that another version tells in another way costs no other line."""
+    try:
+        return printable(str(make(status)))
+    except (AttributeError, LookupError, TypeError, ValueError, OverflowError):
+        return "told in another way than this version of hexctl understands"
 
 
 def _robot(status: Status) -> str:

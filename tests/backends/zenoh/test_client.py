@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from hexctl.backends.base import LegServos
-from hexctl.backends.zenoh.client import ZenohServos
+from hexctl.backends.zenoh.client import ZenohServos, granted
 from hexctl.control.guard import Guard
 from hexctl.errors import EStopError, InputError, RobotFaultError
 from hexctl.robot.loader import load_robot
@@ -204,3 +204,17 @@ def test_what_servos_on_a_bus_report_comes_over_the_link(tmp_path: Path) -> None
 def _next(servos: ZenohServos) -> RobotState:
     servos.clock.tick()
     return servos.read()
+
+
+GRANTED = {"lease": "0f" * 16, "sequence": 3, "duration_s": 1}
+
+
+def test_a_lease_is_read_and_one_that_cannot_be_held_is_refused() -> None:
+    assert granted(GRANTED) == (b"\x0f" * 16, 3, 1.0)
+    spoiled: dict[str, Any] = {"lease": "0f", "sequence": 1 << 32, "duration_s": 1e-9}
+    for key, value in spoiled.items():
+        for other in (value, None, True, [], "nan"):
+            with pytest.raises(RobotFaultError, match="grants a lease that this hexctl does not understand"):
+                granted({**GRANTED, key: other})
+    with pytest.raises(RobotFaultError, match="same version"):
+        granted({})

@@ -176,3 +176,18 @@ def test_a_line_on_ros_where_the_robot_is_a_node() -> None:
     lost = {**ros, "connected": False, "trouble": "no ROS router", "drive": False}
     assert ("ROS", "no ROS router; ROS may stop the robot, and not move it") in status_rows({"ros": lost})
     assert not [name for name, _ in status_rows({"ros": None}) if name == "ROS"]
+
+
+def test_what_is_told_in_another_way_costs_no_other_line() -> None:
+    odd = {
+        **CALM,
+        "stopped": {"id": 5},
+        "commands": "many",
+        "battery_v": "full",
+        "ros": "yes",
+        "malformed": 3,
+    }
+    rows = dict(status_rows(odd))
+    for name in ("stopped", "commands", "battery", "ROS", "dropped"):
+        assert rows[name] == "told in another way than this version of hexctl understands"
+    assert rows["robot"] == dict(status_rows(CALM))["robot"]

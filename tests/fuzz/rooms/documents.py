@@ -10,8 +10,9 @@ import yaml
 from hexctl.backends.sim.world import World, load_randomization, load_world
 from hexctl.control.assessment.uncertainty_store import UNCERTAINTIES, known_uncertainty
 from hexctl.errors import InputError
-from hexctl.robot.configs import config_root
+from hexctl.robot.configs import config_root, read_mapping
 from hexctl.robot.loader import load_robot_file
+from hexctl.robot.servos_section import SECTION, write_joint
 from hexctl.robot.yaml_text import yaml_content
 from hexctl.see.place import Place, load_place, save_place, store_latency
 from hexctl.see.vision.camera import Camera
@@ -88,6 +89,22 @@ def _robot(path: Path) -> None:
             continue
 
 
+def _calibrated(path: Path) -> None:
+    """Calibrate two joints of a robot file: it then says that, and all else as before."""
+    found = load_robot_file(path)
+    before = read_mapping(path)
+    for joint in (0, 10):
+        write_joint(path, found.raw_map, joint)
+    after = read_mapping(path)
+    assert {key: after[key] for key in before if key != SECTION} == {
+        key: before[key] for key in before if key != SECTION
+    }
+    again = load_robot_file(path).raw_map
+    assert np.array_equal(
+        again.raw(found.robot.stance_angles_rad), found.raw_map.raw(found.robot.stance_angles_rad)
+    )
+
+
 def _world(path: Path) -> None:
     world = load_world(path)
     assert World.model_validate(world.model_dump()) == world
@@ -159,6 +176,9 @@ def _saved(save: Callable[[Path], object]) -> bytes:
 
 ANT = _shipped("robots/ant")[0]
 
+#: The same without its servos.
+BARE = _bare(ANT).partition(b"servos:")[0]
+
 LINK = (
     b"endpoint: tls/robot.local:7447\ncredentials: keys\nplain: true\n"
     b"names: {command: ant/go, pose: ant/pose}\n"
@@ -192,6 +212,29 @@ TARGETS = (
         words=(*NUMBERS, b"driver: servo2040", b"driver: pca9685", b"driver: lx16a", b"unknown: [size_m]"),
         most_bytes=5000,
         times=10,
+    ),
+    Target(
+        name="calibrated-file",
+        read=_of_file("mine.yaml", _calibrated),
+        seeds=(
+            _bare(ANT),
+            BARE + b"servos:  # mine\n  femur: {offset_deg: 1}\n\n  # last\n",
+            BARE + b"servos: {driver: feetech, leg1_coxa: {id: 30,}, &x leg2_coxa: {id: 31}}\n",
+        ),
+        words=(
+            *NUMBERS,
+            b"servos:",
+            b"leg1_coxa: ",
+            b"  # note\n",
+            b"\xe2\x80\xa8",
+            b"\x0c",
+            b"\t",
+            b"\r\n",
+            b"---\n",
+            b"...\n",
+        ),
+        most_bytes=6000,
+        times=3,
     ),
     Target(
         name="world",

@@ -4,18 +4,22 @@ import json
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from hexctl.backends.mock import MockServos
+from hexctl.backends.zenoh.client import ask, granted
 from hexctl.backends.zenoh.subscriber import LatestValues, StateSubscriber
 from hexctl.cli.network.status import status_rows
 from hexctl.control.guard import Guard
 from hexctl.errors import HexctlError, RobotFaultError
 from hexctl.robot.formats.json_model import robot_from_json, robot_to_json
+from hexctl.serve import remote
 from hexctl.serve.inbox import Arrival
 from hexctl.serve.leases import LeaseManager, RequestHandler
+from hexctl.serve.remote import RemoteRobots
 from hexctl.serve.server import RobotServer
 from hexctl.serve.stops.latch import StopLatch
 from hexctl.serve.stops.stop_socket import StopSocket
@@ -29,7 +33,7 @@ from hexctl.wire.description import (
     robot_of,
 )
 from hexctl.wire.links import KeyMap, Link
-from hexctl.wire.messages import encode_battery, encode_positions
+from hexctl.wire.messages import CommandTag, encode_battery, encode_positions
 from hexctl.wire.pose import encode_pose
 from tests.control.posed import PosedMock
 from tests.fuzz.target import Target
@@ -76,6 +80,9 @@ def _server() -> RobotServer:
     servos.clock.tick()
     return server
 
+
+#: Clients wait for a stop that may not be cleared yet; inputs do not.
+remote.HOLD_S = remote.ANSWER_TIMEOUT_S = 0.0
 
 KINDS = ("command", "pose", "lease", "failure", "estop", "describe")
 
@@ -135,6 +142,35 @@ def _description(data: bytes) -> None:
 
 def _status(data: bytes) -> None:
     status_rows(decode_json(data))
+
+
+class Answers:
+    """A session in which every query gets the lines of an input as answers."""
+
+    def __init__(self, data: bytes) -> None:
+        self._lines = data.split(b"\n")[:3]
+
+    def get(self, key: str, **about: object) -> list[Any]:
+        """The answers."""
+        return [SimpleNamespace(ok=SimpleNamespace(payload=line)) for line in self._lines]
+
+
+def _answers(data: bytes) -> None:
+    """Ask robots on a link for everything, and make of their answers what a client does."""
+    session: Any = Answers(data)
+    for answer in ask(session, "key"):
+        with suppress(RobotFaultError):
+            lease_id, sequence, duration_s = granted(answer)
+            assert 0 < duration_s < 1000
+            CommandTag(
+                sequence=1, stamp_ns=0, time_to_live_ms=1, lease_id=lease_id, lease_sequence=sequence
+            ).packed()
+    robots = RemoteRobots(session, Link())
+    for status in robots.statuses():
+        str(RobotIdentity.of_answer(status))
+    for use in (robots.stop, robots.clear, lambda: robots.fail("5:limp"), lambda: robots.heal(5)):
+        with suppress(HexctlError):
+            use()
 
 
 def _state(data: bytes) -> None:
@@ -260,6 +296,19 @@ TARGETS = (
         seeds=(_seed(STATUS), b"{}"),
         words=_worded(lambda: STATUS),
         most_bytes=3000,
+    ),
+    Target(
+        name="answers",
+        read=_answers,
+        seeds=(
+            _seed({"lease": "00" * 16, "sequence": 5, "duration_s": 1.0})
+            + b"\n"
+            + _seed({"error": "held by bob"}),
+            _seed({"status": {**STATUS, "stop": {"id": "00", "clear_in_s": 0.0}}, "stopped": "estop"}),
+            _seed({"status": {"simulated": {}}, "failures": []}),
+        ),
+        words=(*NUMBERS, b'"lease":', b'"sequence":', b'"duration_s":', b'"clear_in_s":', b'"status":'),
+        most_bytes=2500,
     ),
     Target(
         name="robot-state",
