@@ -14,6 +14,7 @@ parsed only where there is one.
 
 import os
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -91,7 +92,9 @@ class Setting:
     def placed(self, text: str) -> str:
         """A path of this setting: one that is not absolute begins at `folder`, `~` is the home folder."""
         path = Path(text)
-        return str(self.folder / (path.expanduser() if text.startswith("~") else path))
+        with suppress(RuntimeError):  # ~name of somebody whom this computer does not know
+            path = path.expanduser() if text.startswith("~") else path
+        return str(self.folder / path)
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +168,8 @@ class Settings:
             here: Any = layer.values if layer.folder is not None else {}
             for word in command:
                 here = here.get(word) if isinstance(here, Mapping) else None
-            options |= {key: value for key, value in (here or {}).items() if not isinstance(value, Mapping)}
+            if isinstance(here, Mapping):
+                options |= {key: value for key, value in here.items() if not isinstance(value, Mapping)}
         return options
 
 

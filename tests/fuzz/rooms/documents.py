@@ -1,6 +1,7 @@
 """Targets that are files of text: robots, worlds, links, lenses, places, measurements, stops, keys."""
 
 import math
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from hexctl.control.assessment.uncertainty_store import UNCERTAINTIES, known_unc
 from hexctl.errors import InputError
 from hexctl.robot.configs import config_root, read_mapping
 from hexctl.robot.loader import load_robot_file
-from hexctl.robot.servos_section import SECTION, write_joint
+from hexctl.robot.servos.servos_section import SECTION, write_joint
 from hexctl.robot.yaml_text import yaml_content
 from hexctl.see.place import Place, load_place, save_place, store_latency
 from hexctl.see.vision.camera import Camera
@@ -21,6 +22,7 @@ from hexctl.see.vision.lens import Lens, load_lens, save_lens
 from hexctl.see.vision.planar_pose import PlanarPose
 from hexctl.see.vision.robot_tracker import RobotTag
 from hexctl.serve.stops.stop_file import StopFile
+from hexctl.settings import CHOSEN, read_settings
 from hexctl.wire.certificates import load_certificate
 from hexctl.wire.links import Link, Role, load_link
 from hexctl.wire.stop_secret import SECRET_FILE, find_stop_secret
@@ -103,6 +105,23 @@ def _calibrated(path: Path) -> None:
     assert np.array_equal(
         again.raw(found.robot.stance_angles_rad), found.raw_map.raw(found.robot.stance_angles_rad)
     )
+
+
+def _settings(path: Path) -> None:
+    """Read settings, and use those of the robot and of commands."""
+    before = os.environ.get(CHOSEN)
+    os.environ[CHOSEN] = str(path)
+    try:
+        settings = read_settings(path.parent)
+    finally:
+        del os.environ[CHOSEN]
+        if before is not None:
+            os.environ[CHOSEN] = before
+    _ = settings.values, settings.origins, settings.runs
+    settings.of("run")
+    settings.of("prior", "build")
+    for layer in settings.layers:
+        layer.option(("prior", "build"), "worlds")
 
 
 def _world(path: Path) -> None:
@@ -253,6 +272,26 @@ TARGETS = (
         words=NUMBERS,
         most_bytes=4000,
         times=5,
+    ),
+    Target(
+        name="settings",
+        read=_of_file("hexctl.toml", _settings),
+        seeds=(
+            b'robot = "my.yaml"\nbackend = "sim"\nruns = "~/runs"\n[run]\nduration = 10\nfail = ["5:limp@8"]\n',
+            b'connect = "tcp/a:7447"\nkeys = "keys"\n[prior.build]\nworlds = "flat"\n',
+        ),
+        words=(
+            b"[[run]]",
+            b"run = 5",
+            b"prior.build = ",
+            b"nan",
+            b"1979-05-27",
+            b'"""',
+            b"~nobody/",
+            b"\\u0000",
+        ),
+        most_bytes=400,
+        times=50,
     ),
     Target(
         name="link",
