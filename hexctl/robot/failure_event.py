@@ -142,7 +142,7 @@ def parse_failure_event(text: str) -> FailureEvent:
     """
     leg, colon, rest = text.partition(":")
     kind, at, time_text = rest.rpartition("@")
-    if not (colon and at and leg.strip().isdecimal()):
+    if not (colon and at and _is_number(leg)):
         raise InputError(f"failure event: got {text!r}; allowed: {EVENT_FORMS}, with {COMING_FORMS}")
     failure = _coming(int(leg), kind, f"failure event: got {text!r}; allowed: ")
     at_s = _seconds(time_text, f"failure event: got {text!r}")
@@ -155,9 +155,14 @@ def parse_failure_now(text: str) -> Failure:
     Raises InputError for anything else, for an angle of a stuck joint, and for an `unknown` failure.
     """
     leg, colon, kind = text.partition(":")
-    if not (colon and leg.strip().isdecimal()) or "@" in kind:
+    if not (colon and _is_number(leg)) or "@" in kind:
         raise InputError(f"failure of a leg: got {text!r}; allowed: {NOW_FORMS}, with {COMING_FORMS}")
     return _coming(int(leg), kind, f"failure of a leg: got {text!r}; allowed: ")
+
+
+def _is_number(leg: str) -> bool:
+    """Whether a text is a whole number of few digits, which `int` reads."""
+    return leg.strip(" ").isdecimal() and len(leg) < 10
 
 
 def parse_coming_failure(leg: int, kind: str) -> Failure:
@@ -191,7 +196,7 @@ def parse_healing(text: str) -> FailureEvent:
     Raises InputError for anything else.
     """
     leg, at, time_text = text.partition("@")
-    if not (at and leg.strip().isdecimal()):
+    if not (at and _is_number(leg)):
         raise InputError(f"healing: got {text!r}; allowed: {HEALING_FORMS}")
     return FailureEvent(at_s=_seconds(time_text, f"healing: got {text!r}"), leg=int(leg))
 

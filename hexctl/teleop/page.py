@@ -89,7 +89,7 @@ class PageAddress:
         """
         host, colon, port = text.rpartition(":")
         host = (host if colon else "127.0.0.1").removeprefix("[").removesuffix("]")
-        if not host or not port.isdecimal() or int(port) > 65535:
+        if not host or not port.isdecimal() or len(port) > 5 or int(port) > 65535:
             raise InputError(
                 f"{argument('page')}: got {text!r}; allowed: HOST:PORT such as {DEFAULT_ADDRESS}"
             )

@@ -62,7 +62,9 @@ def parse_bus_port(
     path, _, speed = text.rpartition(":") if re.search(r":[^/:]*$", text) else (text, "", "")
     if "-port" in speed:
         path, speed = text, ""
-    if not path or (path != text and not (speed.isdecimal() and 1200 <= int(speed) <= MOST_BAUD)):
+    if not path or (
+        path != text and not (speed.isdecimal() and len(speed) < 10 and 1200 <= int(speed) <= MOST_BAUD)
+    ):
         raise InputError(
             f"{argument('connect')}: got {text!r}; allowed: a serial device such as /dev/ttyUSB0 or "
             f"/dev/ttyUSB0:1000000, at 1200 to {MOST_BAUD} baud"

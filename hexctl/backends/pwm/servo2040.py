@@ -94,7 +94,7 @@ def find_reply(data: bytes, start: int, count: int, *, checked: bool) -> list[in
     at = data.find(head)
     while at >= 0:
         frame, behind = data[at : at + size], data[at + size : at + size + 1]
-        whole = len(frame) == size and max(frame[3:]) < 0x80
+        whole = len(frame) == size and max(frame[3:], default=0) < 0x80
         if whole and (not checked or behind == bytes([checksum(frame)])):
             return decoded(frame[3:])
         at = data.find(head, at + 1)

@@ -2,6 +2,7 @@
 
 import math
 import os
+import re
 import socket
 import threading
 import time
@@ -109,23 +110,21 @@ def granted(answer: Mapping[str, Any]) -> tuple[bytes, int, float]:
 
     Raises RobotFaultError for an answer that grants none that could be held.
     """
-    text, sequence, duration_s = (answer.get(key) for key in ("lease", "sequence", "duration_s"))
-    try:
-        lease_id = bytes.fromhex(text)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        lease_id = b""
-    numbers = type(sequence) is int and type(duration_s) in (int, float)
+    text, sequence = answer.get("lease"), answer.get("sequence")
+    duration_s: Any = answer.get("duration_s")
     if (
-        len(lease_id) != LEASE_ID_BYTES
-        or not numbers
-        or not 0 < sequence < 1 << 32
-        or not LEASES_S[0] <= duration_s <= LEASES_S[1]
+        isinstance(text, str)
+        and re.fullmatch(f"[0-9a-f]{{{2 * LEASE_ID_BYTES}}}", text)
+        and type(sequence) is int
+        and 0 < sequence < 1 << 32
+        and type(duration_s) in (int, float)
+        and LEASES_S[0] <= duration_s <= LEASES_S[1]
     ):
-        raise RobotFaultError(
-            f"the robot grants a lease that this hexctl does not understand: {shown(dict(answer))}; install "
-            "the same version on both ends"
-        )
-    return lease_id, sequence, float(duration_s)
+        return bytes.fromhex(text), sequence, float(duration_s)
+    raise RobotFaultError(
+        f"the robot grants a lease that this hexctl does not understand: {shown(dict(answer))}; install the "
+        "same version on both ends"
+    )
 
 
 class LeaseClient:

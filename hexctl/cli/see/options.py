@@ -19,7 +19,7 @@ def size_of(text: str | tuple[int, int]) -> tuple[int, int]:
     if isinstance(text, tuple):
         return text
     width, cross, height = text.partition("x")
-    if not (cross and width.isdecimal() and height.isdecimal()):
+    if not (cross and width.isdecimal() and height.isdecimal() and len(text) < 20):
         raise typer.BadParameter(f"got {text}; allowed: WIDTHxHEIGHT in px, such as 1280x720")
     return int(width), int(height)
 

@@ -213,7 +213,8 @@ def test_a_lease_is_read_and_one_that_cannot_be_held_is_refused() -> None:
     assert granted(GRANTED) == (b"\x0f" * 16, 3, 1.0)
     spoiled: dict[str, Any] = {"lease": "0f", "sequence": 1 << 32, "duration_s": 1e-9}
     for key, value in spoiled.items():
-        for other in (value, None, True, [], "nan"):
+        others: tuple[Any, ...] = (value, None, True, [], "nan")
+        for other in others:
             with pytest.raises(RobotFaultError, match="grants a lease that this hexctl does not understand"):
                 granted({**GRANTED, key: other})
     with pytest.raises(RobotFaultError, match="same version"):

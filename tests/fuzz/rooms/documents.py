@@ -277,7 +277,7 @@ TARGETS = (
         name="settings",
         read=_of_file("hexctl.toml", _settings),
         seeds=(
-            b'robot = "my.yaml"\nbackend = "sim"\nruns = "~/runs"\n[run]\nduration = 10\nfail = ["5:limp@8"]\n',
+            b'robot = "a.yaml"\nbackend = "sim"\nruns = "~/runs"\n[run]\nduration = 9\nfail = ["5:limp@8"]\n',
             b'connect = "tcp/a:7447"\nkeys = "keys"\n[prior.build]\nworlds = "flat"\n',
         ),
         words=(

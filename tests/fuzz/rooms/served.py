@@ -82,7 +82,7 @@ def _server() -> RobotServer:
 
 
 #: Clients wait for a stop that may not be cleared yet; inputs do not.
-remote.HOLD_S = remote.ANSWER_TIMEOUT_S = 0.0
+vars(remote).update(HOLD_S=0.0, ANSWER_TIMEOUT_S=0.0)
 
 KINDS = ("command", "pose", "lease", "failure", "estop", "describe")
 

@@ -150,8 +150,8 @@ TARGETS = (
             )
         ),
         seeds=(b"5", b"0.25", b"-1.63,0,1.63", b"1280x720", b"auto", b"2,5", b"place.yaml"),
-        words=(b"nan", b"inf", b"1e400", b"_", b"9" * 400, b"\xd9\xa1"),
-        most_bytes=1000,
+        words=(b"nan", b"inf", b"1e400", b"_", b"9" * 400, b"9" * 5000, b"\xd9\xa1"),
+        most_bytes=6000,
     ),
     Target(
         name="address",
@@ -180,7 +180,7 @@ TARGETS = (
             b"/lab/ant",
         ),
         words=(b"quic/", b"udpin:", b"serial:", b"[::]", b"rtsp://", b"@", b"\xd9\xa1", b"9" * 5000),
-        most_bytes=300,
+        most_bytes=6000,
     ),
     Target(
         name="config-name",
