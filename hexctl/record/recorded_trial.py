@@ -182,11 +182,6 @@ def _joints(columns: "_Columns", path: Path) -> tuple[Rows, FloatArray]:
     return times_ns, np.stack([both_rad[:ticks] for _, both_rad in series], axis=-1)
 
 
-def _is_panic(error: BaseException) -> bool:
-    """Whether Rerun's reader, which is in Rust, has panicked: Python knows such errors by name only."""
-    return type(error).__name__ == "PanicException"
-
-
 class _Columns:
     """The chunks of a recording by entity, and their components as arrays in the order of time."""
 
@@ -204,9 +199,7 @@ class _Columns:
                 warnings.filterwarnings("ignore", message="RRD file has no footer")
                 for chunk in RrdReader(path).stream().to_chunks():
                     self._chunks[chunk.entity_path].append(chunk.to_record_batch())
-        except BaseException as error:
-            if not isinstance(error, (OSError, RuntimeError, ValueError)) and not _is_panic(error):
-                raise
+        except (OSError, RuntimeError, ValueError) as error:
             reason = " ".join(str(error).split())
             raise InputError(
                 f"recording: {path} cannot be read ({reason}); allowed: a recording that hexctl run made"

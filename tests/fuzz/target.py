@@ -39,7 +39,7 @@ class Target:
             return None if "\n" not in str(error) else Fall.of(data, error)
         except KeyboardInterrupt:
             raise
-        except BaseException as error:  # noqa: BLE001  that is what is looked for; a panic in Rust is no Exception
+        except BaseException as error:  # noqa: BLE001  that is what is looked for; others than Exception too
             return Fall.of(data, error)
         return None
 
