@@ -92,7 +92,7 @@ class Setting:
     def placed(self, text: str) -> str:
         """A path of this setting: one that is not absolute begins at `folder`, `~` is the home folder."""
         path = Path(text)
-        with suppress(RuntimeError):  # ~name of somebody whom this computer does not know
+        with suppress(RuntimeError, ValueError):  # ~name of somebody unknown here, or that nobody can have
             path = path.expanduser() if text.startswith("~") else path
         return str(self.folder / path)
 
