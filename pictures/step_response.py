@@ -19,9 +19,9 @@ from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart
-from hexctl.control.steered_walk import SteeredWalk
-from hexctl.control.steering import Course
 from hexctl.control.trial import run_trial
+from hexctl.control.walks.steered_walk import SteeredWalk
+from hexctl.control.walks.steering import Course
 from hexctl.gait.gait import make_gait
 from hexctl.palette import LINE_COLOR, hex_color
 from hexctl.robot.failure import Failure

@@ -8,7 +8,7 @@ import numpy as np
 from hexctl.control.plan import TrialPlan
 from hexctl.control.trace import Trace
 from hexctl.control.trial import LOOK_TICKS, ShouldStop
-from hexctl.control.turning import turn_needed_rad
+from hexctl.control.walks.turning import turn_needed_rad
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad

@@ -21,7 +21,7 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import StopRequested
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import Enough, run_trial, stop_when
-from hexctl.control.turning import turn_gait
+from hexctl.control.walks.turning import turn_gait
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.gait.encoding import Slots
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S

@@ -19,7 +19,7 @@ from hexctl.control.assessment.score import progress_floor_m
 from hexctl.control.assessment.static_stability import in_posture
 from hexctl.control.assessment.uncertainty_store import COMPUTATION, known_uncertainty
 from hexctl.control.plan import TrialPlan
-from hexctl.control.turning import check_plan
+from hexctl.control.walks.turning import check_plan
 from hexctl.errors import InputError
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import ideal_speed_m_s, make_gait

@@ -19,10 +19,10 @@ from hexctl.control.guard import FALL_TICKS, Guard, StepLimits, leaning
 from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart, prepare, ticks_of
 from hexctl.control.result import TrialResult
-from hexctl.control.steering import held
 from hexctl.control.trace import TrialFrame
 from hexctl.control.trial import CONTROLLERS, MakeController, made_controller, planned_walk, run_trial
-from hexctl.control.turning import check_plan, turn_needed_rad
+from hexctl.control.walks.steering import held
+from hexctl.control.walks.turning import check_plan, turn_needed_rad
 from hexctl.errors import (
     CommandRefusedError,
     EStopError,

@@ -15,7 +15,7 @@ from hexctl.control.log import Recorder, Recorders, TickLog
 from hexctl.control.loop import TickObserver, Until, run_controller
 from hexctl.control.plan import TrialPlan
 from hexctl.control.trace import Trace, TrialFrame
-from hexctl.control.turning import (
+from hexctl.control.walks.turning import (
     MAX_TURN_STEPS,
     SMALL_TURN_RAD,
     TURN_WITHIN_RAD,

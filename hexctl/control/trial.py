@@ -22,13 +22,13 @@ from hexctl.control.preparation import (
     ticks_of,
 )
 from hexctl.control.result import TrialResult
-from hexctl.control.steered_walk import SteeredWalk
-from hexctl.control.steering import held
 from hexctl.control.trace import Trace
-from hexctl.control.turning import (
+from hexctl.control.walks.steered_walk import SteeredWalk
+from hexctl.control.walks.steering import held
+from hexctl.control.walks.turning import (
     check_plan,
 )
-from hexctl.control.velocity_walk import MotionWalk, VelocityWalk
+from hexctl.control.walks.velocity_walk import MotionWalk, VelocityWalk
 from hexctl.errors import (
     CommandRefusedError,
     EStopError,

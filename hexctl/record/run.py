@@ -33,7 +33,7 @@ from hexctl.control.plan import AUTO_ROTATION, TrialPlan
 from hexctl.control.preparation import StopRequested, never
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
-from hexctl.control.turning import check_plan, turn_needed_rad
+from hexctl.control.walks.turning import check_plan, turn_needed_rad
 from hexctl.errors import InputError, MissingExtraError, argument, check_type
 from hexctl.record.run_spec import RunSpec, plan_of, spec_of
 from hexctl.robot.failure import each_failure

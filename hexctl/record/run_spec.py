@@ -63,7 +63,7 @@ class RunSpec:
         hold: what the walk holds by feedback: its `line`, its `heading` alone, or `none`, as in the paper;
             `auto` is the best that the robot's state allows.
         trim_rad: course correction under the hold `heading`, counter-clockwise; None is 0. `trimmed_rad` of
-            `hexctl.control.steering` has the one for the next walk.
+            `hexctl.control.walks.steering` has the one for the next walk.
         seed: of everything random in a simulation.
         realtime: pace a simulation with the wall clock.
         record: new .rrd file to record to; None for no recording, or for one in `record_folder`.

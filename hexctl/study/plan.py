@@ -9,7 +9,7 @@ import numpy as np
 from hexctl.adapt.optimizers.registry import make_optimizer
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World
-from hexctl.control.turning import check_plan
+from hexctl.control.walks.turning import check_plan
 from hexctl.errors import InputError, LimitError, ReachError, argument, check_type
 from hexctl.robot.failure import FAILURE_FORMS, UNKNOWN, parse_failure
 from hexctl.robot.model import Robot

@@ -31,7 +31,7 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.control.assessment.score import END_TICKS
 from hexctl.control.plan import MAX_TRIM_RAD, MAX_TURN_TRIM_RAD_S
 from hexctl.control.result import TrialResult
-from hexctl.control.steering import trimmed_rad
+from hexctl.control.walks.steering import trimmed_rad
 from hexctl.errors import InputError
 
 #: Walks of a gait after which a trim that has not brought it within the target is taken not to converge.

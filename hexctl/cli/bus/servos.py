@@ -188,7 +188,7 @@ def identify(
     from hexctl.backends.bus.scan import scan_bus
     from hexctl.cli.console import DONE, INTERRUPTED, StopOnInterrupt, print_note, print_result
     from hexctl.cli.prompts import CalibrationPrompt
-    from hexctl.control.servo_identification import Identification, identify_servos
+    from hexctl.control.calibration.servo_identification import Identification, identify_servos
     from hexctl.errors import InputError
 
     if robot is not None and output is not None:
@@ -234,7 +234,7 @@ def try_(
     """
     from hexctl.backends.bus.scan import opened_line, the_servo
     from hexctl.cli.console import DONE, FAULT, print_note, print_result
-    from hexctl.control.servo_trial import try_servo
+    from hexctl.control.calibration.servo_trial import try_servo
 
     driver, path, speed = _bus(robot, driver, port, baud)
     with opened_line(path, speed) as line:

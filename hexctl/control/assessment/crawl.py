@@ -22,7 +22,7 @@ from hexctl.control.assessment.static_stability import (
     stable_gait,
 )
 from hexctl.control.plan import TrialPlan
-from hexctl.control.turning import turn_needed_rad
+from hexctl.control.walks.turning import turn_needed_rad
 from hexctl.gait.encoding import Slots
 from hexctl.gait.foot_trajectory import StepPattern, feet_at_phases
 from hexctl.gait.gait import SWING_SHARE, Gait

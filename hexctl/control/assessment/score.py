@@ -8,9 +8,9 @@ from hexctl.control.assessment.cause import Samples, symptoms
 from hexctl.control.assessment.walk_quality import cost_of_transport, lean_deg, unsteadiness_m_s
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import Deviation, TrialResult
-from hexctl.control.steering import LOST_AFTER_S, frozen_rows, plane, why_less
 from hexctl.control.trace import TrialFrame
-from hexctl.control.turning import TURN_WITHIN_RAD, turn_needed_rad
+from hexctl.control.walks.steering import LOST_AFTER_S, frozen_rows, plane, why_less
+from hexctl.control.walks.turning import TURN_WITHIN_RAD, turn_needed_rad
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.robot.failure_event import NoticedFailure

@@ -19,7 +19,7 @@ import numpy as np
 
 from hexctl.control.controllers import joints_of_feet
 from hexctl.control.preparation import WalkStart
-from hexctl.control.velocity_walk import FULL_SPEED_S, OVERDRIVE, VelocityWalk
+from hexctl.control.walks.velocity_walk import FULL_SPEED_S, OVERDRIVE, VelocityWalk
 from hexctl.errors import InputError, check_type
 from hexctl.gait.foot_trajectory import SWING_END, SWING_START, lift_offset, part_of_cycle
 from hexctl.gait.gait import Gait

@@ -19,10 +19,10 @@ from hexctl.control.monitor.recovery import (
     WalkOn,
 )
 from hexctl.control.preparation import WalkStart
-from hexctl.control.steered_walk import SteeredWalk
-from hexctl.control.steering import held
 from hexctl.control.trial import planned_walk
-from hexctl.control.velocity_walk import MotionWalk, VelocityWalk
+from hexctl.control.walks.steered_walk import SteeredWalk
+from hexctl.control.walks.steering import held
+from hexctl.control.walks.velocity_walk import MotionWalk, VelocityWalk
 from hexctl.errors import check_type
 from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure

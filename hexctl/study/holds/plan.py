@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from hexctl.backends.sim.world import MAX_MEMBERS, DomainRandomization, World
 from hexctl.control.plan import AUTO_ROTATION, SELF_ROTATIONS
-from hexctl.control.turning import check_plan
+from hexctl.control.walks.turning import check_plan
 from hexctl.errors import InputError, LimitError, ReachError, check_type
 from hexctl.robot.failure import FAILURE_FORMS, parse_failure
 from hexctl.robot.model import Robot

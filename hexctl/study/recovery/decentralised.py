@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from hexctl.control.preparation import WalkStart
-from hexctl.control.steered_walk import SteeredWalk
+from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.ik.legs import link_points_body
 from hexctl.ik.statics import GRAVITY_M_S2
 from hexctl.robot.model import Robot

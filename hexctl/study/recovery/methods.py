@@ -14,9 +14,9 @@ from hexctl.control.monitor.monitored_walk import recovering_walk
 from hexctl.control.monitor.recovery import GlideToStableGait, RecoveryPolicy, WalkOn
 from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart
-from hexctl.control.steered_walk import SteeredWalk
-from hexctl.control.steering import held
-from hexctl.control.velocity_walk import MotionWalk, VelocityWalk
+from hexctl.control.walks.steered_walk import SteeredWalk
+from hexctl.control.walks.steering import held
+from hexctl.control.walks.velocity_walk import MotionWalk, VelocityWalk
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_event import FailureEvent, NoticedFailure
 from hexctl.robot.plugins import made_of

@@ -9,7 +9,7 @@ import numpy as np
 
 from hexctl.backends.sim.world import MAX_MEMBERS, DomainRandomization, World, load_world
 from hexctl.control.plan import MAX_DURATION_S
-from hexctl.control.turning import check_plan
+from hexctl.control.walks.turning import check_plan
 from hexctl.errors import InputError, LimitError, ReachError, check_type
 from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.robot.failure import FAILURE_FORMS

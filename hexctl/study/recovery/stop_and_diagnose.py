@@ -12,10 +12,10 @@ from hexctl.control.monitor.monitored_walk import MonitoredWalk
 from hexctl.control.monitor.recovery import RecoveryPolicy, WalkOn
 from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart
-from hexctl.control.steered_walk import SteeredWalk
-from hexctl.control.steering import held
 from hexctl.control.trace import TrialFrame
-from hexctl.control.velocity_walk import MotionWalk
+from hexctl.control.walks.steered_walk import SteeredWalk
+from hexctl.control.walks.steering import held
+from hexctl.control.walks.velocity_walk import MotionWalk
 from hexctl.robot.failure import MOST_FAILED, Failure, each_failure, failure_text
 from hexctl.robot.failure_event import NoticedFailure
 from hexctl.types import BoolArray, FloatArray, RobotState

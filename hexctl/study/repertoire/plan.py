@@ -25,7 +25,7 @@ from hexctl.control.monitor.repertoire import (
     parts_of,
 )
 from hexctl.control.plan import TrialPlan
-from hexctl.control.turning import check_plan
+from hexctl.control.walks.turning import check_plan
 from hexctl.errors import InputError, LimitError, ReachError, argument, check_type
 from hexctl.gait.gait import Gait, make_gait
 from hexctl.gait.posture import Posture

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from hexctl.control.turning import turn_needed_rad
+from hexctl.control.walks.turning import turn_needed_rad
 from hexctl.study.landscapes.landscape import Landscape
 from hexctl.study.searches import Findings
 from hexctl.study.verdicts.evidence import (

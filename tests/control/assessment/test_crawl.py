@@ -11,7 +11,7 @@ from hexctl.control.assessment.crawl import CRAWL_SWING, gait_without, least_mar
 from hexctl.control.assessment.static_stability import STAND_UP, slots_by_stability
 from hexctl.control.batch import SimTrial, run_sim_trial
 from hexctl.control.plan import TrialPlan
-from hexctl.control.turning import check_plan
+from hexctl.control.walks.turning import check_plan
 from hexctl.gait.foot_trajectory import StepPattern, gait_feet_body, in_stance, part_of_cycle
 from hexctl.gait.gait import SWING_SHARE, Gait, Motion, make_gait
 from hexctl.gait.posture import Posture

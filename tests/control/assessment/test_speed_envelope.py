@@ -9,7 +9,7 @@ from hexctl.control.assessment.speed_envelope import DIRECTIONS_RAD, speed_envel
 from hexctl.control.controllers import check_walk
 from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart
-from hexctl.control.velocity_walk import OVERDRIVE, VelocityWalk
+from hexctl.control.walks.velocity_walk import OVERDRIVE, VelocityWalk
 from hexctl.errors import LimitError, ReachError
 from hexctl.gait.gait import Motion, ideal_speed_m_s, make_gait
 from hexctl.types import RobotState

@@ -9,7 +9,7 @@ from hexctl.control.drive.drive_walk import FASTEST_SWING, HALT_S, DriveWalk
 from hexctl.control.drive.velocity_limits import VelocityLimits
 from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart
-from hexctl.control.velocity_walk import OVERDRIVE, VelocityWalk
+from hexctl.control.walks.velocity_walk import OVERDRIVE, VelocityWalk
 from hexctl.errors import InputError
 from hexctl.gait.gait import make_gait
 from hexctl.ik.legs import foot_positions_body

@@ -22,7 +22,7 @@ from hexctl.control.plan import GaitChange, TrialPlan
 from hexctl.control.preparation import WalkStart
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import planned_walk, run_trial
-from hexctl.control.velocity_walk import VelocityWalk
+from hexctl.control.walks.velocity_walk import VelocityWalk
 from hexctl.errors import WrongTypeError
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure

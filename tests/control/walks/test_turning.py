@@ -12,7 +12,7 @@ from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import run_trial
-from hexctl.control.turning import MAX_TURN_STEPS, TurnSteps, swallowed_rad, turn_needed_rad
+from hexctl.control.walks.turning import MAX_TURN_STEPS, TurnSteps, swallowed_rad, turn_needed_rad
 from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.failure import Failure
 from hexctl.robot.rotations import yaw_rad

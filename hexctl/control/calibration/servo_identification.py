@@ -11,7 +11,7 @@ import yaml
 from hexctl.backends.bus.scan import opened_line, the_servo
 from hexctl.backends.bus.single_servo import FoundServo
 from hexctl.control.calibration import EndedError, Operator
-from hexctl.control.servo_trial import WIGGLE_DEG, wiggle
+from hexctl.control.calibration.servo_trial import WIGGLE_DEG, wiggle
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.files import atomic_write
 from hexctl.robot.schema import ServosSection

@@ -15,7 +15,7 @@ from hexctl.control.plan import GaitChange, TrialPlan
 from hexctl.control.preparation import WalkStart
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
-from hexctl.control.velocity_walk import FULL_SPEED_S, OVERDRIVE, VelocityWalk, nearest_phases
+from hexctl.control.walks.velocity_walk import FULL_SPEED_S, OVERDRIVE, VelocityWalk, nearest_phases
 from hexctl.errors import InputError
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import Gait, ideal_speed_m_s, make_gait

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.control.steering import JUMP_M, Course, CourseHold, FrozenSensor, Measured, frozen_rows
+from hexctl.control.walks.steering import JUMP_M, Course, CourseHold, FrozenSensor, Measured, frozen_rows
 from hexctl.errors import InputError
 from hexctl.types import FloatArray, RobotState
 

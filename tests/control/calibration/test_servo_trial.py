@@ -9,7 +9,7 @@ import pytest
 from hexctl.backends.bus.scan import opened_line, the_servo
 from hexctl.backends.bus.single_servo import SingleServo
 from hexctl.backends.mock import MockServos
-from hexctl.control.servo_trial import TEST_DEG, held, try_servo, wiggle
+from hexctl.control.calibration.servo_trial import TEST_DEG, held, try_servo, wiggle
 from hexctl.errors import RobotFaultError
 from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
 from hexctl.serve.boards.bus_board import BusBoard

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from hexctl.control.preparation import WalkStart
-from hexctl.control.steering import Course, CourseHold, SteeringGains
-from hexctl.control.velocity_walk import VelocityWalk
+from hexctl.control.walks.steering import Course, CourseHold, SteeringGains
+from hexctl.control.walks.velocity_walk import VelocityWalk
 from hexctl.errors import InputError, check_type
 from hexctl.gait.gait import Gait, half_amplitude_turn_rate_rad_s, ideal_speed_m_s
 from hexctl.types import BoolArray, FloatArray, RobotState

@@ -8,7 +8,7 @@ import yaml
 
 from hexctl.backends.mock import MockServos
 from hexctl.control.calibration import EndedError
-from hexctl.control.servo_identification import Identification, identify_servos, joint_named
+from hexctl.control.calibration.servo_identification import Identification, identify_servos, joint_named
 from hexctl.errors import InputError
 from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.bus_map import bus_map_of

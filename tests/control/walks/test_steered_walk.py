@@ -14,11 +14,11 @@ from hexctl.backends.sim.world import World
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart
-from hexctl.control.steered_walk import SteeredWalk
-from hexctl.control.steering import Course, trimmed_rad
 from hexctl.control.trace import TrialFrame
 from hexctl.control.trial import run_trial
-from hexctl.control.velocity_walk import OVERDRIVE
+from hexctl.control.walks.steered_walk import SteeredWalk
+from hexctl.control.walks.steering import Course, trimmed_rad
+from hexctl.control.walks.velocity_walk import OVERDRIVE
 from hexctl.errors import InputError
 from hexctl.gait.gait import make_gait
 from hexctl.ik.legs import foot_positions_body
@@ -26,7 +26,7 @@ from hexctl.robot.failure import Failure
 from hexctl.types import FloatArray, RobotState
 from tests.robots import shipped
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 #: Gaits of a failed leg 3 that end far from their line when nothing is held.
 CODES = (17, 62, 98)
