@@ -3,16 +3,17 @@
 import errno
 import io
 import os
-import secrets
 import shutil
 import stat
 import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from hexctl.scratch import scratch_folder
 
 #: Size of an archive; a prior has half a million bytes.
 MOST_ARCHIVE_BYTES = 200_000_000
@@ -95,22 +96,19 @@ def atomic_write(path: Path, content: str | bytes) -> None:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Path of a draft beside a file, which takes the file's place, and its permissions, when the block ends.
+    """Path of a draft, which takes a file's place, and its permissions, when the block ends.
 
     The block creates the draft. If the block raises, the draft is removed and the file is as it was.
     Raises OSError when the disk refuses.
     """
-    draft = path.with_name(f".{path.stem}-{secrets.token_hex(4)}.part")
-    try:
+    with scratch_folder(path.parent, path.stem) as folder:
+        draft = folder / f"{path.name}.part"
         yield draft
         if path.is_file():
             shutil.copymode(path, draft)
         _sync(draft)
         draft.replace(path)
         _sync(path.parent)
-    finally:
-        with suppress(OSError):
-            draft.unlink(missing_ok=True)
 
 
 def _sync(path: Path) -> None:

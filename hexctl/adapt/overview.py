@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from types import MappingProxyType
 from typing import Any
 from urllib.parse import quote
@@ -32,6 +31,7 @@ from hexctl.record.viewer import (
     serve_web,
     web_origin,
 )
+from hexctl.scratch import scratch_folder
 
 FILE_NAME = "overview.rrd"
 
@@ -180,8 +180,8 @@ def serve_runs(
     """
     chosen = _find_runs(names, runs)
     port = free_port()
-    with FileServer(web_origin(port)) as files, TemporaryDirectory() as folder:
-        urls = [_serve(one, files, Path(folder, str(number))) for number, one in enumerate(chosen)]
+    with FileServer(web_origin(port)) as files, scratch_folder() as folder:
+        urls = [_serve(one, files, folder / str(number)) for number, one in enumerate(chosen)]
         with serve_web(port, urls) as served:
             on_url(served.url)
             while not stop_requested():

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from hexctl.adapt.sessions.store import RUNS, export_session
@@ -16,6 +15,7 @@ from hexctl.robot.formats.mjcf import mjcf_of
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
+from hexctl.scratch import scratch_folder
 
 #: Formats of robots and of recordings.
 ROBOT_FORMATS, TRIAL_FORMATS = ("urdf", "mjcf"), ("mcap", "csv", "parquet", "lerobot", "gif", "mp4")
@@ -183,7 +183,7 @@ def _writer(kind: str) -> Callable[[RecordedTrial, Path], None]:
 @contextmanager
 def _draft(path: Path) -> Iterator[Path]:
     """Path of the same name in a hidden folder beside it, from where it is moved when it is whole."""
-    with TemporaryDirectory(dir=path.parent, prefix=f".{path.stem}-") as folder:
-        draft = Path(folder) / path.name
+    with scratch_folder(path.parent, path.stem) as folder:
+        draft = folder / path.name
         yield draft
         draft.rename(_free(path))

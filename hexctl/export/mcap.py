@@ -7,7 +7,6 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from hexctl.record.recorded_trial import RecordedTrial, Samples
 from hexctl.robot.body_twist import body_twists
 from hexctl.robot.formats.link_frames import BASE_LINK, LinkTransforms, fixed_transforms, link_transforms
 from hexctl.robot.formats.urdf import urdf_of
+from hexctl.scratch import scratch_folder
 from hexctl.types import JOINT_NAMES, N_LEGS, FloatArray
 
 #: The frame in which the base is placed.
@@ -68,8 +68,8 @@ def write_mcap(trial: RecordedTrial, path: Path) -> None:
             `metadata.yaml` in it.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(dir=path.parent, prefix=f".{path.stem}-") as draft:
-        bag = Path(draft) / path.stem
+    with scratch_folder(path.parent, path.stem) as draft:
+        bag = draft / path.stem
         _write_bag(trial, bag)
         source = bag / f"{bag.name}.mcap" if path.suffix == ".mcap" else bag
         with suppress(FileNotFoundError):

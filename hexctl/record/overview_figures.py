@@ -23,7 +23,15 @@ from hexctl.palette import (
 )
 from hexctl.record.belief_figure import TIMELINE, belief_view, send_steps, steps_view
 from hexctl.record.overview import Overview, OverviewTrial, deviation_text, make_table
-from hexctl.record.rrd import check_whole, create_file, disconnect, flush, load_rerun, save_stream
+from hexctl.record.rrd import (
+    check_whole,
+    create_file,
+    create_folders,
+    disconnect,
+    flush,
+    load_rerun,
+    save_stream,
+)
 from hexctl.types import FloatArray
 
 #: Where on it the baseline is.
@@ -393,6 +401,7 @@ def write_overview_file(path: Path, overview: Overview) -> None:
         raise InputError(f"overview: {overview.title} has no trials; allowed: one or more")
     load_rerun()
     try:
+        create_folders(path)
         with replacing(path) as draft:
             create_file(draft)
             _write(draft, path, overview)

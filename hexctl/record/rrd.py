@@ -177,16 +177,29 @@ def create_file(path: Path) -> None:
 
     Raises InputError for a file that exists or cannot be written.
     """
+    create_folders(path)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("xb") as file:
             _check_room(file, path)
     except OSError as error:
         if isinstance(error, FileExistsError) and path.exists():
             raise InputError(f"recording: {path} exists; allowed: a new file, nothing is replaced") from None
-        raise InputError(
-            f"recording: {path} cannot be written ({error.strerror}); allowed: a new file"
-        ) from error
+        raise _unwritable(path, error) from error
+
+
+def create_folders(path: Path) -> None:
+    """Make the folders above a recording.
+
+    Raises InputError where they cannot be made.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _unwritable(path, error) from error
+
+
+def _unwritable(path: Path, error: OSError) -> InputError:
+    return InputError(f"recording: {path} cannot be written ({error.strerror}); allowed: a new file")
 
 
 def _check_room(file: BinaryIO, path: Path) -> None:

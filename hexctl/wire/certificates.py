@@ -3,9 +3,7 @@
 import ipaddress
 import os
 import secrets
-import shutil
 import socket
-import tempfile
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -25,6 +23,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from hexctl.errors import InputError, argument
 from hexctl.files import atomic_write, is_file, read_file, read_secret
+from hexctl.scratch import scratch_folder
 from hexctl.wire.links import Role
 from hexctl.wire.stop_secret import write_stop_secret
 
@@ -163,8 +162,7 @@ def make_certificates(folder: Path, *, hosts: list[str], days: int) -> None:
     issuer = _make_authority(days)
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        half = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))  # mode 0700
-        try:
+        with scratch_folder(folder.parent, folder.name) as half:  # mode 0700
             (half / ".gitignore").write_text("*\n")  # keys do not belong in a repository
             _write(half / AUTHORITY_FOLDER, issuer, issuer.certificate, issuer.key)
             for role in Role:
@@ -172,9 +170,6 @@ def make_certificates(folder: Path, *, hosts: list[str], days: int) -> None:
                 _write(half / role.value, issuer, _certify(role, key.public_key(), names, issuer, days), key)
             write_stop_secret(half)
             half.rename(folder)
-        except BaseException:
-            shutil.rmtree(half, ignore_errors=True)
-            raise
     except OSError as error:
         raise InputError(f"{folder}: cannot be made ({error.strerror}); allowed: a new folder") from error
 

@@ -5,12 +5,12 @@ import sqlite3
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from hexctl.adapt.sessions.session import Session
 from hexctl.adapt.sessions.stored import stored_session
 from hexctl.errors import HexctlError, InputError
+from hexctl.scratch import scratch_folder
 
 SCHEMA_VERSION = 1
 
@@ -218,7 +218,7 @@ def reading(folder: Path) -> Iterator[SessionRows]:
         connection = _connected(path)
     except _DAMAGE:
         # A store that is written ahead cannot be opened where no files can be made beside it.
-        with TemporaryDirectory(prefix="hexctl-") as place, closing(_copied(path, Path(place))) as copy:
+        with scratch_folder() as place, closing(_copied(path, place)) as copy:
             yield SessionRows(copy, path)
         return
     with closing(connection):

@@ -5,15 +5,13 @@ import os
 import random
 import re
 import select
-import shutil
 import socket
-import tempfile
 import termios
 import tty
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -21,6 +19,7 @@ import numpy as np
 from hexctl.backends.base import LegServos
 from hexctl.control.guard import StepLimits
 from hexctl.errors import InputError, RobotFaultError, argument
+from hexctl.scratch import scratch_folder
 from hexctl.types import BoolArray, FloatArray, JointTargets, RobotState
 
 if TYPE_CHECKING:
@@ -84,15 +83,15 @@ class PseudoTerminal:
 
 
 class SocketLine:
-    """A Unix socket in a folder of its own, which stays when the process is killed.
+    """A Unix socket in a scratch folder of its own.
 
     Attributes:
         path: of the socket.
     """
 
     def __init__(self, name: str) -> None:
-        self._folder = Path(tempfile.mkdtemp(prefix="hexctl-"))
-        self.path = str(self._folder / name)
+        self._scratch = ExitStack()
+        self.path = str(self._scratch.enter_context(scratch_folder()) / name)
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._listener.bind(self.path)
         self._listener.listen()
@@ -121,7 +120,7 @@ class SocketLine:
         """End the socket and remove its folder."""
         for each in (self._listener, *self._clients):
             each.close()
-        shutil.rmtree(self._folder, ignore_errors=True)
+        self._scratch.close()
 
 
 class SimulatedBoard(ABC):

@@ -1,0 +1,109 @@
+"""Scratch folders: there while a process works; what a killed process has left goes at the next start.
+
+A folder is locked by the process that has made it. The lock goes with the process, however that ends, so a
+folder without one is abandoned: no age, number of a process or list of folders is needed.
+"""
+
+import fcntl
+import os
+import re
+import secrets
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+#: End of the name of a scratch folder.
+SUFFIX = ".part"
+
+_NAME = re.compile(rf".+-[0-9a-f]{{8}}{re.escape(SUFFIX)}")
+
+#: How often another folder is tried where one is removed in the moment before it is locked.
+TRIES = 8
+
+#: Folders that this process has looked through already.
+_tidied: set[Path] = set()
+
+
+@contextmanager
+def scratch_folder(parent: Path | None = None, name: str = "hexctl") -> Iterator[Path]:
+    """A new folder, for this user alone, which is removed when the block ends, unless it was moved away.
+
+    Args:
+        parent: where it is made, hidden; None is the folder of the system for what is temporary.
+        name: begin of its name.
+
+    Raises OSError when the disk refuses.
+    """
+    place = Path(tempfile.gettempdir()) if parent is None else parent
+    remove_abandoned(place)
+    folder, lock = _make(place, name if parent is None else f".{name}")
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        os.close(lock)
+
+
+def remove_abandoned(parent: Path) -> None:
+    """Remove the scratch folders in a folder whose processes have ended, once in a process."""
+    if parent in _tidied:
+        return
+    _tidied.add(parent)
+    try:
+        found = [entry.path for entry in os.scandir(parent) if _is_ours(entry)]
+    except OSError:
+        return
+    for path in found:
+        lock = _locked(path)
+        if lock is not None:
+            shutil.rmtree(path, ignore_errors=True)
+            os.close(lock)
+
+
+def _is_ours(entry: os.DirEntry[str]) -> bool:
+    """Whether an entry is a scratch folder of this user."""
+    return (
+        _NAME.fullmatch(entry.name) is not None
+        and entry.is_dir(follow_symlinks=False)
+        and entry.stat(follow_symlinks=False).st_uid == os.getuid()
+    )
+
+
+def _make(parent: Path, name: str) -> tuple[Path, int]:
+    """A new folder and the descriptor that locks it."""
+    for _ in range(TRIES):
+        folder = parent / f"{name}-{secrets.token_hex(4)}{SUFFIX}"
+        folder.mkdir(mode=0o700)
+        lock = _locked(str(folder), unlockable=True)
+        if lock is not None:
+            return folder, lock
+    raise FileExistsError(f"{parent}: scratch folders are removed as soon as they are made")
+
+
+def _locked(path: str, *, unlockable: bool = False) -> int | None:
+    """Descriptor that locks a folder; None where another has it, or it has just been removed.
+
+    Args:
+        path: of the folder.
+        unlockable: whether a descriptor without a lock will do, on disks that know no locks.
+    """
+    try:
+        lock = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    except OSError:
+        return None
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(lock)
+        return None
+    except OSError:
+        if unlockable:
+            return lock
+        os.close(lock)
+        return None
+    if os.fstat(lock).st_nlink == 0 or not os.path.isdir(path):
+        os.close(lock)
+        return None
+    return lock
