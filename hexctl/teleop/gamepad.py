@@ -1,8 +1,7 @@
-"""Gamepads by the kernel's event files, `/dev/input/event*`: plugged in and out at any time.
+"""Gamepads by the kernel's event files, plugged in and out at any time.
 
-An event is 24 bytes, `struct input_event` of 64-bit Linux: two longs of time, type and code of 16 bits each,
-and a value of 32 bits. Codes are those of linux/input-event-codes.h, which the drivers of Xbox, PlayStation
-and Nintendo pads keep to.
+Codes are those of linux/input-event-codes.h, which the drivers of Xbox, PlayStation and Nintendo pads keep
+to.
 """
 
 import fcntl
@@ -15,11 +14,9 @@ from typing import Any
 
 from hexctl.control.drive.arbiter import VelocitySource
 from hexctl.errors import InputError, argument
+from hexctl.teleop.event_file import EV_ABS, EV_KEY, EV_SYN, EventFile, EventFiles
 from hexctl.teleop.keyboard import Share
 
-EVENT = struct.Struct("llHHi")
-
-EV_SYN, EV_KEY, EV_ABS = 0, 1, 3
 SYN_DROPPED = 3
 
 #: Axes: left stick, right stick, the cross.
@@ -39,12 +36,6 @@ DEAD = 0.1
 
 #: Range of an axis whose driver does not tell it.
 USUAL_RANGE = (-32768, 32767)
-
-#: How often a gamepad is looked for while there is none.
-LOOK_S = 1.0
-
-#: Bytes of one read.
-MOST_BYTES = 64 * EVENT.size
 
 
 def find_gamepads(devices: Path = Path("/dev/input"), known: Path = Path("/sys/class/input")) -> list[Path]:
@@ -94,7 +85,7 @@ def axis_range(descriptor: int, axis: int) -> tuple[int, int]:
 
 
 class GamepadEvents:
-    """What is held on a gamepad, from the bytes of its events.
+    """What is held on a gamepad, from its events.
 
     Args:
         descriptor: of its open event file, which tells the ranges of its axes; None for the usual ones.
@@ -111,7 +102,6 @@ class GamepadEvents:
         }
         self._shares = dict.fromkeys(self._ranges, 0.0)
         self._holds: set[int] = set()
-        self._rest = b""
         self.pressed: list[str] = []
 
     @property
@@ -125,15 +115,8 @@ class GamepadEvents:
         # Sticks count right and down as positive.
         return -self._shares[ABS_Y], -self._shares[ABS_X], -self._shares[ABS_RX]
 
-    def feed(self, data: bytes) -> None:
-        """Take bytes of events; the beginning of one waits for its end."""
-        data = self._rest + data
-        whole = len(data) - len(data) % EVENT.size
-        self._rest = data[whole:]
-        for _, _, kind, code, value in EVENT.iter_unpack(data[:whole]):
-            self._take(kind, code, value)
-
-    def _take(self, kind: int, code: int, value: int) -> None:
+    def take(self, kind: int, code: int, value: int) -> None:
+        """Take an event."""
         if kind == EV_SYN and code == SYN_DROPPED:
             # Events were lost: what is held is not known until it is pressed again.
             self._holds.clear()
@@ -181,22 +164,23 @@ class Gamepad:
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self._source, self._share, self._ask = source, share, ask
-        self._find = find if path is None else lambda: [path]
-        self._now_s, self._look_at_s = now_s, -LOOK_S
-        self._descriptor: int | None = None
+        self._files = EventFiles(find if path is None else lambda: [path], most=1, now_s=now_s)
+        self._file: EventFile | None = None
         self._events = GamepadEvents()
         self._driving, self._forgets = False, source.forgets
 
     @property
     def connected(self) -> bool:
         """Whether there is a gamepad now."""
-        return self._descriptor is not None
+        return bool(self._files.opened)
 
     def poll(self) -> None:
         """Take the events since the last tick."""
-        if self._descriptor is None and not self._look():
-            return
-        self._read()
+        self._files.look()
+        self._follow()
+        for event in self._files.events():
+            self._events.take(*event)
+        self._follow()
         for request in self._events.pressed:
             self._ask(request)
         self._events.pressed.clear()
@@ -215,38 +199,12 @@ class Gamepad:
 
     def close(self) -> None:
         """Let go of the gamepad."""
-        if self._descriptor is not None:
-            os.close(self._descriptor)
-            self._descriptor = None
-        self._events = GamepadEvents()
+        self._files.close()
+        self._follow()
 
-    def _look(self) -> bool:
-        """Open a gamepad if there is one; whether there is."""
-        now_s = self._now_s()
-        if now_s - self._look_at_s < LOOK_S:
-            return False
-        self._look_at_s = now_s
-        for path in self._find():
-            try:
-                descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
-            except OSError:
-                continue
-            self._descriptor = descriptor
-            self._events = GamepadEvents(descriptor)
-            return True
-        return False
-
-    def _read(self) -> None:
-        while self._descriptor is not None:
-            try:
-                data = os.read(self._descriptor, MOST_BYTES)
-            except BlockingIOError:
-                return
-            except OSError:
-                data = b""
-            if not data:
-                self.close()
-                return
-            self._events.feed(data)
-            if len(data) < MOST_BYTES:
-                return
+    def _follow(self) -> None:
+        """Know nothing of what is held once the gamepad is another one, or has gone."""
+        file = next(iter(self._files.opened.values()), None)
+        if file is not self._file:
+            self._file = file
+            self._events = GamepadEvents(None if file is None else file.descriptor)

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from hexctl.control.drive.arbiter import Arbiter, Decision, Velocity
 from hexctl.errors import InputError
-from hexctl.teleop.gamepad import EVENT, Gamepad, GamepadEvents, check_gamepad, find_gamepads
+from hexctl.teleop.event_file import EVENT
+from hexctl.teleop.gamepad import Gamepad, GamepadEvents, check_gamepad, find_gamepads
 
 HOLD, STICK_Y, STICK_X, TURN = (1, 310), (3, 1), (3, 0), (3, 3)
 
@@ -43,7 +44,7 @@ class Pad:
         # Both ends: a pipe without a writer reads as ended.
         both = os.open(self.path, os.O_RDWR)
         self.writing = os.open(self.path, os.O_WRONLY)
-        self.pad._look()
+        self.pad._files.look()
         os.close(both)
 
     def plug_out(self) -> None:
@@ -123,10 +124,14 @@ def test_events_may_come_in_parts_and_buttons_ask(pad: Pad) -> None:
     assert pad.arbiter.decide().source == "gamepad"
 
 
-@given(st.binary(max_size=400))
-def test_whatever_bytes_come_shares_stay_shares(data: bytes) -> None:
+ANY_EVENT = st.binary(min_size=EVENT.size, max_size=EVENT.size).map(lambda data: EVENT.unpack(data)[2:])
+
+
+@given(st.lists(ANY_EVENT, max_size=16))
+def test_whatever_events_come_shares_stay_shares(taken: list[tuple[int, int, int]]) -> None:
     events = GamepadEvents()
-    events.feed(data)
+    for one in taken:
+        events.take(*one)
     assert all(-1 <= share <= 1 for share in events.shares)
 
 

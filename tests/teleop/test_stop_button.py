@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from hexctl.teleop.gamepad import ABS_X, BTN_EAST, BTN_SOUTH, EV_ABS, EV_KEY, EVENT
+from hexctl.teleop.event_file import EV_ABS, EV_KEY, EVENT
+from hexctl.teleop.gamepad import ABS_X, BTN_EAST, BTN_SOUTH
 from hexctl.teleop.stop_button import StopButton
 
 

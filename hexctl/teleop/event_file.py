@@ -1,0 +1,119 @@
+"""Event files of the kernel, `/dev/input/event*`, whose devices may be plugged in and out at any time.
+
+An event is 24 bytes, `struct input_event` of 64-bit Linux: two longs of time, type and code of 16 bits each,
+and a value of 32 bits.
+"""
+
+import os
+import struct
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+EVENT = struct.Struct("llHHi")
+
+#: Type, code and value.
+Event = tuple[int, int, int]
+
+EV_SYN, EV_KEY, EV_ABS = 0, 1, 3
+
+#: How often devices are looked for.
+LOOK_S = 1.0
+
+#: Bytes of one read, and reads at a time.
+MOST_BYTES, MOST_READS = 64 * EVENT.size, 64
+
+
+class EventFile:
+    """An open event file.
+
+    Raises OSError where it cannot be opened.
+
+    Attributes:
+        descriptor: of the file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+        self._rest = b""
+
+    def events(self) -> Iterator[Event]:
+        """Events since the last time; never waits. The beginning of one is kept for its end.
+
+        Raises OSError when the device has gone.
+        """
+        for _ in range(MOST_READS):
+            try:
+                data = os.read(self.descriptor, MOST_BYTES)
+            except BlockingIOError:
+                return
+            if not data:
+                raise OSError("the device has gone")
+            yield from self._whole(self._rest + data)
+            if len(data) < MOST_BYTES:
+                return
+
+    def close(self) -> None:
+        """Let go of the file."""
+        os.close(self.descriptor)
+
+    def _whole(self, data: bytes) -> Iterator[Event]:
+        end = len(data) - len(data) % EVENT.size
+        self._rest = data[end:]
+        for _, _, kind, code, value in EVENT.iter_unpack(data[:end]):
+            yield kind, code, value
+
+
+class EventFiles:
+    """Event files that are looked for once a second, and let go of when their devices are pulled out.
+
+    Args:
+        find: finds event files.
+        most: how many are open at a time; None for all.
+        now_s: monotonic time.
+
+    Attributes:
+        opened: the files that are open, by path.
+    """
+
+    def __init__(
+        self,
+        find: Callable[[], list[Path]],
+        *,
+        most: int | None = None,
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._find, self._most = find, most
+        self._now_s, self._look_at_s = now_s, -LOOK_S
+        self.opened: dict[Path, EventFile] = {}
+
+    def look(self) -> None:
+        """Open what has been plugged in."""
+        now_s = self._now_s()
+        if now_s - self._look_at_s < LOOK_S or self._full:
+            return
+        self._look_at_s = now_s
+        for path in self._find():
+            if path in self.opened or self._full:
+                continue
+            try:
+                self.opened[path] = EventFile(path)
+            except OSError:
+                continue
+
+    def events(self) -> Iterator[Event]:
+        """Events of all files since the last time; never waits."""
+        for path, file in list(self.opened.items()):
+            try:
+                yield from file.events()
+            except OSError:
+                self.opened.pop(path).close()
+
+    def close(self) -> None:
+        """Let go of all files."""
+        while self.opened:
+            self.opened.popitem()[1].close()
+
+    @property
+    def _full(self) -> bool:
+        return self._most is not None and len(self.opened) >= self._most
