@@ -17,6 +17,7 @@ REALTIME = (
     "tests/cli/bus/test_servos.py",
     "tests/serve/test_keeper.py",
     "tests/serve/test_link_faults.py",
+    "tests/serve/test_standstill.py",
     "tests/faults/test_relay.py",
     "tests/faults/test_command.py",
     "tests/serve/test_steered_link.py",

@@ -16,6 +16,30 @@ PERIOD_S = 0.02
 NAP_S = 0.0003
 
 
+#: Between two ticks: a robot at the other end takes it for silence.
+STANDSTILL_S = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class Standstill:
+    """A time in which this program should have ticked and did not.
+
+    Attributes:
+        duration_s: how long it was.
+        ended_s: when it ended, on time.monotonic; long ago unless given.
+    """
+
+    duration_s: float
+    ended_s: float = -math.inf
+
+    def __str__(self) -> str:
+        """What happened, for people."""
+        return (
+            f"this program stood still for {self.duration_s:.1f} s: it was stopped, or this computer kept it "
+            "waiting"
+        )
+
+
 @dataclass(frozen=True, slots=True)
 class Tick:
     """One point of a clock's grid.
@@ -46,7 +70,10 @@ class Clock(ABC):
     Attributes:
         period_s: time between two grid points.
         overruns: grid points missed so far because a tick took too long.
+        standstill: the last time in which this program stood still, or None.
     """
+
+    standstill: Standstill | None = None
 
     def __init__(self, period_s: float = PERIOD_S) -> None:
         self.period_s = period_s
@@ -69,6 +96,11 @@ class Clock(ABC):
     def due_in_s(self) -> float:
         """How long the next `tick` would wait; 0 where it does not wait or that is unknown."""
         return 0.0
+
+    def standing_still(self) -> Standstill | None:
+        """A standstill in which the tick of now was lost, or the last one if it has just ended."""
+        last = self.standstill
+        return last if last is not None and time.monotonic() - last.ended_s < STANDSTILL_S else None
 
     @abstractmethod
     def pause(self) -> None:
@@ -116,6 +148,13 @@ class WallClock(Clock):
         """Count no overruns for the time until the next tick."""
         self._paused = True
 
+    def standing_still(self) -> Standstill | None:
+        """A standstill in which the tick of now was lost, or the last one if it has just ended."""
+        passed_s = self.now_s - self._index * self.period_s
+        if self._index and not self._paused and passed_s > STANDSTILL_S:
+            return Standstill(passed_s, time.monotonic())
+        return super().standing_still()
+
     def tick(self) -> Tick:
         """The next grid point, after sleeping until it; points already missed are skipped."""
         if self._origin_s is None:
@@ -123,6 +162,7 @@ class WallClock(Clock):
         due = self._index + 1
         newest = math.floor(self.now_s / self.period_s)
         if newest > due:
+            self.standstill = self.standing_still() or self.standstill
             self.overruns += 0 if self._paused else newest - due
             due = newest
         self._paused = False
@@ -164,8 +204,12 @@ class CountedClock(Clock):
         """The next tick of the wrapped clock, counted."""
         tick = self._clock.tick()
         self.ticks += 1
-        self.overruns = self._clock.overruns
+        self.overruns, self.standstill = self._clock.overruns, self._clock.standstill
         return tick
+
+    def standing_still(self) -> Standstill | None:
+        """Standstill of the wrapped clock."""
+        return self._clock.standing_still()
 
 
 def request_realtime_priority(priority: int = 10) -> bool:

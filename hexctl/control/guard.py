@@ -13,6 +13,7 @@ from types import TracebackType
 import numpy as np
 
 from hexctl.backends.base import LegServos, ServosWrapper, check_targets
+from hexctl.backends.clock import Standstill
 from hexctl.control.position_check import PositionCheck
 from hexctl.errors import (
     CommandRefusedError,
@@ -137,6 +138,7 @@ class Guard(ServosWrapper):
             came); the reason that the robot's own guard gives; or the reason given to `stop`.
         leaning_ticks: for how many ticks the body has leant too far.
         positions: judges the positions; in the state one that is not believed is None.
+        standstill: why the guard stopped or refused for lateness where it was this program's own, or None.
     """
 
     def __init__(
@@ -173,6 +175,7 @@ class Guard(ServosWrapper):
         self.positions = PositionCheck()
         self._seen_at_s: dict[str, float] = {}
         self.leaning_ticks = 0
+        self.standstill: Standstill | None = None
 
     @property
     def expects_commands(self) -> bool:
@@ -258,6 +261,8 @@ class Guard(ServosWrapper):
 
         May be called from any thread.
         """
+        if reason in ("expired", "state"):
+            self._note_standstill()
         with self._latch:
             silence, heat = self.stopped == "expired", reason.startswith(HOT)
             outweighs = reason != "expired" and (silence or (self.hot and not heat))
@@ -328,6 +333,10 @@ class Guard(ServosWrapper):
         self._accepted_at_s = now_s
         return sent
 
+    def _note_standstill(self) -> None:
+        """Note where silence is this program's own."""
+        self.standstill = self.clock.standing_still() or self.standstill
+
     def _forget(self) -> None:
         """Know of no command, no pose and no fall, as before the first one."""
         self._accepted_rad = self._accepted_at_s = self._baseline_rad = None
@@ -357,6 +366,7 @@ class Guard(ServosWrapper):
             check_targets(targets)
             age_s = now_s - targets.stamp_s
             if not -self._period_s <= age_s <= self._expiry_s:  # false for nan too
+                self._note_standstill()
                 raise CommandRefusedError(
                     f"targets: got {age_s:.3f} s old; allowed: 0 to {self._expiry_s:g} s"
                 )

@@ -344,6 +344,7 @@ class Run:
             "ideal_yaw_change_deg": math.degrees(plan.turn_rate_rad_s * trial.duration_s),
             "ticks": len(log),
             "overruns": guard.clock.overruns,
+            "standstill_s": None if guard.standstill is None else round(guard.standstill.duration_s, 1),
             "refused_commands": guard.counters.refused,
             "positions_doubted": guard.positions.doubted,
             "servo_link": guard.link_counts or None,

@@ -38,6 +38,7 @@ class EventLog:
         self._warnings: tuple[str, ...] = ()
         self._ros: str | None = None
         self._doubt: str | None = None
+        self._standstill: str | None = None
 
     def note(
         self,
@@ -49,11 +50,16 @@ class EventLog:
         warnings: tuple[str, ...] = (),
         ros: str | None = None,
         doubt: str | None = None,
+        standstill: str | None = None,
     ) -> None:
         """Report what differs from the last call, and a fault that is over while its stop is latched.
 
-        `ros` is a line on the ROS router, `doubt` one on a position that is not believed.
+        `ros` is a line on the ROS router, `doubt` one on a position that is not believed, `standstill` one
+        on this program itself, which comes before what followed from it.
         """
+        if standstill is not None and standstill != self._standstill:
+            self._put(standstill)
+        self._standstill = standstill
         if doubt is not None and doubt != self._doubt:
             self._put(doubt)
         self._doubt = doubt

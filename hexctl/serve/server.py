@@ -5,12 +5,11 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
-from hexctl.backends.base import LegServos, ServosWrapper
+from hexctl.backends.base import LegServos
 from hexctl.control.guard import EXPIRY_S, Guard
-from hexctl.errors import CommandRefusedError, EStopError, HexctlError, MessageError, RobotFaultError
-from hexctl.robot.failure import Failure
+from hexctl.errors import CommandRefusedError, EStopError, MessageError, RobotFaultError
 from hexctl.serve.commands import CommandHandler
 from hexctl.serve.event_log import EventLog
 from hexctl.serve.idle import SIT_AFTER_S, IdleSupervisor
@@ -18,6 +17,7 @@ from hexctl.serve.inbox import CAPACITY, Arrival, Inbox
 from hexctl.serve.leases import LeaseManager, RequestHandler
 from hexctl.serve.own_poses import OwnPoses
 from hexctl.serve.ros.snapshot import RobotSnapshot
+from hexctl.serve.served_servos import ServedServos
 from hexctl.serve.stops.at_rest import RestWatch
 from hexctl.serve.stops.latch import StopLatch
 from hexctl.serve.stops.stop import ESTOP
@@ -33,107 +33,6 @@ from hexctl.wire.pose import decode_pose, encode_pose
 if TYPE_CHECKING:
     from hexctl.serve.ros.bridge import RosBridge
     from hexctl.serve.ros.driver import RosDriver
-
-Answer = TypeVar("Answer")
-
-
-class ServedServos(ServosWrapper):
-    """Servos behind a server: they may get their pose from outside, and every fault of theirs is named.
-
-    A pose from outside, such as motion capture, replaces the robot's own, both halves of it: the two are in
-    frames of their own, and a position of one with a yaw of the other would be a pose in neither. Falls are
-    still judged by the robot's own orientation, where it has one (`tilt_of`). A pose that stops coming is
-    lost, which the guard notices.
-
-    Whatever the servos raise becomes a RobotFaultError that says which call failed and why: an exception that
-    a driver does not expect ends `serve` as a fault, not as a traceback.
-    """
-
-    def __init__(self, servos: LegServos) -> None:
-        super().__init__(servos)
-        self._pose: tuple[FloatArray | None, FloatArray | None] | None = None
-        self._pose_at_s = 0.0
-        self._own_quaternion: FloatArray | None = None
-
-    @property
-    def posed_from_outside(self) -> bool:
-        """Whether a pose from outside has replaced the robot's own."""
-        return self._pose is not None
-
-    @property
-    def posed_at_s(self) -> float | None:
-        """When the newest pose from outside came, on time.monotonic; None while there was none."""
-        return None if self._pose is None else self._pose_at_s
-
-    @property
-    def own_orientation(self) -> FloatArray | None:
-        """Orientation (4,) that the robot itself measured in the state that was read last, or None."""
-        return self._own_quaternion
-
-    def tilt_of(self, state: RobotState) -> FloatArray | None:
-        """Orientation (4,) by which falls are judged in the state that was read last, or None.
-
-        It is the robot's own, from which roll and pitch are known in any frame, else the one from outside.
-        """
-        return state.base_quaternion_world if self._own_quaternion is None else self._own_quaternion
-
-    def set_pose(
-        self, position_world: FloatArray | None, quaternion_world: FloatArray | None, at_s: float
-    ) -> None:
-        """Set the pose from outside.
-
-        Args:
-            position_world: (3,) in m, or None where unknown.
-            quaternion_world: (w, x, y, z), or None where unknown.
-            at_s: time of arrival on time.monotonic.
-        """
-        self._pose, self._pose_at_s = (position_world, quaternion_world), at_s
-
-    def connect(self) -> None:
-        """Connect the servos."""
-        self._call("connect", super().connect)
-
-    def read(self) -> RobotState:
-        """State of the servos, with the pose from outside once there was one."""
-        state = self._call("read", super().read)
-        self._own_quaternion = state.base_quaternion_world
-        if self._pose is None:
-            return state
-        fresh = time.monotonic() - self._pose_at_s <= EXPIRY_S
-        position, quaternion = self._pose if fresh else (None, None)
-        return replace(state, base_position_world=position, base_quaternion_world=quaternion)
-
-    def write(self, targets: JointTargets) -> JointTargets:
-        """Write to the servos."""
-        return self._call("write", lambda: self.wrapped.write(targets))
-
-    def pause_watchdog(self) -> None:
-        """Expect no command until the next one."""
-        self._call("pause_watchdog", super().pause_watchdog)
-
-    def disable_torque(self) -> bool:
-        """Switch off the torque of the servos."""
-        return self._call("disable_torque", super().disable_torque)
-
-    def change_leg(self, leg: int, failure: Failure | None) -> None:
-        """Let a leg of a simulation fail now, or heal for None."""
-        self._call("change_leg", lambda: self.wrapped.change_leg(leg, failure))
-
-    def close(self) -> None:
-        """Close the servos and drop the pose."""
-        self._pose = self._own_quaternion = None
-        self._call("close", super().close)
-
-    def _call(self, name: str, method: Callable[[], Answer]) -> Answer:
-        try:
-            return method()
-        except HexctlError:
-            raise
-        except Exception as error:
-            servos = type(self.unwrapped).__name__
-            reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-            raise RobotFaultError(f"the servos failed: {servos}.{name} raised {reason}") from error
-
 
 #: No command is taken up in this time before a tick is due, so that the tick is not late.
 SPARE_S = 0.0003
@@ -351,7 +250,7 @@ class RobotServer:
 
     def _log_changes(self) -> None:
         """Report changes of controller, stop and posture to the operator."""
-        lease = self._leases.holder(time.monotonic())
+        lease, standstill = self._leases.holder(time.monotonic()), self._guard.clock.standstill
         self._event_log.note(
             controller=None if lease is None else lease.owner,
             stopped=self._guard.stopped,
@@ -360,6 +259,7 @@ class RobotServer:
             warnings=() if self._state is None else self._state.warnings,
             ros=None if self._ros is None else self._ros.condition,
             doubt=self._guard.positions.doubt(self._guard.clock.now_s),
+            standstill=None if standstill is None else str(standstill),
         )
 
     def _publish(self, state: RobotState) -> None:

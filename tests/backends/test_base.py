@@ -13,7 +13,7 @@ from hexctl.control.guard import Guard
 from hexctl.errors import InputError, WrongTypeError
 from hexctl.robot.configs import config_root
 from hexctl.robot.failure import Failure
-from hexctl.serve.server import ServedServos
+from hexctl.serve.served_servos import ServedServos
 from hexctl.testing import LegServosConformance
 from hexctl.types import JointTargets
 from tests.backends.fake_time import FakeTime

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from hexctl.backends.base import LegServos, TruePose, as_robot, check_connected, check_targets
-from hexctl.backends.clock import Clock, Tick, WallClock
+from hexctl.backends.clock import Clock, Standstill, Tick, WallClock
 from hexctl.backends.sim.actuators import ActuatorModel
 from hexctl.backends.sim.effort import JointTorques
 from hexctl.backends.sim.failure import FailuresToCome, held_rad, jammed_angles_rad
@@ -50,12 +50,16 @@ class SimClock(Clock):
         if self._pace is not None:
             self._pace.pause()
 
+    def standing_still(self) -> Standstill | None:
+        """Standstill of the pace."""
+        return None if self._pace is None else self._pace.standing_still()
+
     def tick(self) -> Tick:
         """The next point in simulated time, after stepping the physics by one period."""
         late_s = 0.0
         if self._pace is not None:
             late_s = self._pace.tick().late_s
-            self.overruns = self._pace.overruns
+            self.overruns, self.standstill = self._pace.overruns, self._pace.standstill
         self._step()
         self._index += 1
         return Tick(self._index, self._index * self.period_s, late_s)

@@ -297,8 +297,13 @@ class ZenohServos(LegServos):
         """
         check_connected(self._opened is not None, WHO)
         if self._snapshot is None or self._snapshot[0] != self._clock.ticks:
-            state = self._subscriber.newest(self._clock.now_s)
-            self._check_ours(state)
+            try:
+                state = self._subscriber.newest(self._clock.now_s)
+                self._check_ours(state)
+            except RobotFaultError as error:
+                if (why := self._clock.standing_still()) is None:
+                    raise
+                raise RobotFaultError(f"{why}, and the robot stopped without its commands") from error
             self._snapshot = (self._clock.ticks, state)
         return self._snapshot[1].copy()
 

@@ -26,7 +26,7 @@ def summary(outcome: dict[str, Any]) -> list[RenderableType]:
         *_posture_rows(outcome["gait"]),
         *_distance_rows(outcome),
         *_failure_rows(outcome),
-        ("status", outcome["status"] + why_in_words(outcome["stopped"]) + _cause(outcome.get("cause"))),
+        ("status", _status(outcome)),
         ("guard", _clipped(outcome["clipped_ticks"]) + _doubted(outcome.get("positions_doubted", 0))),
         *([("link", link)] if link else []),
         (
@@ -55,6 +55,12 @@ def _failure_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
     if events or noticed:
         rows.append(("noticed", "; ".join(noticed) or "nothing"))
     return rows
+
+
+def _status(outcome: dict[str, Any]) -> str:
+    """How the walk ended, and why."""
+    why = why_in_words(outcome["stopped"], outcome.get("standstill_s"))
+    return outcome["status"] + why + _cause(outcome.get("cause"))
 
 
 def _cause(cause: str | None) -> str:

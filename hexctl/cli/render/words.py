@@ -2,9 +2,11 @@
 
 from collections.abc import Mapping
 
+from hexctl.backends.clock import Standstill
+
 #: Where to look after a stop that the user did not request.
 HINTS = {
-    "state": "the robot's state did not come, or not in time; is the robot still there?",
+    "state": "the robot's state did not come in time: the link, or the program that serves it, was silent",
     "expired": "commands did not reach the robot in time; a busy computer, or a bad link",
     "pose lost": "the robot no longer says where it is",
     "estop": "hexctl estop --clear when it may move again",
@@ -12,10 +14,17 @@ HINTS = {
 }
 
 
-def why_in_words(stopped: str | None) -> str:
-    """Why a robot was stopped, and where to look, behind what it is told of; nothing for None."""
+def why_in_words(stopped: str | None, standstill_s: float | None = None) -> str:
+    """Why a robot was stopped, and where to look, behind what it is told of; nothing for None.
+
+    Args:
+        stopped: why it was stopped.
+        standstill_s: how long this program stood still before that, or None where it kept time.
+    """
     if stopped is None:
         return ""
+    if standstill_s is not None:
+        return f" ({stopped}): {Standstill(standstill_s)}"
     hint = HINTS.get(stopped.partition(":")[0])
     return f" ({stopped})" if hint is None else f" ({stopped}): {hint}"
 

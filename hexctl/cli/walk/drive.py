@@ -254,10 +254,17 @@ def _kept_once_driven(record: Path | None) -> Iterator[Callable[[], None]]:
             record.unlink(missing_ok=True)
 
 
+def _why(drive: "Drive", stopped: str) -> str:
+    """Why the robot was stopped, in words."""
+    from hexctl.cli.render.words import why_in_words
+
+    standstill = drive.guard.standstill
+    return why_in_words(stopped, None if standstill is None else standstill.duration_s)
+
+
 def _drive(stack: ExitStack, drive: "Drive", wanted: _Wanted, keep: Callable[[], None]) -> int:
     """Connect, drive, and say how it ended; the exit code."""
     from hexctl.backends.clock import request_realtime_priority
-    from hexctl.cli.render.words import why_in_words
     from hexctl.teleop.session import DriveSession
 
     session = DriveSession(drive)
@@ -274,7 +281,7 @@ def _drive(stack: ExitStack, drive: "Drive", wanted: _Wanted, keep: Callable[[],
             why = session.run(devices, interrupt.requested)
     except EStopError:
         why = drive.guard.stopped or "stopped"
-        _say(f"\nhexctl: the robot has stopped{why_in_words(why)}")
+        _say(f"\nhexctl: the robot has stopped{_why(drive, why)}")
         return code_of_stop(why)
     _say(f"\nhexctl: {'ended' if why == 'q' else why}; the robot stands")
     return INTERRUPTED if why == "interrupted" else DONE
