@@ -60,7 +60,7 @@ def _failure_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
 def _status(outcome: dict[str, Any]) -> str:
     """How the walk ended, and why."""
     why = why_in_words(outcome["stopped"], outcome.get("standstill_s"))
-    return outcome["status"] + why + _cause(outcome.get("cause"))
+    return f"{outcome['status']}{why}{_cause(outcome.get('cause'))}"
 
 
 def _cause(cause: str | None) -> str:

@@ -17,7 +17,7 @@ from typing import Self
 
 import numpy as np
 
-from hexctl.teleop.gamepad import EVENT
+from hexctl.teleop.event_file import EVENT
 from hexctl.waiting import wait_for
 from tests.serve.processes import RECORDED, ROOT
 from tests.serve.recorded import VARIABLE, ServoLog

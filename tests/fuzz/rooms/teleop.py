@@ -11,7 +11,8 @@ from websockets.http11 import Request
 
 from hexctl.control.drive.arbiter import Arbiter, Velocity
 from hexctl.see.video.mjpeg import _Handler
-from hexctl.teleop.gamepad import EVENT, GamepadEvents, _bits
+from hexctl.teleop.event_file import EVENT, EventFiles
+from hexctl.teleop.gamepad import GamepadEvents, _bits
 from hexctl.teleop.keyboard import Keyboard
 from hexctl.teleop.page import SOCKET_PATH, TOKEN_PREFIX, VIEW_PATH, DrivePage, PageAddress
 from hexctl.teleop.stop_button import StopButton
@@ -45,19 +46,21 @@ def _keys(data: bytes) -> None:
 
 
 def _gamepad(data: bytes) -> None:
-    """Feed events in two parts, to a drive and to a stop."""
+    """Read events from a file, for a drive and for a stop."""
     events = GamepadEvents()
-    middle = len(data) // 2
-    for part in (data[:middle], data[middle:]):
-        events.feed(part)
-        assert all(-1 <= share <= 1 for share in events.shares)
-        _ = events.held
-    assert set(events.pressed) <= {"stop", "stand", "sit", "gait", "up", "down"}
-    if len(data) % 8 == 0:
-        with written("event0", data) as path:
+    with written("event0", data) as path:
+        files = EventFiles(lambda: [path], now_s=lambda: 0.0)
+        files.look()
+        for event in files.events():
+            events.take(*event)
+            assert all(-1 <= share <= 1 for share in events.shares)
+            _ = events.held
+        files.close()
+        if len(data) % 8 == 0:
             button = StopButton(find=lambda: [path], now_s=lambda: 0.0)
             button.pressed()
             button.close()
+    assert set(events.pressed) <= {"stop", "stand", "sit", "gait", "up", "down"}
 
 
 def _capabilities(data: bytes) -> None:
