@@ -26,6 +26,7 @@ TOGETHER = {
     "serve/test_lockout.py",
     "serve/test_soak.py",
     "serve/test_steered_link.py",
+    "serve/test_standstill.py",
     "study/transfer/test_benchmark.py",
 }
 
