@@ -105,7 +105,7 @@ pictures: $(INSTALLED)
 soak: $(INSTALLED)
 	$(BIN)/pytest -m soak
 
-# Whichever of both is over first ends a decoder; all of them take about 50 minutes.
+# Whichever of both is over first ends a decoder; all of them take up to 80 minutes.
 INPUTS ?= 1000000
 SECONDS ?= 60
 fuzz: $(INSTALLED)
