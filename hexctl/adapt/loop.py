@@ -15,6 +15,7 @@ from hexctl.adapt.sessions.session import BASELINE_INDEX, BaselineRecord, Sessio
 from hexctl.adapt.sessions.store import SessionStore
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.preparation import StopRequested, never
+from hexctl.control.stop_reason import reason_in_words
 from hexctl.control.trial import Enough
 from hexctl.errors import HexctlError, InputError, RecordingError, argument
 from hexctl.gait.encoding import Slots
@@ -207,7 +208,7 @@ class AdaptLoop:
             reason = result.stopped or "for no known reason"
             if legs := tuple(one.failure.leg for one in noticed_legs(result)):
                 raise LegFailedError(f"{what} does not count: {reason}", reason, legs)
-            raise RobotStoppedError(f"{what}: the robot was stopped: {reason}", reason)
+            raise RobotStoppedError(f"{what}: the robot was stopped: {reason_in_words(reason)}", reason)
         return walked
 
     def _score(self, code: int, walked: WalkedTrial) -> float:

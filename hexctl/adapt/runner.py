@@ -17,6 +17,7 @@ from hexctl.control.monitor.recovery import make_policy
 from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import StopRequested, WalkStart, never
 from hexctl.control.result import TrialResult
+from hexctl.control.stop_reason import reason_in_words
 from hexctl.control.trial import Enough, ShouldStop, planned_walk, run_trial, stop_when
 from hexctl.errors import HexctlError, RobotFaultError
 from hexctl.gait.encoding import Slots
@@ -65,7 +66,7 @@ class LegFailedError(RobotStoppedError):
 def check_not_stopped(servos: Guard) -> None:
     """Raise RobotStoppedError for a robot that must not move before an operator has seen to it."""
     if servos.stopped is not None:
-        raise RobotStoppedError(f"the robot is stopped: {servos.stopped}", servos.stopped)
+        raise RobotStoppedError(f"the robot is stopped: {reason_in_words(servos.stopped)}", servos.stopped)
 
 
 #: Adds to a result before it is recorded.

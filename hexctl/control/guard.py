@@ -15,6 +15,7 @@ import numpy as np
 from hexctl.backends.base import LegServos, ServosWrapper, check_targets
 from hexctl.backends.clock import Standstill
 from hexctl.control.position_check import PositionCheck
+from hexctl.control.stop_reason import reason_in_words
 from hexctl.errors import (
     CommandRefusedError,
     EStopError,
@@ -244,7 +245,8 @@ class Guard(ServosWrapper):
         """
         if self.stopped is not None:
             self.counters.refused += 1
-            raise EStopError(f"stopped: {self.stopped}; clear it explicitly before the robot moves again")
+            why = reason_in_words(self.stopped)
+            raise EStopError(f"stopped: {why}; clear it (Guard.clear) before the robot moves again")
         return self._pass(targets)
 
     def write_while_timed_out(self, targets: JointTargets) -> JointTargets:
@@ -253,7 +255,7 @@ class Guard(ServosWrapper):
         Raises EStopError for any other stop, and otherwise what `write` raises.
         """
         if self.stopped not in (None, "expired") and not self.hot:
-            raise EStopError(f"stopped: {self.stopped}; the robot holds its pose")
+            raise EStopError(f"stopped: {reason_in_words(self.stopped)}; the robot holds its pose")
         return self._pass(targets)
 
     def stop(self, reason: str) -> None:

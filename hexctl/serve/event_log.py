@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 
+from hexctl.control.stop_reason import reason_in_words
+
 #: Lines that wait for a slow reader; further ones are dropped and counted.
 WAITING_LINES = 256
 
@@ -76,7 +78,9 @@ class EventLog:
         if controller != self._controller:
             self._put(f"commanded by {controller}" if controller else f"{self._controller} has left")
         if stopped != self._stopped:
-            self._put(f"STOPPED: {stopped}" if stopped else f"no longer stopped ({self._stopped})")
+            self._put(
+                f"STOPPED: {reason_in_words(stopped)}" if stopped else f"no longer stopped ({self._stopped})"
+            )
         if stopped is not None and stopped.startswith("fault:") and self._fault and fault is None:
             self._put(f"over, and still stopped ({self._fault}): hexctl estop --clear lets the robot move")
         self._fault = fault

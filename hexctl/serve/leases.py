@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from hexctl.control.guard import Guard
+from hexctl.control.stop_reason import reason_in_words
 from hexctl.errors import HexctlError, MessageError, RobotFaultError
 from hexctl.robot.failure_event import in_words_with_share, parse_failure_now, parse_healing
 from hexctl.serve.stops.latch import StopLatch
@@ -289,7 +290,8 @@ class RequestHandler:
         stopped = self._guard.stopped
         if stopped not in (None, LIFTED_BY_LEASE):
             self.leases.refused += 1
-            raise LeaseRefusedError(f"the robot is stopped: {stopped}; see to it, then hexctl estop --clear")
+            why = reason_in_words(stopped)
+            raise LeaseRefusedError(f"the robot is stopped: {why}; see to it, then hexctl estop --clear")
         lease = self.leases.acquire(owner, now_s, duration_s)
         if not self._guard.lift_silence():
             self.leases.revoke()

@@ -24,7 +24,7 @@ DATAGRAM_BYTES = _CONTENT.size + MAC_BYTES
 
 MARK_BYTES, EPOCH_BYTES, NONCE_BYTES, REQUEST_BYTES, ID_BYTES = 8, 16, 8, 8, 8
 
-#: Longest reason and name of a robot in bytes of UTF-8; the rest is cut off.
+#: Longest reason and name of a robot in bytes of UTF-8; the rest is cut off, in a reason with a mark.
 REASON_BYTES, ROBOT_BYTES = 54, 24
 
 NO_EPOCH, NO_REQUEST, NO_ID = bytes(EPOCH_BYTES), bytes(REQUEST_BYTES), bytes(ID_BYTES)
@@ -79,7 +79,7 @@ class StopDatagram:
             self.nonce,
             self.request,
             self.stop_id,
-            _cut(self.reason, REASON_BYTES),
+            _shortened(self.reason, REASON_BYTES),
             _cut(self.robot, ROBOT_BYTES),
         )
         return content + hmac.digest(secret, content, "sha256")
@@ -118,6 +118,14 @@ def mark_of(secret: bytes) -> bytes:
     They are made of the secret, which they do not give away, so that strangers do not know them.
     """
     return hmac.digest(secret, f"hexctl stop {VERSION}".encode(), "sha256")[:MARK_BYTES]
+
+
+def _shortened(text: str, most: int) -> bytes:
+    """A text for people in so many bytes; one that is cut off ends with an ellipsis."""
+    if len(text.encode()) <= most:
+        return text.encode()
+    mark = "…".encode()
+    return _cut(text, most - len(mark)) + mark
 
 
 def _cut(text: str, most: int) -> bytes:

@@ -48,7 +48,7 @@ def test_changes_are_told_once_and_in_order() -> None:
     assert reader.await_lines(6) == [
         "commanded by mia",
         "mia has left",
-        "STOPPED: expired",
+        "STOPPED: expired (no command came in time)",
         "holds its pose",
         "no longer stopped (expired)",
         "sits, joints limp",
@@ -98,7 +98,7 @@ def test_what_was_told_last_is_read_before_the_end() -> None:
     event_log = EventLog(reader.say)
     event_log.note(controller="mia", stopped="fell", posture="holding")
     event_log.close()
-    assert reader.lines == ["commanded by mia", "STOPPED: fell", "holds its pose"]
+    assert reader.lines == ["commanded by mia", "STOPPED: fell (its body leant too far)", "holds its pose"]
 
 
 def test_lines_that_were_left_out_are_counted() -> None:

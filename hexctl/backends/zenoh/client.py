@@ -355,7 +355,7 @@ class ZenohServos(LegServos):
         if lease is None or lease.lost is None or state.stopped is not None:
             return
         if time.monotonic() - lease.lost_at_s > STOP_REASON_TIMEOUT_S:
-            raise RobotFaultError(f"the robot is no longer ours: {lease.lost}")
+            raise RobotFaultError(f"this end no longer commands the robot: {lease.lost}")
 
     def _tag(self) -> bytes:
         """Attachment of the next command."""

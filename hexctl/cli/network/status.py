@@ -155,6 +155,8 @@ def _served_by(status: Status) -> str:
 
 
 def _stopped(status: Status) -> str:
+    from hexctl.control.stop_reason import MEANINGS
+
     reason = status.get("stopped")
     if reason is None:
         return "no"
@@ -163,7 +165,8 @@ def _stopped(status: Status) -> str:
         over = "that is over" if status.get("servos") is None else "they answer again"
         return f"FAULT:{detail}; {over}: hexctl estop --clear"
     which = _stop_in_words(status.get("stop"))
-    return f"{kind.upper()}{colon}{detail}{which}; {CLEARED_BY.get(kind, CLEARED)}"
+    meaning = f": {MEANINGS[kind]}" if kind in MEANINGS and not colon else ""
+    return f"{kind.upper()}{colon}{detail}{meaning}{which}; {CLEARED_BY.get(kind, CLEARED)}"
 
 
 def _stop_in_words(stop: object) -> str:

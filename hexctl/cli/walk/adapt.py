@@ -182,8 +182,10 @@ def adapt(
         typer.Option(
             "--backend",
             autocompletion=completion.backends,
-            help="What moves: sim, zenoh (a robot that hexctl serve puts on the network), mavlink (a servo "
-            "board), or package.module:Class for servos of your own. (default: sim)",
+            help="What moves: sim (simulation), zenoh (a robot that hexctl serve puts on the network), "
+            "mavlink (a servo board), dynamixel, feetech or lx16a (servos on a serial bus), servo2040 or "
+            "pca9685 (boards of hobby servos), mock (no robot), or package.module:Class (your own servos). "
+            "(default: sim)",
         ),
     ] = None,
     robot: Annotated[str | None, robot_option("ant")] = None,

@@ -3,6 +3,7 @@
 import math
 
 from hexctl.control.guard import TOO_HOT_C
+from hexctl.control.stop_reason import reason_in_words
 from hexctl.serve.ros.snapshot import RobotSnapshot
 from hexctl.types import JOINT_NAMES, RobotState, ServoReadings
 from hexctl.wire.ros.telemetry import DiagnosticStatus, Level
@@ -44,7 +45,7 @@ def _robot(snapshot: RobotSnapshot, node: str) -> DiagnosticStatus:
     if not state.age_s <= STALE_S:
         level, message = Level.STALE, state.fault or "nothing new was measured"
     if snapshot.stopped is not None:
-        level, message = Level.ERROR, f"stopped: {snapshot.stopped}"
+        level, message = Level.ERROR, f"stopped: {reason_in_words(snapshot.stopped)}"
     if not state.healthy:
         level, message = Level.ERROR, state.fault or "fault"
     values = {

@@ -167,7 +167,7 @@ def test_a_lease_that_is_lost_ends_the_controller(tmp_path: Path) -> None:
     with served(tmp_path, backend="mock") as robot, servos_of(robot) as servos:
         assert servos._lease is not None
         servos._lease._request("release")
-        with pytest.raises(RobotFaultError, match="no longer ours"):
+        with pytest.raises(RobotFaultError, match="no longer commands the robot"):
             read_for(servos, seconds=10)
 
 

@@ -64,7 +64,7 @@ def test_a_calm_robot() -> None:
 @pytest.mark.parametrize(
     ("changed", "row", "shown"),
     [
-        ({"stopped": "fell"}, "stopped", "FELL; hexctl estop --clear clears it"),
+        ({"stopped": "fell"}, "stopped", "FELL: its body leant too far; hexctl estop --clear clears it"),
         (
             {"stopped": "fault: low battery 9.5 V", "fault": "low battery 9.5 V"},
             "stopped",
@@ -85,7 +85,11 @@ def test_a_calm_robot() -> None:
             "stopped",
             "FAULT: low battery 9.5 V; that is over: hexctl estop --clear",
         ),
-        ({"stopped": "expired"}, "stopped", "EXPIRED; the next controller clears it"),
+        (
+            {"stopped": "expired"},
+            "stopped",
+            "EXPIRED: no command came in time; the next controller clears it",
+        ),
         ({"controller": "lab", "controller_since_s": 3.5}, "controller", "lab, for 3.5 s"),
         ({"battery_v": 11.13, "battery_share": 0.4}, "battery", "11.1 V, 40%"),
         ({"servos": SERVOS}, "servos", "up to 61 C (leg2_femur), 11.5 to 12.0 V"),

@@ -39,7 +39,7 @@ def test_all_is_well() -> None:
     [
         ({"warnings": ("leg 2: low voltage",)}, None, Level.WARN, "low voltage"),
         ({"age_s": np.inf}, None, Level.STALE, "nothing new"),
-        ({}, "fell", Level.ERROR, "stopped: fell"),
+        ({}, "fell", Level.ERROR, "stopped: fell (its body leant too far)"),
         ({"healthy": False, "fault": "no power"}, None, Level.ERROR, "no power"),
     ],
 )
