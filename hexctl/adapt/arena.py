@@ -134,8 +134,8 @@ def as_placed(plan: TrialPlan, robot: Robot) -> TrialPlan:
     return replace(plan, heading_rad=body_heading_rad(plan, robot), turn_rad=0.0)
 
 
-#: Why a walk was cut short.
-LEFT_THE_ARENA = "arena"
+#: Why a walk was cut short: at the edge of its arena, or as nobody knows where it is.
+LEFT_THE_ARENA, NO_POSITION = "arena", "no position"
 
 #: Checks ahead for which the position is predicted: a soft stop covers the distance of one interval between
 #: checks (it takes two, at half the speed), and until the next check it is not requested.
@@ -145,18 +145,29 @@ LOOKS_AHEAD = 2.0
 class Geofence:
     """Looks where the robot would come to a stand if nothing were said until the next look.
 
-    Attributes:
-        reached: whether that was outside.
+    It is the `should_stop` of a trial: of `run_trial`, `hexctl.run` and the trials of a session.
     """
 
-    def __init__(self, arena: Arena, also: ShouldStop | None = None) -> None:
-        """Watch a walk; `also` may end it for other reasons."""
-        self.reached = False
-        self._arena, self._also = arena, also
+    def __init__(self, arena: Arena | float, also: ShouldStop | None = None) -> None:
+        """Watch one walk.
 
-    def __call__(self, trace: Trace) -> bool:
-        """Whether the walk shall end; the `should_stop` of a trial."""
-        rows = trace.positions_world[-LOOK_TICKS - 1 :]
-        here, moved = rows[-1], rows[-1] - rows[0]
-        self.reached = bool(np.isfinite(moved).all()) and self._arena.leaves(here, here + LOOKS_AHEAD * moved)
-        return self.reached or (self._also is not None and self._also(trace))
+        Args:
+            arena: circle in which it stays; a number is its radius in m around where the walk begins.
+            also: may end the walk for other reasons.
+        """
+        self._arena: Arena | None = arena if isinstance(arena, Arena) else None
+        self._radius_m = arena.radius_m if isinstance(arena, Arena) else arena
+        self._also = also
+
+    def __call__(self, trace: Trace) -> bool | str:
+        """Why the walk shall end, or whether `also` says so."""
+        rows = trace.positions_world
+        if self._arena is None:
+            start = None if trace.frame is None else trace.frame.origin_world
+            if start is None or not np.isfinite(start).all():
+                return NO_POSITION
+            self._arena = Arena(home_m=(float(start[0]), float(start[1])), radius_m=self._radius_m)
+        here, moved = rows[-1], rows[-1] - rows[-LOOK_TICKS - 1 :][0]
+        if np.isfinite(moved).all() and self._arena.leaves(here, here + LOOKS_AHEAD * moved):
+            return LEFT_THE_ARENA
+        return self._also is not None and self._also(trace)

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 
-from hexctl.adapt.arena import LEFT_THE_ARENA, Arena, Geofence, aimed, as_placed
+from hexctl.adapt.arena import Arena, Geofence, aimed, as_placed
 from hexctl.adapt.measurement import Operator, measured, not_walked
 from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.optimizers.shipped import TRIM
@@ -109,15 +109,9 @@ class ResetFreeRunner:
         hindered = self._come_to_start(arena)
         if hindered is not None:
             return WalkedTrial(result=hindered)
-        geofence = Geofence(arena, stop_when(should_stop))
-
-        def completed(result: TrialResult) -> TrialResult:
-            at_edge = result.status == "cut_short" and geofence.reached
-            return replace(result, stopped=LEFT_THE_ARENA) if at_edge else result
-
         state = await_ready(self.servos)
         here = aimed(plan, self.runner.robot, state, arena)
-        return self.runner.walk_on(self.servos, here, index, code, geofence, completed)
+        return self.runner.walk_on(self.servos, here, index, code, Geofence(arena, stop_when(should_stop)))
 
     def _come_to_start(self, arena: Arena) -> TrialResult | None:
         """Walk away from the middle while a walk has no room; return what stopped the robot there, if any.

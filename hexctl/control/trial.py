@@ -46,8 +46,9 @@ LOOK_TICKS = 50
 #: What a stop request may be, for messages.
 STOP_REQUESTED = "a function without arguments that says whether to stop"
 
-#: Asked every `LOOK_TICKS` of a walk with the trace so far; True ends the walk early, as `cut_short`.
-ShouldStop = Callable[[Trace], bool]
+#: Asked every `LOOK_TICKS` of a walk with the trace so far; True, or the reason in a word, ends the walk
+#: early, as `cut_short`.
+ShouldStop = Callable[[Trace], bool | str]
 
 #: Judges a walk by its path so far, (T, 2); True when it has shown enough.
 Enough = Callable[[FloatArray], bool]
@@ -279,7 +280,9 @@ class _Trial:
                 self.status = "ok"
             elif self._should_stop is not None and (step + 1) // LOOK_TICKS > looks:
                 looks = (step + 1) // LOOK_TICKS
-                self.status = "cut_short" if self._should_stop(self.trace) else "aborted"
+                answer = self._should_stop(self.trace)
+                self.status = "cut_short" if answer else "aborted"
+                self.stopped = (answer or None) if isinstance(answer, str) else None
             self._requested = self.status == "aborted" and self._stop_requested()
             return self.status != "aborted" or self._requested
 

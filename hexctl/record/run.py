@@ -32,7 +32,7 @@ from hexctl.control.monitor.monitored_walk import watched_walk
 from hexctl.control.plan import AUTO_ROTATION, TrialPlan
 from hexctl.control.preparation import StopRequested, never
 from hexctl.control.result import TrialResult
-from hexctl.control.trial import run_trial
+from hexctl.control.trial import ShouldStop, run_trial
 from hexctl.control.walks.turning import check_plan, turn_needed_rad
 from hexctl.errors import InputError, MissingExtraError, argument, check_type
 from hexctl.record.run_spec import RunSpec, plan_of, spec_of
@@ -198,6 +198,7 @@ class Run:
         controller: "Controller | MakeController | None" = None,
         recorders: Sequence[Recorder] = (),
         stop_requested: StopRequested = never,
+        should_stop: ShouldStop | None = None,
     ) -> RunResult:
         """Walk as the spec says.
 
@@ -205,6 +206,7 @@ class Run:
             controller: walks instead of the plan's own walk, as in `run_trial`.
             recorders: take the ticks in blocks beside the recording; each fails alone.
             stop_requested: asked every tick; True ends the walk with a soft stop.
+            should_stop: looks at the walk once a second, as in `run_trial`, such as a `Geofence`.
 
         Raises RobotFaultError when the robot or its link fails. A fall, a stop or an incomplete recording is
         part of the result.
@@ -220,7 +222,9 @@ class Run:
         )
         began_s = time.perf_counter()
         walk = watched_walk(self._policy) if controller is None else controller
-        trial = run_trial(self._guard, self.plan, walk, kept, stop_requested=stop_requested)
+        trial = run_trial(
+            self._guard, self.plan, walk, kept, stop_requested=stop_requested, should_stop=should_stop
+        )
         outcome = self._outcome(trial, log, time.perf_counter() - began_s)
         error = kept.error_of(recording)
         if recording is not None and error is None:
@@ -408,6 +412,7 @@ def run(
     controller: "Controller | MakeController | None" = None,
     recorders: Sequence[Recorder] = (),
     stop_requested: StopRequested = never,
+    should_stop: ShouldStop | None = None,
     **options: Any,
 ) -> RunResult:
     """Walk once on any backend: `run(robot="phantomx", gait="tripod", duration_s=10)`.
@@ -417,6 +422,7 @@ def run(
         controller: walks instead of the plan's own walk, as in `run_trial`.
         recorders: take the ticks in blocks beside the recording; each fails alone.
         stop_requested: asked every tick; True ends the walk with a soft stop.
+        should_stop: looks at the walk once a second, as in `run_trial`, such as a `Geofence`.
         options: fields of `RunSpec`; `failed_leg=5, failure="limp"` say a failure in words, and
             `failed_leg=(2, 5), failure="limp,locked"` those of several legs; `record=False` leaves no
             recording.
@@ -428,4 +434,6 @@ def run(
     if spec is not None and options:
         raise InputError(f"run: got a spec and {', '.join(options)} too; allowed: one or the other")
     with Run(spec or spec_of(options)) as connected:
-        return connected.walk(controller=controller, recorders=recorders, stop_requested=stop_requested)
+        return connected.walk(
+            controller=controller, recorders=recorders, stop_requested=stop_requested, should_stop=should_stop
+        )

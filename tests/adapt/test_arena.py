@@ -7,9 +7,10 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from hexctl.adapt.arena import Arena, aimed, as_placed, body_heading_rad, check_radius
+from hexctl.adapt.arena import Arena, Geofence, aimed, as_placed, body_heading_rad, check_radius
 from hexctl.adapt.prior.prior import PriorKey
 from hexctl.control.plan import SELF_ROTATIONS, TrialPlan
+from hexctl.control.trace import Trace, TrialFrame
 from hexctl.control.walks.turning import check_plan, turn_needed_rad
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.gait.gait import make_gait
@@ -191,3 +192,34 @@ def test_the_prior_is_asked_the_same_whatever_way_a_trial_goes(self_rotation: st
 def test_a_robot_that_lost_its_pose_cannot_aim() -> None:
     with pytest.raises(RobotFaultError, match="no longer knows"):
         aimed(plan_of("rear"), ROBOT, RobotState(ROBOT.stance_angles_rad, 0.0, True), ARENA)
+
+
+def walked(start_m: float, to_m: float, *, ticks: int = 100) -> Trace:
+    """Trace of an even walk along x; NaN is a robot that does not know where it is."""
+    trace = Trace()
+    trace.frame = TrialFrame(np.array([start_m, 0.0, 0.1]), 0.0, 0.0)
+    trace.begin_phase("walk")
+    for tick, x_m in enumerate(np.linspace(start_m, to_m, ticks)):
+        known = None if math.isnan(x_m) else np.array([x_m, 0.0, 0.1])
+        trace.add(0.02 * tick, RobotState(ROBOT.stance_angles_rad, 0.0, True, base_position_world=known))
+    return trace
+
+
+@pytest.mark.parametrize(
+    ("start_m", "to_m", "why"),
+    [
+        (3.0, 3.4, False),
+        (3.0, 3.8, "arena"),
+        (3.0, 2.2, "arena"),
+        (math.nan, math.nan, "no position"),
+    ],
+)
+def test_a_fence_around_the_start_says_why_a_walk_ends(start_m: float, to_m: float, why: bool | str) -> None:
+    assert Geofence(1.0)(walked(start_m, to_m)) == why
+
+
+def test_a_fence_around_a_place_lets_a_robot_return_to_it() -> None:
+    assert Geofence(Arena(home_m=(0.0, 0.0), radius_m=1.0))(walked(3.0, 2.5)) is False
+    assert Geofence(Arena(home_m=(0.0, 0.0), radius_m=1.0))(walked(3.0, 3.5)) == "arena"
+    other = Geofence(Arena(home_m=(0.0, 0.0), radius_m=9.0), lambda _: True)
+    assert other(walked(3.0, 3.5)) is True

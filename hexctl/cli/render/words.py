@@ -9,6 +9,8 @@ HINTS = {
     "state": "the robot's state did not come in time: the link, or the program that serves it, was silent",
     "expired": "commands did not reach the robot in time; a busy computer, or a bad link",
     "pose lost": "the robot no longer says where it is",
+    "arena": "the walk was ended before it left the circle of --arena",
+    "no position": "--arena needs a robot that knows where it is",
     "estop": "hexctl estop --clear when it may move again",
     "fault": "see to it, then hexctl estop --clear",
 }

@@ -2,11 +2,15 @@
 
 import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from hexctl.cli.values import Range
+from hexctl.errors import InputError
+
+if TYPE_CHECKING:
+    from hexctl.adapt.arena import Geofence
 
 METRES = Range(low=0, above=True, unit="m")
 
@@ -37,6 +41,35 @@ ArenaOption = Annotated[
         "that its camera sees. (default: none, it wanders)",
     ),
 ]
+
+
+WalkArenaOption = Annotated[
+    Any,
+    typer.Option(
+        "--arena",
+        parser=arena_of,
+        metavar="METRES|FILE",
+        help=f"Stop softly before leaving a circle: the radius in metres, {METRES}, around where the walk "
+        "begins; or the place file of hexctl see, for the largest circle that its camera sees. "
+        "(default: none)",
+    ),
+]
+
+
+def geofence(arena: float | Path, robot: str, *, simulated: bool) -> "Geofence":
+    """What ends a walk at the edge of an arena; what a place file came to is told on stderr.
+
+    Raises InputError for files that are not allowed, for a simulation, whose floor is none that a camera
+    sees, and for a camera that sees no floor.
+    """
+    from hexctl.adapt.arena import Arena, Geofence
+
+    if not isinstance(arena, Path):
+        return Geofence(arena)
+    if simulated:
+        raise InputError(f"--arena: got {arena} with --backend sim; allowed: a radius, or another --backend")
+    fields = arena_fields(arena, robot)
+    return Geofence(Arena(home_m=tuple(fields["home_m"]), radius_m=fields["arena_m"]))
 
 
 def arena_fields(arena: float | Path | None, robot: str | None) -> dict[str, Any]:

@@ -50,6 +50,7 @@ from hexctl.cli.options.walk import (
     WalkRotationOption,
 )
 from hexctl.cli.progress import WithBar
+from hexctl.cli.see.arena import WalkArenaOption, geofence
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.values import number
 from hexctl.cli.walk.diagnose import Found, found_failure
@@ -59,6 +60,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from hexctl.control.log import Recorder, TickLog
+    from hexctl.control.trial import ShouldStop
     from hexctl.record.live import LiveView
     from hexctl.record.run import Run, RunResult
     from hexctl.record.run_spec import RunSpec
@@ -101,6 +103,7 @@ def run(
     self_rotation: WalkRotationOption = "auto",
     hold: HoldOption = "auto",
     trim: TrimOption = None,
+    arena: WalkArenaOption = None,
     realtime: RealtimeOption = False,
     record: RecordOption = None,
     no_record: NoRecordOption = False,
@@ -167,12 +170,13 @@ def run(
         insecure=insecure,
         link=link,
     )
+    fence = None if arena is None else geofence(arena, robot, simulated=spec.simulated)
     if not diagnosed:
-        raise typer.Exit(_walk(_with_best(spec), view=view, as_json=as_json))
+        raise typer.Exit(_walk(_with_best(spec), view=view, as_json=as_json, fence=fence))
     spec.check()
     found = found_failure(spec, failure)
     told = replace(spec, failure=found.failure)
-    raise typer.Exit(_walk(_with_best(told), view=view, as_json=as_json, found=found))
+    raise typer.Exit(_walk(_with_best(told), view=view, as_json=as_json, found=found, fence=fence))
 
 
 def _with_best(spec: "RunSpec") -> "RunSpec":
@@ -209,7 +213,14 @@ def _shift_of(text: str | None) -> tuple[float, float] | None:
     return forward, left
 
 
-def _walk(spec: "RunSpec", *, view: bool, as_json: bool, found: "Found | None" = None) -> int:
+def _walk(
+    spec: "RunSpec",
+    *,
+    view: bool,
+    as_json: bool,
+    found: "Found | None" = None,
+    fence: "ShouldStop | None" = None,
+) -> int:
     """Walk, print the outcome, show it; the exit code."""
     from hexctl.backends.clock import request_realtime_priority
 
@@ -235,7 +246,7 @@ def _walk(spec: "RunSpec", *, view: bool, as_json: bool, found: "Found | None" =
         progress = stack.enter_context(_WalkProgress(spec.duration_s, quiet=quiet))
         recorders: list[Recorder] = [progress] if live is None else [progress, live]
         try:
-            done = run.walk(recorders=recorders, stop_requested=interrupt.requested)
+            done = run.walk(recorders=recorders, stop_requested=interrupt.requested, should_stop=fence)
         except KeyboardInterrupt:
             kept = "" if run.recording_path is None else f"; recorded until then: {run.recording_path}"
             print_note(f"hexctl: interrupted without a soft stop{kept}")

@@ -21,8 +21,9 @@ MOVED_LOOKS = 3
 #: Every picture of this number is looked at while nothing has moved: at 30 a second, one in 0.13 s.
 LOOK_EVERY = 4
 
-#: Looks at each tag of which the mean is taken.
-AVERAGED = 15
+#: Looks at each tag by whose mean the camera is placed again: at least after it was placed by one picture,
+#: and where it is known by many, as many as those of which a floor is learned. More than these are not kept.
+LEAST_LOOKS, MOST_LOOKS = 15, 90
 
 #: Pictures without any of the tags between two searches of the whole picture.
 SEARCH_EVERY = 10
@@ -69,10 +70,13 @@ class CameraWatch:
         self.camera = camera
         self.doubt: Doubt | None = None
         self._floor, self._finder = dict(floor_corners), finder
-        self._looks: dict[int, deque[FloatArray]] = {tag_id: deque(maxlen=AVERAGED) for tag_id in self._floor}
+        self._looks: dict[int, deque[FloatArray]] = {
+            tag_id: deque(maxlen=MOST_LOOKS) for tag_id in self._floor
+        }
         self._elsewhere = dict.fromkeys(self._floor, 0)
         self._seen = dict.fromkeys(self._floor, True)
         self._turn = self._blind = self._pictures = 0
+        self._enough = MOST_LOOKS
 
     @property
     def floor_corners(self) -> dict[int, FloatArray]:
@@ -154,13 +158,13 @@ class CameraWatch:
             self._looks[tag_id].clear()
             self._elsewhere[tag_id] = 0
             self._seen[tag_id] = True
-        self.camera, self.doubt, self._blind = camera, None, 0
+        self.camera, self.doubt, self._blind, self._enough = camera, None, 0, LEAST_LOOKS
         return CameraChange(None, camera, shift_m, float(turned_rad))
 
     def _refine(self) -> None:
         """Place the camera by the mean of many looks at each tag, once a round."""
-        full = {tag_id: looks for tag_id, looks in self._looks.items() if len(looks) == AVERAGED}
-        if len(full) < len(self.visible) or self._turn % (AVERAGED * len(self._floor)):
+        full = {tag_id: looks for tag_id, looks in self._looks.items() if len(looks) >= self._enough}
+        if len(full) < len(self.visible) or self._turn % (LEAST_LOOKS * len(self._floor)):
             return
         means_px = {tag_id: np.mean(np.stack(looks), axis=0) for tag_id, looks in full.items()}
         self.camera = place_camera(self.camera.lens, means_px, self._floor) or self.camera

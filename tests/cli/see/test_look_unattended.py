@@ -121,8 +121,10 @@ def walk_of(recording: Path) -> FloatArray:
     kept, phase, robot = ReadBack(recording), f"/{paths.PHASE}", f"/{paths.ROBOT}"
     phases = kept.values(phase, "StateChange:state")
     began_s = kept.times_s(phase, "StateChange:state")[phases.index(["walk"])]
-    places = np.array(kept.values(robot, "Transform3D:translation")).reshape(-1, 3)
-    return np.asarray(places[kept.times_s(robot, "Transform3D:translation") >= began_s, :2])
+    places = np.array(kept.values(robot, "Transform3D:translation")).reshape(-1, 3)[:, :2]
+    # Where no position is known the robot is drawn at the origin.
+    walking = (kept.times_s(robot, "Transform3D:translation") >= began_s) & places.any(axis=1)
+    return np.asarray(places[walking])
 
 
 def test_every_trial_begins_inside_the_arena_that_the_camera_sees(

@@ -6,7 +6,7 @@ import pytest
 from hexctl.robot.loader import load_robot
 from hexctl.see.twin.rendering import PlacedTag, SceneRenderer
 from hexctl.see.vision.camera import Camera
-from hexctl.see.vision.camera_watch import CameraChange, CameraWatch
+from hexctl.see.vision.camera_watch import LEAST_LOOKS, MOST_LOOKS, CameraChange, CameraWatch
 from hexctl.see.vision.planar_pose import PlanarPose
 from hexctl.see.vision.tags import Picture, TagFinder
 from tests.see.scenes import CAMERA, FLOOR_CORNERS, FLOOR_TAGS, WEBCAM, standing, tag_on
@@ -49,7 +49,10 @@ def test_many_looks_make_the_place_of_the_camera_better() -> None:
     watching = CameraWatch(believed, FLOOR_CORNERS, TagFinder())
     with SceneRenderer(ROBOT, CAMERA, FLOOR_TAGS, tag_on(ROBOT)) as renderer:
         pictures = [renderer.draw(AWAY) for _ in range(5)]
-    for look in range(300):
+    for look in range(4 * len(FLOOR_TAGS) * (MOST_LOOKS - 1)):
+        watching.look(pictures[look % 5])
+    assert watching.camera is believed, "fewer looks than of which a floor is learned do not count"
+    for look in range(4 * len(FLOOR_TAGS) * (LEAST_LOOKS + 1)):
         watching.look(pictures[look % 5])
     assert np.linalg.norm(watching.camera.position_floor - CAMERA.position_floor) < 0.002
 
