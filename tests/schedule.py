@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 REALTIME = (
     "tests/docs/test_commands.py::test_the_commands_of_a_page",
     "tests/cli/bus/test_servos.py",
+    "tests/cli/bus/test_board.py",
     "tests/serve/test_keeper.py",
     "tests/serve/test_link_faults.py",
     "tests/serve/test_standstill.py",

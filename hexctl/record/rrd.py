@@ -25,8 +25,9 @@ FULL_TIMEOUT_S = 5.0
 FULL_BYTES = 4 * 1024 * 1024
 
 
-#: Which messages Rerun writes to stderr, read when it is imported, and where it warns of a missing index.
-LOG_VARIABLE, FOOTER_WARNINGS = "RUST_LOG", "re_log_encoding::rrd::file_sink"
+#: Which messages Rerun writes to stderr, read when it is imported; and its writer of files, which warns
+#: of a missing index there, and whose errors are told by hexctl.
+LOG_VARIABLE, SINK = "RUST_LOG", "re_log_encoding::rrd::file_sink"
 
 
 def load_rerun() -> Any:
@@ -49,7 +50,7 @@ def _without_footer_warnings() -> Iterator[None]:
         yield
         return
     before = os.environ.get(LOG_VARIABLE)
-    os.environ[LOG_VARIABLE] = f"{before or 'warn'},{FOOTER_WARNINGS}=error"
+    os.environ[LOG_VARIABLE] = f"{before or 'warn'},{SINK}=off"
     try:
         yield
     finally:
