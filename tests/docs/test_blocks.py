@@ -126,7 +126,7 @@ MADE: dict[str, Callable[[Path], None]] = {"see.md": film_walk}
 #: What the README's programs print and how many lines they have at most, by the beginning of the last one.
 README = {
     "print": (r"ok: \d\.\d\d m, 0\.\d{3} m off the line\n", 12),
-    "result.plot": (r"budget: gait \d+ of 10 tried, score 0\.\d{3}\n", 30),
+    "result.plot": (r"best of 10 trials: gait \d+, score 0\.\d{3}\n", 30),
 }
 
 

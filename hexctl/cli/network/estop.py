@@ -108,6 +108,8 @@ def _clear(place: dict[str, Any], *, as_json: bool) -> None:
         print_result(f"not cleared, it is still stopped ({stopped}): {refused}")
     elif stopped is not None:
         print_result(f"not cleared, it is still stopped ({stopped}); see to it, then hexctl estop --clear")
+    elif all(answer.get("cleared") is None for answer in answers):
+        print_result("no stop was in force; the robot moves when a client commands it")
     else:
         print_result("cleared; the robot moves when a client commands it")
     for answer in answers:

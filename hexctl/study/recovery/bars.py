@@ -1,5 +1,6 @@
 """Bars of the recovery benchmark: what its method `recover` is to reach, and whether it does."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -69,7 +70,7 @@ def _walk_bars(findings: RecoveryFindings) -> Iterator[Bar]:
     yield Bar(
         name="settled",
         asked="failure to 90 % of the later speed: median at most 2.5 s (stretch: 1.5 s)",
-        measured=f"{found.settled_median_s:.2f} s",
+        measured=_told(found.settled_median_s, ".2f", " s"),
         holds=bool(found.settled_median_s <= 2.5),
     )
     yield Bar(
@@ -92,9 +93,16 @@ def _walk_bars(findings: RecoveryFindings) -> Iterator[Bar]:
         name="kept",
         asked="whole legs: speed kept against intact at least 80 % (stretch: 90 %), in the worst of robot, "
         "gait, leg and kind 60 %",
-        measured=f"mean {legs.kept:.1%}, worst {legs.kept_worst:.1%}",
+        measured=f"mean {_told(legs.kept, '.1%')}, worst {_told(legs.kept_worst, '.1%')}",
         holds=bool(legs.kept >= 0.8 and legs.kept_worst >= 0.6),
     )
+
+
+def _told(value: float, form: str, unit: str = "") -> str:
+    """A number with its unit; a dash for one that no walk was long enough for, `never` for infinity."""
+    if math.isinf(value):
+        return "never"
+    return "-" if math.isnan(value) else f"{value:{form}}{unit}"
 
 
 def _rule_bars(findings: RecoveryFindings) -> Iterator[Bar]:

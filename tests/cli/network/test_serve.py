@@ -135,6 +135,19 @@ def test_a_stop_whose_fault_is_still_there_is_not_cleared(
     assert ("not cleared, it is still stopped" in printed) is not bool(json_option)
 
 
+@pytest.mark.parametrize(
+    ("cleared", "said"), [(None, "no stop was in force"), ({"id": "ab", "since_s": 2.0}, "cleared; ")]
+)
+def test_a_clear_says_whether_there_was_a_stop(
+    cleared: object, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answer = {"stopped": None, "cleared": cleared, "robot": "ant", "backend": "mock"}
+    robots = SimpleNamespace(clear=lambda: [answer])
+    monkeypatch.setattr("hexctl.serve.remote.remote_robots", lambda *_, **__: nullcontext(robots))
+    assert exit_code(["estop", "--clear"]) == 0
+    assert capsys.readouterr().out.startswith(said)
+
+
 def test_what_status_says_is_one_json_object_or_a_table(tmp_path: Path) -> None:
     with served(tmp_path, backend="mock") as robot:
         said = json.loads(hexctl("status", "--json", "--connect", robot.endpoint).stdout)

@@ -59,6 +59,8 @@ def test_bars_are_missed_by_what_they_forbid(monkeypatch: pytest.MonkeyPatch) ->
     assert missed(lambda _, one: (one.case.legs, one.case.failure) == of_case, alarms=late) == {"delay"}
     assert missed(on_line("nothing", legs=False), alarms=late) == {"false_alarms"}
     assert missed(recover, settled_s=2.6) == missed(recover, settled_s=math.nan) == {"settled"}
+    assert bars_of(changed(made, recover, settled_s=math.nan))["settled"].measured == "never"
+    assert bars_of(changed(made, recover, after_m_s=math.nan))["kept"].measured.startswith("mean -, ")
     assert missed(recover, signed_m=0.009) == {"deviation"}
     assert missed(recover, after_m_s=0.1) == {"kept"}
     assert missed(lambda place, _: place.protocol == HEXAHEAL, last_m_s=0.0) == {"pairs"}
