@@ -91,7 +91,7 @@ def _print(result: "StopResult", *, as_json: bool) -> None:
     for answer in result.answers:
         print_note(f"hexctl: the robot is {RobotIdentity.of_answer(answer)}")
     if not result.answers:
-        print_note(f"hexctl: the robot is {result.robot}; no session has reached it")
+        print_note(f"hexctl: the robot is {result.robot}; no session has reached it before the datagram did")
 
 
 def _clear(place: dict[str, Any], *, as_json: bool) -> None:
