@@ -19,7 +19,7 @@ from hexctl.see.vision.floor import LearnedFloor, averaged_corners, learn_floor
 from hexctl.see.vision.lens import Lens
 from hexctl.see.vision.planar_pose import PlanarPose
 from hexctl.see.vision.robot_tracker import RobotTag
-from hexctl.see.vision.tags import Picture, Sighted, TagFinder
+from hexctl.see.vision.tags import Picture, SeenTag, TagFinder
 from hexctl.types import FloatArray
 
 #: Half of the floor: ahead of the camera, and to its side, in m.
@@ -55,20 +55,22 @@ class NoisyFinder(TagFinder):
         super().__init__()
         self._noise_px, self._random = noise_px, np.random.default_rng(seed)
 
-    def search(self, gray: Picture, *, thorough: bool = False) -> dict[int, Sighted]:
+    def search(self, gray: Picture, *, thorough: bool = False) -> dict[int, SeenTag]:
         """Search."""
         return self._noisy(super().search(gray, thorough=thorough))
 
-    def near(self, gray: Picture, expected_px: Mapping[int, FloatArray]) -> dict[int, Sighted]:
+    def near(self, gray: Picture, expected_px: Mapping[int, FloatArray]) -> dict[int, SeenTag]:
         """Look near."""
         return self._noisy(super().near(gray, expected_px))
 
-    def _noisy(self, found: Mapping[int, Sighted]) -> dict[int, Sighted]:
+    def _noisy(self, found: Mapping[int, SeenTag]) -> dict[int, SeenTag]:
         return {
-            tag_id: Sighted(
-                tag_id, sighted.corners_px + self._random.normal(0.0, self._noise_px, (4, 2)), sighted.margin
+            tag_id: SeenTag(
+                tag_id,
+                seen_tag.corners_px + self._random.normal(0.0, self._noise_px, (4, 2)),
+                seen_tag.margin,
             )
-            for tag_id, sighted in found.items()
+            for tag_id, seen_tag in found.items()
         }
 
 

@@ -27,7 +27,7 @@ from hexctl.see.video.video_writer import VideoWriter
 from hexctl.see.vision.camera import Camera, place_camera
 from hexctl.see.vision.floor import averaged_corners
 from hexctl.see.vision.lens import load_lens
-from hexctl.see.vision.tags import Picture, Sighted, TagFinder
+from hexctl.see.vision.tags import Picture, SeenTag, TagFinder
 
 #: Age of a picture of which nothing is known: of webcams 50 to 120 ms.
 USUAL_LATENCY_S = 0.08
@@ -246,10 +246,10 @@ def _stands_elsewhere(camera: Camera, known: Camera) -> bool:
 
 def _searched(
     video: VideoSource, finder: TagFinder, count: int, stop_requested: Callable[[], bool]
-) -> Iterator[tuple[Picture, dict[int, Sighted]]]:
+) -> Iterator[tuple[Picture, dict[int, SeenTag]]]:
     """Pictures in grey with the tags in them; raises RobotFaultError where none comes."""
     given, until_s = 0, time.monotonic() + LEARNING_S
-    found: dict[int, Sighted] = {}
+    found: dict[int, SeenTag] = {}
     while given < count and not video.ended and not stop_requested() and time.monotonic() < until_s:
         frame = video.read()
         if frame is not None:

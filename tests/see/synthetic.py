@@ -8,7 +8,7 @@ from hexctl.robot.loader import load_robot
 from hexctl.see.vision.camera import Camera
 from hexctl.see.vision.planar_pose import PlanarPose
 from hexctl.see.vision.robot_tracker import RobotTag
-from hexctl.see.vision.tags import Picture, Sighted, TagFinder
+from hexctl.see.vision.tags import Picture, SeenTag, TagFinder
 from hexctl.types import FloatArray
 from tests.see.scenes import CAMERA, FLOOR_CORNERS, ROBOT_TAG, tag_on
 
@@ -35,18 +35,18 @@ class CornerFinder(TagFinder):
         self._noise_px, self._random, self._camera = noise_px, np.random.default_rng(seed), camera
         self.pose = PlanarPose(0, 0, 0)
 
-    def search(self, gray: Picture, *, thorough: bool = False) -> dict[int, Sighted]:
+    def search(self, gray: Picture, *, thorough: bool = False) -> dict[int, SeenTag]:
         """All tags."""
         return {number: self._corners(number) for number in (*FLOOR_CORNERS, ROBOT_TAG)}
 
-    def near(self, gray: Picture, expected_px: Mapping[int, FloatArray]) -> dict[int, Sighted]:
+    def near(self, gray: Picture, expected_px: Mapping[int, FloatArray]) -> dict[int, SeenTag]:
         """The tags that are asked for."""
         return {number: self._corners(number) for number in expected_px}
 
-    def _corners(self, number: int) -> Sighted:
+    def _corners(self, number: int) -> SeenTag:
         corners, height_m, noise_px = FLOOR_CORNERS.get(number), 0.0, 0.0
         if corners is None:
             corners = self.pose.of_points(TAG.corners_body[:, :2])
             height_m, noise_px = ROBOT.standing_height_m + TAG.height_m, self._noise_px
         corners_px = self._camera.pixels(np.column_stack([corners, np.full(4, height_m)]))
-        return Sighted(number, corners_px + noise_px * self._random.normal(size=(4, 2)), 60.0)
+        return SeenTag(number, corners_px + noise_px * self._random.normal(size=(4, 2)), 60.0)

@@ -9,7 +9,7 @@ from hexctl.cli.main import exit_code
 from hexctl.errors import InputError
 from hexctl.see.sheet import PAPERS_MM, Sheet
 from hexctl.see.vision.board import N_CORNERS, SQUARE_M, BoardFinder
-from hexctl.see.vision.tags import Picture, Sighted, TagFinder
+from hexctl.see.vision.tags import Picture, SeenTag, TagFinder
 
 PX_PER_MM = 4.0
 
@@ -22,7 +22,7 @@ def pages(sheet: Sheet) -> list[Picture]:
         return [np.array(page).reshape(page.shape[:2]) for page in drawn]
 
 
-def edges_mm(tag: Sighted) -> np.ndarray:
+def edges_mm(tag: SeenTag) -> np.ndarray:
     """The four edges of a tag; the reader rounds pages to whole pixels, up to 0.1 %."""
     steps_px = tag.corners_px - np.roll(tag.corners_px, 1, axis=0)
     return np.asarray(np.hypot(*steps_px.T) / PX_PER_MM)

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from hexctl.see.vision.camera import Camera, place_camera, reprojection_px
-from hexctl.see.vision.tags import Picture, Sighted, TagFinder, only
+from hexctl.see.vision.tags import Picture, SeenTag, TagFinder, only
 from hexctl.types import ArrayFields, FloatArray
 
 #: A tag seen farther than this from where it should be was moved, or the camera was: in px, and in edges.
@@ -112,16 +112,16 @@ class CameraWatch:
     def _look_at(self, gray: Picture, tag_id: int) -> bool:
         """Look at a tag; whether it is where it should be."""
         expected_px = self.camera.pixels(np.column_stack([self._floor[tag_id], np.zeros(4)]))
-        sighted = self._finder.near(gray, {tag_id: expected_px}).get(tag_id)
-        self._seen[tag_id] = sighted is not None
-        if sighted is None:
+        seen_tag = self._finder.near(gray, {tag_id: expected_px}).get(tag_id)
+        self._seen[tag_id] = seen_tag is not None
+        if seen_tag is None:
             self._elsewhere[tag_id] = 0
             return False
-        if _is_elsewhere(sighted, expected_px):
+        if _is_elsewhere(seen_tag, expected_px):
             self._elsewhere[tag_id] += 1
             return False
         self._elsewhere[tag_id] = 0
-        self._looks[tag_id].append(sighted.corners_px)
+        self._looks[tag_id].append(seen_tag.corners_px)
         return True
 
     def _blinded(self, gray: Picture) -> CameraChange | None:
@@ -145,7 +145,7 @@ class CameraWatch:
     def _replaced(self, gray: Picture) -> CameraChange | None:
         """The camera placed again by all tags in a picture, if they agree with one another."""
         found = only(self._finder.search(gray, thorough=True), self._floor)
-        corners_px = {tag_id: sighted.corners_px for tag_id, sighted in found.items()}
+        corners_px = {tag_id: seen_tag.corners_px for tag_id, seen_tag in found.items()}
         camera = place_camera(self.camera.lens, corners_px, self._floor)
         if camera is None:
             return None
@@ -170,6 +170,6 @@ class CameraWatch:
         self.camera = place_camera(self.camera.lens, means_px, self._floor) or self.camera
 
 
-def _is_elsewhere(sighted: Sighted, expected_px: FloatArray) -> bool:
-    miss_px = float(np.hypot(*(sighted.corners_px - expected_px).T).mean())
-    return miss_px > max(MOVED_PX, MOVED_EDGES * sighted.edge_px)
+def _is_elsewhere(seen_tag: SeenTag, expected_px: FloatArray) -> bool:
+    miss_px = float(np.hypot(*(seen_tag.corners_px - expected_px).T).mean())
+    return miss_px > max(MOVED_PX, MOVED_EDGES * seen_tag.edge_px)

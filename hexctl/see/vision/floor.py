@@ -13,7 +13,7 @@ from hexctl.robot.rotations import wrapped_rad
 from hexctl.see.vision.camera import Camera, camera_candidates, place_camera, reprojection_px
 from hexctl.see.vision.lens import Lens
 from hexctl.see.vision.planar_pose import PlanarPose, tag_pose
-from hexctl.see.vision.tags import HOME_TAG, UNIT_CORNERS, Sighted
+from hexctl.see.vision.tags import HOME_TAG, UNIT_CORNERS, SeenTag
 from hexctl.types import ArrayFields, FloatArray
 
 #: A tag that is seen in fewer of the pictures of one camera place, as a share, is not used.
@@ -83,7 +83,7 @@ class LearnedFloor(ArrayFields):
         return float(np.sqrt(np.mean(np.square(list(self.residuals_px.values())))))
 
 
-def averaged_corners(pictures: Sequence[Mapping[int, Sighted]]) -> dict[int, FloatArray]:
+def averaged_corners(pictures: Sequence[Mapping[int, SeenTag]]) -> dict[int, FloatArray]:
     """Corners (4, 2) of the tags in many pictures of a camera that stands still, by number.
 
     Means without the outer quarters: nearly as sure as a mean, and single bad pictures do no harm.

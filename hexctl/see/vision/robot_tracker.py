@@ -8,7 +8,7 @@ from hexctl.robot.rotations import levelled
 from hexctl.see.vision.camera import Camera
 from hexctl.see.vision.corner_noise import CornerNoise
 from hexctl.see.vision.planar_pose import PlanarFit, PlanarPose, fitted_pose
-from hexctl.see.vision.tags import UNIT_CORNERS, Picture, Sighted, TagFinder
+from hexctl.see.vision.tags import UNIT_CORNERS, Picture, SeenTag, TagFinder
 from hexctl.types import ArrayFields, FloatArray
 
 #: A tag whose edge looks longer or shorter than printed by more than this share is at another height, or is
@@ -60,7 +60,7 @@ class SeenRobot(ArrayFields):
 
     pose_floor: PlanarPose
     covariance: FloatArray
-    tag: Sighted
+    tag: SeenTag
     quality: float
 
 
@@ -96,19 +96,19 @@ class RobotTracker:
             up_body: which way is up, a unit vector in the body frame: where the robot leans, so does its tag.
         """
         corners = levelled(self.tag.corners_body, up_body) + np.array([0.0, 0.0, base_height_m])
-        sighted = self._sighted(gray, camera, corners, expected)
-        fit = None if sighted is None else _fitted(camera, sighted, corners)
-        if sighted is None or fit is None or abs(fit.scale - 1) > EDGE_SHARE:
+        seen_tag = self._tag_at(gray, camera, corners, expected)
+        fit = None if seen_tag is None else _fitted(camera, seen_tag, corners)
+        if seen_tag is None or fit is None or abs(fit.scale - 1) > EDGE_SHARE:
             self._missed += 1
             return None
-        self._missed, self._last_px = 0, sighted.corners_px
-        self._noise.learn(_misses_px(camera, sighted, corners, fit))
-        covariance = _covariance(camera, sighted, float(corners[:, 2].mean()), self._noise.sigma_px)
-        return SeenRobot(fit.pose, covariance, sighted, _quality(sighted, fit.residual_m / self.tag.edge_m))
+        self._missed, self._last_px = 0, seen_tag.corners_px
+        self._noise.learn(_misses_px(camera, seen_tag, corners, fit))
+        covariance = _covariance(camera, seen_tag, float(corners[:, 2].mean()), self._noise.sigma_px)
+        return SeenRobot(fit.pose, covariance, seen_tag, _quality(seen_tag, fit.residual_m / self.tag.edge_m))
 
-    def _sighted(
+    def _tag_at(
         self, gray: Picture, camera: Camera, corners: FloatArray, expected: PlanarPose | None
-    ) -> Sighted | None:
+    ) -> SeenTag | None:
         tag_id = self.tag.tag_id
         for corners_px in (_expected_px(camera, corners, expected), self._last_px):
             if corners_px is not None:
@@ -128,32 +128,32 @@ def _expected_px(camera: Camera, corners: FloatArray, expected: PlanarPose | Non
     return camera.pixels(np.column_stack([expected.of_points(corners[:, :2]), corners[:, 2]]))
 
 
-def _fitted(camera: Camera, sighted: Sighted, corners: FloatArray) -> PlanarFit | None:
+def _fitted(camera: Camera, seen_tag: SeenTag, corners: FloatArray) -> PlanarFit | None:
     """Pose of the robot by where rays meet the heights of the corners (4, 3)."""
-    seen = camera.floor_points(sighted.corners_px, corners[:, 2])
+    seen = camera.floor_points(seen_tag.corners_px, corners[:, 2])
     return fitted_pose(corners[:, :2], seen) if np.isfinite(seen).all() else None
 
 
-def _misses_px(camera: Camera, sighted: Sighted, corners: FloatArray, fit: PlanarFit) -> FloatArray:
+def _misses_px(camera: Camera, seen_tag: SeenTag, corners: FloatArray, fit: PlanarFit) -> FloatArray:
     """By how much the corners are seen elsewhere than a square of any size has them, (4, 2)."""
     middle = corners[:, :2].mean(axis=0)
     scaled = middle + fit.scale * (corners[:, :2] - middle)
-    return camera.pixels(np.column_stack([fit.pose.of_points(scaled), corners[:, 2]])) - sighted.corners_px
+    return camera.pixels(np.column_stack([fit.pose.of_points(scaled), corners[:, 2]])) - seen_tag.corners_px
 
 
-def _covariance(camera: Camera, sighted: Sighted, height_m: float, corner_px: float) -> FloatArray:
+def _covariance(camera: Camera, seen_tag: SeenTag, height_m: float, corner_px: float) -> FloatArray:
     """Covariance (3, 3) of x, y and yaw: what the noise of the corners does to them, and what is left."""
-    around = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]) + sighted.corners_px.mean(axis=0)
+    around = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]) + seen_tag.corners_px.mean(axis=0)
     middle, right, down = camera.floor_points(around, height_m)
     per_px = np.column_stack([right - middle, down - middle])
     covariance = np.zeros((3, 3))
     # Means of four corners, which are half a diagonal away from the middle.
     covariance[:2, :2] = per_px @ per_px.T * corner_px**2 / 4 + np.eye(2) * FLOOR_M**2
-    covariance[2, 2] = (corner_px / sighted.edge_px) ** 2 / 2
+    covariance[2, 2] = (corner_px / seen_tag.edge_px) ** 2 / 2
     return covariance
 
 
-def _quality(sighted: Sighted, residual: float) -> float:
+def _quality(seen_tag: SeenTag, residual: float) -> float:
     """Quality, 0 to 1: of an edge of 15 to 30 px, a contrast of 20 to 60, and corners of a square."""
-    parts = (sighted.edge_px / 30, sighted.margin / 60, 1 - residual / 0.05)
+    parts = (seen_tag.edge_px / 30, seen_tag.margin / 60, 1 - residual / 0.05)
     return float(np.clip(min(parts), 0.0, 1.0))

@@ -44,7 +44,7 @@ Picture = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sighted(ArrayFields):
+class SeenTag(ArrayFields):
     """A tag in a picture.
 
     Attributes:
@@ -76,21 +76,21 @@ class TagFinder:
         self._coarse: Any = Detector(families=FAMILY, nthreads=1, quad_decimate=2.0)
         self._fine: Any = Detector(families=FAMILY, nthreads=1, quad_decimate=1.0)
 
-    def search(self, gray: Picture, *, thorough: bool = False) -> dict[int, Sighted]:
+    def search(self, gray: Picture, *, thorough: bool = False) -> dict[int, SeenTag]:
         """Tags anywhere in a grey picture (H, W), by number.
 
         Of two tags with one number the larger one counts: the other is a reflection, or a page too many.
         A thorough search takes three times as long and also finds tags with edges of 15 to 30 px.
         """
         if thorough:
-            return self._sighted(self._fine, gray, (0, 0))
+            return self._found(self._fine, gray, (0, 0))
         found = {}
-        for rough in self._sighted(self._coarse, gray, (0, 0)).values():
+        for rough in self._found(self._coarse, gray, (0, 0)).values():
             near = self.near(gray, {rough.tag_id: rough.corners_px})
             found[rough.tag_id] = near.get(rough.tag_id, rough)
         return found
 
-    def near(self, gray: Picture, expected_px: Mapping[int, FloatArray]) -> dict[int, Sighted]:
+    def near(self, gray: Picture, expected_px: Mapping[int, FloatArray]) -> dict[int, SeenTag]:
         """Tags near the corners (4, 2) at which they are expected, by number."""
         found = {}
         for tag_id, corners_px in expected_px.items():
@@ -99,30 +99,30 @@ class TagFinder:
                 continue
             top, bottom, left, right = window
             crop = np.ascontiguousarray(gray[top:bottom, left:right])
-            sighted = self._sighted(self._fine, crop, (left, top), _enlarged(corners_px)).get(tag_id)
-            if sighted is not None:
-                found[tag_id] = sighted
+            seen_tag = self._found(self._fine, crop, (left, top), _enlarged(corners_px)).get(tag_id)
+            if seen_tag is not None:
+                found[tag_id] = seen_tag
         return found
 
-    def _sighted(
+    def _found(
         self, detector: Any, gray: Picture, origin_px: tuple[int, int], times: int = 1
-    ) -> dict[int, Sighted]:
+    ) -> dict[int, SeenTag]:
         """Tags in a part of a picture that begins at an origin, looked at as many times larger."""
         if times > 1:
             import cv2
 
             gray = np.asarray(cv2.resize(gray, None, fx=times, fy=times, interpolation=cv2.INTER_CUBIC))
-        found: dict[int, Sighted] = {}
+        found: dict[int, SeenTag] = {}
         for detection in detector.detect(gray):
             if detection.hamming > 0 or detection.decision_margin < LEAST_MARGIN:
                 continue
             corners_px = np.array(detection.corners)[_OUR_ORDER] / times - 0.5 + origin_px
-            sighted = Sighted(int(detection.tag_id), corners_px, float(detection.decision_margin))
-            if sighted.edge_px < LEAST_EDGE_PX:
+            seen_tag = SeenTag(int(detection.tag_id), corners_px, float(detection.decision_margin))
+            if seen_tag.edge_px < LEAST_EDGE_PX:
                 continue
-            before = found.get(sighted.tag_id)
-            if before is None or before.edge_px < sighted.edge_px:
-                found[sighted.tag_id] = sighted
+            before = found.get(seen_tag.tag_id)
+            if before is None or before.edge_px < seen_tag.edge_px:
+                found[seen_tag.tag_id] = seen_tag
         return found
 
 
@@ -152,6 +152,6 @@ def tag_modules(tag_id: int) -> NDArray[np.bool_]:
     return np.asarray(cv2.aruco.generateImageMarker(dictionary, tag_id, MODULES)) < 128
 
 
-def only(found: Mapping[int, Sighted], tag_ids: Collection[int]) -> dict[int, Sighted]:
+def only(found: Mapping[int, SeenTag], tag_ids: Collection[int]) -> dict[int, SeenTag]:
     """Those of the tags that have one of the numbers."""
-    return {tag_id: sighted for tag_id, sighted in found.items() if tag_id in tag_ids}
+    return {tag_id: seen_tag for tag_id, seen_tag in found.items() if tag_id in tag_ids}

@@ -17,7 +17,7 @@ from hexctl.see.twin.twin_camera import TwinCamera, TwinReport, TwinStarted
 from hexctl.see.video.video_source import VideoSource, open_video
 from hexctl.see.vision.lens import save_lens
 from hexctl.see.vision.planar_pose import tag_pose
-from hexctl.see.vision.tags import Sighted, TagFinder
+from hexctl.see.vision.tags import SeenTag, TagFinder
 from hexctl.waiting import wait_for
 from hexctl.wire.links import Link
 from tests.serve.processes import Served, free_port, served
@@ -111,7 +111,7 @@ def running(**options: Any) -> Iterator[Running]:
         camera.end()
 
 
-def tags(source: VideoSource) -> dict[int, Sighted]:
+def tags(source: VideoSource) -> dict[int, SeenTag]:
     """Tags in the next picture; none without a picture."""
     frame = source.read(10)
     return {} if frame is None else TagFinder().search(frame.gray(), thorough=True)

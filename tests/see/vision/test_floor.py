@@ -9,7 +9,7 @@ from hexctl.see.vision.camera import Camera
 from hexctl.see.vision.floor import FloorTag, LearnedFloor, averaged_corners, learn_floor
 from hexctl.see.vision.lens import Lens
 from hexctl.see.vision.planar_pose import PlanarPose, tag_pose
-from hexctl.see.vision.tags import UNIT_CORNERS, Sighted, TagFinder
+from hexctl.see.vision.tags import UNIT_CORNERS, SeenTag, TagFinder
 from hexctl.types import FloatArray
 from tests.see.scenes import CAMERA, FLOOR_TAGS, WEBCAM, scene, standing
 
@@ -79,7 +79,7 @@ def test_a_robot_is_found_within_a_centimetre_by_a_floor_learned_with_noise() ->
     for seed in range(5):
         pictures = [
             {
-                tag_id: Sighted(tag_id, corners, 50)
+                tag_id: SeenTag(tag_id, corners, 50)
                 for tag_id, corners in seen_by(CAMERA, TAGS, 1.0, 100 * seed + n).items()
             }
             for n in range(30)
@@ -147,7 +147,7 @@ def test_what_cannot_be_trusted_is_told() -> None:
 
 
 def test_tags_that_few_pictures_show_are_not_used() -> None:
-    shown = {tag_id: Sighted(tag_id, corners, 50) for tag_id, corners in seen_by(CAMERA).items()}
+    shown = {tag_id: SeenTag(tag_id, corners, 50) for tag_id, corners in seen_by(CAMERA).items()}
     pictures = [shown, *[{0: shown[0]}] * 9]
     assert set(averaged_corners(pictures)) == {0}
     assert averaged_corners([]) == {}

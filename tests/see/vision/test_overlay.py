@@ -3,7 +3,7 @@ import numpy as np
 from hexctl.see.vision.overlay import Overlay
 from hexctl.see.vision.planar_pose import PlanarPose
 from hexctl.see.vision.robot_tracker import SeenRobot
-from hexctl.see.vision.tags import UNIT_CORNERS, Picture, Sighted
+from hexctl.see.vision.tags import UNIT_CORNERS, Picture, SeenTag
 from tests.see.scenes import CAMERA, FLOOR_CORNERS
 
 EMPTY = np.full((720, 1280, 3), 90, dtype=np.uint8)
@@ -12,7 +12,7 @@ HERE = PlanarPose(0.1, 0.1, 0.5)
 
 def sighting() -> SeenRobot:
     corners = np.column_stack([HERE.of_points(0.1 * UNIT_CORNERS), np.full(4, 0.2)])
-    return SeenRobot(HERE, np.eye(3) * 1e-6, Sighted(10, CAMERA.pixels(corners), 80.0), 0.9)
+    return SeenRobot(HERE, np.eye(3) * 1e-6, SeenTag(10, CAMERA.pixels(corners), 80.0), 0.9)
 
 
 def drawn(overlay: Overlay, seen: SeenRobot | None, pose: PlanarPose | None, gray: bool = False) -> Picture:

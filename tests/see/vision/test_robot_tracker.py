@@ -10,7 +10,7 @@ from hexctl.robot.rotations import wrapped_rad
 from hexctl.see.twin.rendering import CameraFlaws, SceneRenderer
 from hexctl.see.vision.planar_pose import PlanarPose
 from hexctl.see.vision.robot_tracker import RobotTag, RobotTracker
-from hexctl.see.vision.tags import Picture, Sighted, TagFinder
+from hexctl.see.vision.tags import Picture, SeenTag, TagFinder
 from tests.see.scenes import CAMERA, ROBOT_TAG, scene, standing, tag_on
 
 ROBOT = load_robot("ant")
@@ -53,7 +53,7 @@ def test_the_whole_picture_is_searched_now_and_then_only(usual: SceneRenderer) -
     searches: list[bool] = []
     search = finder.search
 
-    def noted(gray: Picture, *, thorough: bool = False) -> dict[int, Sighted]:
+    def noted(gray: Picture, *, thorough: bool = False) -> dict[int, SeenTag]:
         searches.append(thorough)
         return search(gray, thorough=thorough)
 
