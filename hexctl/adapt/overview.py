@@ -17,11 +17,11 @@ from hexctl.adapt.sessions.session import (
     WalkRecord,
     trials_text,
 )
+from hexctl.adapt.sessions.steps import search_steps
 from hexctl.adapt.sessions.store import load_session, stored_names
-from hexctl.adapt.steps import search_steps
 from hexctl.errors import HexctlError, InputError
-from hexctl.record.overview import Overview, OverviewTrial, SearchStep, drawable
-from hexctl.record.overview_figures import write_overview_file
+from hexctl.record.sessions.figures import write_overview_file
+from hexctl.record.sessions.overview import Overview, OverviewTrial, SearchStep, drawable
 from hexctl.record.viewer import (
     FileServer,
     free_port,

@@ -12,7 +12,7 @@ from hexctl.adapt.overview import make_overview, write_overview
 from hexctl.adapt.sessions.session import BaselineRecord, Session, TrialRecord
 from hexctl.control.result import TrialResult
 from hexctl.errors import InputError
-from hexctl.record.overview import make_table
+from hexctl.record.sessions.overview import make_table
 from tests.adapt.walking import SPEC, result_of
 
 

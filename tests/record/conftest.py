@@ -17,8 +17,8 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
 from hexctl.gait.gait import NAMED_SLOTS, Gait
-from hexctl.record.overview import Overview, OverviewTrial
 from hexctl.record.recording import Recording
+from hexctl.record.sessions.overview import Overview, OverviewTrial
 from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot

@@ -9,7 +9,7 @@ import rerun as rr
 from hexctl.palette import BACKGROUND
 from hexctl.record import paths
 from hexctl.record.blueprint import make_blueprint
-from hexctl.record.overview_figures import write_overview_file
+from hexctl.record.sessions.figures import write_overview_file
 from hexctl.record.style import packed
 from tests.record.conftest import SESSION, Trial, write
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from hexctl.palette import deviation_color
-from hexctl.record.belief_figure import FAR_M, HEIGHT, height
-from hexctl.record.overview import GaitBeliefs, SearchStep
-from hexctl.record.overview_figures import write_overview_file
+from hexctl.record.sessions.belief_figure import FAR_M, HEIGHT, height
+from hexctl.record.sessions.figures import write_overview_file
+from hexctl.record.sessions.overview import GaitBeliefs, SearchStep
 from hexctl.record.style import packed
 from tests.record.conftest import SESSION, ReadBack, make_trial
 

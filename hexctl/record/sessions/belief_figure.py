@@ -15,8 +15,8 @@ from hexctl.palette import (
     baseline_color,
     deviation_color,
 )
-from hexctl.record.overview import GaitBeliefs, Overview, SearchStep
 from hexctl.record.rrd import load_rerun
+from hexctl.record.sessions.overview import GaitBeliefs, Overview, SearchStep
 from hexctl.types import FloatArray
 
 #: The timeline of an overview: the number of trials.

@@ -6,17 +6,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hexctl.adapt import steps as module
 from hexctl.adapt.loop import AdaptLoop
 from hexctl.adapt.optimizers.bayes import Bayes
 from hexctl.adapt.optimizers.registry import make_optimizer
 from hexctl.adapt.optimizers.shipped import OPTIMIZERS, TRIM
 from hexctl.adapt.search import make_search, new_spec
+from hexctl.adapt.sessions import steps as module
 from hexctl.adapt.sessions.session import Session
+from hexctl.adapt.sessions.steps import search_steps
 from hexctl.adapt.sessions.store import SessionStore
 from hexctl.adapt.setting import load_setting
 from hexctl.adapt.space import GaitSpace
-from hexctl.adapt.steps import search_steps
 from hexctl.types import FloatArray
 from tests.adapt.priors import MadeUpModel, MadeUpWorld
 from tests.adapt.walking import SPEC, Landscape

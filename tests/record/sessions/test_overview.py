@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hexctl.record.overview import drawable, make_table
+from hexctl.record.sessions.overview import drawable, make_table
 from tests.record.conftest import SESSION
 
 

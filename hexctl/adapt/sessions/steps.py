@@ -21,7 +21,7 @@ from hexctl.adapt.sessions.session import Session, SessionSpec, TrialRecord, tri
 from hexctl.adapt.sessions.stored import DAMAGE
 from hexctl.adapt.setting import load_setting
 from hexctl.errors import HexctlError, InputError
-from hexctl.record.overview import GaitBeliefs, SearchStep, deviation_text
+from hexctl.record.sessions.overview import GaitBeliefs, SearchStep, deviation_text
 
 #: How far a prediction that is computed again may be off: other processors round otherwise.
 SAME_M = 1e-4

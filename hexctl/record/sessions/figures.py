@@ -21,8 +21,6 @@ from hexctl.palette import (
     baseline_color,
     deviation_color,
 )
-from hexctl.record.belief_figure import TIMELINE, belief_view, send_steps, steps_view
-from hexctl.record.overview import Overview, OverviewTrial, deviation_text, make_table
 from hexctl.record.rrd import (
     check_whole,
     create_file,
@@ -32,6 +30,8 @@ from hexctl.record.rrd import (
     load_rerun,
     save_stream,
 )
+from hexctl.record.sessions.belief_figure import TIMELINE, belief_view, send_steps, steps_view
+from hexctl.record.sessions.overview import Overview, OverviewTrial, deviation_text, make_table
 from hexctl.types import FloatArray
 
 #: Where on it the baseline is.
