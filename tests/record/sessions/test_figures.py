@@ -11,7 +11,7 @@ import rerun as rr
 
 from hexctl.errors import InputError, RecordingError
 from hexctl.palette import INVALID_COLOR, deviation_color
-from hexctl.record import overview_figures as module
+from hexctl.record.sessions import figures as module
 from hexctl.record.sessions.figures import visible_m, write_overview_file
 from hexctl.record.sessions.overview import OverviewTrial, make_table
 from hexctl.record.viewer import viewer_binary
