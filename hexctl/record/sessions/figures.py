@@ -221,11 +221,16 @@ def _send_best(stream: Any, overview: Overview) -> None:
             strips=[picture(best.path_m)], colors=[BEST_COLOR], radii=[BOLD], draw_order=[BEST_ORDER]
         )
         stream.send_columns(BEST, when, line)
+        label = f"best: trial {best.index}, code {best.code}, {deviation_text(best.deviation_m)}"
         mark = rr.Points2D.columns(
-            positions=[picture(best.end_m)], colors=[BEST_COLOR], radii=[MARK], draw_order=[MARK_ORDER]
+            positions=[picture(best.end_m)],
+            colors=[BEST_COLOR],
+            radii=[MARK],
+            draw_order=[MARK_ORDER],
+            labels=[label],
+            show_labels=[False],  # drawn where no path ends; here it is shown to whoever points at the mark
         )
         stream.send_columns(BEST_END, when, mark)
-        label = f"best: trial {best.index}, code {best.code}, {deviation_text(best.deviation_m)}"
         name = rr.Points2D.columns(
             positions=[picture(name_place_m(overview))], colors=[TEXT_COLOR], radii=[0.0], labels=[label]
         )
