@@ -72,8 +72,9 @@ REALTIME = (
     "tests/see/test_latency_trial.py::test_ctrl_c",
     "tests/see/test_latency_trial.py::test_a_robot",
     "tests/cli/see/test_look.py",
-    "tests/cli/see/test_look_unattended.py",
     "tests/cli/see/test_twin.py",
+    # Renders pictures for minutes, beside which others get no time.
+    "tests/cli/see/test_look_unattended.py",
 )
 
 #: Files that take long on the one worker they stay on.
