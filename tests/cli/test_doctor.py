@@ -27,6 +27,7 @@ def test_json_is_one_object(capsys: Any) -> None:
 def test_it_says_which_settings_are_in_force_and_what_is_wrong(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
+    monkeypatch.delenv("HEXCTL_REQUIRE_VIEWER", raising=False)  # a variable of the tests
     monkeypatch.chdir(tmp_path)
     Path("hexctl.toml").write_text("robot = 'pexod'\nconnect = 'tls/secret.lab:7447'\n[run]\nduraton = 3\n")
     assert exit_code(["doctor"]) == 0

@@ -24,6 +24,7 @@ def test_values_have_their_place_and_name_nobody(tmp_path: Path, monkeypatch: py
 
 def test_what_is_wrong_is_told_and_no_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("HEXCTL_REQUIRE_VIEWER", raising=False)  # a variable of the tests
     Path("hexctl.toml").write_text("robot = [")
     found = read_settings_found()
     assert found.values == ()
