@@ -28,9 +28,15 @@ def known_name(text: str, names: Iterable[str]) -> str | None:
 
 def nearest(text: str, names: Iterable[str]) -> str:
     """The end of a message about an unknown name: `; did you mean 'tripod'?`, empty where none is near."""
+    near = nearest_name(text, names)
+    return "" if near is None else f"; did you mean {near!r}?"
+
+
+def nearest_name(text: str, names: Iterable[str]) -> str | None:
+    """The one of some names that is written most like a text; None where none is near."""
     by_plain: Mapping[str, str] = {_plain(name): name for name in names}
     near = get_close_matches(_plain(text)[:100], by_plain, n=1, cutoff=_NEAR)
-    return f"; did you mean {by_plain[near[0]]!r}?" if near else ""
+    return by_plain[near[0]] if near else None
 
 
 def _plain(text: str) -> str:

@@ -22,7 +22,7 @@ from typing import Any
 
 from hexctl.errors import InputError, shown
 from hexctl.files import read_file
-from hexctl.names import nearest
+from hexctl.names import nearest_name
 
 #: Name of a file with settings.
 FILE = "hexctl.toml"
@@ -122,12 +122,17 @@ class Layer:
             name = PREFIX + "_".join(words).replace("-", "_").upper()
             text = self.values.get(name)
             return Setting(text, Origin(name)) if text else None
-        here: Any = self.values
-        for word in words:
+        value = self.options(command).get(option)
+        return None if value is None else Setting(value, Origin(self.place, ".".join(words)), self.folder)
+
+    def options(self, command: tuple[str, ...]) -> dict[str, Any]:
+        """Values that a file has for one command, by option; none for the environment."""
+        here: Any = self.values if self.folder is not None else None
+        for word in command:
             here = here.get(word) if isinstance(here, Mapping) else None
-        if here is None or isinstance(here, Mapping):
-            return None
-        return Setting(here, Origin(self.place, ".".join(words)), self.folder)
+        if not isinstance(here, Mapping):
+            return {}
+        return {key: value for key, value in here.items() if not isinstance(value, Mapping)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -165,11 +170,7 @@ class Settings:
         """
         options: dict[str, Any] = {}
         for layer in reversed(self.layers):
-            here: Any = layer.values if layer.folder is not None else {}
-            for word in command:
-                here = here.get(word) if isinstance(here, Mapping) else None
-            if isinstance(here, Mapping):
-                options |= {key: value for key, value in here.items() if not isinstance(value, Mapping)}
+            options |= layer.options(command)
         return options
 
 
@@ -299,10 +300,9 @@ def _misspelt(variables: Mapping[str, str]) -> Iterator[str]:
     """A line for each variable that is nearly one of `COMMON`; others may be of other programs."""
     for name in variables:
         word = name.removeprefix(PREFIX).lower()
-        if word in COMMON or "_" in word or name == CHOSEN or not (near := nearest(word, COMMON)):
+        if word in COMMON or "_" in word or name == CHOSEN or (meant := nearest_name(word, COMMON)) is None:
             continue
         known = ", ".join(PREFIX + key.upper() for key in COMMON)
-        meant = near.partition("'")[2].rstrip("'?")
         yield f"{name}: unknown variable; allowed: {known}; did you mean '{PREFIX}{meant.upper()}'?"
 
 
