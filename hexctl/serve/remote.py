@@ -20,7 +20,7 @@ from hexctl.wire.session import open_session
 ANY_ROBOT = "*"
 
 #: How long a robot may take to answer.
-ANSWER_TIMEOUT_S = 2.0
+ANSWER_TIMEOUT_S = 5.0
 
 
 class RemoteRobots:
