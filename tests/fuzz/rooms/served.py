@@ -6,6 +6,7 @@ from contextlib import suppress
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
@@ -80,9 +81,6 @@ def _server() -> RobotServer:
     servos.clock.tick()
     return server
 
-
-#: Clients wait for a stop that may not be cleared yet; inputs do not.
-vars(remote).update(HOLD_S=0.0, ANSWER_TIMEOUT_S=0.0)
 
 KINDS = ("command", "pose", "lease", "failure", "estop", "describe")
 
@@ -168,9 +166,11 @@ def _answers(data: bytes) -> None:
     robots = RemoteRobots(session, Link())
     for status in robots.statuses():
         str(RobotIdentity.of_answer(status))
-    for use in (robots.stop, robots.clear, lambda: robots.fail("5:limp"), lambda: robots.heal(5)):
-        with suppress(HexctlError):
-            use()
+    # Clients wait for answers, and for a stop that may not be cleared yet; inputs do not.
+    with patch.multiple(remote, HOLD_S=0.0, ANSWER_TIMEOUT_S=0.0):
+        for use in (robots.stop, robots.clear, lambda: robots.fail("5:limp"), lambda: robots.heal(5)):
+            with suppress(HexctlError):
+                use()
 
 
 def _state(data: bytes) -> None:
