@@ -162,7 +162,8 @@ class WallClock(Clock):
         due = self._index + 1
         newest = math.floor(self.now_s / self.period_s)
         if newest > due:
-            self.standstill = self.standing_still() or self.standstill
+            if super().standing_still() is None:  # not said yet, by the tick that was late
+                self.standstill = self.standing_still() or self.standstill
             self.overruns += 0 if self._paused else newest - due
             due = newest
         self._paused = False
@@ -171,6 +172,8 @@ class WallClock(Clock):
         # As little as possible between waking up and reading the clock: it would all be lateness.
         while (late_s := self._monotonic_s() - origin_s - time_s) < 0:
             self._sleep(-late_s if late_s > -2 * NAP_S else -late_s - NAP_S)
+        if late_s > STANDSTILL_S:  # while it slept; whoever pauses the clock now knows of it
+            self.standstill = Standstill(late_s, time.monotonic())
         return Tick(due, time_s, late_s)
 
 

@@ -10,11 +10,13 @@ class FakeTime:
         now_s: what the clock shows.
         sleeps: how long each sleep was asked to be.
         early_share: the share of a sleep that really passes before it returns.
+        stopped_s: for how long the program is stopped in its next sleep.
     """
 
     def __init__(self, now_s: float = 1000.0, early_share: float = 1.0) -> None:
         self.now_s = now_s
         self.early_share = early_share
+        self.stopped_s = 0.0
         self.sleeps: list[float] = []
 
     def monotonic_s(self) -> float:
@@ -26,7 +28,8 @@ class FakeTime:
         if duration_s < 0:
             raise ValueError("sleep length must be non-negative")
         self.sleeps.append(duration_s)
-        self.now_s += max(duration_s * self.early_share, 1e-9)
+        self.now_s += max(duration_s * self.early_share, 1e-9) + self.stopped_s
+        self.stopped_s = 0.0
 
     def work(self, duration_s: float) -> None:
         """Advance the time by the work of a tick."""

@@ -45,6 +45,21 @@ def test_a_minute_of_random_work_does_not_drift() -> None:
     assert clock.overruns == 0
 
 
+def test_a_program_that_is_stopped_while_it_waits_knows_so_before_anything_pauses_its_clock() -> None:
+    time = FakeTime()
+    clock = time.clock()
+    clock.tick()
+    assert clock.standstill is None
+    time.stopped_s = 1.0
+    clock.tick()
+    said = clock.standstill
+    assert said is not None
+    assert said.duration_s == pytest.approx(1.0, abs=1e-3)
+    clock.pause()
+    clock.tick()
+    assert clock.standstill is said, "once is enough"
+
+
 def test_late_by_less_than_a_period_runs_at_once_and_keeps_the_grid() -> None:
     time = FakeTime()
     clock = time.clock()
