@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 
+from hexctl.backends.clock import Standstill
 from hexctl.control.stop_reason import reason_in_words
 
 #: Lines that wait for a slow reader; further ones are dropped and counted.
@@ -40,7 +41,7 @@ class EventLog:
         self._warnings: tuple[str, ...] = ()
         self._ros: str | None = None
         self._doubt: str | None = None
-        self._standstill: str | None = None
+        self._standstill: Standstill | None = None
 
     def note(
         self,
@@ -52,15 +53,15 @@ class EventLog:
         warnings: tuple[str, ...] = (),
         ros: str | None = None,
         doubt: str | None = None,
-        standstill: str | None = None,
+        standstill: Standstill | None = None,
     ) -> None:
         """Report what differs from the last call, and a fault that is over while its stop is latched.
 
-        `ros` is a line on the ROS router, `doubt` one on a position that is not believed, `standstill` one
-        on this program itself, which comes before what followed from it.
+        `ros` is a line on the ROS router, `doubt` one on a position that is not believed; a
+        standstill of this program itself comes before what followed from it.
         """
         if standstill is not None and standstill != self._standstill:
-            self._put(standstill)
+            self._put(str(standstill))
         self._standstill = standstill
         if doubt is not None and doubt != self._doubt:
             self._put(doubt)

@@ -8,6 +8,7 @@ from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 from hexctl.backends.base import LegServos
+from hexctl.backends.clock import STANDSTILL_S, Standstill
 from hexctl.control.guard import EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, MessageError, RobotFaultError
 from hexctl.serve.commands import CommandHandler
@@ -99,6 +100,8 @@ class RobotServer:
         self._state: RobotState | None = None
         self._sequence = self._ticks = 0
         self._good_until_s: float | None = None
+        self._standstill: Standstill | None = None
+        self._ticked_s = math.inf
         self._malformed_poses = 0
         self._ros = None if ros is None else ros.connect(self._inbox, lambda: self._requests.urgent(b""))
         self._driver = None if ros is None or not ros.drive else self._made_driver()
@@ -113,6 +116,7 @@ class RobotServer:
             with self._guard, self._transport, self._stop_socket, self._ros or nullcontext():
                 self._guard.clock.tick()
                 ready()
+                self._ticked_s = time.monotonic()
                 while not until():
                     self._listen()
                     self._tick()
@@ -140,6 +144,7 @@ class RobotServer:
 
     def _handle(self, arrival: Arrival) -> None:
         """Execute or answer one arrival; no content of a message may end the loop."""
+        self._note_standstill()  # before what follows from it
         item = arrival.item
         if arrival.kind == "command":
             self._execute(payload_of(item), attachment_of(item), arrival.at_s)
@@ -218,6 +223,8 @@ class RobotServer:
     def _tick(self) -> None:
         """One control period: read, check for expired commands, publish."""
         index = self._guard.clock.tick().index
+        self._note_standstill()
+        self._ticked_s = time.monotonic()
         self._ticks += 1
         self._on_tick()
         state = self._guard.read()
@@ -237,6 +244,13 @@ class RobotServer:
         if self._ticks % BATTERY_TICKS == 0:
             self._transport.publish("battery", encode_battery(state.battery_v, state.battery_share))
 
+    def _note_standstill(self) -> None:
+        """Note once where this program itself stood still; its clock forgives that while it is paused."""
+        now_s, known = time.monotonic(), self._standstill
+        passed_s = now_s - self._ticked_s
+        if passed_s > STANDSTILL_S and (known is None or known.ended_s < self._ticked_s):
+            self._standstill = Standstill(passed_s, now_s)
+
     def _check_expiry(self) -> None:
         """Latch a stop when the last command has expired, and revoke the lease of its controller."""
         now_s = time.monotonic()
@@ -250,7 +264,7 @@ class RobotServer:
 
     def _log_changes(self) -> None:
         """Report changes of controller, stop and posture to the operator."""
-        lease, standstill = self._leases.holder(time.monotonic()), self._guard.clock.standstill
+        lease = self._leases.holder(time.monotonic())
         self._event_log.note(
             controller=None if lease is None else lease.owner,
             stopped=self._guard.stopped,
@@ -259,7 +273,7 @@ class RobotServer:
             warnings=() if self._state is None else self._state.warnings,
             ros=None if self._ros is None else self._ros.condition,
             doubt=self._guard.positions.doubt(self._guard.clock.now_s),
-            standstill=None if standstill is None else str(standstill),
+            standstill=self._standstill,
         )
 
     def _publish(self, state: RobotState) -> None:
