@@ -119,7 +119,13 @@ def listed(text: str) -> tuple[str, ...]:
 
 
 def refuse_given(options: Mapping[str, object], allowed: str) -> None:
-    """Raise InputError for an option, by its flag, that was given: one that is not None."""
+    """Raise InputError for an option, by its flag, that was given: one that is not None.
+
+    Args:
+        options: values by flag.
+        allowed: where the option is allowed, such as `with --physics`.
+    """
     for flag, value in options.items():
         if value is not None:
-            raise InputError(f"{flag}: got {'it' if value is True else value}; allowed: {allowed}")
+            told = "allowed: only" if value is True else f"got {value}; allowed:"
+            raise InputError(f"{flag}: {told} {allowed}")

@@ -55,15 +55,10 @@ def _optimize(path: Path, draft: Path) -> None:
     try:
         with suppress(OSError):
             os.setpriority(os.PRIO_PROCESS, process.pid, NICENESS)
-        code = _wait(process, START_S + path.stat().st_size / BYTES_PER_S)
+        code = process.wait(START_S + path.stat().st_size / BYTES_PER_S)
     except BaseException:
         process.kill()
         process.wait()
         raise
     if code != 0:
         raise subprocess.CalledProcessError(code, command)
-
-
-def _wait(process: "subprocess.Popen[bytes]", timeout_s: float) -> int:
-    """Exit code of a process; raises TimeoutExpired."""
-    return process.wait(timeout_s)

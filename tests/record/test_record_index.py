@@ -163,11 +163,15 @@ def test_ctrl_c_while_it_is_written_costs_no_result(
     write_long(path, trial)
     content = path.read_bytes()
 
-    def interrupt(_process: object, _timeout_s: float) -> None:
-        raise KeyboardInterrupt
+    wait = subprocess.Popen.wait
+
+    def interrupt(process: "subprocess.Popen[bytes]", timeout: float | None = None) -> int:
+        if timeout is not None:  # for the end of the process that was killed there is none
+            raise KeyboardInterrupt
+        return wait(process)
 
     with monkeypatch.context() as interrupted:
-        interrupted.setattr(record_index, "_wait", interrupt)
+        interrupted.setattr(subprocess.Popen, "wait", interrupt)
         assert not write_index(path)
     assert path.read_bytes() == content
     assert [each.name for each in tmp_path.iterdir()] == [path.name]

@@ -75,7 +75,7 @@ def test_a_study_from_end_to_end_and_again_from_the_cache(
         (["--self-rotation", "left"], "--self-rotation: got left; allowed: rear, front, none"),
         (["--worlds", "101"], "--worlds: got 101; allowed: 1..100"),
         (["--prior", "auto"], "--prior: got auto; allowed: with --transfer"),
-        (["--one-leg"], "--one-leg: got it; allowed: with --transfer"),
+        (["--one-leg"], "--one-leg: allowed: only with --transfer"),
         (["--out", "a-file"], "--out"),
         (["--out", "full"], "holds other things"),
         (["--dask", "nonsense"], "--dask"),
@@ -217,12 +217,18 @@ def test_a_comparison_of_holds_that_cannot_be_is_refused_in_one_line(
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("option", [["--holds", "line"], ["--exact-sensors"]])
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        (["--holds", "line"], "--holds: got line; allowed: with --hold"),
+        (["--exact-sensors"], "--exact-sensors: allowed: only with --hold or --recovery"),
+    ],
+)
 def test_options_of_holds_are_refused_elsewhere(
-    option: list[str], capsys: pytest.CaptureFixture[str]
+    option: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert exit_code([*TINY, *option]) == 2
-    assert "allowed: with --hold" in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 def test_an_interrupted_comparison_of_holds_goes_on(tmp_path: Path) -> None:
