@@ -3,23 +3,26 @@
 import json
 from typing import TYPE_CHECKING, Any
 
+import typer
+
 from hexctl.cli.console import print_result
 from hexctl.cli.options.output import JsonOption
-from hexctl.cli.settings import runs_folder
+from hexctl.cli.settings import is_option, runs_folder
 
 if TYPE_CHECKING:
     from hexctl.doctor.checkup import Checkup
     from hexctl.doctor.connections import Device
 
 
-def doctor(as_json: JsonOption = False) -> None:
+def doctor(context: typer.Context, as_json: JsonOption = False) -> None:
     """Say what this computer has and what works on it, for a bug report.
 
     It takes a few seconds, moves nothing, opens no device, and names no person and no other computer.
     """
     from hexctl.doctor.checkup import doctor as look
 
-    checkup = look(runs_folder())
+    root = context.find_root().command
+    checkup = look(runs_folder(), is_option=lambda variable: is_option(root, variable))
     if as_json:
         print_result(json.dumps(checkup.to_dict()))
         return
@@ -54,6 +57,7 @@ def _rows(checkup: "Checkup") -> list[tuple[str, str]]:
         ("TCP ports", network),
         ("variables", ", ".join(f"{name}={value}" for name, value in checkup.variables.items()) or "none"),
         ("settings", _settings(checkup)),
+        *([("unknown variables", ", ".join(unknown))] if (unknown := checkup.settings.unknown) else []),
         ("packages", versions),
         ("extras missing", ", ".join(missing) or "none"),
     ]

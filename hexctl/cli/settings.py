@@ -230,7 +230,7 @@ def _problems(root: Any, settings: "Settings") -> Iterator[str]:
         names = [*(PREFIX + key.upper() for key in COMMON), CHOSEN]
         for name in layer.values:
             if name not in names:
-                yield from _unknown_variable(root, name, name.removeprefix(PREFIX).lower().split("_"))
+                yield from _unknown_variable(root, name)
 
 
 def _unknown_keys(command: Any, table: Mapping[str, Any], place: str, path: tuple[str, ...]) -> Iterator[str]:
@@ -257,15 +257,32 @@ def _unknown_keys(command: Any, table: Mapping[str, Any], place: str, path: tupl
             yield f"{place}: {name}: unknown {what}; allowed: {', '.join(known)}{nearest(key, known)}"
 
 
-def _unknown_variable(command: Any, name: str, words: list[str]) -> Iterator[str]:
-    """A line about a variable that begins with the name of a command and does not end with an option."""
-    if words[0] not in getattr(command, "commands", {}):
-        return
-    command, words = command.commands[words[0]], words[1:]
+def is_option(root: Any, variable: str) -> bool:
+    """Whether a variable such as `HEXCTL_RUN_SEED` stands for an option that may be a setting.
+
+    Args:
+        root: the program's command, which has all others below it.
+        variable: its name.
+    """
+    options, option = _meant(root, variable)
+    return option in options and option not in TYPED_ONLY
+
+
+def _meant(root: Any, variable: str) -> tuple[list[str], str]:
+    """Options of the command that a variable begins with, and the one that it ends with; empty for none."""
+    from hexctl.settings import PREFIX
+
+    command, words = root, variable.removeprefix(PREFIX).lower().split("_")
     while len(words) > 1 and words[0] in getattr(command, "commands", {}):
         command, words = command.commands[words[0]], words[1:]
-    options = [flag for param in command.params if (flag := _flag(param))]
-    option = "-".join(words)
+    if command is root:
+        return [], ""
+    return [flag for param in command.params if (flag := _flag(param))], "-".join(words)
+
+
+def _unknown_variable(root: Any, name: str) -> Iterator[str]:
+    """A line about a variable that begins with the name of a command and does not end with an option."""
+    options, option = _meant(root, name)
     if not option:
         return
     if option in TYPED_ONLY:

@@ -5,7 +5,7 @@ print(checkup.works["simulate walks"] or "simulates")
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from hexctl.doctor.connections import Connections, Device, read_connections
 from hexctl.doctor.drawing import Drawing, read_drawing
 from hexctl.doctor.machine import WALK_MB, Machine, read_machine
 from hexctl.doctor.packages import Packages, read_packages
-from hexctl.doctor.settings import SettingsFound, read_settings_found
+from hexctl.doctor.settings import SettingsFound, no_option, read_settings_found
 from hexctl.export.render import RENDERERS
 
 #: Packages that each use needs, and the extra that brings them.
@@ -62,11 +62,13 @@ class Checkup:
         return asdict(self)
 
 
-def doctor(folder: Path | str = RUNS) -> Checkup:
+def doctor(folder: Path | str = RUNS, *, is_option: Callable[[str], bool] = no_option) -> Checkup:
     """Look at this computer; it takes a few seconds, moves nothing and opens no device.
 
     Args:
         folder: where runs would be recorded, for the disk.
+        is_option: whether a variable such as `HEXCTL_RUN_SEED` stands for an option of a command, which the
+            command line knows; without it those are told as unknown.
     """
     machine, packages = read_machine(Path(folder)), read_packages()
     drawing, connections = read_drawing(), read_connections()
@@ -76,7 +78,7 @@ def doctor(folder: Path | str = RUNS) -> Checkup:
         drawing=drawing,
         connections=connections,
         variables={name: os.environ[name] for name in VARIABLES if os.environ.get(name)},
-        settings=read_settings_found(),
+        settings=read_settings_found(is_option),
         works=dict(_works(machine, packages, drawing, connections)),
     )
 

@@ -1,6 +1,6 @@
 """The settings of a computer: which files and variables are followed, and what they say."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,20 +33,37 @@ class SettingsFound:
     Attributes:
         values: settings in force.
         problems: why a file or a variable is not followed, one line each.
+        unknown: variables `HEXCTL_*` that are no setting, by name; what they say is not told.
     """
 
     values: tuple[SettingFound, ...]
     problems: tuple[str, ...]
+    unknown: tuple[str, ...] = ()
 
 
-def read_settings_found() -> SettingsFound:
-    """Settings in force in the current folder; what one file says is left out where another comes first."""
+def no_option(_variable: str) -> bool:
+    """False: without the command line no variable is known to stand for an option of a command."""
+    return False
+
+
+def read_settings_found(is_option: Callable[[str], bool] = no_option) -> SettingsFound:
+    """Settings in force in the current folder; what one file says is left out where another comes first.
+
+    Args:
+        is_option: whether a variable stands for an option of a command, which the command line knows.
+    """
     settings = find_settings()
     found: dict[str, SettingFound] = {}
+    unknown: list[str] = []
     for layer in settings.layers:
         for key, value in _keys(layer):
-            found.setdefault(key, SettingFound(key=key, value=_told(key, value), origin=layer.place))
-    return SettingsFound(values=tuple(found.values()), problems=settings.problems)
+            if layer.folder is None and key not in COMMON and not is_option(key):
+                unknown.append(key)
+            else:
+                found.setdefault(key, SettingFound(key=key, value=_told(key, value), origin=layer.place))
+    return SettingsFound(
+        values=tuple(found.values()), problems=settings.problems, unknown=tuple(sorted(unknown))
+    )
 
 
 def _keys(layer: Layer) -> Iterator[tuple[str, Any]]:

@@ -27,7 +27,6 @@ def test_json_is_one_object(capsys: Any) -> None:
 def test_it_says_which_settings_are_in_force_and_what_is_wrong(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
-    monkeypatch.delenv("HEXCTL_REQUIRE_VIEWER", raising=False)  # a variable of the tests
     monkeypatch.chdir(tmp_path)
     Path("hexctl.toml").write_text("robot = 'pexod'\nconnect = 'tls/secret.lab:7447'\n[run]\nduraton = 3\n")
     assert exit_code(["doctor"]) == 0
@@ -36,3 +35,19 @@ def test_it_says_which_settings_are_in_force_and_what_is_wrong(
     assert row.split(maxsplit=1)[1] == "hexctl.toml: robot = pexod, connect = given, run.duraton = 3"
     assert "secret.lab" not in printed.out + printed.err
     assert printed.err.startswith("hexctl: hexctl.toml: run.duraton: unknown option; ")
+
+
+def test_variables_that_no_command_has_are_unknown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("HEXCTL_OTHERS", "HEXCTL_PRIOR_BUILD_WORLDS", "HEXCTL_RUN_DURATON"):
+        monkeypatch.setenv(name, "3")
+    assert exit_code(["doctor", "--json"]) == 0
+    settings = json.loads(capsys.readouterr().out)["settings"]
+    assert "HEXCTL_PRIOR_BUILD_WORLDS" in {one["key"] for one in settings["values"]}
+    assert {"HEXCTL_OTHERS", "HEXCTL_RUN_DURATON"} <= {*settings["unknown"]}
+    assert exit_code(["doctor"]) == 0
+    row = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("unknown variables "))
+    assert "HEXCTL_OTHERS" in row
+    assert "HEXCTL_PRIOR_BUILD_WORLDS" not in row
