@@ -14,6 +14,7 @@ from hexctl.cli.console import in_flags, print_note
 from hexctl.cli.options.groups import GroupedHelp
 from hexctl.errors import InputError, shown
 from hexctl.names import nearest
+from hexctl.robot.servos.drivers import PWM_DRIVERS
 
 if TYPE_CHECKING:
     from hexctl.settings import Origin, Setting, Settings
@@ -43,6 +44,9 @@ FOLLOWERS: Mapping[str, tuple[tuple[str, ...], ...] | None] = {
 
 #: Commands whose `--connect` or `--keys` are not those of a link.
 WITHOUT_LINK = (("board",), ("calibrate",))
+
+#: Backends whose device is no bus of servos; the commands of `hexctl servos` do not follow it.
+WITHOUT_BUS = ("mavlink", *PWM_DRIVERS)
 
 #: Key of a context's `meta` with the origins of its settings, by parameter.
 _ORIGINS = "hexctl.settings.origins"
@@ -173,6 +177,8 @@ class _Following:
         if option == "connect" and not on_link:
             ported = self._path == ("calibrate",) or self._backend not in ("sim", "mock", "zenoh")
             return "device" if ported and ":" not in str(self._backend) else None
+        if option == "port" and self._path[:1] == ("servos",):
+            return None if str(self._any("backend")).lower() in WITHOUT_BUS else "device"
         if option not in FOLLOWERS or self._path not in (FOLLOWERS[option] or (self._path,)):
             return None
         return option if self._useful(option, on_link=on_link or self._path == ("serve",)) else None
