@@ -44,6 +44,9 @@ COMMON = {
     "runs": "folder of recordings, sessions, priors and studies",
 }
 
+#: Table of a file below which those of commands may stand too: `[commands.keys.new]` beside `keys = "keys"`.
+COMMANDS = "commands"
+
 #: Of these, folders; and names that may be paths.
 FOLDERS = ("keys", "runs")
 NAMES_OR_PATHS = ("robot", "world", "link")
@@ -122,17 +125,28 @@ class Layer:
             name = PREFIX + "_".join(words).replace("-", "_").upper()
             text = self.values.get(name)
             return Setting(text, Origin(name)) if text else None
-        value = self.options(command).get(option)
-        return None if value is None else Setting(value, Origin(self.place, ".".join(words)), self.folder)
+        for path in _tables(command):
+            if (value := self._table(path).get(option)) is not None:
+                return Setting(value, Origin(self.place, ".".join((*path, option))), self.folder)
+        return None
 
     def options(self, command: tuple[str, ...]) -> dict[str, Any]:
         """Values that a file has for one command, by option; none for the environment."""
+        return {key: value for path in _tables(command) for key, value in self._table(path).items()}
+
+    def _table(self, path: tuple[str, ...]) -> dict[str, Any]:
+        """Values of a table of a file, without the tables in it; none for the environment."""
         here: Any = self.values if self.folder is not None else None
-        for word in command:
+        for word in path:
             here = here.get(word) if isinstance(here, Mapping) else None
         if not isinstance(here, Mapping):
             return {}
         return {key: value for key, value in here.items() if not isinstance(value, Mapping)}
+
+
+def _tables(command: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
+    """Tables in which a file may have the options of a command; for none, the settings above all tables."""
+    return (command, (COMMANDS, *command)) if command else ((),)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -282,7 +296,10 @@ def _content(path: Path) -> dict[str, Any]:
         raise InputError(f"{name}: cannot be read as text: {error}") from error
     except (ValueError, RecursionError) as error:
         raise InputError(f"{name}: is not valid TOML: {error}") from error
-    return _hyphenated(content, name)
+    values = _hyphenated(content, name)
+    if isinstance(below := values.get(COMMANDS), dict):
+        _check_once(values, below, name, ())
+    return values
 
 
 def _hyphenated(table: Mapping[str, Any], place: str) -> dict[str, Any]:
@@ -294,6 +311,18 @@ def _hyphenated(table: Mapping[str, Any], place: str) -> dict[str, Any]:
             raise InputError(f"{place}: {key}: is given twice; allowed: once")
         plain[name] = _hyphenated(value, place) if isinstance(value, dict) else value
     return plain
+
+
+def _check_once(
+    table: Mapping[str, Any], below: Mapping[str, Any], place: str, path: tuple[str, ...]
+) -> None:
+    """Raise InputError for an option that a table has, and the same one below `COMMANDS` as well."""
+    for key in table.keys() & below.keys():
+        tables = isinstance(table[key], dict), isinstance(below[key], dict)
+        if all(tables):
+            _check_once(table[key], below[key], place, (*path, key))
+        elif not any(tables):
+            raise InputError(f"{place}: {'.'.join((COMMANDS, *path, key))}: is given twice; allowed: once")
 
 
 def _misspelt(variables: Mapping[str, str]) -> Iterator[str]:

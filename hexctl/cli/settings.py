@@ -241,13 +241,17 @@ def _problems(root: Any, settings: "Settings") -> Iterator[str]:
 
 def _unknown_keys(command: Any, table: Mapping[str, Any], place: str, path: tuple[str, ...]) -> Iterator[str]:
     """A line for each key of a table that is neither a command nor an option of this one."""
-    from hexctl.settings import COMMON
+    from hexctl.settings import COMMANDS, COMMON
 
-    options = [flag for param in command.params if (flag := _flag(param))] if path else list(COMMON)
+    options = [flag for param in command.params if (flag := _flag(param))]
+    if path in ((), (COMMANDS,)):
+        options = [] if path else list(COMMON)
     below = getattr(command, "commands", {})
     for key, value in table.items():
         name = ".".join((*path, key))
-        if isinstance(value, Mapping) and key in below:
+        if isinstance(value, Mapping) and key == COMMANDS and not path:
+            yield from _unknown_keys(command, value, place, (COMMANDS,))
+        elif isinstance(value, Mapping) and key in below:
             yield from _unknown_keys(below[key], value, place, (*path, key))
         elif key in TYPED_ONLY and path:
             yield f"{place}: {name}: got {shown(value)}; allowed: only typed, as --{key}"
@@ -259,7 +263,7 @@ def _unknown_keys(command: Any, table: Mapping[str, Any], place: str, path: tupl
             yield f"{place}: {name}: got {shown(value)}; allowed: a table [{name}] of the command's options"
         else:
             known = [*options, *below]
-            what = "option" if path else "setting or command"
+            what = "setting or command" if not path else "option" if options else "command"
             yield f"{place}: {name}: unknown {what}; allowed: {', '.join(known)}{nearest(key, known)}"
 
 

@@ -83,6 +83,16 @@ def test_options_of_a_command_are_parsed_as_if_typed() -> None:
     assert defaults("adapt") == {}
 
 
+def test_options_of_a_command_may_stand_beside_a_setting_of_its_name() -> None:
+    write(
+        "keys = 'certificates'\nrobot = 'pexod'\n[run]\nseed = 3\n"
+        "[commands.keys.new]\ndays = 90\n[commands.run]\nduration = 20\n"
+    )
+    assert defaults("keys", "new") == {"days": 90}
+    assert defaults("run") == {"robot": "pexod", "seed": 3, "duration": 20.0}
+    assert defaults("status", "--connect", "tls/h:1") == {"keys": Path("certificates")}
+
+
 def test_what_is_typed_comes_first_then_variables(monkeypatch: pytest.MonkeyPatch) -> None:
     write("robot = 'pexod'\n[run]\nduration = 20\nseed = 3\nfail = ['5:locked@8']\n")
     monkeypatch.setenv("HEXCTL_RUN_DURATION", "10")
@@ -189,6 +199,15 @@ def test_paths_begin_at_the_folder_of_the_file(folder: Path, monkeypatch: pytest
         ("[run]\nduraton = 3", "run", "hexctl.toml: run.duraton: unknown option; "),
         ("[run.duration]\ns = 3", "run", "hexctl.toml: run.duration: got a table; allowed: one value"),
         ("run = 3", "status", "hexctl.toml: run: got 3; allowed: a table [run]"),
+        (
+            "[run]\nseed = 3\n[commands.run]\nseed = 3",
+            "check",
+            "hexctl.toml: commands.run.seed: is given twice; allowed: once",
+        ),
+        ("[commands.keys.new]\ndays = 0", "keys new", "hexctl.toml: commands.keys.new.days: got 0; "),
+        ("[commands]\nrobot = 'ant'", "check", "hexctl.toml: commands.robot: got 'ant'; allowed: a table ["),
+        ("[commands]\nseed = 3", "check", "hexctl.toml: commands.seed: unknown command; allowed: run, "),
+        ("commands = 3", "check", "hexctl.toml: commands: unknown setting or command; "),
         ("robt = 'ant'", "sessions list", "hexctl.toml: robt: unknown setting or command; "),
         ("[sesions]\na = 1", "check", "hexctl.toml: sesions: unknown setting or command; "),
         (
