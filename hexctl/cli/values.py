@@ -108,6 +108,11 @@ def given(context: typer.Context) -> Mapping[str, Any]:
     }
 
 
+def is_said(context: typer.Context, name: str) -> bool:
+    """Whether a parameter was typed or follows a setting, so that its value is not its default."""
+    return getattr(context.get_parameter_source(name), "name", "DEFAULT") != "DEFAULT"
+
+
 def with_values(**options: Any) -> dict[str, Any]:
     """The options that have a value; for those that are None the library's own defaults hold."""
     return {name: value for name, value in options.items() if value is not None}

@@ -1,8 +1,9 @@
 """What a camera cannot find out about a new place by looking: lens, print, height of the robot's tag."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from hexctl.errors import InputError, argument
 from hexctl.robot.model import Robot
@@ -35,23 +36,28 @@ class PlaceSetup:
         lens: file of a calibration (`load_lens`); a lens without distortion unless given.
         fov_deg: from the left to the right edge, of a lens without distortion; `USUAL_FOV_DEG` unless given.
         bar_mm: length of the sheet's bar as printed; `BAR_MM` unless given.
-        sheet: as it was printed: numbers and edges of the tags.
+        sheet: as it was printed: numbers and edges of the tags; or those of them that are given, by name.
         tag_height_mm: of the robot's tag above the origin of its base; the top of its trunk unless given.
     """
 
     lens: Path | None
     fov_deg: float | None
     bar_mm: float | None
-    sheet: Sheet | None
+    sheet: Sheet | Mapping[str, Any] | None
     tag_height_mm: float | None
 
     def check_known(self, place: Place, path: Path) -> None:
         """Raise InputError for what was given and is not so in a place that is known."""
-        for name, given, known in (*self._numbers(place), *_sheet_numbers(self.sheet, place)):
+        for name, given, known in (*self._numbers(place), *_sheet_numbers(self._printed, place)):
             if given is not None and (known is None or abs(given - known) > SAME):
                 raise _contradiction(name, f"{given:g}", path, "none" if known is None else f"{known:g}")
         if self.lens is not None and _resolved(self.lens) != _resolved(place.lens_file):
             raise _contradiction("lens", str(self.lens), path, str(place.lens_file or "one that is assumed"))
+
+    @property
+    def _printed(self) -> Mapping[str, Any]:
+        """What was given of the sheet, by the names of its attributes."""
+        return asdict(self.sheet) if isinstance(self.sheet, Sheet) else self.sheet or {}
 
     def _numbers(self, place: Place) -> Iterator[tuple[str, float | None, float | None]]:
         """Arguments by name, as given and as the place has them; the bar may differ (`measured`)."""
@@ -84,12 +90,18 @@ class PlaceSetup:
         lens, lens_file = self._lens(size_px, before)
         bar_mm = self.bar_mm or (BAR_MM if before is None else before.bar_mm)
         scale = print_scale(bar_mm)
-        edges_m = self._edges_m(before)
+        robot_tag = self._robot_tag(robot, before, scale)
+        edges_m = self._edges_m(before, robot_tag.tag_id)
+        if robot_tag.tag_id in edges_m:
+            raise InputError(
+                f"{argument('robot_tag')}: got {robot_tag.tag_id}; allowed: no tag of the floor, "
+                f"{', '.join(map(str, sorted(edges_m)))}"
+            )
         floor = learn_floor(lens, views, {tag: scale * edge for tag, edge in edges_m.items()})
         place = Place(
             camera=floor.cameras[0],
             floor_tags=floor.tags,
-            robot_tag=self._robot_tag(robot, before, scale),
+            robot_tag=robot_tag,
             bar_mm=bar_mm,
             lens_file=lens_file,
             latency_s=None if before is None else before.latency_s,
@@ -107,13 +119,24 @@ class PlaceSetup:
             return Lens.assumed(*size_px, before.fov_deg), None
         return Lens.assumed(*size_px, self.fov_deg or USUAL_FOV_DEG), None
 
-    def _edges_m(self, before: Place | None) -> dict[int, float]:
-        """Edges of the floor's tags as written on the sheet, by number."""
-        edges_m = (self.sheet or Sheet()).floor_edges_m
-        if self.sheet is None and before is not None:
-            scale = print_scale(before.bar_mm)
-            edges_m |= {number: tag.edge_m / scale for number, tag in before.floor_tags.items()}
-        return edges_m
+    def _edges_m(self, before: Place | None, robot_tag: int) -> dict[int, float]:
+        """Edges of the floor's tags as written on the sheet, by number; new ones are as those before."""
+        sheet = Sheet(**self._printed)
+        if before is None:
+            return sheet.floor_edges_m
+        scale = print_scale(before.bar_mm)
+        known = {number: tag.edge_m / scale for number, tag in sorted(before.floor_tags.items())}
+        others = (edge_m for number, edge_m in known.items() if number != HOME_TAG)
+        usual_m = next(others, sheet.floor_edge_mm / 1000)
+        numbers = sorted(sheet.floor_edges_m)
+        if "floor_tags" not in self._printed:
+            numbers = sorted({*numbers, *known} - {robot_tag})
+        return {
+            number: getattr(sheet, _edge_name(number)) / 1000
+            if _edge_name(number) in self._printed
+            else known.get(number, usual_m)
+            for number in numbers
+        }
 
     def _robot_tag(self, robot: Robot, before: Place | None, scale: float) -> RobotTag:
         known = None if before is None else before.robot_tag
@@ -121,25 +144,34 @@ class PlaceSetup:
         if self.tag_height_mm is not None:
             height_m = self.tag_height_mm / 1000
         mount = PlanarPose(0.0, 0.0, 0.0) if known is None else known.mount
-        if self.sheet is None and before is not None and known is not None:
-            edge_m = known.edge_m / print_scale(before.bar_mm) * scale
-            return RobotTag(known.tag_id, edge_m, mount, height_m)
-        sheet = self.sheet or Sheet()
-        return RobotTag(sheet.robot_tag, sheet.robot_edge_mm / 1000 * scale, mount, height_m)
+        sheet = Sheet(**self._printed)
+        tag_id, edge_m = sheet.robot_tag, sheet.robot_edge_mm / 1000
+        if known is not None and before is not None:
+            tag_id = tag_id if "robot_tag" in self._printed else known.tag_id
+            known_m = known.edge_m / print_scale(before.bar_mm)
+            edge_m = edge_m if "robot_edge_mm" in self._printed else known_m
+        return RobotTag(tag_id, edge_m * scale, mount, height_m)
 
 
-def _sheet_numbers(sheet: Sheet | None, place: Place) -> Iterator[tuple[str, float, float | None]]:
-    """Arguments of a sheet by name, as given and as a place has them; tags that it never saw are left out."""
-    if sheet is None:
-        return
+def _edge_name(number: int) -> str:
+    """Attribute of a sheet with the edge of a tag of the floor."""
+    return "home_edge_mm" if number == HOME_TAG else "floor_edge_mm"
+
+
+def _sheet_numbers(printed: Mapping[str, Any], place: Place) -> Iterator[tuple[str, float, float | None]]:
+    """What is given of a sheet by name, and as a place has it; tags that it never saw are left out."""
     scale = print_scale(place.bar_mm)
-    yield "robot_tag", sheet.robot_tag, place.robot_tag.tag_id
-    yield "robot_edge_mm", sheet.robot_edge_mm, 1000 * place.robot_tag.edge_m / scale
-    for number, tag in place.floor_tags.items():
-        name = "home_edge_mm" if number == HOME_TAG else "floor_edge_mm"
-        given_m = sheet.floor_edges_m.get(number)
-        if given_m is not None:
-            yield name, 1000 * given_m, 1000 * tag.edge_m / scale
+    edges_m = Sheet(**printed).floor_edges_m
+    known = [
+        ("robot_tag", place.robot_tag.tag_id),
+        ("robot_edge_mm", 1000 * place.robot_tag.edge_m / scale),
+        *(
+            (_edge_name(number), 1000 * tag.edge_m / scale)
+            for number, tag in place.floor_tags.items()
+            if number in edges_m
+        ),
+    ]
+    yield from ((name, printed[name], value) for name, value in known if name in printed)
 
 
 def _unseen_doubt(numbers: Sequence[int]) -> tuple[str, ...]:

@@ -2,10 +2,11 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -83,7 +84,8 @@ class RobotCamera(CameraOptions):
         fov_deg: from the left to the right edge, of a lens without distortion; 67 unless given.
         bar_mm: length of the sheet's bar as printed; None for that of the place, or 100. A known place
             becomes larger or smaller by it.
-        sheet: as it was printed: numbers and edges of the tags; `Sheet()` unless given.
+        sheet: as it was printed: numbers and edges of the tags, or those of them that are given, such as
+            `{"robot_tag": 11}`; the others are those of the place, or of `Sheet()`.
         tag_height_mm: of the robot's tag above the origin of its base; the top of its trunk unless given.
         latency_ms: age of a picture when it comes; None for that of the place, or 80.
         linked: whether a robot is told where it is; without, legs and height are those of the robot file that
@@ -97,7 +99,7 @@ class RobotCamera(CameraOptions):
     lens: str | Path | None = None
     fov_deg: float | None = None
     bar_mm: float | None = None
-    sheet: Sheet | None = None
+    sheet: Sheet | Mapping[str, Any] | None = None
     tag_height_mm: float | None = None
     latency_ms: float | None = None
     linked: bool = True
@@ -109,6 +111,8 @@ class RobotCamera(CameraOptions):
         CameraOptions.__post_init__(self)
         if self.bar_mm is not None:
             print_scale(self.bar_mm)
+        if isinstance(self.sheet, Mapping):
+            _check_printed(self.sheet)
         low_ms, high_ms = LATENCIES_MS
         if self.latency_ms is not None and not low_ms <= self.latency_ms <= high_ms:
             raise InputError(
@@ -216,6 +220,15 @@ class RobotCamera(CameraOptions):
             lens=None if self.lens is None else Path(self.lens), fov_deg=self.fov_deg, bar_mm=self.bar_mm,
             sheet=self.sheet, tag_height_mm=self.tag_height_mm,
         )  # fmt: skip
+
+
+def _check_printed(printed: Mapping[str, Any]) -> None:
+    """Raise InputError for what no sheet has, or none can have."""
+    names = [each.name for each in fields(Sheet)]
+    for name in printed:
+        if name not in names:
+            raise InputError(f"{argument('sheet')}: got {name}; allowed: {', '.join(names)}")
+    Sheet(**printed)
 
 
 def seen_place(

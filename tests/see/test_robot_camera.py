@@ -229,3 +229,12 @@ def test_a_floor_without_the_home_tag_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="home tag"):
         camera.run(lambda: False)
     assert not (tmp_path / "place.yaml").exists()
+
+
+@pytest.mark.parametrize(
+    ("printed", "said"),
+    [({"robot": 11}, "sheet: got robot; allowed: paper, robot_tag"), ({"robot_tag": 2}, "robot_tag: got 2")],
+)
+def test_what_no_sheet_has_is_refused_at_once(printed: dict[str, int], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        RobotCamera(camera="0", sheet=printed)

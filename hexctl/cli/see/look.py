@@ -21,7 +21,7 @@ from hexctl.cli.see.options import (
     RobotTagOption,
     SizeOption,
 )
-from hexctl.cli.values import Range, given, number
+from hexctl.cli.values import Range, is_said, number
 
 if TYPE_CHECKING:
     from hexctl.see.pose_stream import CameraReport, CameraStatus
@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
 FOV_DEG = Range(low=10, high=150, unit="deg")
 BAR_MM = Range(low=50, high=200, unit="mm")
-#: Options that say how the sheet was printed.
-SHEET_FLAGS = {"--robot-tag", "--robot-edge-mm", "--home-edge-mm", "--floor-tags", "--floor-edge-mm"}
 HEIGHT_MM = Range(low=-500, high=1000, unit="mm")
 
 
@@ -134,24 +132,24 @@ def look(
 ) -> None:
     """Find a robot on the floor with a camera and printed tags, and tell it where it is, until Ctrl-C.
 
-    What is for a new place must agree with a place that is known; with --relearn it takes its place.
+    What is for a new place must agree with a place that is known; with --relearn it takes its place, and what
+    is not given stays.
     """
     if context.invoked_subcommand is not None:
         return
     from hexctl.cli.console import StopOnInterrupt, print_note, print_result
     from hexctl.errors import InputError
     from hexctl.see.robot_camera import RobotCamera
-    from hexctl.see.sheet import Sheet
 
     if camera is None:
         raise InputError("--camera: got none; allowed: a number such as 0, an address, or a video file")
-    sheet = Sheet(
-        robot_tag=int(robot_tag),
-        robot_edge_mm=robot_edge_mm,
-        home_edge_mm=home_edge_mm,
-        floor_tags=int(floor_tags),
-        floor_edge_mm=floor_edge_mm,
-    )
+    printed = {
+        "robot_tag": int(robot_tag),
+        "robot_edge_mm": robot_edge_mm,
+        "home_edge_mm": home_edge_mm,
+        "floor_tags": int(floor_tags),
+        "floor_edge_mm": floor_edge_mm,
+    }
     looking = RobotCamera(
         camera=camera,
         place=place,
@@ -159,7 +157,7 @@ def look(
         lens=lens,
         fov_deg=fov_deg,
         bar_mm=bar_mm,
-        sheet=sheet if SHEET_FLAGS & given(context).keys() else None,
+        sheet={name: value for name, value in printed.items() if is_said(context, name)} or None,
         tag_height_mm=tag_height_mm,
         latency_ms=latency_ms,
         size_px=size,

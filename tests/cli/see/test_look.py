@@ -55,6 +55,7 @@ def test_bad_input_is_one_line(
     ("arguments", "message"),
     [
         (["--robot-tag", "11"], "--robot-tag: got 11, and {place} has 10; allowed: what it has, --relearn"),
+        (["--robot-edge-mm", "90"], "--robot-edge-mm: got 90, and {place} has 100; allowed: what it has"),
         (["--fov-deg", "70"], "--fov-deg: got 70, and {place} has none; allowed: what it has, --relearn, or"),
         (["--lens", "other.yaml"], "--lens: got other.yaml, and {place} has"),
         (["--tag-height-mm", "40"], "--tag-height-mm: got 40, and {place} has 30; allowed: what it has"),
@@ -70,6 +71,16 @@ def test_what_contradicts_a_known_place_is_one_line(
     assert err.count("\n") == 1
     # What is not typed is what the place has: only the camera is missing.
     assert exit_code(["see", "--camera", "63", "--no-link", "--place", str(place)]) == 3
+
+
+def test_a_setting_of_the_sheet_counts_as_if_typed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    saved(tmp_path)
+    Path("hexctl.toml").write_text("[see]\nrobot-tag = 11\n")
+    assert exit_code(["see", "--camera", "63", "--no-link"]) == 2
+    assert "hexctl.toml: see.robot-tag: got 11, and place.yaml has 10; " in capsys.readouterr().err
 
 
 def test_the_line_of_a_second_says_what_is_known() -> None:
