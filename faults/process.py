@@ -63,6 +63,8 @@ class Program:
         stem = f"{name}-{time.monotonic_ns()}"
         self.name, self._output = name, folder / f"{stem}.out"
         self._output.touch()
+        # A stop that is kept for the next server is kept for none of another rig.
+        variables = {"XDG_STATE_HOME": str(folder), **variables}
         lines = folder / f"{stem}.in"
         os.mkfifo(lines)
         # Opened for both, a pipe without a reader does not keep the opener waiting.
