@@ -20,10 +20,12 @@ from hexctl.adapt.sessions.session import (
 from hexctl.adapt.sessions.steps import search_steps
 from hexctl.adapt.sessions.store import load_session, stored_names
 from hexctl.errors import HexctlError, InputError
+from hexctl.record.damage import check_sound
 from hexctl.record.sessions.figures import write_overview_file
 from hexctl.record.sessions.overview import Overview, OverviewTrial, SearchStep, drawable
 from hexctl.record.viewer import (
     FileServer,
+    check_recording,
     free_port,
     is_recording,
     newest_recording,
@@ -154,11 +156,11 @@ def view_runs(names: Sequence[str], runs: Path) -> int:
         names: paths of recordings, and names or folders of sessions; empty is the newest of either.
         runs: the folder of recordings and of the session store.
 
-    Raises InputError for a name that is neither, RecordingError for a viewer that cannot start, and
-    MissingExtraError without Rerun.
+    Raises InputError for a name that is neither and for a damaged recording, RecordingError for a viewer that
+    cannot start, and MissingExtraError without Rerun.
     """
     chosen = _find_runs(names, runs)
-    return open_viewer([one if isinstance(one, Path) else _current_overview(*one) for one in chosen])
+    return open_viewer([_sound(one) if isinstance(one, Path) else _current_overview(*one) for one in chosen])
 
 
 def serve_runs(
@@ -192,12 +194,19 @@ def serve_runs(
 def _serve(chosen: Path | StoredSession, files: FileServer, into: Path) -> str:
     """URL of a recording, or of a session's overview, whose links lead to recordings on the same server."""
     if isinstance(chosen, Path):
-        return files.add(into.name, chosen)
+        return files.add(into.name, _sound(chosen))
     session, folder = chosen
     for recording in recordings_of(session, folder).values():
         files.add(session.name, recording)
     overview = write_overview(session, folder, into=into, base=files.base(session.name))
     return files.add(session.name, overview)
+
+
+def _sound(path: Path) -> Path:
+    """The path; raises InputError for a file that is no recording, or at which the viewer would end."""
+    check_recording(path)
+    check_sound(path)
+    return path
 
 
 def _find_runs(names: Sequence[str], runs: Path) -> list[Path | StoredSession]:

@@ -14,6 +14,7 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.control.trace import PHASES
 from hexctl.errors import HexctlError, InputError, MissingExtraError
 from hexctl.record import paths, style
+from hexctl.record.damage import check_sound
 from hexctl.record.rrd import check_name, load_rerun
 from hexctl.record.tracks.servos import READINGS
 from hexctl.robot.formats.json_model import robot_from_json
@@ -193,6 +194,7 @@ class _Columns:
             from rerun.chunk import RrdReader
         except (ImportError, MissingExtraError) as error:
             raise MissingExtraError("reading a recording", "view") from error
+        check_sound(path)
         try:
             with warnings.catch_warnings():
                 # Recordings of a program that was killed lack their index, and those of long walks at first.

@@ -1,6 +1,10 @@
 """A short simulated trial with a failed leg, a made-up session, and a reader of recordings."""
 
+import signal
+import subprocess
+import sys
 from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,11 +21,17 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
 from hexctl.gait.gait import NAMED_SLOTS, Gait
+from hexctl.record.damage import READ
 from hexctl.record.recording import Recording
+from hexctl.record.rrd import MESSAGE_HEAD
 from hexctl.record.sessions.overview import Overview, OverviewTrial
+from hexctl.record.viewer import viewer_binary
 from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
+
+#: Bytes of a file of Rerun before its first message, and the kind of messages that hold a chunk.
+STREAM_HEAD_BYTES, CHUNK = 12, 2
 
 
 @dataclass
@@ -136,3 +146,34 @@ def make_overview(*trials: OverviewTrial) -> Overview:
 SESSION = make_overview(
     make_trial(1, -0.8), make_trial(2, 0.0, valid=False), make_trial(3, 0.3), make_trial(4, 1.2)
 )
+
+
+def damage(path: Path) -> Path:
+    """A copy of a recording with one other byte, at which Rerun's reader ends its process (SIGABRT)."""
+    whole, damaged = path.read_bytes(), path.with_name(f"{path.stem}-damaged.rrd")
+    messages = list(_chunk_messages(whole))
+    start, stop = messages[1]
+    # The last quarter of a message holds lengths of its columns, which Rerun does not check.
+    for at in range(start + (stop - start) * 3 // 4, stop):
+        damaged.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
+        command = [str(viewer_binary()), "rrd", "stats", str(damaged)]
+        code = subprocess.run(command, capture_output=True, timeout=60, check=False).returncode
+        if code > 1 and _exit_code_of_reader(damaged) == -signal.SIGABRT:
+            return damaged
+    raise AssertionError(f"no byte of {path} ends Rerun's reader")
+
+
+def _exit_code_of_reader(path: Path) -> int:
+    command = [sys.executable, "-c", READ, str(path)]
+    return subprocess.run(command, capture_output=True, timeout=60, check=False).returncode
+
+
+def _chunk_messages(content: bytes) -> Iterator[tuple[int, int]]:
+    """Where each message with a chunk begins, behind its head, and where it ends."""
+    at = STREAM_HEAD_BYTES
+    while at + MESSAGE_HEAD.size <= len(content):
+        kind, length = MESSAGE_HEAD.unpack_from(content, at)
+        at += MESSAGE_HEAD.size
+        if kind == CHUNK:
+            yield at, at + length
+        at += length

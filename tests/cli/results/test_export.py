@@ -11,6 +11,7 @@ from hexctl.export.export import FORMATS
 from hexctl.export.pictures import RATES_HZ, WIDTHS_PX
 from hexctl.export.render import CAMERAS
 from hexctl.record.run import run
+from tests.record.conftest import damage
 
 
 @pytest.fixture(scope="module")
@@ -68,3 +69,16 @@ def test_words_and_ranges_are_those_of_the_library() -> None:
     assert get_args(Camera) == CAMERAS
     assert (WIDTH_PX.low, WIDTH_PX.high) == WIDTHS_PX
     assert (FPS.low, FPS.high) == RATES_HZ
+
+
+def test_a_damaged_recording_is_named_and_nothing_is_written(
+    recording: Path, tmp_path: Path, capsys: Any, monkeypatch: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    damaged = damage(recording)
+    for kind in ("csv", "urdf"):
+        assert exit_code(["export", str(damaged), "--to", kind, "-o", f"out.{kind}"]) == 2
+        told = capsys.readouterr().err
+        assert told.startswith(f"hexctl: recording: {damaged} is damaged, and Rerun cannot read it")
+        assert told.count("\n") == 1
+    assert not list(tmp_path.iterdir())

@@ -16,7 +16,10 @@ from hexctl.adapt.sessions.store import SessionStore
 from hexctl.cli.main import exit_code
 from hexctl.control.log import TickLog
 from hexctl.record import live, viewer
+from hexctl.record.run import run
+from hexctl.record.viewer import viewer_binary
 from tests.adapt.walking import SPEC, result_of
+from tests.record.conftest import damage
 from tests.serve.processes import (
     TIMEOUT_S,
     Program,
@@ -269,3 +272,26 @@ def test_bad_input() -> None:
     assert exit_code(["view", "--keys", "x"]) == 2
     assert exit_code(["view", "a.rrd", "--connect", "tcp/127.0.0.1:1"]) == 2
     assert exit_code(["view", "--connect", "nonsense"]) == 2
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("walk") / "walk.rrd"
+    run(duration_s=0.5, record=path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def damaged(walk: Path) -> Path:
+    return damage(walk)
+
+
+@pytest.mark.parametrize("options", [(), ("--web",)])
+def test_a_damaged_recording_is_named_before_anything_is_shown(
+    options: tuple[str, ...], walk: Path, damaged: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(viewer, "viewer_binary", viewer_binary)
+    assert exit_code(["view", str(walk), str(damaged), *options]) == 2
+    told = capsys.readouterr().err
+    assert told.startswith(f"hexctl: recording: {damaged} is damaged, and Rerun cannot read it")
+    assert told.count("\n") == 1

@@ -351,6 +351,6 @@ TARGETS = (
         seeds=(_recording(),),
         words=(b"RRF2", b"FOOT"),
         most_bytes=60_000,
-        times=0,
+        times=10,
     ),
 )

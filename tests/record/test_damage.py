@@ -1,0 +1,82 @@
+"""Recordings at which Rerun ends the process that reads them are refused; all others are read as before."""
+
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hexctl.errors import InputError
+from hexctl.record import damage as looked_at
+from hexctl.record.damage import check_sound
+from hexctl.record.recorded_trial import read_trial
+from tests.record.conftest import STREAM_HEAD_BYTES, Trial, damage, write
+
+TOLD = "is damaged, and Rerun cannot read it"
+
+
+@pytest.fixture(scope="module")
+def sound(trial: Trial, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write(tmp_path_factory.mktemp("sound") / "walk.rrd", trial)
+
+
+@pytest.fixture(scope="module")
+def damaged(sound: Path) -> Path:
+    return damage(sound)
+
+
+def test_what_would_end_the_program_is_refused_and_its_neighbours_are_read(
+    sound: Path, damaged: Path, trial: Trial
+) -> None:
+    assert len(read_trial(sound)) == len(trial.log)
+    with pytest.raises(InputError, match=TOLD) as refused:
+        read_trial(damaged)
+    assert str(damaged) in str(refused.value)
+    assert "\n" not in str(refused.value)
+    assert len(read_trial(sound)) == len(trial.log)
+
+
+def test_the_reader_decides_where_the_program_that_looks_first_cannot(
+    sound: Path, damaged: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    refuses = tmp_path / "rerun"
+    refuses.write_text("#!/bin/sh\nexit 1\n")
+    refuses.chmod(0o755)
+    for binary in (refuses, tmp_path / "missing"):
+        monkeypatch.setattr("hexctl.record.viewer.viewer_binary", lambda binary=binary: binary)
+        looked_at._ends_reader.cache_clear()
+        check_sound(sound)
+        with pytest.raises(InputError, match=TOLD):
+            check_sound(damaged)
+
+
+def test_what_does_not_end_in_time_is_damaged(sound: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(looked_at, "START_S", 0.0)
+    monkeypatch.setattr(looked_at, "BYTES_PER_S", 1e12)
+    looked_at._ends_reader.cache_clear()
+    with pytest.raises(InputError, match=TOLD):
+        check_sound(sound)
+    looked_at._ends_reader.cache_clear()
+
+
+def test_a_file_is_looked_at_again_only_when_it_has_changed(
+    sound: Path, damaged: Path, tmp_path: Path, monkeypatch: Any
+) -> None:
+    path = tmp_path / "walk.rrd"
+    path.write_bytes(sound.read_bytes())
+    check_sound(path)
+    with monkeypatch.context() as without:
+        without.setattr(subprocess, "run", None)
+        check_sound(path)
+    path.write_bytes(damaged.read_bytes())
+    with pytest.raises(InputError, match=TOLD):
+        check_sound(path)
+
+
+def test_what_rerun_refuses_itself_passes(sound: Path, tmp_path: Path) -> None:
+    check_sound(tmp_path / "missing.rrd")
+    cut = tmp_path / "cut.rrd"
+    cut.write_bytes(sound.read_bytes()[: STREAM_HEAD_BYTES + 20])
+    check_sound(cut)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_trial(cut)
