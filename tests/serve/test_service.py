@@ -5,7 +5,7 @@ import pytest
 from hexctl.backends.bus.register.registers import table_of
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
-from hexctl.serve.boards.bus_servos import BusServo
+from hexctl.serve.boards.register_servos import BusServo
 from hexctl.serve.service import RobotService, ServiceStarted, ServosSpec
 from tests.backends.bus.boards import a_map, bus_board
 from tests.backends.pwm.boards import servo2040_board

@@ -8,8 +8,9 @@ import numpy as np
 from hexctl.backends.base import LegServos
 from hexctl.robot.servos.bus_map import BusMap
 from hexctl.serve.boards.bus_faults import FACTORY_ID, BusFault, BusFaults
-from hexctl.serve.boards.bus_servos import BusBoardCounters, RegisterServos, SimulatedServos
+from hexctl.serve.boards.bus_servos import BusBoardCounters, SimulatedServos
 from hexctl.serve.boards.lx16a_servos import Lx16aServos
+from hexctl.serve.boards.register_servos import RegisterServos
 from hexctl.serve.boards.simulated_board import PseudoTerminal, SimulatedBoard
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState
 

@@ -12,7 +12,7 @@ from hexctl.backends.base import LegServos
 from hexctl.backends.bus.servos import BusServos, parse_bus_port
 from hexctl.control.guard import Guard
 from hexctl.errors import InputError, RobotFaultError
-from hexctl.serve.boards.bus_servos import BusServo
+from hexctl.serve.boards.register_servos import BusServo
 from hexctl.testing.servos import LegServosConformance
 from hexctl.types import JointTargets, RobotState
 from hexctl.waiting import wait_for

@@ -10,7 +10,7 @@ from hexctl.backends.bus.register.registers import Register, RegisterTable, tabl
 from hexctl.backends.bus.servos import BusServos
 from hexctl.errors import RobotFaultError
 from hexctl.serve.boards.bus_board import BusBoard
-from hexctl.serve.boards.bus_servos import BusServo
+from hexctl.serve.boards.register_servos import BusServo
 from hexctl.types import JointTargets, RobotState
 from tests.backends.bus.boards import a_map, bus_board, servos_on
 

@@ -1,0 +1,364 @@
+"""Simulated servos with registers on a bus, Dynamixel and Feetech: what they understand and answer."""
+
+import numpy as np
+
+from hexctl.backends.bus.packets import (
+    BROADCAST,
+    MOST_PARAMETERS,
+    PING,
+    PROTOCOLS,
+    READ,
+    REBOOT,
+    STATUS,
+    SYNC_READ,
+    SYNC_WRITE,
+    WRITE,
+)
+from hexctl.backends.bus.register.registers import Register, RegisterTable, table_of
+from hexctl.robot.servos.bus_map import BusMap
+from hexctl.robot.servos.servo_models import ServoType
+from hexctl.serve.boards.bus_faults import BusFaults
+from hexctl.serve.boards.bus_servos import (
+    USUAL_C,
+    USUAL_V,
+    BusBoardCounters,
+    SimulatedServo,
+    SimulatedServos,
+)
+from hexctl.types import FloatArray
+
+#: Bytes of a servo's memory.
+MEMORY = 256
+
+#: Highest time of a watchdog, in 20 ms, and what it says once it has expired (-1).
+MOST_WATCHDOG, EXPIRED = 127, 255
+
+#: Codes of protocol 2 with which a write is refused, highest id, and operating modes of X servos and XL-320.
+RANGE, LIMIT, ACCESS = 4, 6, 7
+MOST_ID, _MODES = 252, (0, 1, 2, 3, 4, 5, 16)
+
+#: Marks a write that is dropped without a word.
+_SILENTLY = 1 << 8
+
+#: Lowest voltage of servos that do not complain of it, as a share of the usual one.
+LOW_SHARE = 0.7
+
+
+class BusServo(SimulatedServo):
+    """One servo with registers: its memory, what of it is kept without power, and what it refuses.
+
+    Attributes:
+        memory: its registers.
+        overloaded: whether it complains of an overload.
+    """
+
+    def __init__(self, servo_id: int, table: RegisterTable, model: ServoType, counts: float) -> None:
+        self._table = table
+        self.memory = bytearray(MEMORY)
+        self.overloaded = False
+        self.set(table.model, model.number or 0)
+        for register, value in (
+            (table.servo_id, servo_id),
+            (table.return_delay, 250),
+            (table.least, model.least),
+            (table.most, model.most),
+            (table.mode, table.position_mode),
+            (table.shutdown, sum(1 << bit for bit in table.protections)),
+            (table.max_torque, 1.0),
+            *_overload_settings(table),
+            (table.position, counts),
+            (table.voltage, USUAL_V),
+            (table.temperature, USUAL_C),
+        ):
+            if register is not None:
+                self.set(register, value)
+        self._kept = bytes(self.memory[: table.ram])
+        self.restart()
+
+    @property
+    def servo_id(self) -> int:  # type: ignore[override]
+        """Id that it answers to."""
+        return self.memory[self._table.servo_id.address]
+
+    def restart(self) -> None:
+        """Begin as after a loss of power: without torque, with the settings that were kept."""
+        table = self._table
+        self.memory[: table.ram] = self._kept
+        self.overloaded = False
+        for register, value in (
+            (table.torque, 0),
+            (table.goal, self.number(table.position)),
+            (table.hardware_error, 0),
+            (table.watchdog, 0),
+            (table.unlock, 1),
+            (table.torque_limit, 0 if table.max_torque is None else self.number(table.max_torque)),
+            (table.soft_torque, 0 if table.max_torque is None else self.number(table.max_torque)),
+        ):
+            if register is not None:
+                self.set(register, value)
+
+    def lose_id(self, servo_id: int) -> None:
+        """Answer to another id, also after a restart."""
+        self.set(self._table.servo_id, servo_id)
+        self._keep()
+
+    def set(self, register: Register, value: float) -> None:
+        """Write a number, in its unit, into the memory."""
+        data = self._table.packed(register, value)
+        self.memory[register.address : register.address + register.size] = data
+
+    def number(self, register: Register) -> float:
+        """Number in the memory, in its unit."""
+        data = bytes(self.memory[register.address : register.address + register.size])
+        return float(register.value(int.from_bytes(data, self._table.byte_order)))
+
+    @property
+    def holds(self) -> bool:
+        """Whether it holds its goal: with torque, and in position mode."""
+        table = self._table
+        if self.memory[table.torque.address] != 1:
+            return False
+        if table.torque_limit is not None and self.number(table.torque_limit) == 0:
+            return False
+        if table.mode is not None:
+            return self.memory[table.mode.address] == table.position_mode
+        return not self.number(table.least) == self.number(table.most) == 0
+
+    @property
+    def goal(self) -> float:
+        """Count that it steers for: its goal, which ends at its limits."""
+        least, most = self.number(self._table.least), self.number(self._table.most)
+        goal = self.number(self._table.goal)
+        return float(np.clip(goal, least, most)) if least < most else goal
+
+    @property
+    def _overloaded_share(self) -> float:
+        """Share of its torque that an STS servo gives after an overload."""
+        overload = self._table.overload
+        return 0.0 if overload is None else self.number(overload.torque)
+
+    @property
+    def _expired(self) -> bool:
+        watchdog = self._table.watchdog
+        return watchdog is not None and self.memory[watchdog.address] == EXPIRED
+
+    def watch(self, silent_s: float) -> None:
+        """Let the watchdog expire where the line has been silent for long, in s, and the torque is on."""
+        watchdog = self._table.watchdog
+        if watchdog is None or not self.holds or not 0 < self.memory[watchdog.address] <= MOST_WATCHDOG:
+            return
+        if silent_s > 0.02 * self.memory[watchdog.address]:
+            self.memory[watchdog.address] = EXPIRED
+
+    def trip(self, *, hot: bool = False) -> None:
+        """Let go because of an overload or heat, as its shutdown conditions say and its model does."""
+        table, words = self._table, "heat" if hot else "overload"
+        bit = next(bit for bit, each in table.protections.items() if each == words)
+        self.overloaded = self.overloaded or not hot
+        if table.shutdown is not None and not self.memory[table.shutdown.address] >> bit & 1:
+            return
+        if table.hardware_error is not None:
+            name = "hot" if hot else "overload"
+            error = next(bit for bit, each in table.hardware_errors.items() if each == name)
+            self.memory[table.hardware_error.address] |= 1 << error
+            self.memory[table.torque.address] = 0
+        elif table.protocol == 1 and table.torque_limit is not None and table.unlock is None:
+            self.set(table.torque_limit, 0)  # AX
+        elif hot:
+            self.memory[table.torque.address] = 0
+        elif table.torque_limit is not None:
+            self.set(table.torque_limit, self._overloaded_share)  # STS holds on with that
+
+    def write(self, address: int, data: bytes) -> int:
+        """Write bytes, as a controller does; what its answer says of that, as the error byte has it.
+
+        What is kept without power is not changed while the torque is on; a goal beyond the limits is refused
+        by Dynamixel servos, as is one after the watchdog has expired.
+        """
+        if said := self._refuses(address, data):
+            return said & ~_SILENTLY
+        table, held = self._table, self.memory[self._table.torque.address] == 1
+        self.memory[address : address + len(data)] = data[: MEMORY - address]
+        if table.hardware_error is not None and self.memory[table.hardware_error.address]:
+            self.memory[table.torque.address] = 0  # only a restart helps
+        if self.memory[table.torque.address] and not held and not _covers(table, address, data):
+            self.set(table.goal, self.number(table.position))  # it holds where it is
+        if table.torque_limit is not None and self.number(table.torque_limit) > self._overloaded_share:
+            self.overloaded = False
+        if address < table.ram and (table.unlock is None or not self.memory[table.unlock.address]):
+            self._keep()
+        return 0
+
+    def _keep(self) -> None:
+        self._kept = bytes(self.memory[: self._table.ram])
+
+    def _refuses(self, address: int, data: bytes) -> int:
+        """Error byte of a write that is not carried out, `_SILENTLY` for one that is dropped; 0 else."""
+        table = self._table
+        two, dynamixel = table.protocol == 2, table.unlock is None
+        if dynamixel and address < table.ram and self.memory[table.torque.address]:
+            return ACCESS if two else _SILENTLY
+        if two and address in (table.model.address, table.position.address):
+            return ACCESS
+        if two and address == table.servo_id.address and data[0] > MOST_ID:
+            return RANGE
+        if two and table.mode is not None and address == table.mode.address and data[0] not in _MODES:
+            return RANGE
+        if address == table.goal.address and len(data) >= table.goal.size:
+            goal = table.goal.value(int.from_bytes(data[: table.goal.size], table.byte_order))
+            least, most = self.number(table.least), self.number(table.most)
+            if self._expired:
+                return _SILENTLY
+            if dynamixel and least < most and not least <= goal <= most:
+                return LIMIT if two else 1 << 1
+        return 0
+
+
+class RegisterServos(SimulatedServos):
+    """Servos with registers."""
+
+    def __init__(
+        self, bus_map: BusMap, stance: FloatArray, faults: BusFaults, counters: BusBoardCounters
+    ) -> None:
+        super().__init__(bus_map, stance, faults, counters)
+        self._table = table_of(bus_map.models[0].name)
+        self.packets = PROTOCOLS[self._table.protocol]
+        self._heard_s = 0.0
+        self.servos: list[BusServo] = [
+            BusServo(int(servo_id), self._table, model, count)
+            for servo_id, model, count in zip(bus_map.ids, bus_map.models, stance, strict=True)
+        ]
+
+    def obey(self, servo_id: int, instruction: int, parameters: bytes, now_s: float) -> list[bytes]:
+        """Do what an instruction says; the answers to it."""
+        if self._table.protocol == 2 and instruction == STATUS:
+            return []
+        for servo in self.servos:
+            servo.watch(now_s - self._heard_s)
+        self._heard_s = now_s
+        if not self._whole(instruction, parameters):
+            self._counters.garbage += 1
+            return []
+        self._counters.packets += 1
+        if instruction == SYNC_WRITE:
+            self._sync_write(parameters)
+            return []
+        if instruction == SYNC_READ and not self._table.sync_read:
+            return []
+        if instruction == SYNC_READ:
+            address, size, ids = self._place(parameters)
+            return [self._status(one, self._read(one, address, size)) for one in self._of(list(ids))]
+        broadcast = servo_id == BROADCAST
+        chosen = self.servos if broadcast else self._of([servo_id])
+        answers = [self._single(one, instruction, parameters) for one in chosen]
+        return [] if broadcast and instruction != PING else answers
+
+    def goals(self, now_s: float) -> FloatArray:
+        """Counts, (18,), that the servos steer for."""
+        return np.array([servo.goal for servo in self.servos])
+
+    def show(self, counts: FloatArray, efforts: FloatArray) -> None:
+        """Put positions, loads, voltages and temperatures into the memories."""
+        table = self._table
+        for joint, servo in enumerate(self.servos):
+            model = self._map.models[joint]
+            servo.set(table.position, float(np.clip(np.rint(counts[joint]), model.least, model.most)))
+            if table.effort is not None:
+                servo.set(table.effort, efforts[joint])
+            if table.current is not None:
+                servo.set(table.current, efforts[joint])
+            servo.set(table.voltage, self._faults.voltage(USUAL_V))
+            servo.set(table.temperature, self._faults.temperatures.get(joint, USUAL_C))
+            if self._faults.temperatures.get(joint, USUAL_C) > self._faults.HOT_C:
+                servo.trip(hot=True)
+
+    def trip(self, joint: int) -> None:
+        """Let the servo of a joint be overloaded."""
+        self.servos[joint].trip()
+
+    def restart(self) -> None:
+        """Let all servos begin as after a loss of power."""
+        for servo in self.servos:
+            servo.restart()
+
+    def lose_id(self, joint: int, servo_id: int) -> None:
+        """Let the servo of a joint answer to another id."""
+        self.servos[joint].lose_id(servo_id)
+
+    def _single(self, servo: BusServo, instruction: int, parameters: bytes) -> bytes:
+        """Answer of one servo to an instruction for it."""
+        data, error = b"", 0
+        if instruction == READ:
+            address, size, _ = self._place(parameters)
+            data = self._read(servo, address, size)
+        elif instruction == WRITE:
+            answering = servo.servo_id
+            error = self._write(servo, parameters)
+            return self._status(servo, data, error, servo_id=answering)
+        elif instruction == PING and self._table.protocol == 2:
+            data = self._read(servo, self._table.model.address, 2) + b"\x30"
+        elif instruction == REBOOT:
+            servo.restart()
+        return self._status(servo, data, error)
+
+    def _sync_write(self, parameters: bytes) -> None:
+        address, size, rows = self._place(parameters)
+        self._counters.goals += address == self._table.goal.address
+        for start in range(0, len(rows) - size, size + 1):
+            for servo in self._of([rows[start]]):
+                servo.write(address, rows[start + 1 : start + 1 + size])
+
+    def _write(self, servo: BusServo, parameters: bytes) -> int:
+        width = 1 if self._table.protocol == 1 else 2
+        return servo.write(int.from_bytes(parameters[:width], "little"), parameters[width:])
+
+    def _whole(self, instruction: int, parameters: bytes) -> bool:
+        """Whether an instruction has an address and a size that a packet can carry, where it needs them."""
+        width = 1 if self._table.protocol == 1 else 2
+        if instruction == WRITE:
+            return len(parameters) > width
+        if instruction in (READ, SYNC_READ, SYNC_WRITE):
+            return len(parameters) >= 2 * width and 1 <= self._place(parameters)[1] <= MOST_PARAMETERS
+        return True
+
+    def _place(self, parameters: bytes) -> tuple[int, int, bytes]:
+        """Address, size and the rest of parameters."""
+        if self._table.protocol == 1:
+            return parameters[0], parameters[1], parameters[2:]
+        return (
+            int.from_bytes(parameters[:2], "little"),
+            int.from_bytes(parameters[2:4], "little"),
+            parameters[4:],
+        )
+
+    def _of(self, ids: list[int]) -> list[BusServo]:
+        return [self.servos[joint] for joint in self.named(ids)]
+
+    def _read(self, servo: BusServo, address: int, size: int) -> bytes:
+        return bytes(servo.memory[address : address + size]).ljust(size, b"\0")
+
+    def _status(self, servo: BusServo, data: bytes, code: int = 0, *, servo_id: int | None = None) -> bytes:
+        """Answer of a servo, from an id that it may have had until now: how it is, and what it refuses."""
+        table, error = self._table, code
+        hot = servo.number(table.temperature) > self._faults.HOT_C
+        low = servo.number(table.voltage) < LOW_SHARE * USUAL_V
+        if table.hardware_error is None:
+            for bit, words in table.errors.items():
+                says = {"hot": hot, "voltage": low, "overload": servo.overloaded}
+                error |= says.get(words, False) << bit
+        elif hot or low or servo.memory[table.hardware_error.address]:
+            error |= 1 << 7
+        return self.packets.status(servo.servo_id if servo_id is None else servo_id, error, data)
+
+
+def _overload_settings(table: RegisterTable) -> tuple[tuple[Register, float], ...]:
+    """Registers of what a servo does after an overload, with their values from the factory."""
+    overload = table.overload
+    if overload is None:
+        return ()
+    return tuple(zip((overload.load, overload.time_s, overload.torque), overload.factory, strict=True))
+
+
+def _covers(table: RegisterTable, address: int, data: bytes) -> bool:
+    """Whether bytes written at an address set the goal as well."""
+    return address <= table.goal.address < address + len(data)
