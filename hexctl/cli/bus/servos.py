@@ -336,7 +336,7 @@ def _bus(robot: str | None, driver: str | None, port: str | None, baud: int | No
     text = port or (None if section is None else section.port)
     if not text:
         raise InputError("--port: got none; allowed: the port of the bus, such as /dev/ttyUSB0")
-    of_file = None if section is None or port is not None or section.baud is None else int(section.baud)
+    of_file = None if section is None or section.baud is None else int(section.baud)
     path, speed = parse_bus_port(text, of_file if baud is None else int(baud), driver=driver)
     return driver, path, speed
 

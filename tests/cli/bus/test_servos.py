@@ -217,3 +217,17 @@ def test_a_scan_with_a_robot_file_says_which_joints_servos_are(
     assert joints[1] is None
     assert [joints[servo_id] for servo_id in range(2, 19)] == list(JOINT_NAMES[:-1])
     assert "no answer: leg 6 tibia (id 19)\nin no joint of the robot file: id 1\n" in printed.err
+
+
+def test_a_bus_on_the_port_of_the_settings_keeps_the_baud_of_the_robot_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with bus_board(a_map(), *ONLY_ONE, baud=115_200) as board:
+        ids = {name: {"id": place + 1} for place, name in enumerate(JOINT_NAMES)}
+        section = {"driver": "feetech", "port": "/dev/none", "baud": 115_200, "model": "sts3215", **ids}
+        file = edited_file(tmp_path, put("servos", section), base="phantomx")
+        monkeypatch.setenv("HEXCTL_DEVICE", board.path)
+        assert exit_code(["servos", "scan", "--robot", str(file), "--json"]) == 0
+        printed = capsys.readouterr()
+    assert [each["id"] for each in json.loads(printed.out)] == [1]
+    assert f"hexctl: HEXCTL_DEVICE sets --port {board.path}" in printed.err
