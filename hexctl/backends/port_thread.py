@@ -9,13 +9,11 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
+from hexctl.backends.clock import PERIOD_S
 from hexctl.types import FloatArray
 
 #: What is on the port is polled once in this time, after the targets of the tick if there are any.
 POLL_PERIOD_S = 0.02
-
-#: Targets move no farther in a packet than joints turn in this time: a port that was held up must not jump.
-STEP_S = 0.03
 
 #: How often it is tried to open a port that has gone.
 REOPEN_PERIOD_S = 0.25
@@ -48,7 +46,9 @@ class PortThread(ABC, Generic[Device]):
         opened: opens the port again, when it has gone and may be back.
         device: on the open port.
         counters: of the port.
-        steps: greatest that targets move in a packet, (18,), in the units of the port.
+        speeds: greatest of the joints, (18,), in the units of the port per second. Targets move no farther in
+            a packet than joints turn in a control period, and less in one that follows sooner: a port that
+            was held up must not jump.
         name: of the thread.
 
     Attributes:
@@ -62,10 +62,12 @@ class PortThread(ABC, Generic[Device]):
         device: Device,
         *,
         counters: ReopenedCount,
-        steps: FloatArray,
+        speeds: FloatArray,
         name: str,
     ) -> None:
-        self._open, self._device, self._reopened, self._steps = opened, device, counters, steps
+        self._open, self._device, self._reopened = opened, device, counters
+        self._steps = PERIOD_S * speeds
+        self._allowance, self._stepped_at_s = np.ones(len(speeds)), time.monotonic()
         self._lock, self._wake, self._stopping = threading.Lock(), threading.Event(), threading.Event()
         self._targets: FloatArray | None = None
         self._sent: FloatArray | None = None
@@ -128,14 +130,21 @@ class PortThread(ABC, Generic[Device]):
         """Do what is to be done last, before the port is closed."""
 
     def _stepped(self, targets: FloatArray) -> FloatArray:
-        """Targets no farther from those sent before than joints turn in `STEP_S`; the first ones as they are.
+        """Targets no farther from those sent before than joints may turn; the first ones as they are.
 
+        The allowance of a joint, in control periods at its greatest speed, grows with the time up to one.
         Joints of which nothing was sent are NaN in those sent before.
         """
+        now_s = time.monotonic()
+        allowed = np.minimum(1.0, self._allowance + (now_s - self._stepped_at_s) / PERIOD_S)
+        self._allowance, self._stepped_at_s = allowed, now_s
         if self._sent is None:
             return targets
-        near = self._sent + np.clip(targets - self._sent, -self._steps, self._steps)
-        return np.where(np.isnan(near), targets, near)
+        wanted = targets - self._sent
+        change = np.clip(wanted, -allowed * self._steps, allowed * self._steps)
+        self._allowance = allowed - np.abs(np.nan_to_num(change)) / self._steps
+        # A target in reach is taken as it is: a sum would be off by its rounding, and never be there.
+        return np.where(np.isnan(change) | (change == wanted), targets, self._sent + change)
 
     def _run(self) -> None:
         due_s = time.monotonic()

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
+from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.port_thread import reason_of
 from hexctl.backends.pwm.board import BoardReport, PwmCounters
 from hexctl.backends.pwm.board_thread import BoardThread
@@ -103,6 +104,38 @@ def test_whatever_a_port_raises_it_has_gone_and_is_opened_again(call: str, error
         thread.send(POSE)
         _wait(lambda: "begin" in mended.said)
     assert mended.said[-1] == "close"
+
+
+def test_targets_that_come_late_and_then_at_once_move_no_joint_farther_than_it_may_turn(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now_s, rng = 100.0, np.random.default_rng(11)
+    monkeypatch.setattr("hexctl.backends.port_thread.time.monotonic", lambda: now_s)
+    first = BoardReport(at_s=now_s)
+    step = 10.0  # in a control period
+    thread = BoardThread(
+        _Board, _Board(), first, PwmCounters(), np.full(18, step / PERIOD_S), np.full(18, np.nan)
+    )
+    told = [np.where(np.arange(18) < 9, POSE, np.nan)]
+    passed_s = [0.0]
+    for _ in range(500):
+        wait_s = rng.choice([0.001, 0.019, 0.02, 0.021, 0.039])
+        now_s += wait_s
+        thread._sent = told[-1]
+        told.append(thread._stepped(POSE + rng.choice([-300.0, 300.0], 18)))
+        passed_s.append(passed_s[-1] + wait_s)
+    assert np.isfinite(told[1]).all(), "a joint that was told nothing takes its first target"
+    moved = np.abs(np.diff(np.array(told[1:]), axis=0))
+    assert moved.max() == pytest.approx(step), "the most, and often"
+    way, times_s = np.vstack([np.zeros(18), np.cumsum(moved, axis=0)]), np.array(passed_s[1:])
+    for first_row in range(len(way)):
+        at_most = step * (1 + (times_s[first_row:] - times_s[first_row]) / PERIOD_S)
+        assert ((way[first_row:] - way[first_row]).max(axis=1) <= at_most + 1e-6).all()
+    for _ in range(40):
+        now_s += PERIOD_S
+        thread._sent = told[-1]
+        told.append(thread._stepped(POSE))
+    assert (told[-1] == POSE).all(), "what was held back follows"
 
 
 def test_a_torque_that_could_not_be_switched_off_is_off_once_the_port_is_back() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from hexctl.backends.bus.readings import BelievedReadings, polls
 from hexctl.backends.bus.servo_bus import BusCounters, Report, ServoBus
-from hexctl.backends.port_thread import STEP_S, PortThread
+from hexctl.backends.port_thread import PortThread
 from hexctl.types import BoolArray, FloatArray, ServoReadings
 
 #: After a gap this long between its packets the servos' own watchdog may have expired.
@@ -36,7 +36,7 @@ class BusThread(PortThread[ServoBus]):
         counters: BusCounters,
         speeds: FloatArray,
     ) -> None:
-        super().__init__(opened, bus, counters=counters, steps=STEP_S * speeds, name="servo bus")
+        super().__init__(opened, bus, counters=counters, speeds=speeds, name="servo bus")
         self._readings, self._counters = readings, counters
         self._asked = 0  # joint whose torque was read last
         self._active_at_s = -np.inf

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hexctl.backends.port_thread import POLL_PERIOD_S, STEP_S, PortThread
+from hexctl.backends.port_thread import POLL_PERIOD_S, PortThread
 from hexctl.backends.pwm.board import BoardReport, PwmBoard, PwmCounters
 from hexctl.types import JOINTS_PER_LEG, BoolArray, FloatArray
 
@@ -45,7 +45,7 @@ class BoardThread(PortThread[PwmBoard]):
         speeds: FloatArray,
         told_us: FloatArray,
     ) -> None:
-        super().__init__(opened, board, counters=counters, steps=STEP_S * speeds, name="servo board")
+        super().__init__(opened, board, counters=counters, speeds=speeds, name="servo board")
         self._counters = counters
         self.newest, self.told_us = newest, told_us
         self._sent = told_us
