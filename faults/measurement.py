@@ -149,11 +149,13 @@ def told_after_s(truth: Truth, at_s: float) -> float:
     return max(0.0, float(last_s - at_s))
 
 
-def largest_steps(truth: Truth, at_s: float, max_speed_rad_s: FloatArray) -> tuple[float, float]:
+def largest_steps(
+    truth: Truth, at_s: float, max_speed_rad_s: FloatArray, *, told_every: int = 1
+) -> tuple[float, float]:
     """Largest step that a servo was told since a moment, and pace of it.
 
     The step is in slew limits of a control period, the pace in those of the time since the servo was told
-    something else, up to `SILENCE_S`.
+    something else, up to `SILENCE_S`; of `told_every` control periods at the least.
     """
     rows = np.flatnonzero(truth.told_at_s >= at_s)
     if not rows.size:
@@ -164,7 +166,7 @@ def largest_steps(truth: Truth, at_s: float, max_speed_rad_s: FloatArray) -> tup
     if not steps.size:
         return 0.0, 0.0
     passed_s = np.minimum(np.diff(times_s) + JITTER_S, SILENCE_S)
-    periods = np.maximum(1.0, passed_s / PERIOD_S)[:, np.newaxis]
+    periods = np.maximum(told_every, passed_s / PERIOD_S)[:, np.newaxis]
     return float(np.nanmax(steps, initial=0.0)), float(np.nanmax(steps / periods, initial=0.0))
 
 

@@ -77,6 +77,7 @@ class Lx16aBus(ServoBus):
         self._clipped: BoolArray = np.zeros(N_JOINTS, dtype=bool)
         self._goals: FloatArray | None = None
         self._sent, self._sent_at_s = np.full(N_JOINTS, np.nan), np.full(N_JOINTS, -np.inf)
+        self._waited: set[int] = set()  # joints whose goals had changed and were not sent
         self._wrote = False
         self._readings = self._next = self._next_other = 0
         self._others: dict[tuple[int, int], float] = {}  # by joint and command, not reported yet
@@ -235,9 +236,12 @@ class Lx16aBus(ServoBus):
         old = [joint for joint in order[:1] if self._sent_at_s[joint] < now_s - REPEAT_S]
         if len(chosen) < MOST_MOVES and not set(old) & set(chosen):
             chosen += old
-        time_ms = PERIOD_MS if len(due) <= MOST_MOVES else 2 * PERIOD_MS
+        # Goals that waited, or will, are two periods from the one before or to the next.
+        slow = set(due) if len(due) > MOST_MOVES else self._waited
+        self._waited = set(due) - set(chosen)
         self._sent[chosen], self._sent_at_s[chosen] = self._goals[chosen], now_s
-        moves = [lx.move(self._ids[joint], int(self._goals[joint]), time_ms) for joint in chosen]
+        times_ms = {joint: 2 * PERIOD_MS if joint in slow else PERIOD_MS for joint in chosen}
+        moves = [lx.move(self._ids[joint], int(self._goals[joint]), times_ms[joint]) for joint in chosen]
         self._tell(b"".join(moves))
 
     def _report(self, joint: int, *, tries: int) -> list[Report]:

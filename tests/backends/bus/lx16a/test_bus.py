@@ -99,6 +99,23 @@ def test_goals_that_did_not_change_are_not_sent_and_others_go_in_halves() -> Non
         assert _reaches(bus, stance_counts(MAP) + 5)
 
 
+def test_a_joint_whose_goal_had_to_wait_has_two_periods_for_it() -> None:
+    with _bus() as (bus, board, _):
+        bus.find()
+        bus.hold(stance_counts(MAP), EVERY)
+        for _ in range(3):
+            bus.write_goals(stance_counts(MAP))
+        goals = stance_counts(MAP) + 5
+        bus.write_goals(goals)  # half of them
+        bus.write_goals(goals)  # the others, which waited
+        bus.poll_all()
+        assert [_servo(board, joint)._time_s for joint in range(18)] == [0.04] * 18
+        goals[4] += 5
+        bus.write_goals(goals)
+        bus.poll_all()
+        assert _servo(board, 4)._time_s == 0.02
+
+
 def test_an_adapter_that_echoes_is_noticed() -> None:
     with _bus("echo") as (bus, _, counters):
         assert bus.find().all()
