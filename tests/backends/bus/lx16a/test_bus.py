@@ -36,6 +36,14 @@ def _within(condition: Callable[[], bool], seconds: float = 5.0) -> bool:
     return True
 
 
+def _hold_stance(bus: Lx16aBus) -> None:
+    """Let all servos hold the stance, and no goal wait any more."""
+    bus.find()
+    bus.hold(stance_counts(MAP), EVERY)
+    for _ in range(3):
+        bus.write_goals(stance_counts(MAP))
+
+
 def _servo(board: BusBoard, joint: int) -> Lx16aServo:
     servo = board._servos[joint]
     assert isinstance(servo, Lx16aServo)
@@ -83,10 +91,7 @@ def test_servos_are_found_read_and_moved() -> None:
 
 def test_goals_that_did_not_change_are_not_sent_and_others_go_in_halves() -> None:
     with _bus() as (bus, board, _):
-        bus.find()
-        bus.hold(stance_counts(MAP), EVERY)
-        for _ in range(3):
-            bus.write_goals(stance_counts(MAP))
+        _hold_stance(bus)
         bus.poll_all()
         before = board._counters.goals
         bus.write_goals(stance_counts(MAP))
@@ -101,10 +106,7 @@ def test_goals_that_did_not_change_are_not_sent_and_others_go_in_halves() -> Non
 
 def test_a_joint_whose_goal_had_to_wait_has_two_periods_for_it() -> None:
     with _bus() as (bus, board, _):
-        bus.find()
-        bus.hold(stance_counts(MAP), EVERY)
-        for _ in range(3):
-            bus.write_goals(stance_counts(MAP))
+        _hold_stance(bus)
         goals = stance_counts(MAP) + 5
         bus.write_goals(goals)  # half of them
         bus.write_goals(goals)  # the others, which waited
