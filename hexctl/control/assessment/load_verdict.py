@@ -35,11 +35,11 @@ GOOD_LIFT = 1 / 3
 
 #: Robots with legs that cross, simulated with solid legs: up to a share of the cycle in which they cross, how
 #: many made half of their way, of how many that do with legs that pass through one another.
-CROSSING_WALKS = ((0.25, 23, 26), (1.0, 19, 30))
+CROSSING_WALKS = ((0.25, 18, 20), (1.0, 16, 20))
 
 #: Robots whose sag leaves a foot less than a third of its step, simulated for 30 s: how many made half of
 #: their way, of how many, where all feet drag, where some do, and where none does.
-DRAGGING_WALKS, PARTLY_DRAGGING_WALKS, SOFT_WALKS = (4, 20), (2, 20), (14, 20)
+DRAGGING_WALKS, PARTLY_DRAGGING_WALKS, SOFT_WALKS = (2, 20), (12, 20), (17, 20)
 
 #: The same of robots that carry between the least and a good multiple of their weight.
 WEAK_WALKS = (6, 20)

@@ -69,9 +69,9 @@ def test_a_robot_at_its_limits_walks_and_is_warned_of(
     ("stiffness", "drags", "walked"),
     [
         (1.0, None, None),
-        (0.5, "a foot keeps", "of 20 such robots that were simulated, 14 made half"),
-        (0.4, "not leave the floor", "of 20 such robots that were simulated, 2 made half"),
-        (0.25, "no foot leaves the floor", "of 20 such robots that were simulated, 4 made half"),
+        (0.5, "a foot keeps", "of 20 such robots that were simulated, 17 made half"),
+        (0.4, "not leave the floor", "of 20 such robots that were simulated, 12 made half"),
+        (0.25, "no foot leaves the floor", "of 20 such robots that were simulated, 2 made half"),
     ],
 )
 def test_a_soft_robot_is_told_how_many_like_it_walked(
@@ -98,7 +98,7 @@ def test_legs_that_touch_or_cross_are_warned_of() -> None:
     assert touching.possible
     assert any("touch" in warning for warning in touching.warnings)
     # With solid legs in the simulation robots walk whose legs cross, and no depth or time separates them.
-    for share, walked in ((0.2, "of 26 such robots"), (0.05, "of 30 such robots")):
+    for share, walked in ((0.2, "18 made half"), (0.05, "16 made half")):
         load = load_of(moved_together(share))
         verdict = load_verdict(load)
         assert verdict.possible
