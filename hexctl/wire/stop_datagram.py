@@ -122,14 +122,20 @@ def mark_of(secret: bytes) -> bytes:
 
 def _shortened(text: str, most: int) -> bytes:
     """A text for people in so many bytes; one that is cut off ends with an ellipsis."""
-    if len(text.encode()) <= most:
-        return text.encode()
+    data = _encoded(text)
+    if len(data) <= most:
+        return data
     mark = "…".encode()
     return _cut(text, most - len(mark)) + mark
 
 
 def _cut(text: str, most: int) -> bytes:
-    return text.encode()[:most].decode(errors="ignore").encode()
+    return _encoded(text)[:most].decode(errors="ignore").encode()
+
+
+def _encoded(text: str) -> bytes:
+    """UTF-8, with `?` for what has none, such as half a character in what a driver said."""
+    return text.encode(errors="replace")
 
 
 def _text(data: bytes) -> str:

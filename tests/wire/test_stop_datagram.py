@@ -49,6 +49,11 @@ def test_long_texts_are_cut_at_a_character() -> None:
     assert back.robot == "x" * 24
 
 
+def test_half_a_character_in_what_a_driver_says_is_no_reason_not_to_answer() -> None:
+    sent = StopDatagram(kind=Kind.STATE, nonce=bytes(8), reason="fault: \ud800")
+    assert StopDatagram.unpacked(sent.packed(SECRET), SECRET).reason == "fault: ?"
+
+
 @pytest.mark.parametrize("place", range(DATAGRAM_BYTES))
 def test_no_byte_can_be_changed(place: int) -> None:
     data = bytearray(ANSWER.packed(SECRET))

@@ -120,8 +120,8 @@ class DatagramWay:
         endpoint = Endpoint.parse(self._link.endpoint)
         try:
             found = socket.getaddrinfo(endpoint.host, endpoint.port, type=socket.SOCK_DGRAM)
-        except OSError as error:
-            self.trouble = f"{endpoint.host} is not known here ({error.strerror or error})"
+        except (OSError, UnicodeError) as error:  # the second of a name that no host can have
+            self.trouble = f"{endpoint.host} is not known here ({getattr(error, 'strerror', None) or error})"
             return
         by_family: dict[socket.AddressFamily, socket.socket] = {}
         for family, _, _, _, address in found[:MOST_ADDRESSES]:

@@ -108,6 +108,7 @@ class ReadyStop:
         self._link = load_link(link, endpoint=connect, credentials=credentials, insecure=insecure)
         Endpoint.parse(self._link.endpoint)
         self._pressed = threading.Event()
+        self._lock = threading.Lock()  # over what both ways have seen
         self._pressed_s = 0.0
         request = secrets.token_bytes(REQUEST_BYTES)
         self._seen: dict[str, Sighting] = {}
@@ -141,7 +142,8 @@ class ReadyStop:
     def reach(self) -> Reach:
         """How the robot can be reached now."""
         now_s = time.monotonic()
-        fresh = {way: one for way, one in dict(self._seen).items() if now_s - one.at_s < SILENCE_S}
+        with self._lock:
+            fresh = {way: one for way, one in self._seen.items() if now_s - one.at_s < SILENCE_S}
         trouble = []
         if "datagram" not in fresh:
             trouble.append(self._datagrams.trouble or "no answer to datagrams")
@@ -158,14 +160,19 @@ class ReadyStop:
         """
         self.press()
         while True:
-            rested_s = self._rested_since_s()
-            if rested_s is not None:
-                return self._result(rested_s)
+            with self._lock:
+                rested_s = self._rested_since_s()
+                if rested_s is not None:
+                    return self._result(rested_s)
             self._raise_if_late()
             time.sleep(POLL_S)
 
     def _see(self, way: str, sighting: Sighting) -> None:
         """Take what a robot said, from the thread of a way."""
+        with self._lock:
+            self._take(way, sighting)
+
+    def _take(self, way: str, sighting: Sighting) -> None:
         before = self._seen.get(way)
         self._seen[way] = sighting
         confirmed = self._datagrams.obeyed if way == "datagram" else bool(self._session.answers)
@@ -181,7 +188,7 @@ class ReadyStop:
 
     def _rested_since_s(self) -> float | None:
         """Since when the robot has been at rest, once that was long enough; None before."""
-        for way, since_s in dict(self._rested).items():
+        for way, since_s in self._rested.items():
             if self._seen[way].at_s - since_s >= RESTS_S:
                 return since_s
         return None
@@ -201,8 +208,7 @@ class ReadyStop:
             )
 
     def _result(self, rested_s: float) -> StopResult:
-        seen = dict(self._seen)
-        stops = {way: one for way, one in seen.items() if one.stopped is not None}
+        stops = {way: one for way, one in self._seen.items() if one.stopped is not None}
         newest = max(stops.values(), key=lambda one: one.at_s)
         assert self._first_stop_s is not None  # noqa: S101  it rests because it has stopped
         return StopResult(

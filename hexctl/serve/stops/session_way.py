@@ -73,6 +73,8 @@ class SessionWay:
                     self._once()
                 except HexctlError as error:
                     self.error = error
+                except Exception as error:  # of Zenoh: one failed question must not end the way
+                    self.error = RobotFaultError(f"the session failed: {error}")
                 self.opened = False
                 if not self._again:
                     return

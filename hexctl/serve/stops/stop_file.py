@@ -21,6 +21,9 @@ WRITE_TIMEOUT_S = 2.0
 #: Pause between two writes: whoever stops again and again does not wear the disk out.
 PAUSE_S = 0.1
 
+#: Pause before a write that failed is tried again, as on a disk that was full.
+AGAIN_S = 1.0
+
 #: Longest file that is read.
 MAX_BYTES = 4096
 
@@ -142,7 +145,7 @@ class StopFile:
 
     def _write(self) -> None:
         while not self._ended or self._due.is_set():
-            self._due.wait()
+            self._due.wait(None if self.trouble is None else AGAIN_S)
             self._due.clear()
             wanted = self._wanted
             try:
@@ -162,4 +165,5 @@ class StopFile:
         atomic_write(self.path, content.model_dump_json() + "\n")
 
     def _content(self, reason: str, stop_id: str) -> KeptStop:
+        reason = reason.encode(errors="replace").decode()  # a driver may say what no file can have
         return KeptStop(robot=self._robot, reason=reason, stop_id=stop_id, at=datetime.now(UTC))

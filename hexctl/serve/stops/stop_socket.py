@@ -19,8 +19,8 @@ from hexctl.wire.stop_secret import find_stop_secret
 #: How often the thread looks whether it is to end.
 LOOK_S = 0.2
 
-#: After so many datagrams in a row that are not ours the thread rests for a while: a flood that has found out
-#: the mark takes no more than a tenth of the time that moves the robot.
+#: After so many datagrams in a row the thread rests for a while: a flood that has found out the mark, or
+#: repeats a question that it has heard, leaves most of the time to what moves the robot.
 MOST_IN_A_ROW, REST_S = 64, 0.005
 
 #: Space for datagrams that wait, in bytes; the kernel counts each as about 800.
@@ -93,8 +93,9 @@ class StopSocket:
         self._secret = secret
         try:
             self._socket = _bound(endpoint)
-        except OSError as error:
-            self.trouble = f"UDP port {endpoint.port} cannot be had ({error.strerror or error})"
+        except (OSError, UnicodeError) as error:  # the second of a name that no host can have
+            reason = getattr(error, "strerror", None) or error
+            self.trouble = f"UDP port {endpoint.port} cannot be had ({reason})"
             return
         _filter(self._socket, mark_of(secret))
         self._socket.settimeout(LOOK_S)
@@ -108,13 +109,14 @@ class StopSocket:
             try:
                 data, sender = self._socket.recvfrom(DATAGRAM_BYTES + 1)
             except OSError:  # nothing came, or an earlier answer did not arrive
+                in_a_row = 0
                 continue
             answer = self.answer(data)
-            in_a_row = in_a_row + 1 if answer is None else 0
             if answer is not None:
                 with suppress(OSError):
                     self._socket.sendto(answer, sender)
-            elif in_a_row >= MOST_IN_A_ROW:
+            in_a_row += 1
+            if in_a_row >= MOST_IN_A_ROW:
                 in_a_row = 0
                 time.sleep(REST_S)
 

@@ -95,6 +95,19 @@ def test_a_folder_in_the_place_of_the_file_is_a_stop_and_its_trouble_is_said(tmp
     status = latch.status()
     assert status is not None
     assert status["kept"] is False
+    stop = latch.current()
+    assert stop is not None
+    file.path.rmdir()
+    assert comes_true(lambda: file.keeps(stop), 10.0), "it is tried again"
+    assert file.trouble is None
+
+
+def test_a_reason_that_no_file_can_have_is_kept_nearly_as_it_was(tmp_path: Path) -> None:
+    guard, latch, _ = begun(tmp_path)
+    guard.stop("fault: \ud800")
+    assert latch.current() is not None
+    latch.close()
+    assert begun(tmp_path)[0].stopped == "fault: ?"
 
 
 def test_where_nothing_can_be_written_it_is_said_at_the_start(tmp_path: Path) -> None:

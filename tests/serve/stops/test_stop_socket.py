@@ -117,11 +117,13 @@ def flood(port: int, until: threading.Event, datagrams: list[bytes]) -> None:
                 stranger.sendto(data, ("127.0.0.1", port))
 
 
-@pytest.mark.parametrize("knows_the_mark", [False, True])
-def test_a_stop_comes_through_a_flood(knows_the_mark: bool) -> None:
+@pytest.mark.parametrize("flooded_with", ["garbage", "marked garbage", "a question that was heard"])
+def test_a_stop_comes_through_a_flood(flooded_with: str) -> None:
     bench, chance, until = Bench(), random.Random(1), threading.Event()
-    begin = mark_of(b"") if knows_the_mark else b""
+    begin = mark_of(b"") if flooded_with == "marked garbage" else b""
     garbage = [begin + chance.randbytes(DATAGRAM_BYTES - len(begin)) for _ in range(100)]
+    if flooded_with == "a question that was heard":
+        garbage = [bench.datagram()] * 100
     with opened(bench) as client:
         port = bench.stop_socket.port
         assert port is not None
@@ -141,7 +143,7 @@ def test_a_stop_comes_through_a_flood(knows_the_mark: bool) -> None:
             until.set()
             flooding.join()
     assert bench.guard.stopped == "estop"
-    if sys.platform == "linux" and not knows_the_mark:
+    if sys.platform == "linux" and flooded_with == "garbage":
         assert bench.stop_socket.dropped == 0, "the kernel has dropped them"
 
 
@@ -173,12 +175,17 @@ def test_certificates_bring_the_secret_and_without_it_it_is_said(tmp_path: Path)
         assert "hexctl keys stop" in (without.trouble or "")
 
 
-def test_a_port_that_is_taken_and_quic_leave_the_robot_without_it_and_it_is_said(tmp_path: Path) -> None:
+def test_a_port_that_is_taken_no_name_and_quic_leave_the_robot_without_it_and_it_is_said(tmp_path: Path) -> None:
     first, second = Bench(), Bench()
     second = Bench(first.link)
     with first.stop_socket, second.stop_socket:
         assert first.stop_socket.trouble is None
         assert "cannot be had" in (second.stop_socket.trouble or "")
+    nowhere = Link(endpoint=f"tls/robot..local:{free_port()}", credentials=tmp_path)
+    (tmp_path / SECRET_FILE).write_text("00" * 32, encoding="ascii")
+    (tmp_path / SECRET_FILE).chmod(0o600)
+    with Bench(nowhere).stop_socket as none:
+        assert "cannot be had" in (none.trouble or "")
     quic = Link(endpoint=f"quic/127.0.0.1:{free_port()}", credentials=tmp_path)
     with Bench(quic).stop_socket as none:
         assert "quic" in (none.trouble or "")
