@@ -212,12 +212,14 @@ def _signed(value: float, places: int) -> str:
 def single_keys(terminal: int) -> Iterator[None]:
     """Let the keys of a terminal, a file descriptor, come one by one and unechoed in the block.
 
-    Ctrl-Z is switched off: a robot must not be left to a process that stands still.
+    Ctrl-Z is switched off: a robot must not be left to a process that stands still. So is Ctrl-S, which would
+    pause what is printed, and is a key like any other then.
     """
     before = termios.tcgetattr(terminal)
     tty.setcbreak(terminal)
     try:
         changed = termios.tcgetattr(terminal)
+        changed[0] &= ~termios.IXON
         changed[6][termios.VSUSP] = b"\0"
         termios.tcsetattr(terminal, termios.TCSADRAIN, changed)
         yield
@@ -229,8 +231,9 @@ def single_keys(terminal: int) -> Iterator[None]:
 class KeyTerminal:
     """A terminal with `single_keys` while this is open, in which lines are shown in one place.
 
-    What is shown goes through a thread, so that a terminal that takes no more, as after Ctrl-S, costs no
-    tick.
+    What is shown goes through a thread, so that a terminal that takes no more, as over a network that is
+    down, costs no tick.
+
     Args:
         keys: file descriptor of the terminal.
         lines: file descriptor that lines are written to.

@@ -88,6 +88,10 @@ def _print(result: "StopResult", *, as_json: bool) -> None:
         f"hexctl: confirmed by {' and '.join(result.ways)}, stopped after {1000 * result.took_s:.0f} ms, "
         f"at rest after {1000 * result.rested_s:.0f} ms"
     )
+    if result.stop_id is not None and not result.kept:
+        print_note(
+            "hexctl: warning: the robot has not kept the stop on its disk; a restart of hexctl serve ends it"
+        )
     for answer in result.answers:
         print_note(f"hexctl: the robot is {RobotIdentity.of_answer(answer)}")
     if not result.answers:
@@ -134,14 +138,23 @@ def _wait_for_a_press(stop: "ReadyStop") -> None:
         try:
             while not (key_pressed() or button.pressed()):
                 reach = str(stop.reach)
-                if reach != told and (told or stop.reach.ways or time.monotonic() - began_s > 1):
+                begun = told or stop.reach.ways or time.monotonic() - began_s > 1
+                if reach != told and begun and _takes_text():
                     with suppress(OSError):
                         print_note(f"hexctl: {time.strftime('%H:%M:%S')} {reach}; any key stops it")
                     told = reach
                 time.sleep(LOOK_S)
+            stop.press()
         finally:
             button.close()
-    stop.press()
+
+
+def _takes_text() -> bool:
+    """Whether what is printed goes out now: keys are not looked at while a terminal holds it up."""
+    try:
+        return bool(select.select([], [sys.stderr], [], 0)[1])
+    except (OSError, ValueError):
+        return True  # it is no file: nothing holds it up
 
 
 def _has_gamepad() -> bool:

@@ -73,8 +73,6 @@ class SessionWay:
                     self._once()
                 except HexctlError as error:
                     self.error = error
-                except Exception as error:  # of Zenoh: one failed question must not end the way
-                    self.error = RobotFaultError(f"the session failed: {error}")
                 self.opened = False
                 if not self._again:
                     return
@@ -83,6 +81,15 @@ class SessionWay:
             self.ended = True
 
     def _once(self) -> None:
+        """Ask over one session until the end; raises HexctlError where that fails."""
+        from zenoh import ZError
+
+        try:
+            self._ask()
+        except ZError as error:
+            raise RobotFaultError(f"the session failed: {error}") from error
+
+    def _ask(self) -> None:
         from hexctl.serve.remote import RemoteRobots
         from hexctl.wire.links import KeyMap, Role
         from hexctl.wire.session import open_session

@@ -19,7 +19,7 @@ def began(link: Link) -> DatagramWay:
 
 
 @pytest.mark.filterwarnings("error::pytest.PytestUnhandledThreadExceptionWarning")
-def test_a_name_that_no_host_can_have_is_trouble(tmp_path: Path) -> None:
+def test_a_name_that_no_host_can_have_is_trouble() -> None:
     way = began(Link(endpoint="tcp/robot..local:7447", insecure=True))
     try:
         assert comes_true(lambda: way.trouble is not None, 10.0)

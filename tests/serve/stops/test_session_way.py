@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import pytest
+import zenoh
 
 from hexctl.serve.stops import session_way
 from hexctl.serve.stops.datagram_way import Sighting
@@ -23,7 +24,7 @@ class BrokenSession:
         """No answer, after one error."""
         BrokenSession.asked += 1
         if BrokenSession.asked == 1:
-            raise ValueError("closed")
+            raise zenoh.ZError("closed")
         return []
 
 

@@ -175,7 +175,7 @@ def test_certificates_bring_the_secret_and_without_it_it_is_said(tmp_path: Path)
         assert "hexctl keys stop" in (without.trouble or "")
 
 
-def test_a_port_that_is_taken_no_name_and_quic_leave_the_robot_without_it_and_it_is_said(tmp_path: Path) -> None:
+def test_a_port_that_is_taken_no_name_and_quic_leave_it_without_and_it_is_said(tmp_path: Path) -> None:
     first, second = Bench(), Bench()
     second = Bench(first.link)
     with first.stop_socket, second.stop_socket:

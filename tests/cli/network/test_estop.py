@@ -1,0 +1,70 @@
+"""What `hexctl estop` prints, and when it does not print."""
+
+import fcntl
+import os
+from contextlib import suppress
+from types import TracebackType
+from typing import Any, Self
+
+import pytest
+
+from hexctl.cli.main import exit_code
+from hexctl.cli.network import estop
+from hexctl.serve.stops.estop import StopResult
+
+
+class StoppedRobot:
+    """In place of a robot: it rests, and has kept the stop or not."""
+
+    kept = True
+
+    def __init__(self, **_given: Any) -> None:
+        pass
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        pass
+
+    def wait_for_rest(self) -> StopResult:
+        """Result of a stop by datagram."""
+        return StopResult(
+            stopped="estop",
+            stop_id="0011223344556677",
+            at_rest=True,
+            kept=self.kept,
+            robot="ant",
+            ways=("datagram",),
+            took_s=0.01,
+            rested_s=0.3,
+            answers=(),
+        )
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_a_stop_that_a_restart_would_end_is_told(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], kept: bool
+) -> None:
+    monkeypatch.setattr("hexctl.serve.stops.estop.ReadyStop", StoppedRobot)
+    monkeypatch.setattr(StoppedRobot, "kept", kept)
+    assert exit_code(["estop"]) == 0
+    printed = capsys.readouterr()
+    assert printed.out.startswith("stopped (estop), at rest;")
+    assert ("a restart of hexctl serve ends it" in printed.err) is not kept
+
+
+def test_nothing_is_printed_where_it_would_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    read, write = os.pipe()
+    with os.fdopen(read, "rb"), os.fdopen(write, "w") as stream:
+        monkeypatch.setattr("sys.stderr", stream)
+        assert estop._takes_text()
+        fcntl.fcntl(write, fcntl.F_SETFL, os.O_NONBLOCK)
+        with suppress(BlockingIOError):
+            while True:
+                os.write(write, bytes(4096))
+        assert not estop._takes_text()
+        os.read(read, 1 << 20)
+        assert estop._takes_text()
