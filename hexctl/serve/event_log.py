@@ -61,32 +61,32 @@ class EventLog:
         standstill of this program itself comes before what followed from it.
         """
         if standstill is not None and standstill != self._standstill:
-            self._put(str(standstill))
+            self.add(str(standstill))
         self._standstill = standstill
         if doubt is not None and doubt != self._doubt:
-            self._put(doubt)
+            self.add(doubt)
         self._doubt = doubt
         if ros is not None and ros != self._ros:
-            self._put(ros)
+            self.add(ros)
         self._ros = ros
         for warning in warnings:
             if warning not in self._warnings:
-                self._put(f"servos: {warning}")
+                self.add(f"servos: {warning}")
         for warning in self._warnings:
             if warning not in warnings:
-                self._put(f"servos: no longer {warning}")
+                self.add(f"servos: no longer {warning}")
         self._warnings = warnings
         if controller != self._controller:
-            self._put(f"commanded by {controller}" if controller else f"{self._controller} has left")
+            self.add(f"commanded by {controller}" if controller else f"{self._controller} has left")
         if stopped != self._stopped:
-            self._put(
+            self.add(
                 f"STOPPED: {reason_in_words(stopped)}" if stopped else f"no longer stopped ({self._stopped})"
             )
         if stopped is not None and stopped.startswith("fault:") and self._fault and fault is None:
-            self._put(f"over, and still stopped ({self._fault}): hexctl estop --clear lets the robot move")
+            self.add(f"over, and still stopped ({self._fault}): hexctl estop --clear lets the robot move")
         self._fault = fault
         if posture != self._posture and posture in POSTURES:
-            self._put(POSTURES[posture])
+            self.add(POSTURES[posture])
         self._controller, self._stopped, self._posture = controller, stopped, posture
 
     def close(self) -> None:
@@ -96,7 +96,8 @@ class EventLog:
                 self._lines.put_nowait(None)
             self._writer.join(END_TIMEOUT_S)
 
-    def _put(self, event: str) -> None:
+    def add(self, event: str) -> None:
+        """Report one line, as soon as the reader takes it; never waits."""
         if self._writer is None:
             self._writer = threading.Thread(target=self._write, name="event log", daemon=True)
             self._writer.start()

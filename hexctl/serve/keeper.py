@@ -1,9 +1,9 @@
 """The keeper: a process that looks after a robot on a bus when the one that serves it has gone.
 
 Most servos hold their last goal until told otherwise, also when their computer's program was killed or
-hangs. The keeper
-waits on a pipe for the ticks of the server. When the pipe closes, or no tick comes for a second, it ends what
-is left of the server, opens the port, and lets the robot sit down softly, or hold, as the robot file says.
+hangs. The keeper waits on a pipe for the ticks of the server. When the pipe closes, or no tick comes for a
+second, it ends what is left of the server, opens the port, and lets the robot sit down softly, or hold, as
+the robot file says.
 """
 
 import contextlib
@@ -77,6 +77,9 @@ class Keeper:
 
     Args:
         spec: what it looks after.
+
+    Attributes:
+        lost: whether it has ended although the server lives, as seen at the last tick.
     """
 
     def __init__(self, spec: KeeperSpec) -> None:
@@ -92,7 +95,7 @@ class Keeper:
         self.lost = False
 
     def tick(self) -> None:
-        """Say that the server lives; never waits. `lost` says that the keeper does not."""
+        """Say that the server lives; never waits."""
         try:
             os.write(self._pipe.fileno(), TICK)
         except BlockingIOError:

@@ -59,7 +59,7 @@ class RobotServer:
         simulated: Mapping[str, str] | None = None,
         sit_after_s: float = SIT_AFTER_S,
         on_event: Callable[[str], None] = lambda _: None,
-        on_tick: Callable[[], None] = lambda: None,
+        on_tick: Callable[[], str | None] = lambda: None,
         ros: "RosBridge | None" = None,
         stop_file: StopFile | None = None,
     ) -> None:
@@ -73,7 +73,8 @@ class RobotServer:
             sit_after_s: seconds without a command until the robot sits down.
             on_event: called with one line for each change of controller, stop and posture, on a thread of
                 the event log.
-            on_tick: called in every control period; must not take long.
+            on_tick: called in every control period, and must not take long; a line that it returns is an
+                event.
             ros: its node in ROS 2, not begun yet; None for none.
             stop_file: keeps its stop; None keeps none.
         """
@@ -226,7 +227,8 @@ class RobotServer:
         self._note_standstill()
         self._ticked_s = time.monotonic()
         self._ticks += 1
-        self._on_tick()
+        if (event := self._on_tick()) is not None:
+            self._event_log.add(event)
         state = self._guard.read()
         self._check_expiry()
         if (stop := self._latch.current()) is not None and stop.reason == ESTOP:

@@ -34,6 +34,8 @@ NO_WATCHDOG = (
     "pulses; have a switch in their supply within reach"
 )
 
+#: What is said once the process that would let the robot down has gone.
+KEEPER_LOST = "the keeper has ended: nothing lets the robot down if this process dies"
 
 #: What is said at the end where servos go on by themselves.
 STILL_HOLDS = "the robot holds its pose; its servos keep their torque"
@@ -223,7 +225,7 @@ class RobotService:
             simulated=self.servos.simulated,
             sit_after_s=self.sit_after_s,
             on_event=on_event,
-            on_tick=_ticks_of(keeper, on_event),
+            on_tick=_ticks_of(keeper),
             ros=None if self.ros is None else self.ros.bridge(servos.robot, insecure=self.insecure),
             stop_file=stop_file,
         )
@@ -300,18 +302,14 @@ def _with_goodbye(stop_requested: Callable[[], bool], keeper: "Keeper") -> Calla
     return stop
 
 
-def _ticks_of(keeper: "Keeper | None", on_event: Callable[[str], None]) -> Callable[[], None]:
+def _ticks_of(keeper: "Keeper | None") -> Callable[[], str | None]:
     """What is done in every control period for a keeper; its loss is an event, once."""
-    told = False
 
-    def tick() -> None:
-        nonlocal told
-        if keeper is None or told:
-            return
+    def tick() -> str | None:
+        if keeper is None or keeper.lost:
+            return None
         keeper.tick()
-        if keeper.lost:
-            told = True
-            on_event("the keeper has ended: nothing lets the robot down if this process dies")
+        return KEEPER_LOST if keeper.lost else None
 
     return tick
 

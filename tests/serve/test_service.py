@@ -1,11 +1,15 @@
 """Services as library calls: checked when they are made, no output, callbacks instead."""
 
+import threading
+import time
+
 import pytest
 
 from hexctl.backends.bus.register.registers import table_of
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
 from hexctl.serve.boards.register_servos import BusServo
+from hexctl.serve.keeper import Keeper, KeeperSpec
 from hexctl.serve.service import RobotService, ServiceStarted, ServosSpec
 from tests.backends.bus.boards import a_map, bus_board
 from tests.backends.pwm.boards import servo2040_board
@@ -59,6 +63,34 @@ def test_a_board_without_a_watchdog_is_said_to_be_one_at_every_start() -> None:
         "servo2040 has no watchdog and its servos no feedback: if this computer dies, they keep their last "
         "pulses; have a switch in their supply within reach",
     )
+
+
+def test_a_keeper_that_has_ended_is_told_without_making_the_robot_wait(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    keepers: list[Keeper] = []
+
+    class NotedKeeper(Keeper):
+        def __init__(self, spec: KeeperSpec) -> None:
+            super().__init__(spec)
+            keepers.append(self)
+
+    monkeypatch.setattr("hexctl.serve.keeper.Keeper", NotedKeeper)
+    said: list[tuple[str, str]] = []
+    until_s = time.monotonic() + 20.0
+
+    def stop() -> bool:
+        keepers[0]._process.kill()
+        return bool(said) or time.monotonic() > until_s
+
+    with bus_board(a_map()) as board:
+        service = RobotService(
+            servos=ServosSpec(backend="feetech", robot="phantomx"),
+            listen=f"tcp/127.0.0.1:{free_port()}",
+            device=board.path,
+        )
+        service.run(stop, on_event=lambda line: said.append((threading.current_thread().name, line)))
+    assert [thread for thread, line in said if "the keeper has ended" in line] == ["event log"]
 
 
 @pytest.mark.parametrize("holds", [True, False])
