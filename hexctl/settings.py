@@ -94,10 +94,7 @@ class Setting:
 
     def placed(self, text: str) -> str:
         """A path of this setting: one that is not absolute begins at `folder`, `~` is the home folder."""
-        path = Path(text)
-        with suppress(RuntimeError, ValueError):  # ~name of somebody unknown here, or that nobody can have
-            path = path.expanduser() if text.startswith("~") else path
-        return str(self.folder / path)
+        return str(self.folder / _expanded(text))
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,13 +233,21 @@ def settings_files(folder: Path = Path()) -> tuple[Path, ...]:
     """
     chosen = os.environ.get(CHOSEN, "")
     if chosen:
-        return () if chosen == "none" else (Path(chosen).expanduser(),)
+        return () if chosen == "none" else (_expanded(chosen),)
     home = _home()
     users = os.environ.get("XDG_CONFIG_HOME")
     config = Path(users) if users else None if home is None else home / ".config"
     own = () if config is None else (config / "hexctl" / FILE,)
     near = (place / FILE for place in _upwards(folder, home))
     return (*islice(filter(_is_there, near), 1), *filter(_is_there, own))
+
+
+def _expanded(text: str) -> Path:
+    """Path with a home folder in place of `~`; as it is where that is unknown here, or no user's."""
+    path = Path(text)
+    with suppress(RuntimeError, ValueError):
+        return path.expanduser()
+    return path
 
 
 def _is_there(path: Path) -> bool:
@@ -296,7 +301,10 @@ def _content(path: Path) -> dict[str, Any]:
         raise InputError(f"{name}: cannot be read as text: {error}") from error
     except (ValueError, RecursionError) as error:
         raise InputError(f"{name}: is not valid TOML: {error}") from error
-    values = _hyphenated(content, name)
+    try:
+        values = _hyphenated(content, name)
+    except RecursionError as error:
+        raise InputError(f"{name}: has tables in tables without end; allowed: those of commands") from error
     if isinstance(below := values.get(COMMANDS), dict):
         _check_once(values, below, name, ())
     return values

@@ -80,6 +80,15 @@ def test_a_variable_names_the_only_file_or_none(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setenv("HEXCTL_SETTINGS", str(tmp_path / "gone.toml"))
     with pytest.raises(hexctl.InputError, match=r"gone\.toml: cannot be read: No such file"):
         hexctl.read_settings()
+    monkeypatch.setenv("HEXCTL_SETTINGS", "~nobody-of-this-name/mine.toml")
+    with pytest.raises(hexctl.InputError, match=r"mine\.toml: cannot be read: No such file"):
+        hexctl.read_settings()
+
+
+def test_tables_without_end_are_refused() -> None:
+    Path("hexctl.toml").write_text("a." * 3000 + "b = 1\n")
+    with pytest.raises(hexctl.InputError, match=r"hexctl\.toml: has tables in tables"):
+        hexctl.read_settings()
 
 
 def test_relative_paths_begin_at_the_files_folder(tmp_path: Path) -> None:

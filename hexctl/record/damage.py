@@ -8,9 +8,6 @@ from pathlib import Path
 from hexctl.errors import InputError
 from hexctl.record import viewer
 
-#: What each look of another process at a recording may take: a start, and so long for each byte.
-START_S, BYTES_PER_S = 60.0, 1e6
-
 #: Recordings of which one process remembers that they are sound.
 REMEMBERED = 1024
 
@@ -27,7 +24,7 @@ def check_sound(path: Path) -> None:
     """Raise InputError for a recording whose damage would end the process that reads it.
 
     What Rerun refuses with an error of its own passes, and a file that is not there. A file that has not
-    changed is looked at once.
+    changed is looked at only once.
 
     Raises MissingExtraError without Rerun.
     """
@@ -45,7 +42,7 @@ def check_sound(path: Path) -> None:
 @lru_cache(maxsize=REMEMBERED)
 def _ends_reader(path: Path, size: int, _changed_ns: int, _inode: int) -> bool:
     """Whether Rerun's reader ends the process that reads a recording, or takes too long."""
-    limit_s = START_S + size / BYTES_PER_S
+    limit_s = viewer.time_limit_s(size)
     decodes_all = [str(viewer.viewer_binary()), "rrd", "stats", str(path)]
     if _exit_code(decodes_all, limit_s) == 0:
         return False

@@ -8,10 +8,7 @@ from pathlib import Path
 from hexctl.errors import MissingExtraError, RecordingError
 from hexctl.files import replacing
 from hexctl.record.rrd import SUFFIX, check_whole, has_index
-from hexctl.record.viewer import viewer_binary
-
-#: Recordings of an hour take 30 s and half a gigabyte; a process that takes this long hangs.
-START_S, BYTES_PER_S = 60.0, 500_000.0
+from hexctl.record.viewer import time_limit_s, viewer_binary
 
 #: Other robots may walk on this computer meanwhile.
 NICENESS = 10
@@ -55,7 +52,7 @@ def _optimize(path: Path, draft: Path) -> None:
     try:
         with suppress(OSError):
             os.setpriority(os.PRIO_PROCESS, process.pid, NICENESS)
-        code = process.wait(START_S + path.stat().st_size / BYTES_PER_S)
+        code = process.wait(time_limit_s(path.stat().st_size))
     except BaseException:
         process.kill()
         process.wait()

@@ -26,6 +26,10 @@ LOCAL = "127.0.0.1"
 
 NO_DISPLAY = "the viewer finds no display"
 
+#: What a process of Rerun may take to go through a recording: a start, and so long for each byte. One of an
+#: hour takes 30 s.
+START_S, BYTES_PER_S = 60.0, 500_000.0
+
 
 def open_viewer(paths: Sequence[Path]) -> int:
     """Start the native viewer on recordings, wait until it is closed, and return its exit code.
@@ -103,6 +107,11 @@ def viewer_binary() -> Path:
         if (folder / name).is_file():
             return folder / name
     raise MissingExtraError("the viewer", "view")
+
+
+def time_limit_s(size_bytes: int) -> float:
+    """Time after which a process of Rerun that goes through a recording of a size hangs."""
+    return START_S + size_bytes / BYTES_PER_S
 
 
 def check_display() -> None:

@@ -51,8 +51,7 @@ def test_the_reader_decides_where_the_program_that_looks_first_cannot(
 
 
 def test_what_does_not_end_in_time_is_damaged(sound: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(looked_at, "START_S", 0.0)
-    monkeypatch.setattr(looked_at, "BYTES_PER_S", 1e12)
+    monkeypatch.setattr("hexctl.record.viewer.time_limit_s", lambda _: 0.0)
     looked_at._ends_reader.cache_clear()
     with pytest.raises(InputError, match=TOLD):
         check_sound(sound)

@@ -150,8 +150,7 @@ def test_a_process_that_hangs_is_ended(trial: Trial, tmp_path: Path, monkeypatch
     hangs.write_text("#!/bin/sh\nexec sleep 60\n")
     hangs.chmod(0o755)
     monkeypatch.setattr(record_index, "viewer_binary", lambda: hangs)
-    monkeypatch.setattr(record_index, "START_S", 0.1)
-    monkeypatch.setattr(record_index, "BYTES_PER_S", 1e12)
+    monkeypatch.setattr(record_index, "time_limit_s", lambda _: 0.1)
     assert not write_index(path)
     assert sorted(each.name for each in tmp_path.iterdir()) == ["hangs", "long.rrd"]
 
