@@ -15,7 +15,7 @@ from hexctl.cli.main import app, exit_code
 from tests.golden import choices, sessions, shapes, trials
 from tests.golden.make import DATA, PRINTED
 from tests.golden.probe import probe
-from tests.serve.processes import served
+from tests.serve.processes import served, stopped_by_session
 
 Printed = Callable[[str], Any]
 
@@ -145,17 +145,10 @@ def test_json_of_the_commands(printed: Printed, tmp_path: Path) -> None:
     with served(tmp_path, backend="sim") as robot:
         status = printed(f"status --connect {robot.endpoint}")
         assert_keeps(shapes.of_json(status), SHAPES["json"]["status"], "status")
-        estop = confirmed_by_session(printed, robot.endpoint)
+        estop = stopped_by_session(
+            lambda: printed(f"estop --connect {robot.endpoint}"), lambda answer: bool(answer["robots"])
+        )
         assert_keeps(shapes.of_json(estop), SHAPES["json"]["estop"], "estop")
-
-
-def confirmed_by_session(printed: Printed, endpoint: str) -> Any:
-    """A stop whose session answered before the robot was seen at rest by datagram, on a busy machine too."""
-    for _ in range(10):
-        answer = printed(f"estop --connect {endpoint}")
-        if answer["robots"]:
-            return answer
-    raise AssertionError(f"no session has answered: {answer}")
 
 
 def test_recordings_and_tables(printed: Printed, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from hexctl.cli.main import exit_code
 from hexctl.waiting import wait_for
@@ -24,6 +24,11 @@ RECORDED = "tests.serve.recorded:RecordedServos"
 
 #: Longest a process may take to come up on a busy machine.
 TIMEOUT_S = 60.0
+
+#: How often a stop is repeated until its session answers.
+MOST_STOPS = 10
+
+Answer = TypeVar("Answer")
 
 
 def free_port() -> int:
@@ -38,13 +43,25 @@ def wait_until(condition: Callable[[], Any], what: str, timeout_s: float = TIMEO
     return wait_for(condition, timeout_s, f"{what} never came")
 
 
+def stopped_by_session(stop: Callable[[], Answer], answered: Callable[[Answer], bool]) -> Answer:
+    """First answer to a stop that came over the session too.
+
+    On a busy machine a robot may be seen at rest by datagram before its session has answered.
+    """
+    for _ in range(MOST_STOPS):
+        if answered(answer := stop()):
+            return answer
+    raise AssertionError(f"no session has answered: {answer}")
+
+
 @dataclass
 class Program:
     """A running hexctl or test program.
 
     Attributes:
         process: its process.
-        lines: what it has printed so far, with stderr.
+        output: file of what it has printed so far, with stderr.
+        name: in messages.
     """
 
     process: subprocess.Popen[str]

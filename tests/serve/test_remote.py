@@ -8,7 +8,7 @@ from hexctl.errors import InputError, RobotFaultError
 from hexctl.serve.remote import RemoteRobots, remote_robots
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.session import open_session
-from tests.serve.processes import hexctl, served
+from tests.serve.processes import hexctl, served, stopped_by_session
 
 
 def test_a_neighbours_robot_may_be_stopped_by_default_and_cleared_only_by_its_name(
@@ -30,10 +30,7 @@ def test_a_neighbours_robot_may_be_stopped_by_default_and_cleared_only_by_its_na
 def test_commands_say_which_robot_answered(tmp_path: Path) -> None:
     with served(tmp_path, backend="mock") as robot:
         here = ("--connect", robot.endpoint)
-        stop = hexctl("estop", *here)
-        # A robot that rests before the session has answered is stopped, and named without its process.
-        for _ in range(10):
-            stop = stop if "started by" in stop.stderr else hexctl("estop", *here)
+        stop = stopped_by_session(lambda: hexctl("estop", *here), lambda done: "started by" in done.stderr)
         clear = hexctl("estop", "--clear", *here)
         walk = hexctl("run", "--backend", "zenoh", "--no-record", "--duration", "0.1", *here)
         shown = hexctl("status", *here)
