@@ -41,7 +41,9 @@ def _rows(checkup: "Checkup") -> list[tuple[str, str]]:
     versions = ", ".join(f"{name} {number}" for name, number in packages.versions.items() if number)
     missing = [extra for extra, names in packages.extras.items() if names]
     drawn = ", ".join(f"{name}: {told or 'no'}" for name, told in checkup.drawing.renderers.items())
-    network = ", ".join(f"{port.number} {'free' if port.free else 'taken'}" for port in found.network)
+    network = ", ".join(
+        f"{port.protocol.upper()} {port.number} {'free' if port.free else 'taken'}" for port in found.network
+    )
     return [
         ("hexctl", packages.hexctl or "not installed, imported from a folder"),
         ("python", machine.python),
@@ -54,7 +56,7 @@ def _rows(checkup: "Checkup") -> list[tuple[str, str]]:
         ("serial ports", _devices(found.serial)),
         ("I2C", _devices(found.i2c)),
         ("gamepads", _devices(found.gamepads)),
-        ("TCP ports", network),
+        ("network ports", network),
         ("variables", ", ".join(f"{name}={value}" for name, value in checkup.variables.items()) or "none"),
         ("settings", _settings(checkup)),
         *([("unknown variables", ", ".join(unknown))] if (unknown := checkup.settings.unknown) else []),

@@ -16,6 +16,7 @@ from typing import Any
 from hexctl.adapt.adaptation import Adaptation, OnBegin
 from hexctl.adapt.loop import OnBaseline, OnTrial
 from hexctl.adapt.result import AdaptationResult
+from hexctl.adapt.runner import NotBegunError
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.store import RUNS
 from hexctl.adapt.setting import Note, log_note
@@ -138,9 +139,12 @@ def demo(
             return DemoResult(event=EVENT, world=WORLD, folder=into, **_named(walks))
         if on_walk is not None:
             on_walk(walks[-1])
-    adaptation = Adaptation(spec, folder=folder, note=note).run(
-        on_begin=on_begin, on_trial=on_trial, on_baseline=on_baseline, stop_requested=stop_requested
-    )
+    try:
+        adaptation = Adaptation(spec, folder=folder, note=note).run(
+            on_begin=on_begin, on_trial=on_trial, on_baseline=on_baseline, stop_requested=stop_requested
+        )
+    except NotBegunError:
+        return DemoResult(event=EVENT, world=WORLD, folder=into, **_named(walks))
     drawn: dict[str, Any] = {} if stop_requested() else _draw(walks, into)
     return DemoResult(event=EVENT, world=WORLD, folder=into, adaptation=adaptation, **_named(walks), **drawn)
 

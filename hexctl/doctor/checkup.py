@@ -77,10 +77,15 @@ def doctor(folder: Path | str = RUNS, *, is_option: Callable[[str], bool] = no_o
         packages=packages,
         drawing=drawing,
         connections=connections,
-        variables={name: os.environ[name] for name in VARIABLES if os.environ.get(name)},
+        variables={name: _told(name, text) for name in VARIABLES if (text := os.environ.get(name))},
         settings=read_settings_found(is_option),
         works=dict(_works(machine, packages, drawing, connections)),
     )
+
+
+def _told(name: str, text: str) -> str:
+    """Value of a variable, without the name of the computer that a screen may be at."""
+    return f"given:{text.rpartition(':')[2]}" if name == "DISPLAY" and not text.startswith(":") else text
 
 
 def _works(
@@ -102,7 +107,8 @@ def _works(
         _unusable(connections.serial, "no serial port; is the adapter plugged in?"),
     )
     for port in connections.network:
-        yield port.use, None if port.free else f"port {port.number} is taken; --listen names another one"
+        number = f"{'UDP ' if port.protocol == 'udp' else ''}port {port.number}"
+        yield port.use, None if port.free else f"{number} is taken; --listen names another one"
     yield "keep time on a busy machine", None if machine.realtime else REALTIME_ADVICE
     yield "room for recordings", _room(machine)
 
@@ -129,6 +135,6 @@ def _unusable(devices: tuple[Device, ...], none: str) -> str | None:
 
 def _room(machine: Machine) -> str | None:
     if not machine.folder_writable:
-        return "the current folder cannot be written; go to another one"
+        return "the folder for runs cannot be written; go to another one, or name one by the setting runs"
     walks = machine.disk_free_mb / WALK_MB
     return None if walks >= 100 else f"{machine.disk_free_mb} MB are left, for {walks:.0f} walks of 30 s"

@@ -10,7 +10,11 @@ from hexctl.backends.serial_ports import serial_ports
 from hexctl.teleop.gamepad import find_gamepads
 
 #: Network ports that hexctl listens at unless told otherwise, and what for.
-NETWORK_PORTS = {("tcp", 7447): "hexctl serve", ("tcp", 7448): "hexctl serve --ros"}
+NETWORK_PORTS = {
+    ("tcp", 7447): "hexctl serve",
+    ("udp", 7447): "stop by datagram",
+    ("tcp", 7448): "hexctl serve --ros",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,7 +68,7 @@ def read_connections() -> Connections:
         i2c=tuple(_device(str(path)) for path in sorted(Path("/dev").glob("i2c-*"))),
         gamepads=tuple(_device(str(path)) for path in find_gamepads()),
         network=tuple(
-            NetworkPort(protocol=protocol, number=number, use=use, free=_is_free(number))
+            NetworkPort(protocol=protocol, number=number, use=use, free=_is_free(number, protocol))
             for (protocol, number), use in NETWORK_PORTS.items()
         ),
     )
@@ -78,10 +82,12 @@ def _device(path: str, name: str = "") -> Device:
     return Device(path=path, name=name, group=group, usable=os.access(path, os.R_OK | os.W_OK))
 
 
-def _is_free(number: int) -> bool:
-    """Whether a server could listen at a TCP port of loopback."""
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+def _is_free(number: int, protocol: str = "tcp") -> bool:
+    """Whether a server could listen at a port of loopback."""
+    kind = socket.SOCK_STREAM if protocol == "tcp" else socket.SOCK_DGRAM
+    with socket.socket(socket.AF_INET, kind) as probe:
+        if protocol == "tcp":  # with datagrams it would share the port
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind(("127.0.0.1", number))
         except OSError:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hexctl.backends.clock import PERIOD_S, request_realtime_priority
+from hexctl.settings import shown_path
 
 #: How many control periods the punctuality is measured for.
 MEASURED_TICKS = 25
@@ -58,7 +59,7 @@ def read_machine(folder: Path) -> Machine:
     return Machine(
         system=_system(),
         architecture=platform.machine(),
-        python=f"{platform.python_version()} ({_without_home(sys.executable)})",
+        python=f"{platform.python_version()} ({shown_path(Path(sys.executable))})",
         processor=_processor(),
         cores=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
         load=round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
@@ -69,12 +70,6 @@ def read_machine(folder: Path) -> Machine:
         realtime=realtime,
         late_ms=late_ms,
     )
-
-
-def _without_home(path: str) -> str:
-    """Path with the home folder, which names a person, as `~`."""
-    home = str(Path.home())
-    return "~" + path.removeprefix(home) if home != "/" and path.startswith(home) else path
 
 
 def _system() -> str:

@@ -6,15 +6,18 @@ carries sessions. Viewers have none.
 
 import os
 import secrets
-import stat
 from pathlib import Path
 
 from hexctl.errors import InputError
+from hexctl.files import is_file, read_secret
 from hexctl.wire.links import Link, Role
 
 SECRET_FILE = "stop.key"  # noqa: S105  its name
 
 SECRET_BYTES = 32
+
+#: Longest file that is read: the secret in hexadecimal digits, and space around them.
+MOST_FILE_BYTES = 4 * SECRET_BYTES
 
 #: Without certificates anybody who reaches the robot may stop it: datagrams are signed with this.
 NO_SECRET = b""
@@ -34,11 +37,19 @@ def write_stop_secret(folder: Path) -> list[Path]:
             raise InputError(f"{place}: is missing; allowed: a folder that hexctl keys new made, whole")
         if (place / SECRET_FILE).exists():
             raise InputError(f"{place / SECRET_FILE}: is there already; allowed: a folder without one")
-    content = secrets.token_hex(SECRET_BYTES) + "\n"
+    content, written = secrets.token_hex(SECRET_BYTES) + "\n", list[Path]()
     try:
-        return [_write(place / SECRET_FILE, content) for place in places]
+        for place in places:
+            path = place / SECRET_FILE
+            descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+            written.append(path)
+            with open(descriptor, "w", encoding="ascii") as file:
+                file.write(content)
     except OSError as error:
+        for path in written:  # one end alone could never agree with the other
+            path.unlink(missing_ok=True)
         raise InputError(f"{folder}: cannot be written ({error.strerror}); allowed: one of yours") from error
+    return written
 
 
 def find_stop_secret(link: Link, role: Role) -> bytes | None:
@@ -49,26 +60,19 @@ def find_stop_secret(link: Link, role: Role) -> bytes | None:
     if link.credentials is None:
         return NO_SECRET
     for path in (link.credentials / role.value / SECRET_FILE, link.credentials / SECRET_FILE):
-        if path.is_file():
+        if is_file(path):
             return _read(path)
     return None
 
 
-def _write(path: Path, content: str) -> Path:
-    with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="ascii") as file:
-        file.write(content)
-    return path
-
-
 def _read(path: Path) -> bytes:
     try:
-        with path.open("rb") as file:
-            mode, text = os.fstat(file.fileno()).st_mode, file.read(4 * SECRET_BYTES)
-        secret = bytes.fromhex(text.decode("ascii"))
+        secret = bytes.fromhex(read_secret(path, MOST_FILE_BYTES).decode("ascii"))
+    except PermissionError as error:
+        raise InputError(f"{path}: {error.strerror}") from error
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: is not a secret ({error}); allowed: one of hexctl keys stop") from error
-    if mode & (stat.S_IRWXG | stat.S_IRWXO):
-        raise InputError(f"{path}: other users of this computer can read it; chmod 600 {path}")
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{path}: is not a secret ({reason}); allowed: one of hexctl keys stop") from error
     if len(secret) != SECRET_BYTES:
         raise InputError(f"{path}: has {len(secret)} bytes; allowed: {SECRET_BYTES}, as of hexctl keys stop")
     return secret

@@ -77,6 +77,15 @@ def test_a_stop_ends_it_after_the_walk(tmp_path: Path, monkeypatch: Any) -> None
     assert len(result.recordings) == 1
 
 
+def test_a_stop_between_the_walks_and_the_search_leaves_the_walks(tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.setattr(rescue, "WALK_S", 7.0)
+    told: list[RunResult] = []
+    result = hexctl.demo(folder=tmp_path, on_walk=told.append, stop_requested=lambda: len(told) == 2)
+    assert result.interrupted
+    assert [result.walked_on, result.recovered] == told
+    assert (result.adaptation, result.picture) == (None, None)
+
+
 def test_a_second_demo_replaces_nothing(tmp_path: Path) -> None:
     results = [hexctl.demo(folder=tmp_path, stop_requested=lambda: True) for _ in range(2)]
     assert results[0].folder != results[1].folder

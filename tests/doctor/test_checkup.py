@@ -1,6 +1,7 @@
 """What works on a computer, by what it has."""
 
 import json
+import socket
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
@@ -99,15 +100,32 @@ def test_a_folder_that_does_not_exist_yet_is_no_trouble(tmp_path: Path) -> None:
     assert machine.read_machine(tmp_path / "a" / "b").folder_writable
 
 
-def test_a_port_is_taken_while_something_listens() -> None:
-    import socket
-
-    with socket.socket() as server:
+@pytest.mark.parametrize("protocol", ["tcp", "udp"])
+def test_a_port_is_taken_while_something_listens(protocol: str) -> None:
+    kind = socket.SOCK_STREAM if protocol == "tcp" else socket.SOCK_DGRAM
+    with socket.socket(socket.AF_INET, kind) as server:
         server.bind(("127.0.0.1", 0))
-        server.listen()
-        assert not connections._is_free(server.getsockname()[1])
+        if protocol == "tcp":
+            server.listen()
         number = server.getsockname()[1]
-    assert connections._is_free(number)
+        assert not connections._is_free(number, protocol)
+    assert connections._is_free(number, protocol)
+
+
+def test_the_computer_of_a_screen_is_not_named(here: hexctl.Checkup, monkeypatch: Any) -> None:
+    parts = {name: getattr(here, name) for name in ("machine", "packages", "drawing", "connections")}
+    for name, part in parts.items():
+        monkeypatch.setattr(checkup, f"read_{name}", lambda *_, part=part: part)
+    told = []
+    for display in (":0", "alices-desk:10.0"):
+        monkeypatch.setenv("DISPLAY", display)
+        told.append(hexctl.doctor().variables["DISPLAY"])
+    assert told == [":0", "given:10.0"]
+
+
+def test_a_folder_that_cannot_be_written_has_no_room(here: hexctl.Checkup, monkeypatch: Any) -> None:
+    told = works(monkeypatch, read_machine=replace(here.machine, folder_writable=False))
+    assert "folder for runs cannot be written" in str(told["room for recordings"])
 
 
 def test_a_graphics_library_that_ends_its_process_draws_nothing(monkeypatch: Any) -> None:

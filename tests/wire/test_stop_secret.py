@@ -54,6 +54,15 @@ def test_one_part_of_a_folder_gets_none(folder: Path) -> None:
         write_stop_secret(folder / "controller")
 
 
+def test_both_ends_get_it_or_none(folder: Path) -> None:
+    for path in folder.rglob(SECRET_FILE):
+        path.unlink()
+    (folder / "controller" / SECRET_FILE).symlink_to(folder / "nowhere" / "x")
+    with pytest.raises(InputError, match="cannot be written"):
+        write_stop_secret(folder)
+    assert not (folder / "robot" / SECRET_FILE).exists()
+
+
 @pytest.mark.parametrize(
     ("content", "mode", "said"),
     [
@@ -61,7 +70,7 @@ def test_one_part_of_a_folder_gets_none(folder: Path) -> None:
         (b"00" * 31, 0o600, "has 31 bytes"),
         (b"no hex", 0o600, "is not a secret"),
         (b"\xff", 0o600, "is not a secret"),
-        (b"00" * 1_000_000, 0o600, "allowed: 32"),
+        (b"00" * 1_000_000, 0o600, "it is larger than"),
         (b"00" * 32, 0o640, "chmod 600"),
         (b"00" * 32, 0o604, "chmod 600"),
     ],

@@ -48,7 +48,9 @@ def demo(
         except KeyboardInterrupt:
             print_note(f"hexctl: interrupted; what was walked until then is under {runs_folder()}/")
             raise typer.Exit(INTERRUPTED) from None
-    if result is None or result.interrupted:
+    if result.interrupted:
+        if result.adaptation is None:
+            print_note(f"hexctl: interrupted before the search; what was walked is under {result.folder}/")
         raise typer.Exit(INTERRUPTED)
     if as_json:
         print_result(json.dumps(result.to_dict()))
@@ -60,9 +62,8 @@ def demo(
     raise typer.Exit(DONE if no_view or as_json else _show(result))
 
 
-def _run(budget: int, interrupt: StopOnInterrupt, *, as_json: bool) -> "DemoResult | None":
-    """Run the demo, and print what happens while it does; None where it was stopped before the search."""
-    from hexctl.adapt.runner import NotBegunError
+def _run(budget: int, interrupt: StopOnInterrupt, *, as_json: bool) -> "DemoResult":
+    """Run the demo, and print what happens while it does."""
     from hexctl.cli.render.adapt import SessionTable
     from hexctl.demo import rescue
 
@@ -82,20 +83,16 @@ def _run(budget: int, interrupt: StopOnInterrupt, *, as_json: bool) -> "DemoResu
             f"{rescue.WALK_S:g} s, and nothing tells it (world {rescue.WORLD}):"
         )
     with SessionTable(quiet=as_json) as table:
-        try:
-            return rescue.demo(
-                budget=budget,
-                folder=runs_folder(),
-                note=lambda text: print_note(f"hexctl: {text}"),
-                on_walk=walked,
-                on_begin=table.begin,
-                on_trial=table.add,
-                on_baseline=table.add_baseline,
-                stop_requested=interrupt.requested,
-            )
-        except NotBegunError as error:
-            print_note(f"hexctl: {error}")
-            return None
+        return rescue.demo(
+            budget=budget,
+            folder=runs_folder(),
+            note=lambda text: print_note(f"hexctl: {text}"),
+            on_walk=walked,
+            on_begin=table.begin,
+            on_trial=table.add,
+            on_baseline=table.add_baseline,
+            stop_requested=interrupt.requested,
+        )
 
 
 SEARCH = (
