@@ -1,5 +1,6 @@
 """A client's datagrams of a stop: they ask, stop and ask again until the robot is seen to be at rest."""
 
+import math
 import secrets
 import select
 import socket
@@ -23,6 +24,12 @@ MOST_ASKED = 64
 
 #: Addresses of a host to which datagrams go.
 MOST_ADDRESSES = 4
+
+#: A robot that has not answered for this long may have another address.
+LOOK_UP_AGAIN_S = 5.0
+
+#: What `socket.getaddrinfo` finds.
+Addresses = list[tuple[socket.AddressFamily, tuple[object, ...]]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,6 +77,10 @@ class DatagramWay:
         self._ended = False
         self._bell_read, self._bell_write = socket.socketpair()
         self._sockets: dict[socket.socket, list[tuple[object, ...]]] = {}
+        self._heard_s = self._looked_up_s = -math.inf
+        self._looking_up: threading.Thread | None = None
+        self._found: Addresses | None = None
+        self._addresses: Addresses = []
         self._thread = threading.Thread(target=self._run, name="stop by datagram", daemon=True)
         self.trouble: str | None = None
         self.obeyed = False
@@ -107,30 +118,51 @@ class DatagramWay:
     def _run(self) -> None:
         while not self._ended:
             period_s = STOP_PERIOD_S if self._pressed.is_set() else ASK_PERIOD_S
-            if not self._sockets:
-                self._open()
+            self._follow_host()
             self._send()
             until_s = time.monotonic() + period_s
             while not self._ended and (left_s := until_s - time.monotonic()) > 0:
                 if self._wait(left_s):
-                    self._send()
+                    break
 
-    def _open(self) -> None:
-        """Sockets to each address of the host; without any, it is tried again later."""
+    def _follow_host(self) -> None:
+        """Look up where the host is, again while it is silent, and send there."""
+        if (found := self._found) is not None:
+            self._found = None
+            if found != self._addresses:
+                self._open(found)
+        now_s = time.monotonic()
+        silent_s = now_s - max(self._heard_s, self._looked_up_s)
+        looks_up = self._looking_up is not None and self._looking_up.is_alive()
+        if not looks_up and silent_s > (LOOK_UP_AGAIN_S if self._sockets else ASK_PERIOD_S):
+            self._looked_up_s = now_s
+            # On a thread of its own: names take seconds where the network is down, and a stop does not wait.
+            self._looking_up = threading.Thread(target=self._look_up, name="robot's address", daemon=True)
+            self._looking_up.start()
+
+    def _look_up(self) -> None:
         endpoint = Endpoint.parse(self._link.endpoint)
         try:
             found = socket.getaddrinfo(endpoint.host, endpoint.port, type=socket.SOCK_DGRAM)
         except (OSError, UnicodeError) as error:  # the second of a name that no host can have
             self.trouble = f"{endpoint.host} is not known here ({getattr(error, 'strerror', None) or error})"
             return
+        self._found = [(family, address) for family, _, _, _, address in found[:MOST_ADDRESSES]]
+        self.trouble = None
+        self.ring()
+
+    def _open(self, addresses: Addresses) -> None:
+        """Sockets to some addresses, in place of those to others."""
+        for one in self._sockets:
+            one.close()
+        self._addresses, self._sockets = addresses, {}
         by_family: dict[socket.AddressFamily, socket.socket] = {}
-        for family, _, _, _, address in found[:MOST_ADDRESSES]:
+        for family, address in addresses:
             with suppress(OSError):
                 one = by_family.get(family) or socket.socket(family, socket.SOCK_DGRAM)
                 by_family[family] = one
                 one.setblocking(False)
                 self._sockets.setdefault(one, []).append(address)
-        self.trouble = None
 
     def _send(self) -> None:
         """Send a stop where the robot is to stop and its epoch is known, otherwise a question."""
@@ -163,6 +195,7 @@ class DatagramWay:
             if answer.kind is not Kind.STATE:
                 raise MessageError("datagram: got a question; allowed: an answer")
             self._asked.remove(answer.nonce)  # each answer counts once
+            self._heard_s = time.monotonic()
             new_epoch, self._epoch = answer.epoch != self._epoch, answer.epoch
             self.obeyed = self.obeyed or (answer.request == self._request and answer.stopped)
             if self.obeyed and not answer.stopped:

@@ -1,15 +1,20 @@
-"""The datagrams of a stop: what keeps them from being sent is told."""
+"""The datagrams of a stop: where they go, and that what keeps them from being sent is told."""
 
+import socket
 import threading
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from hexctl.serve.stops.datagram_way import DatagramWay
+from hexctl.serve.stops import datagram_way
+from hexctl.serve.stops.datagram_way import DatagramWay, Sighting
 from hexctl.waiting import comes_true
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import Link
 from hexctl.wire.stop_secret import SECRET_FILE
+from tests.serve.processes import free_port
+from tests.serve.stops.test_stop_socket import Bench
 
 
 def began(link: Link) -> DatagramWay:
@@ -26,6 +31,32 @@ def test_a_name_that_no_host_can_have_is_trouble() -> None:
         assert "robot..local is not known here" in (way.trouble or "")
     finally:
         way.end()
+
+
+def test_a_robot_that_has_another_address_now_is_found_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench, before, asked = Bench(), free_port(), []
+
+    def look_up(host: str, port: int, **_given: Any) -> list[Any]:
+        asked.append(host)
+        place = ("127.0.0.1", before if len(asked) < 3 else port)
+        return [(socket.AF_INET, socket.SOCK_DGRAM, 17, "", place)]
+
+    seen: list[Sighting] = []
+    pressed = threading.Event()
+    with bench.stop_socket:
+        monkeypatch.setattr(datagram_way, "LOOK_UP_AGAIN_S", 0.2)
+        monkeypatch.setattr("socket.getaddrinfo", look_up)
+        way = DatagramWay(bench.link, b"mine    ", pressed, seen.append)
+        way.begin()
+        try:
+            assert comes_true(lambda: bool(seen), 10.0)
+            assert len(asked) >= 3
+            pressed.set()
+            way.ring()
+            assert comes_true(lambda: way.obeyed, 10.0)
+        finally:
+            way.end()
+    assert bench.guard.stopped == "estop"
 
 
 def test_a_folder_without_the_secret_and_quic_are_trouble(tmp_path: Path) -> None:
