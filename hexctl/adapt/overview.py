@@ -20,7 +20,7 @@ from hexctl.adapt.sessions.session import (
 from hexctl.adapt.sessions.steps import search_steps
 from hexctl.adapt.sessions.store import load_session, stored_names
 from hexctl.errors import HexctlError, InputError
-from hexctl.record.damage import check_sound
+from hexctl.record.rerun_program import check_sound
 from hexctl.record.sessions.figures import write_overview_file
 from hexctl.record.sessions.overview import Overview, OverviewTrial, SearchStep, drawable
 from hexctl.record.viewer import (

@@ -14,7 +14,7 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.control.trace import PHASES
 from hexctl.errors import HexctlError, InputError, MissingExtraError
 from hexctl.record import paths, style
-from hexctl.record.damage import check_sound
+from hexctl.record.rerun_program import check_sound
 from hexctl.record.rrd import check_name, load_rerun
 from hexctl.record.tracks.servos import READINGS
 from hexctl.robot.formats.json_model import robot_from_json

@@ -14,7 +14,7 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.record import paths
 from hexctl.record.blueprint import make_blueprint
-from hexctl.record.record_index import write_index
+from hexctl.record.rerun_program import write_index
 from hexctl.record.rrd import (
     check_messages,
     check_name,

@@ -1,6 +1,5 @@
 """Rerun's viewer: in a window, or served to a browser on this computer."""
 
-import importlib.util
 import os
 import shutil
 import socket
@@ -17,7 +16,8 @@ from types import TracebackType
 from typing import Any, Self
 from urllib.parse import quote, unquote, urlencode
 
-from hexctl.errors import InputError, MissingExtraError, RecordingError
+from hexctl.errors import InputError, RecordingError
+from hexctl.record.rerun_program import viewer_binary
 
 #: How an .rrd file begins.
 MAGIC = b"RRF"
@@ -25,10 +25,6 @@ MAGIC = b"RRF"
 LOCAL = "127.0.0.1"
 
 NO_DISPLAY = "the viewer finds no display"
-
-#: What a process of Rerun may take to go through a recording: a start, and so long for each byte. One of an
-#: hour takes 30 s.
-START_S, BYTES_PER_S = 60.0, 500_000.0
 
 
 def open_viewer(paths: Sequence[Path]) -> int:
@@ -89,29 +85,6 @@ def is_recording(path: Path) -> bool:
     except InputError:
         return False
     return True
-
-
-def viewer_binary() -> Path:
-    """Path of Rerun's executable; the `rerun` on the PATH is a wrapper that does not pass signals on.
-
-    Raises MissingExtraError when it is not installed.
-    """
-    try:
-        package = importlib.util.find_spec("rerun_cli")
-    except ValueError:
-        package = None
-    if package is None or package.origin is None:
-        raise MissingExtraError("the viewer", "view")
-    folder = Path(package.origin).parent
-    for name in ("rerun", "rerun.exe"):
-        if (folder / name).is_file():
-            return folder / name
-    raise MissingExtraError("the viewer", "view")
-
-
-def time_limit_s(size_bytes: int) -> float:
-    """Time after which a process of Rerun that goes through a recording of a size hangs."""
-    return START_S + size_bytes / BYTES_PER_S
 
 
 def check_display() -> None:

@@ -21,11 +21,10 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
 from hexctl.gait.gait import NAMED_SLOTS, Gait
-from hexctl.record.damage import READ
 from hexctl.record.recording import Recording
+from hexctl.record.rerun_program import READ, viewer_binary
 from hexctl.record.rrd import MESSAGE_HEAD
 from hexctl.record.sessions.overview import Overview, OverviewTrial
-from hexctl.record.viewer import viewer_binary
 from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot

@@ -20,7 +20,7 @@ from hexctl.ik.legs import foot_positions_body
 from hexctl.record import paths, rrd
 from hexctl.record import recording as module
 from hexctl.record.recording import Recording
-from hexctl.record.viewer import viewer_binary
+from hexctl.record.rerun_program import viewer_binary
 from hexctl.types import JOINT_KINDS
 from tests.record.conftest import ReadBack, Trial, make_plan, write
 

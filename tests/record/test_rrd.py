@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from hexctl.errors import InputError, RecordingError
+from hexctl.record.rerun_program import viewer_binary
 from hexctl.record.rrd import END_PADDING, check_whole, probe_file
-from hexctl.record.viewer import viewer_binary
 from tests.record.conftest import ReadBack, Trial, write
 
 

@@ -16,8 +16,8 @@ from hexctl.adapt.sessions.store import SessionStore
 from hexctl.cli.main import exit_code
 from hexctl.control.log import TickLog
 from hexctl.record import live, viewer
+from hexctl.record.rerun_program import viewer_binary
 from hexctl.record.run import run
-from hexctl.record.viewer import viewer_binary
 from tests.adapt.walking import SPEC, result_of
 from tests.record.conftest import damage
 from tests.serve.processes import (

@@ -11,10 +11,10 @@ import rerun as rr
 
 from hexctl.errors import InputError, RecordingError
 from hexctl.palette import INVALID_COLOR, deviation_color
+from hexctl.record.rerun_program import viewer_binary
 from hexctl.record.sessions import figures as module
 from hexctl.record.sessions.figures import visible_m, write_overview_file
 from hexctl.record.sessions.overview import OverviewTrial, make_table
-from hexctl.record.viewer import viewer_binary
 from tests.record.conftest import SESSION, ReadBack, make_overview, make_trial
 
 

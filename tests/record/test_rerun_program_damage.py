@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from hexctl.errors import InputError
-from hexctl.record import damage as looked_at
-from hexctl.record.damage import check_sound
+from hexctl.record import rerun_program
 from hexctl.record.recorded_trial import read_trial
+from hexctl.record.rerun_program import check_sound
 from tests.record.conftest import STREAM_HEAD_BYTES, Trial, damage, write
 
 TOLD = "is damaged, and Rerun cannot read it"
@@ -43,19 +43,19 @@ def test_the_reader_decides_where_the_program_that_looks_first_cannot(
     refuses.write_text("#!/bin/sh\nexit 1\n")
     refuses.chmod(0o755)
     for binary in (refuses, tmp_path / "missing"):
-        monkeypatch.setattr("hexctl.record.viewer.viewer_binary", lambda binary=binary: binary)
-        looked_at._ends_reader.cache_clear()
+        monkeypatch.setattr("hexctl.record.rerun_program.viewer_binary", lambda binary=binary: binary)
+        rerun_program._ends_reader.cache_clear()
         check_sound(sound)
         with pytest.raises(InputError, match=TOLD):
             check_sound(damaged)
 
 
 def test_what_does_not_end_in_time_is_damaged(sound: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hexctl.record.viewer.time_limit_s", lambda _: 0.0)
-    looked_at._ends_reader.cache_clear()
+    monkeypatch.setattr("hexctl.record.rerun_program.time_limit_s", lambda _: 0.0)
+    rerun_program._ends_reader.cache_clear()
     with pytest.raises(InputError, match=TOLD):
         check_sound(sound)
-    looked_at._ends_reader.cache_clear()
+    rerun_program._ends_reader.cache_clear()
 
 
 def test_a_file_is_looked_at_again_only_when_it_has_changed(

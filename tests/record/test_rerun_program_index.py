@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from hexctl.errors import RecordingError
-from hexctl.record import record_index, recording
-from hexctl.record.record_index import write_index
+from hexctl.record import recording, rerun_program
 from hexctl.record.recorded_trial import read_trial
 from hexctl.record.recording import Recording
+from hexctl.record.rerun_program import write_index
 from hexctl.record.rrd import check_messages, check_whole, has_index
 from hexctl.record.run import run
 from tests.record.conftest import ReadBack, Trial, make_plan, write
@@ -138,7 +138,7 @@ def test_where_rerun_fails_the_recording_stays_as_it_was(
     path = tmp_path / "long.rrd"
     write_long(path, trial)
     content = path.read_bytes()
-    monkeypatch.setattr(record_index, "viewer_binary", lambda: Path(binary))
+    monkeypatch.setattr(rerun_program, "viewer_binary", lambda: Path(binary))
     assert not write_index(path)
     assert path.read_bytes() == content
     assert [each.name for each in tmp_path.iterdir()] == [path.name]
@@ -149,8 +149,8 @@ def test_a_process_that_hangs_is_ended(trial: Trial, tmp_path: Path, monkeypatch
     write_long(path, trial)
     hangs.write_text("#!/bin/sh\nexec sleep 60\n")
     hangs.chmod(0o755)
-    monkeypatch.setattr(record_index, "viewer_binary", lambda: hangs)
-    monkeypatch.setattr(record_index, "time_limit_s", lambda _: 0.1)
+    monkeypatch.setattr(rerun_program, "viewer_binary", lambda: hangs)
+    monkeypatch.setattr(rerun_program, "time_limit_s", lambda _: 0.1)
     assert not write_index(path)
     assert sorted(each.name for each in tmp_path.iterdir()) == ["hangs", "long.rrd"]
 
