@@ -34,6 +34,9 @@ class Rig:
         server: the process that serves, None without.
         relay: the process of the relay, None without.
         controller: the process that commands, None before the first phase.
+        endpoint: where the robot is served, empty without.
+        device: port of board or bus, empty without.
+        store: folder of the sessions of the newest trials.
     """
 
     def __init__(self, backend: Backend, folder: Path, *, relayed: bool = False, seed: int = 0) -> None:
@@ -43,7 +46,7 @@ class Rig:
         self.server: Program | None = None
         self.relay: Program | None = None
         self.controller: Program | None = None
-        self.endpoint = self._link = ""
+        self.endpoint = self._link = self.device = ""
         self._trials = 0
         self.store = folder
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from faults.fault import FAULTS, NONE
-from faults.measurement import MOST_REST_S, REST_S, Outcome
+from faults.measurement import MOST_REST_S, REST_S, SHARE, Outcome
 from faults.phase import PHASES
 from faults.sense import cells, left_out
 from hexctl.types import FloatArray
@@ -77,7 +77,7 @@ def _row(name: str, outcomes: list[Outcome]) -> str:
 def _distribution(rest_s: FloatArray) -> tuple[float, float, float]:
     ordered = np.sort(rest_s)
     last = ordered.size - 1
-    share = ordered[min(last, int(np.ceil(0.999 * ordered.size)) - 1)]
+    share = ordered[min(last, int(np.ceil(SHARE * ordered.size)) - 1)]
     return float(ordered[last // 2]), float(share), float(ordered[last])
 
 
@@ -93,7 +93,7 @@ def bars(outcomes: Iterable[Outcome]) -> dict[str, bool]:
     )
     null = [one for one in every if one.fault == NONE]
     return {
-        f"at rest within {REST_S} s in 99.9 %": bool((rest <= REST_S).mean() >= 0.999) if rest.size else True,
+        f"at rest within {REST_S} s in 99.9 %": bool((rest <= REST_S).mean() >= SHARE) if rest.size else True,
         f"at rest within {MOST_REST_S} s at most": bool((rest <= MOST_REST_S).all()),
         "no step larger than a tick's slew": not any(one.jumped for one in every),
         "no trial lost": not any(one.lost for one in every),

@@ -37,7 +37,7 @@ class Lines:
         self._waiting = b""
 
     def next(self, timeout_s: float | None = 0.0) -> str | None:
-        """Next line, None without one in time; `end` where the input has ended."""
+        """Next line, None without one in time; `quit` where the input has ended."""
         while b"\n" not in self._waiting:
             if not select.select([0], [], [], timeout_s)[0]:
                 return None

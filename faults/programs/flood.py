@@ -8,6 +8,7 @@ import os
 import socket
 import sys
 import time
+from collections.abc import Callable
 
 import numpy as np
 
@@ -24,9 +25,8 @@ FLOOD_S, RATE_HZ = 1.0, 2000
 BURST = 20
 
 
-def flood(send: object) -> None:
+def flood(send: Callable[[], object]) -> None:
     """Call a function at the rate of the flood."""
-    assert callable(send)
     sys.stdin.readline()
     begun_s, sent = time.monotonic(), 0
     while (passed_s := time.monotonic() - begun_s) < FLOOD_S:

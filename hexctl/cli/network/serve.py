@@ -32,6 +32,9 @@ if TYPE_CHECKING:
 SIT_AFTER_S = Range(low=1, high=3600, unit="s")
 ROS_DOMAIN = Range(low=0, high=232, whole=True)
 
+#: How long the viewer may take to end: one that hangs must not keep the command from ending.
+VIEWER_END_S = 5.0
+
 #: What --ros stands for without an address.
 ROS_ROUTER = "tcp/localhost:7447"
 
@@ -188,7 +191,11 @@ def _viewer(settings: "Link", link: str | None) -> Iterator[None]:
         yield
     finally:
         viewer.terminate()
-        viewer.wait()
+        try:
+            viewer.wait(VIEWER_END_S)
+        except subprocess.TimeoutExpired:
+            viewer.kill()
+            viewer.wait()
 
 
 def _greeting(started: "ServiceStarted", settings: "Link") -> str:
