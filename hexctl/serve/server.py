@@ -15,8 +15,9 @@ from hexctl.serve.commands import CommandHandler
 from hexctl.serve.event_log import EventLog
 from hexctl.serve.idle import SIT_AFTER_S, IdleSupervisor
 from hexctl.serve.inbox import CAPACITY, Arrival, Inbox
-from hexctl.serve.leases import LeaseManager, RequestHandler
+from hexctl.serve.leases import LeaseManager
 from hexctl.serve.own_poses import OwnPoses
+from hexctl.serve.requests import RequestHandler
 from hexctl.serve.ros.snapshot import RobotSnapshot
 from hexctl.serve.served_servos import ServedServos
 from hexctl.serve.stops.at_rest import RestWatch

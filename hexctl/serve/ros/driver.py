@@ -12,7 +12,8 @@ from hexctl.control.monitor.recovery import make_policy
 from hexctl.errors import CommandRefusedError, EStopError, HexctlError, RobotFaultError
 from hexctl.gait.gait import make_gait
 from hexctl.serve.idle import IdleSupervisor
-from hexctl.serve.leases import Lease, RequestHandler
+from hexctl.serve.leases import Lease
+from hexctl.serve.requests import RequestHandler
 from hexctl.serve.ros.commands import Called, RosCommand, Service, Stopped, WantedJoints, WantedVelocity
 from hexctl.types import FloatArray, RobotState
 

@@ -19,8 +19,9 @@ from hexctl.errors import HexctlError, RobotFaultError
 from hexctl.robot.formats.json_model import robot_from_json, robot_to_json
 from hexctl.serve import remote
 from hexctl.serve.inbox import Arrival
-from hexctl.serve.leases import LeaseManager, RequestHandler
+from hexctl.serve.leases import LeaseManager
 from hexctl.serve.remote import RemoteRobots
+from hexctl.serve.requests import RequestHandler
 from hexctl.serve.server import RobotServer
 from hexctl.serve.stops.latch import StopLatch
 from hexctl.serve.stops.stop_socket import StopSocket

@@ -1,0 +1,257 @@
+"""Requests to a robot: for its lease, for a stop, which any client may ask for, and for a failure."""
+
+from collections import deque
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+from hexctl.control.guard import Guard
+from hexctl.control.stop_reason import reason_in_words
+from hexctl.errors import HexctlError, MessageError, RobotFaultError
+from hexctl.robot.failure_event import in_words_with_share, parse_failure_now, parse_healing
+from hexctl.serve.leases import Lease, LeaseManager, LeaseRefusedError
+from hexctl.serve.stops.latch import StopLatch
+from hexctl.serve.stops.stop import LIFTED_BY_LEASE, Stop
+from hexctl.wire.description import decode_json
+
+#: Longest text of a failure that is read.
+MAX_FAILURE_TEXT = 60
+
+#: Legs of a simulation that may change in a second: each change takes a part of a control period.
+MOST_CHANGES = 10
+CHANGES_S = 1.0
+
+#: Longest name of a request for a stop, and longest id of a stop, that is read.
+MAX_NAME = 64
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StopRequest:
+    """What a message at `estop` asks for.
+
+    Attributes:
+        op: `stop` or `clear`.
+        request: name that the client gave its stop, or None.
+        stop_id: of the stop that is to be cleared, or None.
+    """
+
+    op: str
+    request: str | None = None
+    stop_id: str | None = None
+
+    @classmethod
+    def of(cls, payload: bytes) -> "StopRequest":
+        """Request of a payload; an empty one is a stop.
+
+        Raises MessageError for one that is not understood.
+        """
+        if not payload:
+            return cls(op="stop")
+        content = decode_json(payload)
+        return cls(
+            op=_one_of(content, "op", ("stop", "clear")),
+            request=_name(content, "request"),
+            stop_id=_name(content, "id"),
+        )
+
+
+class RequestHandler:
+    """Answers requests about the lease and the stop of one robot.
+
+    Args:
+        guard: around the servos.
+        leases: of the robot.
+        latch: of its stops; one of its own unless given.
+
+    Attributes:
+        leases: of the robot.
+        latch: of its stops.
+        malformed: requests so far that could not be decoded.
+    """
+
+    def __init__(self, guard: Guard, leases: LeaseManager, latch: StopLatch | None = None) -> None:
+        self._guard, self.leases = guard, leases
+        self.latch = StopLatch(guard) if latch is None else latch
+        self.malformed = 0
+        self._changed_at_s: deque[float] = deque(maxlen=MOST_CHANGES)
+
+    def urgent(self, payload: bytes) -> None:
+        """Stop the robot unless a payload at `estop` asks for a clear. Safe on any thread.
+
+        One that is not understood stops too: whoever wrote there wanted something of the stop.
+        """
+        try:
+            wanted = StopRequest.of(payload)
+        except MessageError:
+            wanted = StopRequest(op="stop")
+        if wanted.op == "stop":
+            self.latch.stop(wanted.request)
+
+    def estop(self, payload: bytes, at_s: float) -> dict[str, Any]:
+        """Answer to a request at `estop`: why the robot is stopped now, after a stop or a clear.
+
+        Both end the lease; a clear of a robot that is not stopped changes nothing, and neither does one that
+        is refused: `error` says why.
+
+        Args:
+            payload: of the request, which `urgent` has seen already.
+            at_s: time of arrival, on time.monotonic.
+        """
+        try:
+            wanted = StopRequest.of(payload)
+        except MessageError as error:
+            self.leases.revoke()
+            return {**_told(self.latch.ensure()), **self._misunderstood(error)}
+        if wanted.op == "clear":
+            return self.clear(wanted.stop_id, at_s)
+        self.leases.revoke()
+        return _told(self.latch.ensure())
+
+    def clear(self, stop_id: str | None, at_s: float) -> dict[str, Any]:
+        """Clear a stop; what still stops the robot, such as a fault, stops it again before the answer.
+
+        Args:
+            stop_id: of the stop.
+            at_s: when it was asked for, on time.monotonic.
+        """
+        if self._guard.stopped is None:
+            return {"stopped": None}
+        refusal = self.latch.clear(stop_id, at_s)
+        if refusal is not None:
+            return {"stopped": self._guard.stopped, "error": refusal}
+        self.leases.revoke()
+        with suppress(RobotFaultError):  # of a robot that has gone: the next control period says so
+            self._guard.read()
+        return {"stopped": self._guard.stopped}
+
+    def failure(self, payload: bytes, at_s: float) -> dict[str, Any]:
+        """Answer to a request at `failure`: the legs of a simulation that have failed now, or an error.
+
+        A request has the text of a failure, `{"op": "fail", "failure": "5:limp"}`, or a leg that heals,
+        `{"op": "heal", "leg": 5}`. More than `MOST_CHANGES` in a second are refused.
+
+        Args:
+            payload: of the request.
+            at_s: time of arrival, on any monotonic clock.
+        """
+        changed_at_s = self._changed_at_s
+        if len(changed_at_s) == MOST_CHANGES and at_s - changed_at_s[0] < CHANGES_S:
+            return {"error": f"failure: got more in a second; allowed: {MOST_CHANGES} legs that fail or heal"}
+        try:
+            content = decode_json(payload)
+            heals = _one_of(content, "op", ("fail", "heal")) == "heal"
+        except MessageError as error:
+            return self._misunderstood(error)
+        try:
+            text = str(content.get("leg" if heals else "failure", ""))[:MAX_FAILURE_TEXT]
+            failure = None if heals else parse_failure_now(text)
+            leg = parse_healing(f"{text}@0").leg if failure is None else failure.leg
+            whole = all(one.leg != leg for one in self._guard.failures or ())
+            self._guard.change_leg(leg, failure)
+            changed_at_s.append(at_s)
+        except HexctlError as error:
+            return {"error": str(error)}
+        failures = self._guard.failures or ()
+        note = {"note": f"leg {leg} was whole already"} if heals and whole else {}
+        return {"failures": [f"leg {one.leg} {in_words_with_share(one)}" for one in failures], **note}
+
+    def lease(self, payload: bytes, now_s: float) -> dict[str, Any]:
+        """Answer to a request at `lease`: acquire, renew, rest or release."""
+        try:
+            content = decode_json(payload)
+            wanted = _one_of(content, "op", ("acquire", "renew", "rest", "release"))
+            owner, lease_id = _owner(content), _lease_id(content)
+        except MessageError as error:
+            return self._misunderstood(error)
+        try:
+            if wanted == "acquire":
+                return self._acquire(owner, now_s)
+            return self._keep(wanted, lease_id, now_s)
+        except HexctlError as error:
+            return {"error": str(error)}
+
+    def acquire(self, owner: str, now_s: float, duration_s: float | None = None) -> Lease:
+        """Grant a lease, for the usual duration unless one is given; a stop for silence is lifted.
+
+        Raises LeaseRefusedError while another client holds the robot, and while it is stopped.
+        """
+        stopped = self._guard.stopped
+        if stopped not in (None, LIFTED_BY_LEASE):
+            self.leases.refused += 1
+            why = reason_in_words(stopped)
+            raise LeaseRefusedError(f"the robot is stopped: {why}; see to it, then hexctl estop --clear")
+        lease = self.leases.acquire(owner, now_s, duration_s)
+        if not self._guard.lift_silence():
+            self.leases.revoke()
+            raise LeaseRefusedError(f"the robot has just been stopped: {self._guard.stopped}")
+        self._guard.pause_watchdog()
+        return lease
+
+    def holds(self, lease: Lease, now_s: float) -> bool:
+        """Whether a lease is in force."""
+        holder = self.leases.holder(now_s)
+        return holder is not None and holder.lease_id == lease.lease_id
+
+    def release(self, lease: Lease, now_s: float) -> None:
+        """Give a lease back; no command is expected until the next lease. One that has ended is let be."""
+        if self.holds(lease, now_s):
+            self.leases.release(lease.lease_id, now_s)
+            self._guard.pause_watchdog()
+
+    def _acquire(self, owner: str, now_s: float) -> dict[str, Any]:
+        lease = self.acquire(owner, now_s)
+        return {
+            "lease": lease.lease_id.hex(),
+            "sequence": lease.sequence,
+            "duration_s": self.leases.duration_s,
+        }
+
+    def _keep(self, wanted: str, lease_id: bytes, now_s: float) -> dict[str, Any]:
+        if wanted == "release":
+            self.leases.release(lease_id, now_s)
+            self._guard.pause_watchdog()
+            return {"released": True}
+        lease = self.leases.renew(lease_id, now_s)
+        if wanted == "rest":
+            self._guard.pause_watchdog()
+        return {"sequence": lease.sequence}
+
+    def _misunderstood(self, error: MessageError) -> dict[str, Any]:
+        self.malformed += 1
+        return {"error": str(error)}
+
+
+def _told(stop: Stop) -> dict[str, Any]:
+    """A stop in the answer to a request for it."""
+    return {"stopped": stop.reason, "stop_id": stop.stop_id}
+
+
+def _name(content: dict[str, Any], key: str) -> str | None:
+    value = content.get(key)
+    if value is not None and not (isinstance(value, str) and len(value) <= MAX_NAME):
+        raise MessageError(f"{key}: got {str(value)[:40]!r}; allowed: text of at most {MAX_NAME} characters")
+    return value
+
+
+def _one_of(content: dict[str, Any], key: str, allowed: tuple[str, ...]) -> str:
+    value = content.get(key)
+    if value not in allowed:
+        raise MessageError(f"{key}: got {str(value)[:40]!r}; allowed: {', '.join(allowed)}")
+    return str(value)
+
+
+def _owner(content: dict[str, Any]) -> str:
+    owner = content.get("owner", "unnamed client")
+    if not isinstance(owner, str) or not owner.isprintable():
+        raise MessageError("owner: got a value that is not a name; allowed: printable text")
+    return owner
+
+
+def _lease_id(content: dict[str, Any]) -> bytes:
+    text = content.get("lease", "")
+    try:
+        return bytes.fromhex(text)
+    except (TypeError, ValueError) as error:
+        raise MessageError(
+            "lease: got a value that is not hexadecimal; allowed: the one that was granted"
+        ) from error
