@@ -12,13 +12,13 @@ WORKERS ?= $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 2) + 1)')
 # No display is needed or looked for; set MUJOCO_GL yourself to render.
 export MUJOCO_GL ?= disable
 
-.PHONY: help setup demo docs check test test-all test-slow lint smoke dist bench faults pictures soak fuzz clean
+.PHONY: help setup demo docs check test test-all test-slow test-long lint smoke dist bench faults pictures soak fuzz clean
 
 help:
 	@echo "make demo   a hexapod loses a leg in mid-walk and recovers, in simulation"
 	@echo "make check  style, types and the quick tests of what changed (under a minute)"
-	@echo "make test   style, types and tests (about 5 minutes on two cores)"
-	@echo "make test-all  the same, whole commands and studies, and what runs in real time (about 20 minutes)"
+	@echo "make test   style, types and tests (about 4 minutes on two cores)"
+	@echo "make test-all  everything: whole commands, studies, every page, and what runs in real time (half an hour)"
 	@echo "make smoke  the built wheel, installed alone"
 	@echo "make dist   wheel and sdist, checked and installed in an empty environment"
 	@echo "make bench  the numbers hexctl promises, measured (three hours, most of them on simulated buses and over a link)"
@@ -57,14 +57,21 @@ check: lint
 test: lint
 	$(BIN)/pytest -n $(WORKERS) -m "not soak and not realtime and not slow"
 
-test-all: test test-slow
+# Everything, and four times the examples of each property.
+test-all: export HYPOTHESIS_PROFILE = thorough
+test-all: test test-slow test-long
 
 # What computes fills the cores; what keeps time comes afterwards, and mostly waits. A test in real time that
 # failed beside others runs once more with nothing beside it: then it is the test, and not the machine.
 test-slow: $(INSTALLED)
-	$(BIN)/pytest -n $(WORKERS) -m "slow and not realtime and not soak"
-	$(BIN)/pytest -n 3 -m "realtime and not soak" || \
-	$(BIN)/pytest --last-failed --last-failed-no-failures none -m "realtime and not soak"
+	$(BIN)/pytest -n $(WORKERS) -m "slow and not realtime and not long and not soak"
+	$(BIN)/pytest -n 3 -m "realtime and not long and not soak" || \
+	$(BIN)/pytest --last-failed --last-failed-no-failures none -m "realtime and not long and not soak"
+
+test-long: $(INSTALLED)
+	$(BIN)/pytest -n $(WORKERS) -m "long and not realtime and not soak"
+	$(BIN)/pytest -n 3 -m "long and realtime and not soak" || \
+	$(BIN)/pytest --last-failed --last-failed-no-failures none -m "long and realtime and not soak"
 
 # The built wheel, alone in a fresh environment: what a robot's own computer gets.
 smoke: $(INSTALLED)

@@ -11,7 +11,7 @@ os.environ.setdefault("MUJOCO_GL", "disable")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 settings.register_profile("local", deadline=None, derandomize=True, max_examples=25)
-settings.register_profile("ci", deadline=None, derandomize=True, max_examples=100)
+settings.register_profile("thorough", deadline=None, derandomize=True, max_examples=100)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "local"))
 
 

@@ -86,34 +86,25 @@ EARLY = (
     "tests/control/test_trial.py",
 )
 
-#: Commands, programs, viewers and studies from end to end, and searches over many walks: `make test-all` and
-#: `.ci/run` run them, `make test` and `make check` do not.
+#: Commands, programs, viewers and studies from end to end, and searches over many walks: `.ci/run` and
+#: `make test-all` run them, `make test` and `make check` do not.
 SLOW = (
-    "tests/robot/test_configs_sources.py::test_each_walks_without_any_of_its_legs",
     "tests/adapt/prior/test_prior.py::test_no_byte_can_be_changed_unnoticed",
-    "tests/adapt/prior/test_samples.py",
     "tests/adapt/test_kill.py",
     "tests/adapt/optimizers/test_population.py::test_it_converges_as_scipys_does",
     "tests/adapt/optimizers/test_population.py::test_the_comparison_would_notice_another_factor_or_strategy",
-    "tests/adapt/test_reset_free.py",
-    "tests/benchmarks/test_command.py",
     "tests/cli/walk/test_adapt.py",
     "tests/cli/walk/test_adapt_robot.py",
-    "tests/cli/test_completion.py",
     "tests/cli/walk/test_demo.py",
     "tests/cli/test_console.py::test_a_reader_that_has_gone_is_no_error",
     "tests/cli/test_console.py::test_a_result_that_cannot_be_written_is_a_fault",
-    "tests/cli/walk/test_drive_soak.py",
     "tests/cli/test_main.py::test_a_missing_extra_is_named",
     "tests/cli/test_main.py::test_a_robots_computer_needs_no_extras",
     "tests/cli/test_meshes.py",
-    "tests/cli/study/test_prior.py",
     "tests/cli/walk/test_run.py::test_a_disk_without_room_is_said_before_the_walk",
     "tests/cli/walk/test_run.py::test_a_full_disk_costs_neither_the_walk_nor_its_result",
     "tests/cli/walk/test_run.py::test_runs_that_begin_together_all_have_a_recording",
     "tests/cli/walk/test_run.py::test_the_same_seed_gives_the_same_walk",
-    "tests/cli/study/test_study.py",
-    "tests/cli/see/test_look_unattended.py",
     "tests/control/test_batch.py::test_a_batch_equals_its_single_trials[loaded",
     "tests/control/test_batch.py::test_a_batch_equals_its_single_trials[rough",
     "tests/control/test_controllers_seam.py::test_a_controller_that_looks_at_the_state_walks_the_same_alone_and_in_a"
@@ -136,8 +127,6 @@ SLOW = (
     "tests/docs/test_step_response.py",
     "tests/examples/",
     "tests/faults/test_command.py",
-    "tests/record/test_recording_memory.py::test_memory_does_not_grow_with_the_length_of_a_walk",
-    "tests/serve/test_steered_link.py",
     "tests/study/verdicts/test_bars.py::test_the_bar_is_the_mean_of_what_each_leg_allows",
     "tests/study/verdicts/test_claims.py::test_a_single_good_gait_is_found_late",
     "tests/study/verdicts/test_claims.py::test_no_claim_about_searches_is_green_on_random_numbers",
@@ -155,6 +144,70 @@ SLOW = (
     "tests/test_compatibility.py::test_trials_in_one_batch",
     "tests/testing/test_servos.py::test_good_servos_pass_and_bad_ones_fail",
     "tests/viewer/",
+    "tests/cli/test_doctor.py",
+    "tests/cli/test_interrupts.py",
+    "tests/cli/test_settings.py::test_a_stop_is_asked_for_whatever_is_wrong",
+    "tests/control/test_batch.py::test_trials_of_many_worlds_and_failures_are_stepped_together_and_each"
+    "_is_as_alone",
+    "tests/control/monitor/test_monitored_walk.py::test_each_walk_of_a_batch_recovers_by_itself_as_alone",
+    "tests/see/test_robot_camera.py",
+    "tests/see/test_observer_disturbed.py",
+    "tests/study/repertoire/test_building.py::test_walks_of_a_cluster",
+    "tests/study/test_default_gaits.py::test_the_report_has_them_beside_the_searches",
+    "tests/study/verdicts/test_claims.py::test_claims_about_searches",
+    "tests/cli/test_check.py::test_the_simulations_own_uncertainty_is_measured_and_kept",
+    "tests/record/test_rerun_program_damage.py",
+    "tests/doctor/test_checkup.py",
+)
+
+#: Slow tests that `make test-all` alone runs: what they add to their neighbours is another robot, benchmark,
+#: page or length of the same, and together they take as long as all others.
+LONG = (
+    "tests/adapt/prior/test_samples.py",
+    "tests/adapt/test_reset_free.py",
+    "tests/backends/bus/test_line_condition.py::test_on_a_bus",
+    "tests/backends/bus/test_scan.py::test_the_only_servo_on_a_bus_takes_an_id",
+    "tests/benchmarks/test_command.py",
+    "tests/cli/bus/test_servos.py::test_a_scan",
+    "tests/cli/bus/test_servos.py::test_servos_at_another_baud",
+    "tests/cli/see/test_look_unattended.py",
+    "tests/cli/study/test_prior.py",
+    "tests/cli/study/test_study.py",
+    "tests/cli/test_completion.py",
+    "tests/cli/walk/test_adapt.py::test_a_session_cut_off_goes_on_to_the_same_end",
+    "tests/cli/walk/test_demo.py::test_json",
+    "tests/cli/walk/test_drive_soak.py",
+    "tests/control/calibration/test_servo_identification.py",
+    "tests/control/test_batch.py::test_trials_of_many_worlds_and_failures_are_stepped_together_and_each"
+    "_is_as_alone[heading",
+    "tests/control/test_batch.py::test_trials_of_many_worlds_and_failures_are_stepped_together_and_each"
+    "_is_as_alone[none",
+    "tests/docs/test_blocks.py::test_the_programs_of_a_page_run[CONTRIBUTING.md",
+    "tests/docs/test_blocks.py::test_the_programs_of_a_page_run[adaptation.md",
+    "tests/docs/test_blocks.py::test_the_programs_of_a_page_run[notebooks.md",
+    "tests/docs/test_blocks.py::test_the_programs_of_a_page_run[recovery.md",
+    "tests/docs/test_blocks.py::test_the_programs_of_a_page_run[see.md",
+    "tests/docs/test_blocks.py::test_the_programs_of_a_page_run[study.md",
+    "tests/docs/test_commands.py::test_the_commands_of_a_page[adaptation.md",
+    "tests/docs/test_commands.py::test_the_commands_of_a_page[bus-servos.md",
+    "tests/docs/test_commands.py::test_the_commands_of_a_page[dynamixel.md",
+    "tests/docs/test_commands.py::test_the_commands_of_a_page[export.md",
+    "tests/docs/test_commands.py::test_the_commands_of_a_page[feetech.md",
+    "tests/docs/test_commands.py::test_the_commands_of_a_page[lx16a.md",
+    "tests/docs/test_commands.py::test_the_commands_of_a_page[pca9685.md",
+    "tests/docs/test_commands.py::test_the_commands_of_a_page[priors.md",
+    "tests/docs/test_commands.py::test_the_commands_of_a_page[pwm-servos.md",
+    "tests/docs/test_commands.py::test_the_commands_of_a_page[real-robot.md",
+    "tests/docs/test_commands.py::test_the_commands_of_a_page[robot-computer.md",
+    "tests/docs/test_commands.py::test_the_commands_of_a_page[ros2.md",
+    "tests/docs/test_commands.py::test_the_commands_of_a_page[see.md",
+    "tests/docs/test_commands.py::test_the_commands_of_a_page[servo2040.md",
+    "tests/docs/test_commands.py::test_the_commands_of_a_page[steering.md",
+    "tests/record/test_recording_memory.py::test_memory_does_not_grow_with_the_length_of_a_walk",
+    "tests/robot/test_configs_sources.py::test_each_walks_without_any_of_its_legs",
+    "tests/see/test_latency_trial.py::test_ctrl_c",
+    "tests/serve/test_steered_link.py",
+    "tests/viewer/test_live.py::test_a_window_that_dies_or_hangs_loses_no_tick",
 )
 
 #: Files whose tests are spread one by one.
@@ -180,9 +233,9 @@ def scope_of(nodeid: str) -> str:
 
 
 def markers_of(nodeid: str) -> list[str]:
-    """Markers of a test by its place: `realtime`, `slow`, both or neither."""
-    realtime = ["realtime"] if nodeid.startswith(REALTIME) else []
-    return realtime + (["slow"] if nodeid.startswith(SLOW) else [])
+    """Markers of a test by its place: of `realtime`, `slow` and `long`, which is slow too."""
+    places = {"realtime": REALTIME, "slow": SLOW + LONG, "long": LONG}
+    return [marker for marker, place in places.items() if nodeid.startswith(place)]
 
 
 def rank(nodeid: str) -> int:

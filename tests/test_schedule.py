@@ -3,11 +3,11 @@
 import re
 from pathlib import Path
 
-from tests.schedule import EARLY, REALTIME, SLOW, SPREAD, markers_of, rank, scope_of
+from tests.schedule import EARLY, LONG, REALTIME, SLOW, SPREAD, markers_of, rank, scope_of
 
 TESTS = Path(__file__).parent
 #: What a file would mark its tests with by itself.
-BY_ITSELF = re.compile(r"mark\.(realtime|slow)\b")
+BY_ITSELF = re.compile(r"mark\.(realtime|slow|long)\b")
 
 
 def test_no_file_marks_its_own_tests() -> None:
@@ -16,8 +16,10 @@ def test_no_file_marks_its_own_tests() -> None:
 
 
 def test_what_is_named_exists() -> None:
-    for name in (*EARLY, *SLOW, *SPREAD, *REALTIME):
-        assert (TESTS.parent / name.partition("::")[0]).exists(), name
+    for name in (*EARLY, *LONG, *SLOW, *SPREAD, *REALTIME):
+        file, _, test = name.partition("::")
+        assert (TESTS.parent / file).exists(), name
+        assert not test or f"def {test.partition('[')[0]}" in (TESTS.parent / file).read_text(), name
 
 
 def test_scopes_and_ranks() -> None:
@@ -36,5 +38,11 @@ def test_markers_follow_from_the_place() -> None:
     assert markers_of("tests/docs/test_commands.py::test_the_commands_of_a_page[README.md]") == [
         "realtime",
         "slow",
+    ]
+    assert markers_of("tests/benchmarks/test_command.py::test_d") == ["slow", "long"]
+    assert markers_of("tests/docs/test_commands.py::test_the_commands_of_a_page[see.md]") == [
+        "realtime",
+        "slow",
+        "long",
     ]
     assert markers_of("tests/control/test_guard.py::test_c") == []

@@ -98,12 +98,12 @@ def page_of() -> dict[tuple[str, ...], Path]:
     owners: dict[tuple[str, ...], Path] = {}
     for page in PAGES:
         for words in commands(page):
-            for arguments in _of_hexctl(words):
+            for arguments in of_hexctl(words):
                 owners.setdefault(kept(arguments), page)
     return owners
 
 
-def _of_hexctl(words: Sequence[str]) -> list[list[str]]:
+def of_hexctl(words: Sequence[str]) -> list[list[str]]:
     """The commands of hexctl in a line of a page: its own, and those of a target of make."""
     if words[0] == "make":
         return made_by(list(words[1:]))

@@ -8,7 +8,7 @@ import typer
 from _pytest.mark import ParameterSet
 
 from tests.docs.pages import LANGUAGES, PAGES, ROOT, blocks, commands, inline_commands, save_programs
-from tests.docs.shell import Shell, parse
+from tests.docs.shell import Shell, of_hexctl, parse
 
 #: The beginning of a line that somebody would type.
 COMMAND = re.compile(r"\s*(\$ |# )?(hexctl|make|pip|python3?|git|sudo|mkdocs|dask)\s")
@@ -29,6 +29,14 @@ def test_the_commands_of_a_page(page: Path, tmp_path: Path, monkeypatch: pytest.
     with Shell(tmp_path, page) as shell:
         for words in commands(page):
             shell.do(words)
+
+
+@pytest.mark.parametrize("page", [marked(page) for page in PAGES if commands(page)])
+def test_each_command_is_one_that_hexctl_takes(page: Path) -> None:
+    """Run are those of some pages by `.ci/run` and of all by `make test-all`."""
+    for words in commands(page):
+        for arguments in of_hexctl(words):
+            parse(arguments)
 
 
 def test_there_are_many_commands() -> None:
