@@ -96,6 +96,15 @@ def test_a_taken_port_no_renderer_and_a_full_disk(here: hexctl.Checkup, monkeypa
     assert told["view walks in a window"] == "no screen here"
 
 
+def test_the_home_folder_in_the_path_of_python_is_not_named(monkeypatch: Any, tmp_path: Path) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path / "alice"))
+    told = []
+    for folder in ("alice", "alices"):
+        monkeypatch.setattr("sys.executable", str(tmp_path / folder / "bin" / "python"))
+        told.append(machine.read_machine(tmp_path).python.partition("(")[2])
+    assert told == ["~/bin/python)", f"{tmp_path}/alices/bin/python)"]
+
+
 def test_a_folder_that_does_not_exist_yet_is_no_trouble(tmp_path: Path) -> None:
     assert machine.read_machine(tmp_path / "a" / "b").folder_writable
 

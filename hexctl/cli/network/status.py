@@ -164,16 +164,19 @@ def _stopped(status: Status) -> str:
     if kind == "fault" and detail and status.get("fault") is None:
         over = "that is over" if status.get("servos") is None else "they answer again"
         return f"FAULT:{detail}; {over}: hexctl estop --clear"
-    which = _stop_in_words(status.get("stop"))
+    which = _stop_in_words(status.get("stop"), stays=kind != "expired")
     meaning = f": {MEANINGS[kind]}" if kind in MEANINGS and not colon else ""
     return f"{kind.upper()}{colon}{detail}{meaning}{which}; {CLEARED_BY.get(kind, CLEARED)}"
 
 
-def _stop_in_words(stop: object) -> str:
-    """Which stop it is, and since when; nothing of a server that does not say."""
+def _stop_in_words(stop: object, *, stays: bool) -> str:
+    """Which stop it is, and since when; nothing of a server that does not say.
+
+    Silence ends with the next controller, and is not kept on the disk.
+    """
     if not isinstance(stop, Mapping):
         return ""
-    kept = "" if stop.get("kept") else ", not kept"
+    kept = ", not kept" if stays and not stop.get("kept") else ""
     return f" ({stop.get('id')}, {stop.get('since_s')} s ago{kept})"
 
 
