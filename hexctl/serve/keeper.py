@@ -15,6 +15,7 @@ import subprocess
 import sys
 import time
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from typing import IO
 
 import numpy as np
@@ -67,9 +68,14 @@ class KeeperSpec:
 
     def servos(self) -> LegServos:
         """The servos, not connected."""
-        file = load_robot_file(self.robot)
-        options = BackendOptions(robot=file.robot, robot_file=file, connect=self.connect)
-        return make_servos(self.backend, options)
+        return make_servos(self.backend, _options(self))
+
+
+@lru_cache(maxsize=1)
+def _options(spec: KeeperSpec) -> BackendOptions:
+    """Options of the backend; the robot file is read once, for it may be half edited when it is needed."""
+    file = load_robot_file(spec.robot)
+    return BackendOptions(robot=file.robot, robot_file=file, connect=spec.connect)
 
 
 class Keeper:
@@ -218,7 +224,7 @@ def main(words: str, *, pipe: int = 0) -> int:
     given = json.loads(words)
     server = given.pop("server")
     spec = KeeperSpec(**given)
-    spec.servos()  # imports what it will need, while there is time
+    spec.servos()  # imports and reads what it will need, while there is time
     how = wait_for_the_end(pipe)
     if how is None:
         return 0

@@ -45,6 +45,14 @@ def test_ticks_that_end_are_a_server_that_hangs() -> None:
     os.close(end)
 
 
+def test_a_robot_file_that_is_edited_meanwhile_does_not_keep_it_from_the_servos(tmp_path: Path) -> None:
+    file = edited_file(tmp_path, put("servos", FITTING), base="phantomx")
+    spec = KeeperSpec(backend="feetech", robot=str(file), connect="/dev/null", sits=True)
+    before = spec.servos().robot
+    file.write_text("servos: {", encoding="utf-8")
+    assert spec.servos().robot == before
+
+
 def _goals(folder: Path, device: str) -> FloatArray:
     """Joint angles at which the servos are, (18,), once none of them turns."""
     file = load_robot_file(folder / "robot.yaml")

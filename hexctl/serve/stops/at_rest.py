@@ -24,7 +24,7 @@ class RestWatch:
 
     def note(self, positions_rad: FloatArray, at_s: float) -> None:
         """Take joint angles, (18,), read at a time on any monotonic clock."""
-        self._seen.append((at_s, positions_rad))
+        self._seen.append((at_s, positions_rad.copy()))  # own servos may use one array again and again
         while len(self._seen) > 1 and self._seen[1][0] <= at_s - STILL_S:
             self._seen.popleft()
         self.at_rest = self._still()

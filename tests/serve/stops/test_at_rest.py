@@ -24,6 +24,14 @@ def test_joints_that_move_are_not_at_rest_and_those_that_tremble_are() -> None:
     assert look(10, 0.0, noise_rad=0.005)
 
 
+def test_servos_that_use_one_array_again_and_again_are_not_at_rest_while_they_move() -> None:
+    watch, angles_rad = RestWatch(), np.zeros(18)
+    for tick in range(20):
+        angles_rad += 0.01
+        watch.note(angles_rad, 0.02 * tick)
+    assert not watch.at_rest
+
+
 def test_unknown_angles_are_not_at_rest() -> None:
     watch = RestWatch()
     for tick in range(20):
