@@ -137,16 +137,23 @@ def _wait_for_a_press(stop: "ReadyStop") -> None:
     with _keys(terminal=terminal) as key_pressed:
         try:
             while not (key_pressed() or button.pressed()):
-                reach = str(stop.reach)
-                begun = told or stop.reach.ways or time.monotonic() - began_s > 1
-                if reach != told and begun and _takes_text():
+                reach = stop.reach
+                line = f"{reach}; {_what_stops(keys=terminal, gamepads=button.connected)}"
+                begun = told or reach.ways or time.monotonic() - began_s > 1
+                if line != told and begun and _takes_text():
                     with suppress(OSError):
-                        print_note(f"hexctl: {time.strftime('%H:%M:%S')} {reach}; any key stops it")
-                    told = reach
+                        print_note(f"hexctl: {time.strftime('%H:%M:%S')} {line}")
+                    told = line
                 time.sleep(LOOK_S)
             stop.press()
         finally:
             button.close()
+
+
+def _what_stops(*, keys: bool, gamepads: int) -> str:
+    """What stops the robot here, for an operator: gamepads come and go."""
+    ways = [*(["any key"] if keys else []), *(["any button of a gamepad"] if gamepads else [])]
+    return f"{' or '.join(ways)} stops it" if ways else "NOTHING HERE STOPS IT: no gamepad is plugged in"
 
 
 def _takes_text() -> bool:

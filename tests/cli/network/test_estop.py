@@ -56,6 +56,13 @@ def test_a_stop_that_a_restart_would_end_is_told(
     assert ("a restart of hexctl serve ends it" in printed.err) is not kept
 
 
+def test_what_stops_is_what_there_is_now() -> None:
+    assert estop._what_stops(keys=True, gamepads=0) == "any key stops it"
+    assert estop._what_stops(keys=True, gamepads=1) == "any key or any button of a gamepad stops it"
+    assert estop._what_stops(keys=False, gamepads=2) == "any button of a gamepad stops it"
+    assert "NOTHING HERE STOPS IT" in estop._what_stops(keys=False, gamepads=0)
+
+
 def test_nothing_is_printed_where_it_would_wait(monkeypatch: pytest.MonkeyPatch) -> None:
     read, write = os.pipe()
     with os.fdopen(read, "rb"), os.fdopen(write, "w") as stream:
