@@ -8,7 +8,7 @@ from typing import Any
 from hexctl.adapt.sessions.store import RUNS, export_session
 from hexctl.errors import InputError, argument
 from hexctl.export.pictures import PictureOptions
-from hexctl.export.recordings import OnProgress, Recordings, Trials, is_session, recordings_of
+from hexctl.export.recordings import OnDamage, OnProgress, Trials, is_session, log_damage, recordings_of
 from hexctl.record.recorded_trial import RecordedTrial, read_trial
 from hexctl.robot.configs import config_names
 from hexctl.robot.formats.mjcf import mjcf_of
@@ -35,6 +35,7 @@ def export(
     ros2_control: bool = False,
     folder: str | Path = RUNS,
     on_progress: OnProgress | None = None,
+    on_damage: OnDamage = log_damage,
     **picture: Any,
 ) -> Path:
     """Write a robot, a recording or a session in a format of other programs; give where it lies.
@@ -48,6 +49,8 @@ def export(
         ros2_control: add a block for ros2_control to a URDF.
         folder: where sessions lie.
         on_progress: told how much is done, and how much there is.
+        on_damage: told of each recording of a session that is missing or damaged; the others are written.
+            By default it is logged.
         picture: fields of `PictureOptions`.
 
     Raises InputError for what cannot be exported, an output that exists, or a disk that refuses;
@@ -74,7 +77,7 @@ def export(
         elif table:
             export_session(str(sources[0]), path, folder)
         else:
-            trials = Recordings(recordings_of(sources, Path(folder)), robot)
+            trials = recordings_of(sources, Path(folder), robot, on_damage)
             _write_trials(trials, kind, path, PictureOptions(**picture), on_progress or _silent)
     except OSError as error:
         raise InputError(
@@ -167,10 +170,9 @@ def _write_trials(
         with _draft(path) as draft:
             draft.mkdir()
             ending = "" if kind == "mcap" else f".{kind}"
-            for index in range(len(trials)):
-                trial = trials[index]
+            for done, trial in enumerate(trials, start=1):
                 write(trial, draft / f"{trial.path.stem}{ending}")
-                on_progress(index + 1, len(trials))
+                on_progress(done, len(trials))
 
 
 def _writer(kind: str) -> Callable[[RecordedTrial, Path], None]:

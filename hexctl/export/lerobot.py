@@ -69,20 +69,19 @@ def write_lerobot(trials: Trials, folder: Path, on_progress: OnProgress) -> None
     data.parent.mkdir(parents=True)
     episodes, done = [], 0
     with pq.ParquetWriter(data, schema, compression="zstd") as writer:
-        for number, text in enumerate(texts):
-            trial = trials[number]
+        for number, (text, trial) in enumerate(zip(texts, trials, strict=True)):
             columns = _frames(trial, names, number, done, tasks.index(text))
             length = len(columns["index"])
             arrays = [_arrow(pa, columns[field.name], field.type) for field in schema]
             writer.write_table(pa.Table.from_arrays(arrays, schema=schema), row_group_size=length)
             episodes.append(_episode(number, text, done, length, columns))
             done += length
-            on_progress(number + 1, len(trials))
+            on_progress(number + 1, len(texts))
     _write_episodes(pa, pq, folder / EPISODES, episodes)
     index = pandas.Index(tasks, name="task")
     pandas.DataFrame({"task_index": range(len(tasks))}, index=index).to_parquet(folder / "meta/tasks.parquet")
     _write_json(folder / "meta/stats.json", _together([episode["stats"] for episode in episodes]))
-    _write_json(folder / "meta/info.json", _info(robots.pop(), names, len(trials), done, len(tasks)))
+    _write_json(folder / "meta/info.json", _info(robots.pop(), names, len(texts), done, len(tasks)))
 
 
 def task_of(trial: RecordedTrial) -> str:

@@ -76,7 +76,7 @@ def write_pictures(trials: Trials, path: Path, options: PictureOptions, on_progr
     """
     if len(trials) > 2:
         raise InputError(f"export: got {len(trials)} recordings; allowed: one, or two abreast")
-    runs = [trials[index] for index in range(len(trials))]
+    runs = list(trials)
     captions = _captions(runs, options.captions)
     gif = path.suffix == ".gif"
     fps = options.fps or (GIF_FPS if gif else MP4_FPS)

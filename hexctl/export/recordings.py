@@ -1,8 +1,9 @@
 """Recordings to export: those that are given, or those of a session, read when they are needed."""
 
 import json
+import logging
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -11,8 +12,12 @@ from hexctl.errors import InputError, check_type
 from hexctl.record.recorded_trial import RecordedTrial, read_trial
 from hexctl.robot.model import Robot
 
+_LOG = logging.getLogger(__name__)
+
 #: What is told while an export runs: how much is done, and how much there is.
 OnProgress = Callable[[int, int], object]
+#: What is told of each recording of a session that cannot be read.
+OnDamage = Callable[[InputError], object]
 
 
 class Trials(Protocol):
@@ -28,17 +33,29 @@ class Trials(Protocol):
         """Each of them."""
 
 
+def log_damage(error: InputError) -> None:
+    """Log what is wrong with a recording that is left out."""
+    _LOG.warning("left out: %s", error)
+
+
 @dataclass(frozen=True, slots=True)
 class Recordings:
     """Recordings that are read when they are needed: those of a session need not fit in memory.
 
+    Whoever goes through all of them does not get what a session has lost: `on_damage` is told of it, once.
+
     Attributes:
         paths: the files.
         robot: the robot of recordings that do not hold theirs.
+        of_sessions: those of the files that a session names, of which some may be missing or damaged.
+        on_damage: is told of each of these that cannot be read.
     """
 
     paths: tuple[Path, ...]
     robot: Robot | None = None
+    of_sessions: frozenset[Path] = frozenset()
+    on_damage: OnDamage = log_damage
+    _readable: dict[Path, bool] = field(default_factory=dict, init=False, compare=False)
 
     def __len__(self) -> int:
         return len(self.paths)
@@ -47,7 +64,32 @@ class Recordings:
         return read_trial(self.paths[index], self.robot)
 
     def __iter__(self) -> Iterator[RecordedTrial]:
-        return (read_trial(path, self.robot) for path in self.paths)
+        """Each that can be read.
+
+        Raises InputError for one that was given itself and cannot be read, and where nothing can.
+        """
+        for path in self.paths:
+            trial = self._trial(path)
+            if trial is not None:
+                yield trial
+        if not any(self._readable.values()):
+            count = len(self.paths)
+            raise InputError(f"export: none of {count} recordings can be read; allowed: one or more that can")
+
+    def _trial(self, path: Path) -> RecordedTrial | None:
+        """The trial of a file; None for one that a session has lost. What was read once must be again."""
+        if self._readable.get(path) is False:
+            return None
+        try:
+            trial = read_trial(path, self.robot)
+        except InputError as error:
+            if path not in self.of_sessions or len(self.paths) == 1 or path in self._readable:
+                raise
+            self._readable[path] = False
+            self.on_damage(error)
+            return None
+        self._readable[path] = True
+        return trial
 
 
 def is_session(source: Any) -> bool:
@@ -55,16 +97,26 @@ def is_session(source: Any) -> bool:
     return not isinstance(source, Robot) and not Path(str(source)).suffix
 
 
-def recordings_of(sources: Sequence[str | Path | Robot], runs: Path) -> tuple[Path, ...]:
-    """Recordings that are given, or those of a session that is.
+def recordings_of(
+    sources: Sequence[str | Path | Robot],
+    runs: Path,
+    robot: Robot | None = None,
+    on_damage: OnDamage = log_damage,
+) -> Recordings:
+    """Recordings that are given, or those of a session that is; the rest as of `Recordings`.
 
     Raises InputError for anything else, and for a session without recordings.
     """
     found: list[Path] = []
+    given: set[Path] = set()
     for source in sources:
         check_type(source, (str, Path), "export", "recordings (.rrd) or the name of a session")
-        found += _of_session(str(source), runs) if is_session(source) else [Path(str(source))]
-    return tuple(found)
+        if is_session(source):
+            found += _of_session(str(source), runs)
+        else:
+            found.append(Path(str(source)))
+            given.add(found[-1])
+    return Recordings(tuple(found), robot, frozenset(found) - given, on_damage)
 
 
 def title_of(trial: RecordedTrial) -> str:
@@ -80,8 +132,7 @@ def _of_session(name: str, runs: Path) -> list[Path]:
     session = load_session(name, runs)
     told = [Path(trial.recording) for trial in session.trials if trial.recording is not None]
     # A folder of runs may have been moved or be used from elsewhere.
-    there = [path if path.is_file() else runs / name / path.name for path in told]
-    there = [path for path in there if path.is_file()]
-    if not there:
+    found = [path if path.is_file() else runs / name / path.name for path in told]
+    if not any(path.is_file() for path in found):
         raise InputError(f"session {name}: has no recordings to export")
-    return there
+    return found

@@ -1,5 +1,6 @@
 """One call for every export: formats, names, and what is refused."""
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from hexctl.adapt.adaptation import adapt
 from hexctl.errors import HexctlError, InputError
 from hexctl.export.export import ENDINGS, FORMATS, SUFFIXES, export
 from hexctl.robot.formats.urdf import urdf_of
+from tests.record.conftest import damage
 from tests.robots import edited_file, put, shipped
 
 
@@ -61,6 +63,74 @@ def test_sessions(tmp_path: Path) -> None:
     assert len(table.read_text().splitlines()) == 3
     bags = export(name, to="mcap", output=tmp_path / "bags", folder=tmp_path)
     assert len(list(bags.rglob("*.mcap"))) == len(list(bags.iterdir())) == 2
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: Any) -> tuple[str, Path]:
+    """A session of four trials in a folder: the first recording is damaged, the third missing."""
+    folder = tmp_path_factory.mktemp("runs")
+    done = adapt(robot="ant", failed_leg=5, budget=4, duration_s=1.0, optimizer="random", folder=folder)
+    first, _, third, _ = (Path(str(trial.recording)) for trial in done.session.trials)
+    damage(first).replace(first)
+    third.unlink()
+    return done.session.name, folder
+
+
+@pytest.mark.parametrize("kind", ["mcap", "lerobot"])
+def test_a_session_is_exported_without_what_it_has_lost(
+    kind: str, session: tuple[str, Path], tmp_path: Path
+) -> None:
+    name, folder = session
+    told: list[InputError] = []
+    path = export(name, to=kind, output=tmp_path / "out", folder=folder, on_damage=told.append)
+    assert [one.split("/")[-1] for one in map(str, told)] == [
+        "trial-001.rrd is damaged, and Rerun cannot read it; allowed: a recording that hexctl run made",
+        "trial-003.rrd is not there; allowed: a recording that hexctl run made",
+    ]
+    if kind == "mcap":
+        assert sorted(one.name for one in path.iterdir()) == ["trial-002", "trial-004"]
+    else:
+        assert json.loads((path / "meta/info.json").read_text())["total_episodes"] == 2
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_a_session_has_lost_is_logged_where_nobody_asks(
+    session: tuple[str, Path], tmp_path: Path, caplog: Any
+) -> None:
+    name, folder = session
+    export(name, to="mcap", output=tmp_path / "bags", folder=folder)
+    assert [record.levelname for record in caplog.records] == ["WARNING", "WARNING"]
+    assert "trial-001.rrd is damaged" in caplog.text
+
+
+def test_a_recording_that_is_given_itself_is_never_left_out(
+    recording: Path, session: tuple[str, Path], tmp_path: Path
+) -> None:
+    name, folder = session
+    told: list[InputError] = []
+    with pytest.raises(InputError, match=r"missing\.rrd is not there"):
+        export(
+            name,
+            "missing.rrd",
+            recording,
+            to="mcap",
+            output=tmp_path / "bags",
+            folder=folder,
+            on_damage=told.append,
+        )
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_session_that_has_lost_everything_is_refused(tmp_path: Path) -> None:
+    runs, told = tmp_path / "runs", list[InputError]()
+    done = adapt(robot="ant", failed_leg=5, budget=2, duration_s=1.0, optimizer="random", folder=runs)
+    for trial in done.session.trials:
+        Path(str(trial.recording)).write_bytes(b"RRF2")
+    for kind in ("mcap", "lerobot", "gif"):
+        with pytest.raises(InputError, match="none of 2 recordings can be read"):
+            export(done.session.name, to=kind, output=tmp_path / kind, folder=runs, on_damage=told.append)
+    assert len(told) == 6
+    assert list(tmp_path.iterdir()) == [runs]
 
 
 def test_what_is_refused_is_told_in_one_line_and_leaves_nothing(

@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.console import make_bar, print_result
+from hexctl.cli.console import FAULT, make_bar, print_note, print_result
 from hexctl.cli.options.robot import robot_option
 from hexctl.cli.progress import WithBar
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.values import Range, choice, number, with_values
 
 if TYPE_CHECKING:
+    from hexctl.errors import InputError
     from hexctl.robot.model import Robot
 
 Format = Literal["urdf", "mjcf", "mcap", "csv", "parquet", "lerobot", "gif", "mp4"]
@@ -89,7 +90,11 @@ def export(
         ),
     ] = None,
 ) -> None:
-    """Write a robot, recordings or a session in a format of other programs."""
+    """Write a robot, recordings or a session in a format of other programs.
+
+    A recording of a session that is missing or damaged is named on stderr, with exit code 3; the others are
+    written all the same.
+    """
     from hexctl.export.export import export as write
 
     picture = with_values(
@@ -100,18 +105,26 @@ def export(
         duration_s=duration,
         captions=None if caption is None else tuple(caption),
     )
-    with _Progress() as progress:
-        path = write(
-            *sources,
-            to=to,
-            output=output,
-            robot=_robot(robot),
-            ros2_control=ros2_control,
-            folder=runs_folder(),
-            on_progress=progress.tell,
-            **picture,
-        )
-    print_result(f"{path}")
+    damaged: list[InputError] = []
+    try:
+        with _Progress() as progress:
+            path = write(
+                *sources,
+                to=to,
+                output=output,
+                robot=_robot(robot),
+                ros2_control=ros2_control,
+                folder=runs_folder(),
+                on_progress=progress.tell,
+                on_damage=damaged.append,
+                **picture,
+            )
+        print_result(f"{path}")
+    finally:
+        for error in damaged:
+            print_note(f"hexctl: {error}")
+    if damaged:
+        raise typer.Exit(FAULT)
 
 
 class _Progress(WithBar):

@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from hexctl.adapt.adaptation import adapt
 from hexctl.cli.main import exit_code
 from hexctl.cli.results.export import Camera, Format
 from hexctl.export.export import FORMATS
@@ -82,3 +83,23 @@ def test_a_damaged_recording_is_named_and_nothing_is_written(
         assert told.startswith(f"hexctl: recording: {damaged} is damaged, and Rerun cannot read it")
         assert told.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_what_a_session_has_lost_is_named_and_the_rest_is_written(
+    tmp_path: Path, capsys: Any, monkeypatch: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    session = adapt(robot="ant", failed_leg=5, budget=3, duration_s=1.0, optimizer="random").session
+    first, second, third = (Path(str(trial.recording)) for trial in session.trials)
+    damage(first).replace(first)
+    second.unlink()
+    assert exit_code(["export", session.name, "--to", "mcap", "-o", "bags"]) == 3
+    captured = capsys.readouterr()
+    assert captured.out == "bags\n"
+    assert [path.name for path in Path("bags").iterdir()] == [third.stem]
+    damaged, missing = captured.err.splitlines()
+    assert damaged.startswith(f"hexctl: recording: {first} is damaged")
+    assert missing.startswith(f"hexctl: recording: {second} is not there")
+    assert exit_code(["export", session.name, "-o", "trials.csv"]) == 0
+    assert capsys.readouterr().err == ""
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bags", "runs", "trials.csv"]
