@@ -13,8 +13,9 @@ CAPACITY = 64
 #: Of each kind only so many wait, less than the capacity together: a flood of one displaces no other.
 MOST_WAITING = {"command": 16, "pose": 8, "ros": 8, "lease": 8, "estop": 8, "describe": 8, "failure": 4}
 
-#: Kinds of which the newest count: the oldest of a flood is dropped. A query that comes too soon is repeated.
-NEWEST_COUNT = ("command", "pose", "ros")
+#: Queries: one that comes too soon is not taken, and repeated by its client. Of everything else the newest
+#: count: the oldest of a flood is dropped.
+QUERIES = ("lease", "estop", "describe", "failure")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,11 +52,11 @@ class Inbox:
         self.overflowed = 0
 
     def put(self, kind: str, item: Any) -> None:
-        """Append an arrival, but a query of a kind of which enough wait; never waits."""
+        """Append an arrival, but for a query of a kind of which enough wait; never waits."""
         alike = [one for one in list(self._waiting) if one.kind == kind]
         if len(alike) >= MOST_WAITING.get(kind, self._capacity):
             self.overflowed += 1
-            if kind not in NEWEST_COUNT:
+            if kind in QUERIES:
                 return
             with suppress(ValueError):  # taken in this moment
                 self._waiting.remove(alike[0])

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from hexctl.serve.inbox import CAPACITY, MOST_WAITING, NEWEST_COUNT, Inbox
+from hexctl.serve.inbox import CAPACITY, MOST_WAITING, QUERIES, Inbox
 
 #: A wait longer than this has no end.
 FOREVER_S = 20.0
@@ -28,7 +28,7 @@ def test_what_came_first_is_taken_first() -> None:
     assert inbox.overflowed == 0
 
 
-@pytest.mark.parametrize("kind", NEWEST_COUNT)
+@pytest.mark.parametrize("kind", sorted(MOST_WAITING.keys() - set(QUERIES)))
 def test_what_does_not_fit_pushes_out_the_oldest_of_its_kind_and_is_counted(kind: str) -> None:
     inbox, most = Inbox(), MOST_WAITING[kind]
     for number in range(most + 3):
@@ -37,11 +37,20 @@ def test_what_does_not_fit_pushes_out_the_oldest_of_its_kind_and_is_counted(kind
     assert inbox.overflowed == 3
 
 
-def test_a_query_that_does_not_fit_is_not_taken() -> None:
+def test_the_newest_state_takes_the_place_of_one_that_was_not_taken() -> None:
+    inbox = Inbox(capacity=1)
+    for number in range(3):
+        inbox.put("state", number)
+    assert items(inbox) == [2]
+    assert inbox.overflowed == 2
+
+
+@pytest.mark.parametrize("kind", QUERIES)
+def test_a_query_that_does_not_fit_is_not_taken(kind: str) -> None:
     inbox = Inbox()
-    for number in range(MOST_WAITING["lease"] + 3):
-        inbox.put("lease", number)
-    assert items(inbox) == list(range(MOST_WAITING["lease"]))
+    for number in range(MOST_WAITING[kind] + 3):
+        inbox.put(kind, number)
+    assert items(inbox) == list(range(MOST_WAITING[kind]))
 
 
 @pytest.mark.parametrize("kind", MOST_WAITING)
