@@ -180,9 +180,13 @@ class DatagramWay:
 
     def _wait(self, timeout_s: float) -> bool:
         """Take what comes within a time; whether something has to be sent at once."""
-        ready, _, _ = select.select([*self._sockets, self._bell_read], [], [], timeout_s)
+        poll = select.poll()  # unlike select, also in a program with thousands of open files
+        sockets = {one.fileno(): one for one in (*self._sockets, self._bell_read)}
+        for number in sockets:
+            poll.register(number, select.POLLIN)
         at_once = False
-        for one in ready:
+        for number, _ in poll.poll(1000 * timeout_s):
+            one = sockets[number]
             with suppress(OSError):
                 data = one.recv(DATAGRAM_BYTES + 1)
                 at_once = (True if one is self._bell_read else self._take(data)) or at_once

@@ -1,7 +1,10 @@
 """The datagrams of a stop: where they go, and that what keeps them from being sent is told."""
 
+import os
+import resource
 import socket
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +60,31 @@ def test_a_robot_that_has_another_address_now_is_found_again(monkeypatch: pytest
         finally:
             way.end()
     assert bench.guard.stopped == "estop"
+
+
+@pytest.fixture
+def _many_files() -> Iterator[None]:
+    """More open files than `select` can wait for."""
+    before, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(before, 2048), most))
+    held = [os.open(os.devnull, os.O_RDONLY) for _ in range(1100)]
+    yield
+    for one in held:
+        os.close(one)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (before, most))
+
+
+@pytest.mark.usefixtures("_many_files")
+def test_a_program_with_many_open_files_stops_a_robot() -> None:
+    bench, pressed = Bench(), threading.Event()
+    pressed.set()
+    with bench.stop_socket:
+        way = DatagramWay(bench.link, b"mine    ", pressed, lambda _: None)
+        way.begin()
+        try:
+            assert comes_true(lambda: way.obeyed, 10.0)
+        finally:
+            way.end()
 
 
 def test_a_folder_without_the_secret_and_quic_are_trouble(tmp_path: Path) -> None:
