@@ -72,7 +72,7 @@ class DatagramWay:
     ) -> None:
         self._link, self._request, self._pressed, self._see = link, request, pressed, see
         self._epoch: bytes | None = None
-        self._asked: deque[bytes] = deque(maxlen=MOST_ASKED)
+        self._asked: deque[bytes] = deque(maxlen=MOST_ASKED)  # nonces without an answer
         self._secret = b""
         self._ended = False
         self._bell_read, self._bell_write = socket.socketpair()
@@ -166,13 +166,12 @@ class DatagramWay:
 
     def _send(self) -> None:
         """Send a stop where the robot is to stop and its epoch is known, otherwise a question."""
-        stops = self._pressed.is_set() and not self.obeyed and self._epoch is not None
         nonce = secrets.token_bytes(NONCE_BYTES)
         self._asked.append(nonce)
-        asked = StopDatagram(kind=Kind.ASK, nonce=nonce)
-        if stops and self._epoch is not None:
-            asked = StopDatagram(kind=Kind.STOP, nonce=nonce, epoch=self._epoch, request=self._request)
-        data = asked.packed(self._secret)
+        datagram = StopDatagram(kind=Kind.ASK, nonce=nonce)
+        if self._pressed.is_set() and not self.obeyed and self._epoch is not None:
+            datagram = StopDatagram(kind=Kind.STOP, nonce=nonce, epoch=self._epoch, request=self._request)
+        data = datagram.packed(self._secret)
         for one, addresses in self._sockets.items():
             for address in addresses:
                 with suppress(OSError):
