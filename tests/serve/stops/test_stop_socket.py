@@ -7,11 +7,13 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from hexctl.control.guard import Guard
+from hexctl.serve.stops import stop_socket
 from hexctl.serve.stops.latch import StopLatch
 from hexctl.serve.stops.stop import HOLD_S
 from hexctl.serve.stops.stop_socket import StopSocket
@@ -145,6 +147,19 @@ def test_a_stop_comes_through_a_flood(flooded_with: str) -> None:
     assert bench.guard.stopped == "estop"
     if sys.platform == "linux" and flooded_with == "garbage":
         assert bench.stop_socket.dropped == 0, "the kernel has dropped them"
+
+
+def test_it_rests_from_questions_in_a_row_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench, rests_s = Bench(), list[float]()
+    monkeypatch.setattr(stop_socket, "time", SimpleNamespace(sleep=rests_s.append))
+    monkeypatch.setattr(stop_socket, "LOOK_S", 10.0)  # no pause counts, however busy the machine is
+    with opened(bench) as client:
+        for _ in range(3 * stop_socket.MOST_IN_A_ROW):
+            client.send(bench.datagram())
+            client.recv(DATAGRAM_BYTES)
+        bench.stop_socket._ended = True
+        client.send(bench.datagram())  # ends the wait
+    assert rests_s == [stop_socket.REST_S] * 3
 
 
 def test_it_answers_over_a_socket_and_no_more_than_was_asked() -> None:
