@@ -87,6 +87,9 @@ POSE_EXPIRY_S = 5.0
 #: No link needs a longer expiry.
 MAX_EXPIRY_S = 1.0
 
+#: Targets that changed by more than this, in the control period of the last command, are of a motion.
+MOVES_RAD = 0.001
+
 #: A servo this hot stops the robot: most switch off at 70 to 80 degrees Celsius. How such a stop begins.
 TOO_HOT_C, HOT = 68.0, "hot"
 
@@ -182,6 +185,14 @@ class Guard(ServosWrapper):
     def expects_commands(self) -> bool:
         """Whether silence now is a failure: a command has come, and no pause since."""
         return self._accepted_at_s is not None
+
+    @property
+    def in_motion(self) -> bool:
+        """Whether a command is due, and the last one moved a joint: silence now breaks off a motion."""
+        accepted_rad, baseline_rad = self._accepted_rad, self._baseline_rad
+        if not self.expects_commands or accepted_rad is None or baseline_rad is None:
+            return False
+        return bool(np.abs(accepted_rad - baseline_rad).max() > MOVES_RAD)
 
     @property
     def hot(self) -> bool:

@@ -209,7 +209,10 @@ class RequestHandler:
     def _keep(self, wanted: str, lease_id: bytes, now_s: float) -> dict[str, Any]:
         if wanted == "release":
             self.leases.release(lease_id, now_s)
-            self._guard.pause_watchdog()
+            if self._guard.in_motion:  # broken off, as by a second Ctrl-C
+                self._guard.stop(LIFTED_BY_LEASE)
+            else:
+                self._guard.pause_watchdog()
             return {"released": True}
         lease = self.leases.renew(lease_id, now_s)
         if wanted == "rest":

@@ -11,12 +11,13 @@ import pytest
 
 from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.zenoh.client import ask
+from hexctl.cli.console import INTERRUPTED
 from hexctl.serve.stops.stop import HOLD_S
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.session import open_session
 from tests.robots import shipped
 from tests.serve.cable import Cable
-from tests.serve.processes import Served, controlling, hexctl, served, wait_until
+from tests.serve.processes import Served, controlling, hexctl, program, served, wait_until
 from tests.serve.recorded import JUMP_AT, JUMP_VARIABLE, ServoLog
 from tests.serve.swaying import HELD_UP
 
@@ -25,6 +26,9 @@ STILL_AFTER_S = 0.25
 
 #: The same on a machine that runs other tests beside: what must end does, timing aside.
 STILL_ON_A_BUSY_MACHINE_S = 1.0
+
+#: Commands after which a walk has stood up and strides.
+WALKS_AFTER = 150
 
 #: How often a machine may be too busy for a controller.
 ATTEMPTS = 4
@@ -82,6 +86,27 @@ def test_a_controller_that_is_killed_or_stopped_leaves_the_robot_frozen_until_a_
         with controlling(tmp_path, robot.endpoint, "again=1", name="next") as following:
             following.wait_for("moving")
         check_limits(robot.log())
+
+
+@pytest.mark.parametrize("again_after_s", [0.2, None])
+def test_a_walk_that_a_second_ctrl_c_breaks_off_is_latched_and_one_that_ends_softly_is_not(
+    tmp_path: Path, again_after_s: float | None
+) -> None:
+    walk = ("hexctl", "run", "--backend", "zenoh", "--no-record", "--duration", "600", "--connect")
+    with served(tmp_path) as robot, program(tmp_path, "walk", *walk, robot.endpoint) as controller:
+        wait_until(lambda: robot.status()["commands"]["accepted"] > WALKS_AFTER, "the walk")
+        at_s = controller.signal(signal.SIGINT)
+        if again_after_s is not None:
+            time.sleep(again_after_s)
+            at_s = controller.signal(signal.SIGINT)
+        assert controller.wait() == INTERRUPTED
+        if again_after_s is None:
+            assert stopped(robot) is None
+        else:
+            assert stopped(robot) == "expired"
+            assert robot.log().moved_after(at_s) <= STILL_ON_A_BUSY_MACHINE_S
+            assert "interrupted without a soft stop" in controller.said()
+            assert "STOPPED: expired" in robot.said()
 
 
 def test_after_a_longer_silence_the_robot_sits_down_and_relaxes(tmp_path: Path) -> None:

@@ -193,6 +193,34 @@ def test_a_controller_that_rests_is_not_silent(bench: Bench) -> None:
     assert bench.server.status()["stopped"] is None
 
 
+@pytest.mark.parametrize(("last_step_rad", "stopped"), [(0.01, "expired"), (0.0, None)])
+def test_a_controller_that_leaves_in_mid_motion_counts_as_silent_and_one_at_rest_does_not(
+    bench: Bench, last_step_rad: float, stopped: str | None
+) -> None:
+    bench.acquire()
+    for angle_rad in (0.01, 0.02, 0.02 + last_step_rad):
+        bench.command(bench.servos.robot.stance_angles_rad + angle_rad)
+        bench.ticks(1)
+    bench.ask("lease", {"op": "release", "lease": bench.lease["lease"]})
+    bench.ticks(30)
+    status = bench.server.status()
+    assert (status["stopped"], status["controller"]) == (stopped, None)
+    assert "lease" in bench.acquire()
+    assert bench.server.status()["stopped"] is None
+
+
+def test_a_controller_that_leaves_while_no_command_is_due_is_not_silent(bench: Bench) -> None:
+    """Between two trials, where a walk may have ended in mid-stride."""
+    bench.acquire()
+    for angle_rad in (0.01, 0.02):
+        bench.command(bench.servos.robot.stance_angles_rad + angle_rad)
+        bench.ticks(1)
+    for op in ("rest", "release"):
+        bench.ask("lease", {"op": op, "lease": bench.lease["lease"]})
+    bench.ticks(30)
+    assert bench.server.status()["stopped"] is None
+
+
 def test_a_stop_reaches_a_robot_in_the_middle_of_commands(bench: Bench) -> None:
     bench.acquire()
     bench.command(bench.servos.robot.stance_angles_rad)
