@@ -337,6 +337,17 @@ class Session:
         valid = [trial for trial in self.trials if trial.valid]
         return min(valid, key=lambda trial: trial.score) if valid else None
 
+    @property
+    def better_baseline(self) -> list[BaselineRecord]:
+        """Valid walks of the baseline that no trial is better than, the best first; empty before a trial.
+
+        Walks that the simulation's own uncertainty does not tell from the best trial are not among them.
+        """
+        best = INVALID_SCORE if self.best is None else self.best.score
+        valid = [walk for walk in self.baseline if walk.valid and self.trials]
+        better = [walk for walk in valid if walk.score < best and self.spec.distinct(walk.score, best)]
+        return sorted(better, key=lambda walk: walk.score)
+
     def trim_rad(self, slots: Sequence[int]) -> float | None:
         """Trim that is learned for a gait, the mean of what its walks want; None where none says.
 

@@ -1,5 +1,6 @@
 """Sessions as text: the table that grows trial by trial, the summary at the end, one line each in a list."""
 
+import math
 import shlex
 import sys
 from collections.abc import Sequence
@@ -28,6 +29,7 @@ from hexctl.cli.console import FAULT, code_of_stop, make_bar, print_above
 from hexctl.cli.progress import WithBar
 from hexctl.control.assessment.cause import CAUSES
 from hexctl.errors import HexctlError, InputError
+from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.record.run_spec import RunSpec
 from hexctl.robot.loader import load_robot
 
@@ -276,12 +278,13 @@ def closing_lines(session: Session, ended: str | None) -> str:
     walked = f"after {trials_text(len(session.trials))}, {session.walked_s:.0f} s walked"
     why = "unfinished" if ended is None else f"ended: {ended}"
     lines = [f"{why} {walked}", *_milestone_lines(session), *_baseline_lines(session)]
-    lines += [*_surety_lines(session), *_indistinct_lines(session.spec)]
+    lines += [*_surety_lines(session), *_indistinct_lines(session)]
     lines += _less_lines(session)
     if ended in (None, "interrupted"):
         lines.append(f"continue with: hexctl adapt --resume {session.name}")
-    if _walkable(session):
-        lines.append(f"walk on with: {_walking(session)}")
+    walk = _to_walk_on_with(session)
+    if walk is not None:
+        lines.append(f"walk on with: {_walking(session, walk)}")
     if any(trial.recording for trial in session.trials):
         lines.append(f"look at it with: hexctl view {session.name}")
     return "\n".join(lines)
@@ -296,20 +299,35 @@ def _less_lines(session: Session) -> list[str]:
     return lines
 
 
-def _walkable(session: Session) -> bool:
-    """Whether a session has found a gait, and where it searched for a trim that too."""
-    if session.spec.optimizer != TRIM:
-        return session.best is not None
-    return session.best_trim_deg is not None or session.best_turn_trim_deg_s is not None
+def _to_walk_on_with(session: Session) -> TrialRecord | BaselineRecord | None:
+    """The best trial, or the walk of the baseline that is better; None without one.
+
+    Where a trim was searched, None too for a gait for which none is known.
+    """
+    walk = next(iter(session.better_baseline), session.best)
+    if walk is None or session.spec.optimizer != TRIM:
+        return walk
+    trims = (session.trim_rad(walk.slots), session.turn_trim_rad_s(walk.slots))
+    return walk if any(trim is not None for trim in trims) else None
 
 
-def _walking(session: Session) -> str:
-    """Command that walks with the best gait, and its trim where it has one."""
-    spec, best, usual = session.spec, session.best, SessionSpec()
+def _gait_option(walk: TrialRecord | BaselineRecord) -> str:
+    """What `--gait` takes for a walk: the name of a fixed gait, else its code or slots.
+
+    `auto` goes by its code: which gait it is depends on the hold and the turn.
+    """
+    if isinstance(walk, BaselineRecord) and walk.gait in NAMED_SLOTS:
+        return walk.gait
+    return ",".join(map(str, walk.slots)) if walk.code is None else str(walk.code)
+
+
+def _walking(session: Session, walk: TrialRecord | BaselineRecord) -> str:
+    """Command that walks with the gait of a walk, and its trim where it has one."""
+    spec, usual = session.spec, SessionSpec()
     chosen = {
         "failed-leg": spec.failed_leg,
-        "gait": None if best is None else best.code,
-        **_course_options(session),
+        "gait": _gait_option(walk),
+        **_course_options(session, walk),
     }
     where = ("backend", "robot", "world", "failure", "seed", "connect", "link")
     unusual = {name: getattr(spec, name) for name in where if getattr(spec, name) != getattr(usual, name)}
@@ -325,15 +343,15 @@ def _walking(session: Session) -> str:
     return shlex.join(["hexctl", "run", *words, *(["--insecure"] if spec.insecure else [])])
 
 
-def _course_options(session: Session) -> dict[str, str]:
-    """Options of the hold and the trim of the best gait; a turn with a heading goes with the walk."""
-    heading, trim_deg, hold = f"{session.spec.heading_deg:g}", session.best_trim_deg, session.spec.hold
-    turn_deg_s = session.best_turn_trim_deg_s
-    if turn_deg_s is not None:
-        return {"hold": "none", "heading": heading, "turn": f"{turn_deg_s:.3f}"}
+def _course_options(session: Session, walk: WalkRecord) -> dict[str, str]:
+    """Options of the hold and the trim of a gait; a turn with a heading goes with the walk."""
+    heading, hold = f"{session.spec.heading_deg:g}", session.spec.hold
+    trim_rad, turn_rad_s = session.trim_rad(walk.slots), session.turn_trim_rad_s(walk.slots)
+    if turn_rad_s is not None:
+        return {"hold": "none", "heading": heading, "turn": f"{math.degrees(turn_rad_s):.3f}"}
     options = {} if hold == RunSpec().hold else {"hold": hold}
-    if trim_deg is not None:
-        options = {"hold": "heading", "trim": f"{trim_deg:.2f}"}
+    if trim_rad is not None:
+        options = {"hold": "heading", "trim": f"{math.degrees(trim_rad):.2f}"}
     return options if heading == "0" else {**options, "heading": heading}
 
 
@@ -350,7 +368,8 @@ def _compared(session: Session) -> str:
     """Gaits of the baseline that no trial is better than, or that the best trial cannot be told from."""
     spec, best_m = session.spec, INVALID_SCORE if session.best is None else session.best.score
     valid = [walk for walk in session.baseline if walk.valid and session.trials]
-    unbeaten = [walk.gait for walk in valid if walk.score < best_m and spec.distinct(walk.score, best_m)]
+    better = {walk.gait for walk in session.better_baseline}
+    unbeaten = [walk.gait for walk in valid if walk.gait in better]
     alike = (
         [walk.gait for walk in valid if not spec.distinct(walk.score, best_m)]
         if spec.uncertainty_text
@@ -376,10 +395,10 @@ def _surety_lines(session: Session) -> list[str]:
     return [f"sure to {sure:.0f} % that gait {settled['code']} ends {within}"]
 
 
-def _indistinct_lines(spec: SessionSpec) -> list[str]:
+def _indistinct_lines(session: Session) -> list[str]:
     """Why no gait can be confirmed, where the simulation is less certain than the target is small."""
-    greatest = spec.greatest_chance
-    if spec.optimizer != BAYES or greatest is None or greatest >= SURE:
+    spec, greatest = session.spec, session.spec.greatest_chance
+    if not session.trials or spec.optimizer != BAYES or greatest is None or greatest >= SURE:
         return []
     return [
         f"no gait can be confirmed within {spec.target_m:g} m: with the simulation's own uncertainty, "

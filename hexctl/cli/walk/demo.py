@@ -49,8 +49,7 @@ def demo(
             print_note(f"hexctl: interrupted; what was walked until then is under {runs_folder()}/")
             raise typer.Exit(INTERRUPTED) from None
     if result.interrupted:
-        if result.adaptation is None:
-            print_note(f"hexctl: interrupted before the search; what was walked is under {result.folder}/")
+        print_note(f"hexctl: {_what_is_left(result)}")
         raise typer.Exit(INTERRUPTED)
     if as_json:
         print_result(json.dumps(result.to_dict()))
@@ -60,6 +59,17 @@ def demo(
         print_note(f"hexctl: {in_flags(result.adaptation.trouble)}")
         raise typer.Exit(FAULT)
     raise typer.Exit(DONE if no_view or as_json else _show(result))
+
+
+def _what_is_left(result: "DemoResult") -> str:
+    """What an interrupted demo leaves behind, and how its search goes on."""
+    if result.adaptation is None:
+        return f"interrupted before the search; what was walked is under {result.folder}/"
+    name = result.adaptation.session.name
+    return (
+        f"interrupted; continue the search with: hexctl adapt --resume {name} (both walks are under "
+        f"{result.folder}/)"
+    )
 
 
 def _run(budget: int, interrupt: StopOnInterrupt, *, as_json: bool) -> "DemoResult":

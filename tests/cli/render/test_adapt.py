@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.sessions.session import BaselineRecord, Session, SessionSpec, TrialRecord
 from hexctl.cli.render.adapt import closing_lines, opening_line, session_line
 
@@ -111,3 +112,29 @@ def test_every_search_that_found_a_gait_says_how_to_walk_with_it() -> None:
         f"{begin} --hold none --heading 20 --self-rotation rear"
     ]
     assert walk_on(optimizer="trim", hold="none") == [], "it has learned no trim"
+
+
+def test_a_gait_without_a_search_that_no_trial_is_better_than_is_the_one_to_walk_on_with() -> None:
+    def gait_of(whole: Session) -> str:
+        (line,) = (line for line in closing_lines(whole, "budget").splitlines() if line.startswith("walk on"))
+        return line.partition(" --gait ")[2].partition(" ")[0]
+
+    assert gait_of(with_tripod(0.001)) == "tripod"
+    assert gait_of(with_tripod(0.008)) == "17", "the trial is better"
+    assert gait_of(with_tripod(0.001, uncertainty_m=0.0213)) == "17", "they cannot be told apart"
+    both = with_tripod(0.003)
+    stable = replace(both.baseline[0], gait="auto", code=42, score=0.002)
+    both.baseline.append(stable)
+    assert gait_of(both) == "42", "the better one of two; auto by its code"
+    both.baseline[1] = replace(stable, code=None, slots=(1, 3, 6, 2, 5, 4))
+    assert gait_of(both) == "1,3,6,2,5,4"
+    both.trials[0] = replace(both.trials[0], score=INVALID_SCORE, outcome={**OUTCOME, "status": "fell"})
+    assert gait_of(both) == "1,3,6,2,5,4", "no trial is valid"
+    assert [walk.gait for walk in both.better_baseline] == ["auto", "tripod"]
+
+
+def test_before_the_first_trial_nothing_is_said_of_what_can_be_confirmed() -> None:
+    none_yet = replace(with_tripod(0.001, uncertainty_m=0.0213), trials=[])
+    text = closing_lines(none_yet, "interrupted")
+    assert "confirmed" not in text
+    assert "walk on with" not in text
