@@ -20,12 +20,11 @@ from hexctl.adapt.sessions.session import (
 from hexctl.adapt.sessions.steps import search_steps
 from hexctl.adapt.sessions.store import load_session, stored_names
 from hexctl.errors import HexctlError, InputError
-from hexctl.record.rerun_program import check_sound
+from hexctl.record.rerun_program import OnDamage, check_sound, log_damage, look_at
 from hexctl.record.sessions.figures import write_overview_file
 from hexctl.record.sessions.overview import Overview, OverviewTrial, SearchStep, drawable
 from hexctl.record.viewer import (
     FileServer,
-    check_recording,
     free_port,
     is_recording,
     newest_recording,
@@ -37,8 +36,18 @@ from hexctl.scratch import scratch_folder
 
 FILE_NAME = "overview.rrd"
 
+#: Recordings of a session by trial index, or by gait for its baseline.
+Recordings = dict[int | str, Path]
 
-def write_overview(session: Session, folder: Path, *, into: Path | None = None, base: str = "") -> Path:
+
+def write_overview(
+    session: Session,
+    folder: Path,
+    *,
+    into: Path | None = None,
+    base: str = "",
+    recordings: Recordings | None = None,
+) -> Path:
     """Write `overview.rrd`, in place of an earlier one, and return its path.
 
     Args:
@@ -46,20 +55,23 @@ def write_overview(session: Session, folder: Path, *, into: Path | None = None, 
         folder: where the recordings of its trials are.
         into: the folder to write to; None is the session's.
         base: URL under which the recordings are found, with a slash at its end; without one they are files.
+        recordings: those that it leads to; None for all of `recordings_of`.
 
     Raises InputError for a session without trials or a folder that cannot be written, RecordingError when the
     disk did not take everything, and MissingExtraError without Rerun.
     """
     path = (into or folder) / FILE_NAME
+    if recordings is None:
+        recordings = recordings_of(session, folder)
     addresses = {
         index: base + quote(recording.name) if base else recording.resolve().as_uri()
-        for index, recording in recordings_of(session, folder).items()
+        for index, recording in recordings.items()
     }
     write_overview_file(path, make_overview(session, addresses, search_steps(session)))
     return path
 
 
-def recordings_of(session: Session, folder: Path) -> dict[int | str, Path]:
+def recordings_of(session: Session, folder: Path) -> Recordings:
     """Recordings of a session that exist and can be opened, by trial index, or by gait for its baseline."""
     walks: dict[int | str, str | None] = {walk.gait: walk.recording for walk in session.baseline}
     walks |= {trial.index: trial.recording for trial in session.trials}
@@ -147,7 +159,7 @@ def _walk(walk: WalkRecord, *, note: str = "", **named: Any) -> OverviewTrial:
 StoredSession = tuple[Session, Path]
 
 
-def view_runs(names: Sequence[str], runs: Path) -> int:
+def view_runs(names: Sequence[str], runs: Path, *, on_damage: OnDamage = log_damage) -> int:
     """Open recordings and sessions in one viewer, wait until it is closed, and return its exit code.
 
     A session opens as its overview, from which its trials are opened.
@@ -155,12 +167,18 @@ def view_runs(names: Sequence[str], runs: Path) -> int:
     Args:
         names: paths of recordings, and names or folders of sessions; empty is the newest of either.
         runs: the folder of recordings and of the session store.
+        on_damage: is told of each damaged recording of a session, to which the overview does not lead. By
+            default it is logged.
 
-    Raises InputError for a name that is neither and for a damaged recording, RecordingError for a viewer that
-    cannot start, and MissingExtraError without Rerun.
+    Raises InputError for a name that is neither and for a damaged recording that is named itself,
+    RecordingError for a viewer that cannot start, and MissingExtraError without Rerun.
     """
-    chosen = _find_runs(names, runs)
-    return open_viewer([_sound(one) if isinstance(one, Path) else _current_overview(*one) for one in chosen])
+    with scratch_folder() as spare:
+        paths = [
+            one if isinstance(one, Path) else _current_overview(*one, spare / str(number), on_damage)
+            for number, one in enumerate(_find_runs(names, runs))
+        ]
+        return open_viewer(paths)
 
 
 def serve_runs(
@@ -169,6 +187,7 @@ def serve_runs(
     *,
     on_url: Callable[[str], object],
     stop_requested: Callable[[], bool],
+    on_damage: OnDamage = log_damage,
 ) -> None:
     """Serve recordings and sessions to browsers on this computer, until a stop is requested.
 
@@ -177,13 +196,14 @@ def serve_runs(
         runs: the folder of recordings and of the session store.
         on_url: called once, with the address that a browser opens.
         stop_requested: asked ten times a second.
+        on_damage: as for `view_runs`.
 
     Raises what `view_runs` raises.
     """
     chosen = _find_runs(names, runs)
     port = free_port()
     with FileServer(web_origin(port)) as files, scratch_folder() as folder:
-        urls = [_serve(one, files, folder / str(number)) for number, one in enumerate(chosen)]
+        urls = [_serve(one, files, folder / str(number), on_damage) for number, one in enumerate(chosen)]
         with serve_web(port, urls) as served:
             on_url(served.url)
             while not stop_requested():
@@ -191,22 +211,30 @@ def serve_runs(
                 time.sleep(0.1)
 
 
-def _serve(chosen: Path | StoredSession, files: FileServer, into: Path) -> str:
+def _serve(chosen: Path | StoredSession, files: FileServer, into: Path, on_damage: OnDamage) -> str:
     """URL of a recording, or of a session's overview, whose links lead to recordings on the same server."""
     if isinstance(chosen, Path):
-        return files.add(into.name, _sound(chosen))
+        return files.add(into.name, chosen)
     session, folder = chosen
-    for recording in recordings_of(session, folder).values():
+    sound = _sound_ones(recordings_of(session, folder), on_damage)
+    for recording in sound.values():
         files.add(session.name, recording)
-    overview = write_overview(session, folder, into=into, base=files.base(session.name))
+    overview = write_overview(session, folder, into=into, base=files.base(session.name), recordings=sound)
     return files.add(session.name, overview)
 
 
-def _sound(path: Path) -> Path:
-    """The path; raises InputError for a file that is no recording, or at which the viewer would end."""
-    check_recording(path)
-    check_sound(path)
-    return path
+def _sound_ones(recordings: Recordings, on_damage: OnDamage) -> Recordings:
+    """Recordings at which no viewer ends that opens them from an overview."""
+    look_at(recordings.values())
+    sound: Recordings = {}
+    for key, path in recordings.items():
+        try:
+            check_sound(path)
+        except InputError as error:
+            on_damage(error)
+        else:
+            sound[key] = path
+    return sound
 
 
 def _find_runs(names: Sequence[str], runs: Path) -> list[Path | StoredSession]:
@@ -228,6 +256,9 @@ def _newest_run(runs: Path) -> str:
 
 def _find_run(name: str, runs: Path) -> Path | StoredSession:
     path = Path(name)
+    folder = path.resolve().parent
+    if path.name == FILE_NAME and folder.parent == runs.resolve() and folder.name in stored_names(runs):
+        path = runs / folder.name  # its overview is written again: an old one may lead to what is damaged
     if path.suffix == ".rrd" or path.is_file():
         return path
     # A folder as the shell completes it: runs/SESSION/
@@ -241,11 +272,17 @@ def _find_run(name: str, runs: Path) -> Path | StoredSession:
     return loaded, folder
 
 
-def _current_overview(session: Session, folder: Path) -> Path:
-    """Write the overview again: a session that was cut off, or still runs, left an old one or none."""
+def _current_overview(session: Session, folder: Path, spare: Path, on_damage: OnDamage) -> Path:
+    """Write the overview again: a session that was cut off, or still runs, left an old one or none.
+
+    It goes to the spare folder where that of the session takes nothing.
+    """
+    found = recordings_of(session, folder)
+    sound = _sound_ones(found, on_damage)
     try:
-        return write_overview(session, folder)
+        return write_overview(session, folder, recordings=sound)
     except (HexctlError, OSError):
-        if (folder / FILE_NAME).is_file():
+        # An old one may lead to what is damaged.
+        if len(sound) == len(found) and (folder / FILE_NAME).is_file():
             return folder / FILE_NAME
-        raise
+        return write_overview(session, folder, into=spare, recordings=sound)

@@ -8,8 +8,9 @@ from typing import Any
 from hexctl.adapt.sessions.store import RUNS, export_session
 from hexctl.errors import InputError, argument
 from hexctl.export.pictures import PictureOptions
-from hexctl.export.recordings import OnDamage, OnProgress, Trials, is_session, log_damage, recordings_of
+from hexctl.export.recordings import OnProgress, Trials, is_session, recordings_of
 from hexctl.record.recorded_trial import RecordedTrial, read_trial
+from hexctl.record.rerun_program import OnDamage, log_damage
 from hexctl.robot.configs import config_names
 from hexctl.robot.formats.mjcf import mjcf_of
 from hexctl.robot.formats.urdf import urdf_of

@@ -1,7 +1,6 @@
 """Recordings to export: those that are given, or those of a session, read when they are needed."""
 
 import json
-import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,14 +9,11 @@ from typing import Any, Protocol
 from hexctl.adapt.sessions.store import load_session
 from hexctl.errors import InputError, check_type
 from hexctl.record.recorded_trial import RecordedTrial, read_trial
+from hexctl.record.rerun_program import OnDamage, log_damage
 from hexctl.robot.model import Robot
-
-_LOG = logging.getLogger(__name__)
 
 #: What is told while an export runs: how much is done, and how much there is.
 OnProgress = Callable[[int, int], object]
-#: What is told of each recording of a session that cannot be read.
-OnDamage = Callable[[InputError], object]
 
 
 class Trials(Protocol):
@@ -31,11 +27,6 @@ class Trials(Protocol):
 
     def __iter__(self) -> Iterator[RecordedTrial]:
         """Each of them."""
-
-
-def log_damage(error: InputError) -> None:
-    """Log what is wrong with a recording that is left out."""
-    _LOG.warning("left out: %s", error)
 
 
 @dataclass(frozen=True, slots=True)

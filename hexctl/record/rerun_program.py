@@ -1,16 +1,23 @@
 """Rerun's program, and what it does with finished recordings: it finds damage, and writes the index."""
 
 import importlib.util
+import logging
 import os
 import subprocess
 import sys
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
 from hexctl.errors import InputError, MissingExtraError, RecordingError
 from hexctl.files import replacing
 from hexctl.record.rrd import SUFFIX, check_whole, has_index
+
+_LOG = logging.getLogger(__name__)
+
+#: What is told of each recording that is left out.
+OnDamage = Callable[[InputError], object]
 
 #: What a process of Rerun may take to go through a recording: a start, and so long for each byte. One of an
 #: hour takes 30 s.
@@ -19,8 +26,8 @@ START_S, BYTES_PER_S = 60.0, 500_000.0
 #: Other robots may walk on this computer meanwhile.
 NICENESS = 10
 
-#: Recordings of which one process remembers that they are sound.
-REMEMBERED = 1024
+#: Recordings that one process looks at.
+TOGETHER = 32
 
 #: Reads a recording as `hexctl.record.recorded_trial` does.
 READ = """
@@ -49,6 +56,28 @@ def viewer_binary() -> Path:
     raise MissingExtraError("the viewer", "view")
 
 
+class _State(NamedTuple):
+    """A file, and what changes when something else is written to it."""
+
+    path: Path
+    size: int
+    changed_ns: int
+    inode: int
+
+    @classmethod
+    def of(cls, path: Path) -> "_State | None":
+        """State of a file; None for one that is not there."""
+        try:
+            state = path.stat()
+        except OSError:
+            return None
+        return cls(path.absolute(), state.st_size, state.st_mtime_ns, state.st_ino)
+
+
+#: Whether a recording that was looked at ends the process that reads it.
+_ends_reader: dict[_State, bool] = {}
+
+
 def check_sound(path: Path) -> None:
     """Raise InputError for a recording whose damage would end the process that reads it.
 
@@ -57,27 +86,53 @@ def check_sound(path: Path) -> None:
 
     Raises MissingExtraError without Rerun.
     """
-    try:
-        state = path.stat()
-    except OSError:
+    state = _State.of(path)
+    if state is None:
         return
-    if _ends_reader(path.absolute(), state.st_size, state.st_mtime_ns, state.st_ino):
+    if state not in _ends_reader:
+        _look_at([state])
+    if _ends_reader[state]:
         raise InputError(
             f"recording: {path} is damaged, and Rerun cannot read it; "
             "allowed: a recording that hexctl run made"
         )
 
 
-@lru_cache(maxsize=REMEMBERED)
-def _ends_reader(path: Path, size: int, _changed_ns: int, _inode: int) -> bool:
-    """Whether Rerun's reader ends the process that reads a recording, or takes too long."""
-    limit_s = time_limit_s(size)
-    decodes_all = [str(viewer_binary()), "rrd", "stats", str(path)]
-    if _exit_code(decodes_all, limit_s) == 0:
-        return False
-    # The reader goes other ways than that program, and reads some files that it refuses.
-    code = _exit_code([sys.executable, "-P", "-c", READ, str(path)], limit_s)
-    return code is None or code < 0
+def log_damage(error: InputError) -> None:
+    """Log what is wrong with a recording that is left out."""
+    _LOG.warning("left out: %s", error)
+
+
+def look_at(paths: Iterable[Path]) -> None:
+    """Look at recordings for `check_sound`, many in one process: one process for each takes longer.
+
+    Raises MissingExtraError without Rerun.
+    """
+    states = dict.fromkeys(map(_State.of, paths))
+    unknown = [state for state in states if state is not None and state not in _ends_reader]
+    for start in range(0, len(unknown), TOGETHER):
+        _look_at(unknown[start : start + TOGETHER])
+
+
+def _look_at(states: Sequence[_State]) -> None:
+    """Remember which of some files end their reader, or take too long; these are found by halves."""
+    if _decodes(states):
+        _ends_reader.update(dict.fromkeys(states, False))
+    elif len(states) > 1:
+        middle = len(states) // 2
+        _look_at(states[:middle])
+        _look_at(states[middle:])
+    else:
+        (state,) = states
+        # The reader goes other ways than that program, and reads some files that it refuses.
+        code = _exit_code([sys.executable, "-P", "-c", READ, str(state.path)], time_limit_s(state.size))
+        _ends_reader[state] = code is None or code < 0
+
+
+def _decodes(states: Sequence[_State]) -> bool:
+    """Whether Rerun's program decodes all of some files, or refuses them without ending before its time."""
+    command = [str(viewer_binary()), "rrd", "stats", *(str(state.path) for state in states)]
+    return _exit_code(command, time_limit_s(sum(state.size for state in states))) == 0
 
 
 def _exit_code(command: list[str], limit_s: float) -> int | None:
@@ -85,7 +140,13 @@ def _exit_code(command: list[str], limit_s: float) -> int | None:
     silent = subprocess.DEVNULL
     try:
         done = subprocess.run(
-            command, stdin=silent, stdout=silent, stderr=silent, timeout=limit_s, check=False
+            command,
+            stdin=silent,
+            stdout=silent,
+            stderr=silent,
+            timeout=limit_s,
+            check=False,
+            start_new_session=True,  # Ctrl-C, which ends it, would be taken for damage
         )
     except subprocess.TimeoutExpired:
         return None
@@ -111,6 +172,9 @@ def write_index(path: Path) -> bool:
                 named.replace(draft)
             finally:
                 named.unlink(missing_ok=True)
+        state = _State.of(path)
+        if state is not None:
+            _ends_reader[state] = False  # Rerun has just read all of it
     except (OSError, MissingExtraError, RecordingError, subprocess.SubprocessError, KeyboardInterrupt):
         return False
     return True

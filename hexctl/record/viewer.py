@@ -17,7 +17,7 @@ from typing import Any, Self
 from urllib.parse import quote, unquote, urlencode
 
 from hexctl.errors import InputError, RecordingError
-from hexctl.record.rerun_program import viewer_binary
+from hexctl.record.rerun_program import check_sound, viewer_binary
 
 #: How an .rrd file begins.
 MAGIC = b"RRF"
@@ -30,11 +30,11 @@ NO_DISPLAY = "the viewer finds no display"
 def open_viewer(paths: Sequence[Path]) -> int:
     """Start the native viewer on recordings, wait until it is closed, and return its exit code.
 
-    Raises InputError for a missing file or a file of another kind, RecordingError for a viewer that cannot
-    start, and MissingExtraError without Rerun.
+    Raises InputError for a missing or damaged file or a file of another kind, RecordingError for a viewer
+    that cannot start, and MissingExtraError without Rerun.
     """
     for path in paths:
-        check_recording(path)
+        _check_viewable(path)
     # A port of its own: another viewer that is open keeps what it shows.
     command = [str(viewer_binary()), "--bind", LOCAL, "--port", "auto", *map(str, paths)]
     try:
@@ -76,6 +76,12 @@ def check_recording(path: Path) -> None:
         raise InputError(f"{path}: cannot be opened: {error.strerror}") from error
     if head != MAGIC:
         raise InputError(f"{path}: is not a Rerun recording; give an .rrd file that hexctl wrote")
+
+
+def _check_viewable(path: Path) -> None:
+    """Raise InputError for a file that is no recording, or at which the viewer would end."""
+    check_recording(path)
+    check_sound(path)
 
 
 def is_recording(path: Path) -> bool:
@@ -208,9 +214,9 @@ class FileServer:
     def add(self, folder: str, path: Path) -> str:
         """Serve a recording below a folder and return its URL.
 
-        Raises InputError for a missing file or a file of another kind.
+        Raises InputError for a missing or damaged file or a file of another kind.
         """
-        check_recording(path)
+        _check_viewable(path)
         self._files[f"/{folder}/{path.name}"] = path
         return self.base(folder) + quote(path.name)
 

@@ -9,7 +9,7 @@ import pytest
 from hexctl.errors import InputError
 from hexctl.record import rerun_program
 from hexctl.record.recorded_trial import read_trial
-from hexctl.record.rerun_program import check_sound
+from hexctl.record.rerun_program import check_sound, look_at
 from tests.record.conftest import STREAM_HEAD_BYTES, Trial, damage, write
 
 TOLD = "is damaged, and Rerun cannot read it"
@@ -44,7 +44,7 @@ def test_the_reader_decides_where_the_program_that_looks_first_cannot(
     refuses.chmod(0o755)
     for binary in (refuses, tmp_path / "missing"):
         monkeypatch.setattr("hexctl.record.rerun_program.viewer_binary", lambda binary=binary: binary)
-        rerun_program._ends_reader.cache_clear()
+        rerun_program._ends_reader.clear()
         check_sound(sound)
         with pytest.raises(InputError, match=TOLD):
             check_sound(damaged)
@@ -52,10 +52,10 @@ def test_the_reader_decides_where_the_program_that_looks_first_cannot(
 
 def test_what_does_not_end_in_time_is_damaged(sound: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hexctl.record.rerun_program.time_limit_s", lambda _: 0.0)
-    rerun_program._ends_reader.cache_clear()
+    rerun_program._ends_reader.clear()
     with pytest.raises(InputError, match=TOLD):
         check_sound(sound)
-    rerun_program._ends_reader.cache_clear()
+    rerun_program._ends_reader.clear()
 
 
 def test_a_file_is_looked_at_again_only_when_it_has_changed(
@@ -70,6 +70,33 @@ def test_a_file_is_looked_at_again_only_when_it_has_changed(
     path.write_bytes(damaged.read_bytes())
     with pytest.raises(InputError, match=TOLD):
         check_sound(path)
+
+
+def test_many_are_looked_at_together_and_each_only_once(
+    sound: Path, damaged: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    paths = [tmp_path / f"{number}.rrd" for number in range(8)]
+    for path in paths:
+        path.write_bytes((damaged if path.stem == "5" else sound).read_bytes())
+    commands: list[list[str]] = []
+    run = subprocess.run
+
+    def noted(command: list[str], **options: Any) -> Any:
+        commands.append(command)
+        return run(command, **options)
+
+    monkeypatch.setattr(subprocess, "run", noted)
+    look_at([*paths, tmp_path / "missing.rrd"])
+    # All; the halves; the quarters of the second one; the damaged one, its neighbour, and the reader.
+    assert [sum(word.endswith(".rrd") for word in one) for one in commands] == [8, 4, 4, 2, 1, 1, 1, 2]
+    for path in paths:
+        if path.stem == "5":
+            with pytest.raises(InputError, match=TOLD):
+                check_sound(path)
+        else:
+            check_sound(path)
+    look_at(paths)
+    assert len(commands) == 8
 
 
 def test_what_rerun_refuses_itself_passes(sound: Path, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.console import DONE, StopOnInterrupt, print_note
+from hexctl.cli.console import DONE, FAULT, StopOnInterrupt, print_note
 from hexctl.cli.options.connection import InsecureOption, KeysOption, LinkOption, WatchedOption
 from hexctl.cli.settings import runs_folder
 from hexctl.errors import InputError, RobotFaultError
@@ -28,7 +28,10 @@ def view(
     insecure: InsecureOption = False,
     link: LinkOption = None,
 ) -> None:
-    """Open recordings or whole sessions in the Rerun viewer and wait until it is closed; or watch a robot."""
+    """Open recordings or whole sessions in the Rerun viewer and wait until it is closed; or watch a robot.
+
+    A damaged recording of a session is named on stderr, with exit code 3; the others are shown.
+    """
     if connect is None and link is None:
         if keys is not None or insecure:
             raise InputError("--keys, --insecure: got one without --connect or --link; allowed: with a robot")
@@ -42,11 +45,25 @@ def _view_runs(names: list[str], *, web: bool) -> int:
     """Open recordings and sessions; return the exit code."""
     from hexctl.adapt.overview import serve_runs, view_runs
 
+    damaged: list[InputError] = []
+
+    def name_it(error: InputError) -> None:
+        print_note(f"hexctl: {error}")
+        damaged.append(error)
+
+    code = DONE
     if not web:
-        return view_runs(names, runs_folder())
-    with StopOnInterrupt() as interrupt:
-        serve_runs(names, runs_folder(), on_url=_print_address, stop_requested=interrupt.requested)
-    return DONE
+        code = view_runs(names, runs_folder(), on_damage=name_it)
+    else:
+        with StopOnInterrupt() as interrupt:
+            serve_runs(
+                names,
+                runs_folder(),
+                on_url=_print_address,
+                stop_requested=interrupt.requested,
+                on_damage=name_it,
+            )
+    return FAULT if damaged and code == DONE else code
 
 
 def _watch(*, web: bool, link: str | None, **options: Any) -> int:

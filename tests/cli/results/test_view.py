@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import rerun as rr
 
+from hexctl.adapt import overview
 from hexctl.adapt.sessions.session import TrialRecord
 from hexctl.adapt.sessions.store import SessionStore
 from hexctl.cli.main import exit_code
@@ -284,6 +285,55 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def damaged(walk: Path) -> Path:
     return damage(walk)
+
+
+def test_a_session_is_shown_without_what_is_damaged_and_names_it(
+    damaged: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = session(3)
+    lost = Path("runs", name, "trial-002.rrd")
+    lost.write_bytes(damaged.read_bytes())
+    for named in (name, f"runs/{name}/overview.rrd", str(lost.resolve().with_name("overview.rrd"))):
+        assert exit_code(["view", named]) == 3
+        assert opened() == [f"runs/{name}/overview.rrd"]
+        table = table_of(Path(opened()[0]))
+        assert "▶ 1" in table
+        assert "▶ 2" not in table
+        assert "▶ 3" in table
+        told = capsys.readouterr().err
+        assert told.startswith(f"hexctl: recording: {lost} is damaged, and Rerun cannot read it")
+        assert told.count("\n") == 1
+
+
+def test_an_old_overview_that_leads_to_damage_is_not_opened(
+    damaged: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = session(2)
+    old = Path("runs", name, "overview.rrd")
+    assert exit_code(["view", name]) == 0
+    Path("runs", name, "trial-002.rrd").write_bytes(damaged.read_bytes())
+    write = overview.write_overview
+
+    def refused(*arguments: Any, **options: Any) -> Path:
+        if options.get("into") is None:
+            raise PermissionError(13, "Permission denied")
+        return write(*arguments, **options)
+
+    monkeypatch.setattr(overview, "write_overview", refused)
+    assert exit_code(["view", name]) == 3
+    assert Path(opened()[0]).name == old.name
+    assert opened() != [str(old)]
+
+
+def test_a_session_is_served_without_what_is_damaged(damaged: Path, tmp_path: Path) -> None:
+    name = session(2)
+    Path("runs", name, "trial-001.rrd").write_bytes(damaged.read_bytes())
+    runs = str(tmp_path / "runs")
+    with program(tmp_path, "view", "hexctl", "view", "--web", name, HEXCTL_RUNS=runs) as viewer:
+        assert "<html" in page_of(viewer).lower()
+        assert "trial-001.rrd is damaged" in viewer.said()
+        viewer.signal(signal.SIGINT)
+        assert viewer.wait() == 3
 
 
 @pytest.mark.parametrize("options", [(), ("--web",)])
