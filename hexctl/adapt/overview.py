@@ -256,9 +256,9 @@ def _newest_run(runs: Path) -> str:
 
 def _find_run(name: str, runs: Path) -> Path | StoredSession:
     path = Path(name)
-    folder = path.resolve().parent
-    if path.name == FILE_NAME and folder.parent == runs.resolve() and folder.name in stored_names(runs):
-        path = runs / folder.name  # its overview is written again: an old one may lead to what is damaged
+    above = path.absolute().parent
+    if path.name == FILE_NAME and above.parent == runs.absolute() and above.name in stored_names(runs):
+        path = runs / above.name  # its overview is written again: an old one may lead to what is damaged
     if path.suffix == ".rrd" or path.is_file():
         return path
     # A folder as the shell completes it: runs/SESSION/

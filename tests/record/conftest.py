@@ -6,6 +6,7 @@ import sys
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,9 @@ from hexctl.robot.model import Robot
 
 #: Bytes of a file of Rerun before its first message, and the kind of messages that hold a chunk.
 STREAM_HEAD_BYTES, CHUNK = 12, 2
+
+#: Bytes from one place of a message that is damaged to the next that is tried.
+STRIDE = 13
 
 
 @dataclass
@@ -150,10 +154,10 @@ SESSION = make_overview(
 def damage(path: Path) -> Path:
     """A copy of a recording with one other byte, at which Rerun's reader ends its process (SIGABRT)."""
     whole, damaged = path.read_bytes(), path.with_name(f"{path.stem}-damaged.rrd")
-    messages = list(_chunk_messages(whole))
-    start, stop = messages[1]
-    # The last quarter of a message holds lengths of its columns, which Rerun does not check.
-    for at in range(start + (stop - start) * 3 // 4, stop):
+    # The last quarter of most messages holds lengths of their columns, which Rerun does not check.
+    messages = islice(_chunk_messages(whole), 1, 9)
+    places = (at for start, stop in messages for at in range(start + (stop - start) * 3 // 4, stop, STRIDE))
+    for at in places:
         damaged.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
         command = [str(viewer_binary()), "rrd", "stats", str(damaged)]
         code = subprocess.run(command, capture_output=True, timeout=60, check=False).returncode
