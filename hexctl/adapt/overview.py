@@ -20,13 +20,13 @@ from hexctl.adapt.sessions.session import (
 from hexctl.adapt.sessions.steps import search_steps
 from hexctl.adapt.sessions.store import load_session, stored_names
 from hexctl.errors import HexctlError, InputError
-from hexctl.record.rerun_program import OnDamage, check_sound, log_damage, look_at
+from hexctl.record.rerun_program import OnDamage, log_damage, look_at
 from hexctl.record.sessions.figures import write_overview_file
 from hexctl.record.sessions.overview import Overview, OverviewTrial, SearchStep, drawable
 from hexctl.record.viewer import (
     FileServer,
+    check_viewable,
     free_port,
-    is_recording,
     newest_recording,
     open_viewer,
     serve_web,
@@ -72,11 +72,11 @@ def write_overview(
 
 
 def recordings_of(session: Session, folder: Path) -> Recordings:
-    """Recordings of a session that exist and can be opened, by trial index, or by gait for its baseline."""
+    """Recordings of a session that are there, by trial index, or by gait for its baseline."""
     walks: dict[int | str, str | None] = {walk.gait: walk.recording for walk in session.baseline}
     walks |= {trial.index: trial.recording for trial in session.trials}
     files = {key: folder / Path(recording).name for key, recording in walks.items() if recording}
-    return {key: path for key, path in files.items() if is_recording(path)}
+    return {key: path for key, path in files.items() if path.is_file()}
 
 
 def make_overview(
@@ -229,7 +229,7 @@ def _sound_ones(recordings: Recordings, on_damage: OnDamage) -> Recordings:
     sound: Recordings = {}
     for key, path in recordings.items():
         try:
-            check_sound(path)
+            check_viewable(path)
         except InputError as error:
             on_damage(error)
         else:

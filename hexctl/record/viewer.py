@@ -34,7 +34,7 @@ def open_viewer(paths: Sequence[Path]) -> int:
     that cannot start, and MissingExtraError without Rerun.
     """
     for path in paths:
-        _check_viewable(path)
+        check_viewable(path)
     # A port of its own: another viewer that is open keeps what it shows.
     command = [str(viewer_binary()), "--bind", LOCAL, "--port", "auto", *map(str, paths)]
     try:
@@ -78,19 +78,10 @@ def check_recording(path: Path) -> None:
         raise InputError(f"{path}: is not a Rerun recording; give an .rrd file that hexctl wrote")
 
 
-def _check_viewable(path: Path) -> None:
+def check_viewable(path: Path) -> None:
     """Raise InputError for a file that is no recording, or at which the viewer would end."""
     check_recording(path)
     check_sound(path)
-
-
-def is_recording(path: Path) -> bool:
-    """Whether a file exists and is a recording."""
-    try:
-        check_recording(path)
-    except InputError:
-        return False
-    return True
 
 
 def check_display() -> None:
@@ -216,7 +207,7 @@ class FileServer:
 
         Raises InputError for a missing or damaged file or a file of another kind.
         """
-        _check_viewable(path)
+        check_viewable(path)
         self._files[f"/{folder}/{path.name}"] = path
         return self.base(folder) + quote(path.name)
 

@@ -291,18 +291,19 @@ def test_a_session_is_shown_without_what_is_damaged_and_names_it(
     damaged: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     name = session(3)
-    lost = Path("runs", name, "trial-002.rrd")
+    lost, empty = (Path("runs", name, f"trial-00{index}.rrd") for index in (2, 3))
     lost.write_bytes(damaged.read_bytes())
+    empty.write_bytes(b"")
     for named in (name, f"runs/{name}/overview.rrd", str(lost.resolve().with_name("overview.rrd"))):
         assert exit_code(["view", named]) == 3
         assert opened() == [f"runs/{name}/overview.rrd"]
         table = table_of(Path(opened()[0]))
         assert "▶ 1" in table
         assert "▶ 2" not in table
-        assert "▶ 3" in table
-        told = capsys.readouterr().err
-        assert told.startswith(f"hexctl: recording: {lost} is damaged, and Rerun cannot read it")
-        assert told.count("\n") == 1
+        assert "▶ 3" not in table
+        damage, emptied = capsys.readouterr().err.splitlines()
+        assert damage.startswith(f"hexctl: recording: {lost} is damaged, and Rerun cannot read it")
+        assert emptied.startswith(f"hexctl: {empty}: is not a Rerun recording")
 
 
 def test_an_old_overview_that_leads_to_damage_is_not_opened(
