@@ -41,13 +41,15 @@ class LeaseManager:
 
     Attributes:
         duration_s: how long a lease lasts unless renewed.
-        refused: requests refused so far.
+        refused: requests refused so far, but for those of the last holder about its own lease, which a stop
+            may have ended.
     """
 
     def __init__(self, *, duration_s: float = LEASE_S) -> None:
         self.duration_s = duration_s
         self.refused = 0
         self._held: Lease | None = None
+        self._last_id = b""
         self._given = 0
 
     def holder(self, now_s: float) -> Lease | None:
@@ -75,6 +77,7 @@ class LeaseManager:
             since_s=now_s,
             deadline_s=now_s + (self.duration_s if duration_s is None else duration_s),
         )
+        self._last_id = self._held.lease_id
         return self._held
 
     def renew(self, lease_id: bytes, now_s: float, duration_s: float | None = None) -> Lease:
@@ -111,7 +114,7 @@ class LeaseManager:
     def _require(self, lease_id: bytes, now_s: float) -> Lease:
         holder = self.holder(now_s)
         if holder is None or not secrets.compare_digest(holder.lease_id, lease_id):
-            self.refused += 1
+            self.refused += not secrets.compare_digest(self._last_id, lease_id)
             now = "no client holds the robot" if holder is None else f"{holder.owner} holds the robot"
             raise LeaseRefusedError(f"this lease has ended, {now} now")
         return holder

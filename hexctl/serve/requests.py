@@ -13,6 +13,7 @@ from hexctl.serve.leases import Lease, LeaseManager, LeaseRefusedError
 from hexctl.serve.stops.latch import StopLatch
 from hexctl.serve.stops.stop import LIFTED_BY_LEASE, Stop
 from hexctl.wire.description import decode_json
+from hexctl.wire.links import CLEAR_COMMAND
 
 #: Longest text of a failure that is read.
 MAX_FAILURE_TEXT = 60
@@ -179,7 +180,7 @@ class RequestHandler:
         if stopped not in (None, LIFTED_BY_LEASE):
             self.leases.refused += 1
             why = reason_in_words(stopped)
-            raise LeaseRefusedError(f"the robot is stopped: {why}; see to it, then hexctl estop --clear")
+            raise LeaseRefusedError(f"the robot is stopped: {why}; see to it, then {CLEAR_COMMAND}")
         lease = self.leases.acquire(owner, now_s, duration_s)
         if not self._guard.lift_silence():
             self.leases.revoke()

@@ -18,7 +18,7 @@ from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
 from hexctl.serve.ros.options import RosOptions
 from hexctl.serve.server import RobotServer
 from hexctl.serve.stops.stop_file import StopFile
-from hexctl.wire.links import Link, load_link
+from hexctl.wire.links import CLEAR_COMMAND, Endpoint, Link, load_link
 
 if TYPE_CHECKING:
     from hexctl.backends.sim.world import World
@@ -217,7 +217,7 @@ class RobotService:
         keeper = self._keeper(options)
         simulated = self.servos.simulated is not None
         place = f"{self.servos.backend} {self.device or link.endpoint}"
-        stop_file = StopFile(servos.robot.name, place, asked_only=simulated)
+        stop_file = StopFile(servos.robot.name, place, asked_only=simulated, clear=_clear_command(link))
         server = RobotServer(
             servos,
             link,
@@ -273,6 +273,12 @@ class RobotService:
                 sits=options.robot_file.content.servos.if_computer_dies == "sit",
             )
         )
+
+
+def _clear_command(link: Link) -> str:
+    """Command that ends a stop of a robot that listens at a link, as far as it is known here."""
+    reached = link.credentials is None and not Endpoint.parse(link.endpoint).is_everywhere
+    return link.clear_command if reached else CLEAR_COMMAND
 
 
 def _run_kept(

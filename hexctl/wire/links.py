@@ -2,6 +2,7 @@
 
 import ipaddress
 import re
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum
@@ -182,6 +183,9 @@ def _address(text: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
         return None
 
 
+#: Ends a stop of the robot at the default endpoint.
+CLEAR_COMMAND = "hexctl estop --clear"
+
 #: Where `hexctl serve` listens and every client connects unless told otherwise.
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 
@@ -215,6 +219,19 @@ class Link:
         Raises InputError for names that are not allowed.
         """
         return KeyMap.of(robot_name).renamed(dict(self.names))
+
+    @property
+    def clear_command(self) -> str:
+        """Command that ends a stop of the robot at this link, to be pasted.
+
+        Without names of its own, which only a link file gives.
+        """
+        words = [CLEAR_COMMAND]
+        if self.endpoint != DEFAULT_ENDPOINT:
+            words.append(f"--connect {shlex.quote(self.endpoint)}")
+        if self.credentials is not None:
+            words.append(f"--keys {shlex.quote(str(self.credentials))}")
+        return " ".join([*words, *(["--insecure"] if self.insecure else [])])
 
 
 class LinkSchema(BaseModel):

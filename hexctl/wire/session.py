@@ -114,8 +114,7 @@ def why_not_connected(endpoint: Endpoint, credentials: "Credentials | None") -> 
 def _why_refused(endpoint: Endpoint, credentials: "Credentials | None", link: socket.socket) -> str:
     """Reason of a refusal by something that listens."""
     if credentials is None:
-        keys = argument("credentials")
-        return f"what listens at {endpoint} is no robot without certificates; does it want tls/ and {keys}?"
+        return _why_refused_openly(endpoint, link)
     try:
         context = ssl.create_default_context(cafile=credentials.authority)
         context.load_cert_chain(credentials.certificate, credentials.key)
@@ -138,6 +137,24 @@ def _why_refused(endpoint: Endpoint, credentials: "Credentials | None", link: so
         pass  # it waits for data: it either accepted the connection, or does not speak TLS
     keys = argument("credentials")
     return f"something at {endpoint} accepts connections and says nothing; is it hexctl serve with {keys}?"
+
+
+def _why_refused_openly(endpoint: Endpoint, link: socket.socket) -> str:
+    """Reason of a refusal by something that listens, without certificates; a robot that hangs is silent."""
+    keys = argument("credentials")
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    try:
+        with context.wrap_socket(link):
+            pass
+    except TimeoutError:
+        return (
+            f"nobody answers at {endpoint}: what listens there takes connections and says nothing; does "
+            "hexctl serve hang?"
+        )
+    except OSError:
+        pass  # it has answered something, or hung up
+    return f"what listens at {endpoint} is no robot without certificates; does it want tls/ and {keys}?"
 
 
 def _bind_problem(endpoint: Endpoint, error: OSError) -> str:

@@ -45,7 +45,11 @@ def test_a_lease_can_be_taken_away() -> None:
     assert desk.holder(0.1) is None
     with pytest.raises(LeaseRefusedError):
         desk.renew(lease.lease_id, 0.1)
+    assert desk.refused == 0, "nobody else has asked"
     desk.acquire("bob", 0.1)
+    with pytest.raises(LeaseRefusedError):
+        desk.renew(lease.lease_id, 0.1)
+    assert desk.refused == 1
 
 
 def test_a_lease_cannot_be_guessed() -> None:

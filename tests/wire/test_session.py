@@ -1,5 +1,6 @@
 """Sessions over real links: refused clients, with the message that a user reads, beside admitted ones."""
 
+import socket
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -137,6 +138,13 @@ def test_plain_to_secured_and_secured_to_plain(robot: ListeningRobot, authority:
         secured = Link(endpoint=open_one.endpoint.replace("tcp/", "tls/"), credentials=authority)
         assert "is it hexctl serve with credentials?" in refused(secured)
         assert let_in(open_one, Role.VIEWER)
+
+
+def test_what_listens_and_says_nothing_is_not_taken_for_another_robot() -> None:
+    """As of a server that hangs: its kernel goes on taking connections."""
+    with socket.create_server(("127.0.0.1", 0)) as hung:
+        place = f"tcp/127.0.0.1:{hung.getsockname()[1]}"
+        assert f"nobody answers at {place}" in refused(Link(endpoint=place))
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ from hexctl.wire.description import (
     robot_of,
     status_of,
 )
-from hexctl.wire.links import KeyMap, Link, Role
+from hexctl.wire.links import CLEAR_COMMAND, KeyMap, Link, Role
 from hexctl.wire.messages import LEASE_ID_BYTES, CommandTag, encode_positions, prepare_codec
 from hexctl.wire.session import open_session
 
@@ -138,7 +138,12 @@ class LeaseClient:
     """
 
     def __init__(
-        self, session: zenoh.Session, key: str, heard_at_s: Callable[[], float] = lambda: -math.inf
+        self,
+        session: zenoh.Session,
+        key: str,
+        heard_at_s: Callable[[], float] = lambda: -math.inf,
+        *,
+        clear: str = CLEAR_COMMAND,
     ) -> None:
         """Hold nothing yet.
 
@@ -147,7 +152,9 @@ class LeaseClient:
             key: of the robot's lease.
             heard_at_s: when the robot was heard last otherwise, on time.monotonic: one that is heard has not
                 gone, though answers get lost.
+            clear: command that ends a stop of that robot, which refusals name.
         """
+        self._clear = clear
         self._session, self._key, self._heard_at_s = session, key, heard_at_s
         self.lease_id = b""
         self.sequence = 0
@@ -182,7 +189,7 @@ class LeaseClient:
             refusal = str(answers[0]["error"])
             # A lost answer may have granted the lease to this process already; that lease expires by itself.
             if owner_name() not in refusal:
-                raise RobotFaultError(refusal)
+                raise RobotFaultError(refusal.replace(CLEAR_COMMAND, self._clear))
             return None
 
         return wait_for(granted, ACQUIRE_TIMEOUT_S, lambda: refusal, poll_s=0.2)
@@ -274,7 +281,12 @@ class ZenohServos(LegServos):
                 self._check_robot(session)
             self._subscriber.subscribe(session)
             if not self._link.plain:
-                self._lease = LeaseClient(session, self._keys.lease, lambda: self._subscriber.heard_at_s)
+                self._lease = LeaseClient(
+                    session,
+                    self._keys.lease,
+                    lambda: self._subscriber.heard_at_s,
+                    clear=self._link.clear_command,
+                )
                 self._lease.acquire()
                 opening.callback(self._lease.release)
                 self._subscriber.forget()  # an older state may report a stop that the lease has lifted

@@ -14,10 +14,14 @@ import typer
 
 from hexctl.cli.options.connection import InsecureOption, KeysOption, LinkOption, ZenohConnectOption
 from hexctl.cli.options.output import JsonOption
-from hexctl.errors import InputError
+from hexctl.errors import InputError, RobotFaultError
 
 if TYPE_CHECKING:
     from hexctl.serve.stops.estop import ReadyStop, StopResult
+    from hexctl.wire.links import Link
+
+#: How every stop that failed ends.
+NOT_CONFIRMED = "The robot is NOT confirmed stopped: use the switch of its servos' supply"
 
 #: How often keys and buttons are looked at.
 LOOK_S = 0.01
@@ -53,15 +57,32 @@ def estop(
         _clear(place, as_json=as_json)
         return
     from hexctl.serve.stops.estop import ReadyStop
+    from hexctl.wire.links import load_link
 
-    with ReadyStop(**place, again=ready) as stop:
+    with _told_if_not_confirmed(ready=ready), ReadyStop(**place, again=ready) as stop:
         if ready:
             _wait_for_a_press(stop)
         result = stop.wait_for_rest()
-        _print(result, as_json=as_json)
+    _print(result, load_link(link, endpoint=connect, credentials=keys, insecure=insecure), as_json=as_json)
 
 
-def _print(result: "StopResult", *, as_json: bool) -> None:
+@contextmanager
+def _told_if_not_confirmed(*, ready: bool) -> Iterator[None]:
+    """Let each way in which a stop fails end with what the operator has to do."""
+    from hexctl.cli.console import INTERRUPTED, in_flags, print_note
+
+    try:
+        yield
+    except (InputError, RobotFaultError) as error:
+        why = in_flags(error)
+        raise type(error)(f"{why}{'' if why.endswith('?') else '.'} {NOT_CONFIRMED}") from error.__cause__
+    except KeyboardInterrupt:
+        ended = "ended, which is no stop" if ready else "interrupted"
+        print_note(f"hexctl: {ended}. {NOT_CONFIRMED}")
+        raise typer.Exit(INTERRUPTED) from None
+
+
+def _print(result: "StopResult", link: "Link", *, as_json: bool) -> None:
     """Say that a robot rests; who it is comes with the session, if that got through."""
     from hexctl.cli.console import print_note, print_result
     from hexctl.wire.description import RobotIdentity
@@ -83,7 +104,7 @@ def _print(result: "StopResult", *, as_json: bool) -> None:
         )
     else:
         rest = "at rest" if result.at_rest else "it does not say whether it is at rest"
-        print_result(f"stopped ({result.stopped}), {rest}; hexctl estop --clear when it may move again")
+        print_result(f"stopped ({result.stopped}), {rest}; {link.clear_command} when it may move again")
     print_note(
         f"hexctl: confirmed by {' and '.join(result.ways)}, stopped after {1000 * result.took_s:.0f} ms, "
         f"at rest after {1000 * result.rested_s:.0f} ms"
@@ -102,8 +123,12 @@ def _clear(place: dict[str, Any], *, as_json: bool) -> None:
     from hexctl.cli.console import FAULT, print_note, print_result
     from hexctl.serve.stops.estop import clear_stop
     from hexctl.wire.description import RobotIdentity
+    from hexctl.wire.links import load_link
 
     answers = clear_stop(**place)
+    again = load_link(
+        place["link"], endpoint=place["connect"], credentials=place["credentials"], insecure=place["insecure"]
+    ).clear_command
     refused = next((str(answer["error"]) for answer in answers if "error" in answer), None)
     stopped = next((str(answer["stopped"]) for answer in answers if answer["stopped"] is not None), None)
     if as_json:
@@ -111,7 +136,7 @@ def _clear(place: dict[str, Any], *, as_json: bool) -> None:
     elif refused is not None:
         print_result(f"not cleared, it is still stopped ({stopped}): {refused}")
     elif stopped is not None:
-        print_result(f"not cleared, it is still stopped ({stopped}); see to it, then hexctl estop --clear")
+        print_result(f"not cleared, it is still stopped ({stopped}); see to it, then {again}")
     elif all(answer.get("cleared") is None for answer in answers):
         print_result("no stop was in force; the robot moves when a client commands it")
     else:

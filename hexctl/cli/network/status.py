@@ -20,18 +20,21 @@ if TYPE_CHECKING:
 
 Status = Mapping[str, Any]
 
-#: What clears each stop; every other one waits until an operator has looked at the robot.
+#: What clears each stop, {} being the command; every other one waits until an operator has looked.
 CLEARED_BY = {
     "expired": "the next controller clears it",
-    "fault": "see to it, then hexctl estop --clear",
-    "state": "see to it, then hexctl estop --clear",
+    "fault": "see to it, then {}",
+    "state": "see to it, then {}",
 }
-CLEARED = "hexctl estop --clear clears it"
+CLEARED = "{} clears it"
+
+#: Ends a stop of the robot at the default endpoint, as `hexctl.wire.links` has it, which is slow to import.
+CLEAR_COMMAND = "hexctl estop --clear"
 
 WATCH_PERIOD_S = 0.25
 
 POSTURES = {
-    "idle": "waiting for its first command",
+    "idle": "waiting for a command",
     "commanded": "commanded",
     "holding": "holding its pose",
     "sitting": "sitting down: commands have stopped",
@@ -53,23 +56,24 @@ def status(
     from hexctl.cli.console import print_result
     from hexctl.errors import InputError
     from hexctl.serve.remote import remote_robots
-    from hexctl.wire.links import Role
+    from hexctl.wire.links import Role, load_link
 
     if watch and as_json:
         raise InputError("--watch: got --json too; allowed: one or the other")
+    clear = load_link(link, endpoint=connect, credentials=keys, insecure=insecure).clear_command
     with remote_robots(
         Role.VIEWER, connect=connect, credentials=keys, insecure=insecure, link=link
     ) as robots:
         statuses = robots.await_statuses()
         if watch:
-            _watch(robots)
+            _watch(robots, clear)
         elif as_json:
             print_result(json.dumps(statuses[0]))
         else:
-            Console().print(status_table(statuses))
+            Console().print(status_table(statuses, clear))
 
 
-def _watch(robots: "RemoteRobots") -> None:
+def _watch(robots: "RemoteRobots", clear: str) -> None:
     """Show the status until interrupted: in place on a terminal, one after the other elsewhere."""
     from rich.console import Console
     from rich.live import Live
@@ -81,7 +85,7 @@ def _watch(robots: "RemoteRobots") -> None:
         live = stack.enter_context(Live(console=console, auto_refresh=False)) if console.is_terminal else None
         while not interrupt.requested():
             statuses = robots.statuses()
-            shown = status_table(statuses) if statuses else "the robot is silent"
+            shown = status_table(statuses, clear) if statuses else "the robot is silent"
             if live is not None:
                 live.update(shown, refresh=True)
             else:
@@ -89,8 +93,8 @@ def _watch(robots: "RemoteRobots") -> None:
             time.sleep(WATCH_PERIOD_S)
 
 
-def status_table(statuses: list[dict[str, Any]]) -> "Table":
-    """Statuses of robots as two columns, with an empty line between robots."""
+def status_table(statuses: list[dict[str, Any]], clear: str = CLEAR_COMMAND) -> "Table":
+    """Statuses of robots as two columns, with an empty line between robots; `clear` ends a stop of theirs."""
     from rich.table import Table
     from rich.text import Text
 
@@ -100,19 +104,22 @@ def status_table(statuses: list[dict[str, Any]]) -> "Table":
     for number, status in enumerate(statuses):
         if number:
             table.add_row("", "")
-        for name, text in status_rows(status):
+        for name, text in status_rows(status, clear):
             table.add_row(name, Text(text))
     return table
 
 
-def status_rows(status: Status) -> list[tuple[str, str]]:
-    """Lines about one robot, the most urgent first; what a robot does not say is left out."""
+def status_rows(status: Status, clear: str = CLEAR_COMMAND) -> list[tuple[str, str]]:
+    """Lines about one robot, the most urgent first; what a robot does not say is left out.
+
+    `clear` is the command that ends a stop of it.
+    """
     from hexctl.cli.render.words import link_in_words
 
     lines: tuple[tuple[str, Callable[[Status], str]], ...] = (
         ("robot", _robot),
         ("served by", _served_by),
-        ("stopped", _stopped),
+        ("stopped", lambda told: _stopped(told, clear)),
         ("posture", lambda told: POSTURES.get(told.get("posture", ""), "")),
         ("controller", _controller),
         ("fault", lambda told: told.get("fault") or ""),
@@ -154,7 +161,7 @@ def _served_by(status: Status) -> str:
     return RobotIdentity.of_answer(status).started_by
 
 
-def _stopped(status: Status) -> str:
+def _stopped(status: Status, clear: str) -> str:
     from hexctl.control.stop_reason import MEANINGS
 
     reason = status.get("stopped")
@@ -163,10 +170,10 @@ def _stopped(status: Status) -> str:
     kind, colon, detail = reason.partition(":")
     if kind == "fault" and detail and status.get("fault") is None:
         over = "that is over" if status.get("servos") is None else "they answer again"
-        return f"FAULT:{detail}; {over}: hexctl estop --clear"
+        return f"FAULT:{detail}; {over}: {clear}"
     which = _stop_in_words(status.get("stop"), stays=kind != "expired")
     meaning = f": {MEANINGS[kind]}" if kind in MEANINGS and not colon else ""
-    return f"{kind.upper()}{colon}{detail}{meaning}{which}; {CLEARED_BY.get(kind, CLEARED)}"
+    return f"{kind.upper()}{colon}{detail}{meaning}{which}; {CLEARED_BY.get(kind, CLEARED).format(clear)}"
 
 
 def _stop_in_words(stop: object, *, stays: bool) -> str:

@@ -7,6 +7,7 @@ from rich.console import RenderableType
 
 from hexctl.cli.render.tables import label_table
 from hexctl.cli.render.words import link_in_words, why_in_words
+from hexctl.wire.links import CLEAR_COMMAND
 
 #: Misses of a self-rotation up to this are usual.
 NOTED_MISS_DEG = 0.15
@@ -15,8 +16,11 @@ NOTED_MISS_DEG = 0.15
 NOTED_ERROR_M = 0.02
 
 
-def summary(outcome: dict[str, Any]) -> list[RenderableType]:
-    """Outcome of a run, the object of `hexctl run --json`, as text and a table."""
+def summary(outcome: dict[str, Any], clear: str = CLEAR_COMMAND) -> list[RenderableType]:
+    """Outcome of a run, the object of `hexctl run --json`, as text and a table.
+
+    `clear` is the command that ends a stop of the robot.
+    """
     where = f"in world {outcome['world']}" if outcome["world"] else f"on {outcome['backend']}"
     failed = f", leg {outcome['failed_leg']} {outcome['failure']}" if outcome["failed_leg"] else ""
     failed += "".join(f", leg {leg} {how}" for leg, how in outcome.get("further_failures", {}).items())
@@ -26,7 +30,7 @@ def summary(outcome: dict[str, Any]) -> list[RenderableType]:
         *_posture_rows(outcome["gait"]),
         *_distance_rows(outcome),
         *_failure_rows(outcome),
-        ("status", _status(outcome)),
+        ("status", _status(outcome, clear)),
         ("guard", _clipped(outcome["clipped_ticks"]) + _doubted(outcome.get("positions_doubted", 0))),
         *([("link", link)] if link else []),
         (
@@ -57,9 +61,9 @@ def _failure_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
     return rows
 
 
-def _status(outcome: dict[str, Any]) -> str:
+def _status(outcome: dict[str, Any], clear: str) -> str:
     """How the walk ended, and why."""
-    why = why_in_words(outcome["stopped"], outcome.get("standstill_s"))
+    why = why_in_words(outcome["stopped"], outcome.get("standstill_s"), clear=clear)
     return f"{outcome['status']}{why}{_cause(outcome.get('cause'))}"
 
 

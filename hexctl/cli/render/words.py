@@ -3,32 +3,36 @@
 from collections.abc import Mapping
 
 from hexctl.backends.clock import Standstill
+from hexctl.wire.links import CLEAR_COMMAND
 
-#: Where to look after a stop that the user did not request.
+#: Where to look after a stop that the user did not request; {} is the command that ends it.
 HINTS = {
     "state": "the robot's state did not come in time: the link, or the program that serves it, was silent",
     "expired": "commands did not reach the robot in time; a busy computer, or a bad link",
     "pose lost": "the robot no longer says where it is",
     "arena": "the walk was ended before it left the circle of --arena",
     "no position": "--arena needs a robot that knows where it is",
-    "estop": "hexctl estop --clear when it may move again",
-    "fault": "see to it, then hexctl estop --clear",
+    "estop": "{} when it may move again",
+    "fault": "see to it, then {}",
 }
 
 
-def why_in_words(stopped: str | None, standstill_s: float | None = None) -> str:
+def why_in_words(
+    stopped: str | None, standstill_s: float | None = None, *, clear: str = CLEAR_COMMAND
+) -> str:
     """Why a robot was stopped, and where to look, behind what it is told of; nothing for None.
 
     Args:
         stopped: why it was stopped.
         standstill_s: how long this program stood still before that, or None where it kept time.
+        clear: command that ends a stop of that robot.
     """
     if stopped is None:
         return ""
     if standstill_s is not None:
         return f" ({stopped}): {Standstill(standstill_s)}"
     hint = HINTS.get(stopped.partition(":")[0])
-    return f" ({stopped})" if hint is None else f" ({stopped}): {hint}"
+    return f" ({stopped})" if hint is None else f" ({stopped}): {hint.format(clear)}"
 
 
 def in_words(counts: Mapping[str, int]) -> str:

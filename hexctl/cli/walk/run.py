@@ -255,7 +255,7 @@ def _walk(
             print_note(f"hexctl: the walk is done; writing the index of {run.recording_path}")
     if found is not None:
         done.outcome["diagnosis"] = found.result.diagnosis.to_dict()
-    print_result(*([json.dumps(done.outcome)] if as_json else _summary(done)))
+    print_result(*([json.dumps(done.outcome)] if as_json else _summary(done, spec)))
     if (error := done.recording_error) is not None:
         raise RecordingError(f"the walk is done, its recording is not whole: {error}") from error
     if live is not None and live.lost is not None:
@@ -307,10 +307,15 @@ def _show(live: "LiveView | None", recording: Path | None) -> None:
             print_note(f"hexctl: {error}")
 
 
-def _summary(done: "RunResult") -> list[Any]:
+def _summary(done: "RunResult", spec: "RunSpec") -> list[Any]:
     from hexctl.cli.render.run import summary
+    from hexctl.wire.links import load_link
 
-    return summary(done.outcome)
+    if spec.backend != "zenoh":
+        return summary(done.outcome)
+    keys = None if spec.credentials is None else Path(spec.credentials)
+    link = load_link(spec.link, endpoint=spec.connect, credentials=keys, insecure=spec.insecure)
+    return summary(done.outcome, link.clear_command)
 
 
 class _WalkProgress(WithBar):

@@ -204,7 +204,7 @@ class ReadyStop:
         elif time.monotonic() - self._first_stop_s > REST_TIMEOUT_S:
             raise RobotFaultError(
                 f"the robot is told to stop, and was not seen at rest for {REST_TIMEOUT_S:g} s; go and look, "
-                "and switch off the supply of its servos where it moves"
+                "with a hand at the switch of its servos' supply"
             )
 
     def _result(self, rested_s: float) -> StopResult:

@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from hexctl.files import atomic_write
 from hexctl.serve.stops.stop import ESTOP, ID_BYTES, Stop, new_stop_id
+from hexctl.wire.links import CLEAR_COMMAND
 
 #: How long closing waits for the last stop to be written.
 WRITE_TIMEOUT_S = 2.0
@@ -67,6 +68,7 @@ class StopFile:
         place: what tells robots of one name apart: port of the servos, or endpoint of the server.
         folder: where the file lies; None is `state_folder()`.
         asked_only: keep only stops that somebody asked for, as of a simulation, which stands up anew.
+        clear: command that ends a stop of this robot, for the warning.
 
     Attributes:
         path: of the file.
@@ -75,14 +77,20 @@ class StopFile:
     """
 
     def __init__(
-        self, robot: str, place: str, *, folder: Path | None = None, asked_only: bool = False
+        self,
+        robot: str,
+        place: str,
+        *,
+        folder: Path | None = None,
+        asked_only: bool = False,
+        clear: str = CLEAR_COMMAND,
     ) -> None:
         name = re.sub(r"[^A-Za-z0-9_-]", "_", robot)[:40]
         mark = hashlib.sha256(f"{robot}\n{place}".encode()).hexdigest()[:12]
         self.path = (state_folder() if folder is None else folder) / f"stop-{name}-{mark}.json"
         self.trouble: str | None = None
         self.found: str | None = None
-        self._robot, self._asked_only = robot, asked_only
+        self._robot, self._asked_only, self._clear = robot, asked_only, clear
         self._wanted: Stop | None = None
         self._on_disk: str | None = None
         self._due, self._ended = threading.Event(), False
@@ -119,7 +127,7 @@ class StopFile:
         if self.found is None:
             return trouble
         return (
-            f"still stopped ({self.found}), as before the restart; hexctl estop --clear when it may move",
+            f"still stopped ({self.found}), as before the restart; {self._clear} when it may move",
             *trouble,
         )
 

@@ -10,6 +10,7 @@ import pytest
 
 from hexctl.cli.main import exit_code
 from hexctl.cli.network import estop
+from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.serve.stops.estop import StopResult
 
 
@@ -54,6 +55,52 @@ def test_a_stop_that_a_restart_would_end_is_told(
     printed = capsys.readouterr()
     assert printed.out.startswith("stopped (estop), at rest;")
     assert ("a restart of hexctl serve ends it" in printed.err) is not kept
+
+
+@pytest.mark.parametrize(
+    ("error", "words", "code"),
+    [
+        (RobotFaultError("no robot answers here"), "no robot answers here. ", 3),
+        (RobotFaultError("does it hang?"), "does it hang? ", 3),
+        (InputError(f"{argument('credentials')}: is for 'viewer'"), "--keys: is for 'viewer'. ", 2),
+        (KeyboardInterrupt(), "interrupted. ", 130),
+    ],
+)
+def test_a_stop_that_failed_ends_with_what_the_operator_has_to_do(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    error: BaseException,
+    words: str,
+    code: int,
+) -> None:
+    def fail(_: object) -> None:
+        raise error
+
+    monkeypatch.setattr("hexctl.serve.stops.estop.ReadyStop", StoppedRobot)
+    monkeypatch.setattr(StoppedRobot, "wait_for_rest", fail)
+    assert exit_code(["estop"]) == code
+    assert capsys.readouterr().err == f"hexctl: {words}{estop.NOT_CONFIRMED}\n"
+
+
+def test_a_ready_stop_that_ctrl_c_ends_says_that_it_has_stopped_nothing(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupt(_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("hexctl.serve.stops.estop.ReadyStop", StoppedRobot)
+    monkeypatch.setattr(estop, "_wait_for_a_press", interrupt)
+    assert exit_code(["estop", "--ready"]) == 130
+    assert capsys.readouterr().err == f"hexctl: ended, which is no stop. {estop.NOT_CONFIRMED}\n"
+
+
+def test_the_command_that_clears_it_leads_to_the_same_robot(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("hexctl.serve.stops.estop.ReadyStop", StoppedRobot)
+    assert exit_code(["estop", "--connect", "tls/ant.local:7448", "--keys", "my keys"]) == 0
+    command = "hexctl estop --clear --connect tls/ant.local:7448 --keys 'my keys' when"
+    assert command in capsys.readouterr().out
 
 
 def test_what_stops_is_what_there_is_now() -> None:

@@ -49,7 +49,7 @@ def test_a_calm_robot() -> None:
     assert dict(status_rows(CALM)) == {
         "robot": "ant (sim), world rough, failure leg 5 locked",
         "stopped": "no",
-        "posture": "waiting for its first command",
+        "posture": "waiting for a command",
         "controller": "none",
         "battery": "does not say",
         "joints": "measured, 2 ms old",
@@ -140,6 +140,12 @@ def test_a_calm_robot() -> None:
 )
 def test_what_a_person_must_see(changed: dict[str, Any], row: str, shown: str) -> None:
     assert dict(status_rows({**CALM, **changed}))[row] == shown
+
+
+def test_the_command_that_clears_a_stop_is_the_one_given() -> None:
+    there = "hexctl estop --clear --connect tcp/127.0.0.1:7448"
+    rows = dict(status_rows({"stopped": "estop"}, there))
+    assert rows["stopped"].endswith(f"{there} clears it")
 
 
 def test_what_robots_and_controllers_call_themselves_is_shown_as_it_is() -> None:
