@@ -109,6 +109,13 @@ class Adaptation:
         adaptation._name, adaptation._budget = name, budget
         return adaptation
 
+    def _finished(self) -> Session | None:
+        """The session that is resumed, where its search has ended; nothing is written, nothing moves."""
+        if self._name is None or self._budget is not None:
+            return None
+        session = load_session(self._name, self._folder)
+        return session if session.ended is not None else None
+
     def run(
         self,
         *,
@@ -134,6 +141,11 @@ class Adaptation:
         check_callable(on_baseline, "on_baseline", "a function of the session and a walk, or None")
         check_callable(stop_requested, "stop_requested", STOP_REQUESTED)
         began_s = time.perf_counter()
+        if (done := self._finished()) is not None:
+            if on_begin is not None:
+                on_begin(done)
+            took_s, ended = time.perf_counter() - began_s, done.ended or ""
+            return AdaptationResult(session=done, ended=ended, trouble=None, walked=0, wall_s=took_s)
         checked = self._checked(self.spec) if self._name is None else None  # before anything is written
         if self._name is None:
             check_not_interrupted(stop_requested)

@@ -35,6 +35,7 @@ from hexctl.control.monitor.recovery import make_policy
 from hexctl.control.plan import AUTO_ROTATION, HOLDS, TrialPlan, suited_rotation
 from hexctl.errors import InputError, argument, check_type
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
+from hexctl.robot.configs import shipped_text
 from hexctl.robot.failure import parse_failure
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
@@ -135,7 +136,7 @@ def new_spec(
 def _spec_of(measure: Objective, *, robot: Path | str = "ant", **fields: Any) -> SessionSpec:
     """Spec with what its objective and its robot file add."""
     return SessionSpec(
-        robot=str(robot),
+        robot=shipped_text("robots", robot),
         robot_fingerprint=load_robot(robot).fingerprint,
         objective=measure.name,
         objective_label="" if measure.name in OBJECTIVES else measure.label,
@@ -147,7 +148,7 @@ def _spec_of(measure: Objective, *, robot: Path | str = "ant", **fields: Any) ->
 def _world_of(backend: str, world: Path | str | None) -> str | None:
     """World of a session, `flat` where none is asked for, None on a real robot."""
     if backend == "sim":
-        return "flat" if world is None else str(world)
+        return "flat" if world is None else shipped_text("worlds", world)
     if world is not None:
         raise InputError(
             f"{argument('world')}: got {world} with {argument('backend')} {backend}; allowed: with sim"

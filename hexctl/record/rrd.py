@@ -29,6 +29,9 @@ FULL_BYTES = 4 * 1024 * 1024
 #: of a missing index there, and whose errors are told by hexctl.
 LOG_VARIABLE, SINK = "RUST_LOG", "re_log_encoding::rrd::file_sink"
 
+#: What of a recording that was cut off, by a second Ctrl-C, is in no file yet, it drops with a warning.
+UNSENT = "re_sdk::log_sink"
+
 
 def load_rerun() -> Any:
     """The `rerun` module.
@@ -50,7 +53,7 @@ def _without_footer_warnings() -> Iterator[None]:
         yield
         return
     before = os.environ.get(LOG_VARIABLE)
-    os.environ[LOG_VARIABLE] = f"{before or 'warn'},{SINK}=off"
+    os.environ[LOG_VARIABLE] = f"{before or 'warn'},{SINK}=off,{UNSENT}=off"
     try:
         yield
     finally:

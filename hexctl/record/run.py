@@ -36,6 +36,7 @@ from hexctl.control.trial import ShouldStop, run_trial
 from hexctl.control.walks.turning import check_plan, turn_needed_rad
 from hexctl.errors import InputError, MissingExtraError, argument, check_type
 from hexctl.record.run_spec import RunSpec, plan_of, spec_of
+from hexctl.robot.configs import shipped_text
 from hexctl.robot.failure import each_failure
 from hexctl.robot.failure_event import FailureEvent, check_healings
 from hexctl.robot.loader import RobotFile, load_robot_file
@@ -377,7 +378,7 @@ class Run:
         if not self.spec.simulated:
             return None
         world = self.spec.world
-        return "custom" if isinstance(world, World) else str(world or "flat")
+        return "custom" if isinstance(world, World) else shipped_text("worlds", world or "flat")
 
 
 def _events_told(log: TickLog) -> list[FailureEvent]:

@@ -62,6 +62,19 @@ def find_config(kind: str, name_or_path: str | Path) -> Path:
     )
 
 
+def shipped_text(kind: str, name_or_path: str | Path) -> str:
+    """A shipped name in the spelling of its file, with the number of a member behind it; a path as it is.
+
+    `Randomized:07` is `randomised:7`: what is stored under one name is found under one name.
+    """
+    text = str(name_or_path)
+    name, colon, number = text.rpartition(":") if ":" in text else (text, "", "")
+    known = known_name(name, config_names(kind)) if not ("/" in text or Path(text).suffix) else None
+    if known is None or not colon:
+        return known or text
+    return f"{known}:{int(number)}" if number.isdecimal() and not is_file(Path(text)) else text
+
+
 def read_mapping(path: Path) -> dict[str, Any]:
     """The YAML mapping of a file; an empty file is an empty mapping.
 

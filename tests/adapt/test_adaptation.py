@@ -142,6 +142,23 @@ def test_a_session_is_continued_with_more_budget() -> None:
 
 
 @pytest.mark.usefixtures("landscape")
+def test_a_finished_session_is_continued_without_writing(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = adapt(5, budget=2, world="Randomized:07", optimizer="random", record=False)
+    assert whole.session.spec.world == "randomised:7"
+
+    def opened(_: Path) -> None:
+        raise AssertionError("a store that is opened is written")
+
+    begun: list[str] = []
+    monkeypatch.setattr("hexctl.adapt.adaptation.SessionStore", opened)
+    again = Adaptation.resume(whole.session.name, record=False).run(
+        on_begin=lambda session: begun.append(session.name)
+    )
+    assert (again.walked, again.ended, again.trials) == (0, "budget", whole.trials)
+    assert begun == [whole.session.name]
+
+
+@pytest.mark.usefixtures("landscape")
 def test_optimizer_and_objective_of_ones_own() -> None:
     result = adapt(5, budget=5, optimizer=Backwards, objective=to_the_left, record=False)
     spec = result.session.spec

@@ -141,3 +141,12 @@ def test_groups_are_shown(path: str, capsys: pytest.CaptureFixture[str]) -> None
     assert groups <= set(shown)
     assert "Options" not in shown
     assert len(shown) == len(set(shown))
+
+
+@pytest.mark.parametrize(
+    ("typed", "gait"),
+    [("1,4,1,4,1,4", "tripod"), (" 1, 4,1,4,1,4", "tripod"), ("Wave", "wave"), ("57", "57"),
+     ("5,1,2,4,3,6", "5,1,2,4,3,6"), ("1,1,1,1,1,1", "1,1,1,1,1,1")],
+)  # fmt: skip
+def test_slots_that_are_printed_for_a_gait_may_be_typed(typed: str, gait: str) -> None:
+    assert walk.gait_text(typed) == gait

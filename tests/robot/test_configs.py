@@ -6,7 +6,7 @@ import pytest
 
 from hexctl.backends.sim.world import load_world
 from hexctl.errors import InputError
-from hexctl.robot.configs import config_names, find_config, read_mapping
+from hexctl.robot.configs import config_names, find_config, read_mapping, shipped_text
 from hexctl.robot.loader import load_robot
 from tests.robots import ROBOT_NAMES, VENDORS_ROBOTS
 
@@ -25,6 +25,14 @@ def test_every_shipped_world_loads(name: str) -> None:
 def test_the_promised_files_are_shipped() -> None:
     assert set(config_names("robots")) >= {*ROBOT_NAMES, *VENDORS_ROBOTS}
     assert set(config_names("worlds")) >= {"flat", "rough", "slippery", "slope"}
+
+
+def test_a_shipped_name_is_stored_in_one_spelling() -> None:
+    texts = {"Randomized:07": "randomised:7", "randomised:7": "randomised:7", "FLAT": "flat", "flat": "flat"}
+    others = ("world.yaml", "./Flat", "family.yaml:7", "nowhere", "nowhere:3", "randomised:x")
+    for text, stored in {**texts, **dict(zip(others, others, strict=True))}.items():
+        assert shipped_text("worlds", text) == stored
+    assert shipped_text("robots", "ANT") == "ant"
 
 
 @pytest.mark.parametrize(

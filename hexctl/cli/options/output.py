@@ -26,7 +26,9 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object 
 
 RecordOption = Annotated[
     Path | None,
-    typer.Option("--record", help="Recording to write, a new .rrd file. (default: one in runs/)"),
+    typer.Option(
+        "--record", help="Recording to write, a new .rrd file, whose folder is made. (default: one in runs/)"
+    ),
 ]
 
 NoRecordOption = Annotated[bool, typer.Option("--no-record", help="Leave no recording.")]

@@ -33,13 +33,25 @@ SELF_ROTATION_HELP = (
     "Turn before the walk until the failed leg points to the rear or the front of the way, or none: no turn."
 )
 
+
+def gait_text(text: str) -> str:
+    """A gait as hexctl writes it; slots of a gait with a name, which results print too, are that gait."""
+    if "," in text:
+        from hexctl.gait.gait import NAMED_SLOTS
+
+        slots = "".join(text.split())
+        named = [name for name, one in NAMED_SLOTS.items() if ",".join(map(str, one)) == slots]
+        return named[0] if named else text
+    return in_lower_case(text) or text
+
+
 _SLOTS_HELP = "or when in the cycle legs 1..6 step, six slots such as 5,1,2,4,3,6."
 
 GaitOption = Annotated[
     str,
     typer.Option(
         "--gait",
-        callback=in_lower_case,
+        callback=gait_text,
         autocompletion=completion.gaits,
         help="Gait: demo, tripod, wave, ripple; auto, the one that stands safest; best, the fastest by a "
         "prior for the failed leg, or best:SESSION, that of a session; a code, 1..720, or 1..120 "
@@ -51,7 +63,7 @@ CheckedGaitOption = Annotated[
     str,
     typer.Option(
         "--gait",
-        callback=in_lower_case,
+        callback=gait_text,
         autocompletion=completion.gaits,
         help="Gait: demo, tripod, wave, ripple; auto, the one that stands safest; a code, 1..720; "
         f"{_SLOTS_HELP}",

@@ -49,7 +49,7 @@ def export(
         typer.Option(
             "--output",
             "-o",
-            help="New file, or new folder for mcap and lerobot; nothing is replaced. "
+            help="New file, or new folder for mcap and lerobot; nothing is replaced, its folder is made. "
             "(default: named after the source)",
         ),
     ] = None,

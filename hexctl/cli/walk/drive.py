@@ -25,7 +25,7 @@ from hexctl.cli.console import (
 from hexctl.cli.options.connection import ConnectOption, InsecureOption, KeysOption, LinkOption
 from hexctl.cli.options.failure import FAILED_LEG_HELP, LEG, FailureOption
 from hexctl.cli.options.robot import BackendOption, RobotOption, SeedOption, WorldOption
-from hexctl.cli.options.walk import POSTURE_FRACTION
+from hexctl.cli.options.walk import POSTURE_FRACTION, gait_text
 from hexctl.cli.values import choice, number
 from hexctl.errors import EStopError, InputError
 
@@ -46,6 +46,7 @@ DriveGaitOption = Annotated[
     str,
     typer.Option(
         "--gait",
+        callback=gait_text,
         autocompletion=completion.gaits,
         help="Gait: demo, tripod, wave, ripple; a code, 1..720; or when in the cycle legs 1..6 step, six "
         "slots such as 5,1,2,4,3,6.",
@@ -184,7 +185,9 @@ def drive(
     view: Annotated[bool, typer.Option("--view", help="Show the drive in the Rerun viewer.")] = False,
     record: Annotated[
         Path | None,
-        typer.Option("--record", help="Recording to write, a new .rrd file. (default: none)"),
+        typer.Option(
+            "--record", help="Recording to write, a new .rrd file, whose folder is made. (default: none)"
+        ),
     ] = None,
     seed: SeedOption = 0,
     connect: ConnectOption = None,
