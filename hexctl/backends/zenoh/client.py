@@ -7,7 +7,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -344,7 +344,16 @@ class ZenohServos(LegServos):
             f"no robot called {self._robot.name} answers at {self._link.endpoint}; "
             f"is hexctl serve running there, with the same {argument('robot')}?"
         )
-        answers = ask_until(session, self._keys.describe, timeout_s=DESCRIBE_TIMEOUT_S, silence=silence)
+        try:
+            answers = ask_until(session, self._keys.describe, timeout_s=DESCRIBE_TIMEOUT_S, silence=silence)
+        except RobotFaultError as error:
+            if others := self._others_there(session):
+                raise RobotFaultError(
+                    f"no robot called {self._robot.name} answers at {self._link.endpoint}; there "
+                    f"{'is' if len(others) == 1 else 'are'} {', '.join(others)}; allowed: "
+                    f"{argument('robot')} {others[0]}, or its file"
+                ) from error
+            raise
         if len(answers) > 1:
             raise RobotFaultError(
                 f"{len(answers)} robots called {self._robot.name} answer at {self._link.endpoint}; "
@@ -357,6 +366,15 @@ class ZenohServos(LegServos):
         self.identity = identity
         simulated = status.get("simulated")
         self.simulated = simulated if isinstance(simulated, dict) else None
+
+    def _others_there(self, session: zenoh.Session) -> list[str]:
+        """Names of the robots that answer at the link, without the one expected."""
+        any_robot, names = KeyMap.of("*").renamed(dict(self._link.names)), set()
+        for answer in ask(session, any_robot.describe):
+            with suppress(RobotFaultError):
+                names.add(robot_of(answer).name)
+        # What comes over the network is printed only where it is a name.
+        return sorted(name for name in names - {self._robot.name} if re.fullmatch(r"[\w.-]{1,60}", name))
 
     def _check_ours(self, state: RobotState) -> None:
         """Raise RobotFaultError when the lease is lost.

@@ -134,7 +134,10 @@ def test_another_robot_is_refused_and_the_message_says_where_it_differs(tmp_path
         link = Link(endpoint=robot.endpoint)
         with pytest.raises(RobotFaultError, match=r"another one: mount_positions_body\[2\]\[0\] is"):
             ZenohServos(load_robot(path), link=link).connect()
-        with pytest.raises(RobotFaultError, match="no robot called pexod answers"):
+        with pytest.raises(
+            RobotFaultError,
+            match=r"no robot called pexod answers at .*; there is ant; allowed: robot ant, or its file",
+        ):
             ZenohServos(shipped("pexod"), link=link).connect()
 
 
