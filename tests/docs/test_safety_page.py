@@ -5,6 +5,9 @@ from typing import Any
 
 import pytest
 
+from faults.measurement import REST_S
+from faults.results import RESULTS, Results
+from faults.table import rests_s
 from hexctl.backends.clock import PERIOD_S
 from hexctl.cli.network.keys import new
 from hexctl.control.guard import EXPIRY_S, FALL_COS_TILT, FALL_TICKS, POSE_EXPIRY_S, TOO_HOT_C
@@ -40,6 +43,30 @@ TOLD = {
 @pytest.mark.parametrize("name", TOLD)
 def test_the_page_has_the_times_of_the_code(name: str) -> None:
     assert TOLD[name] in PAGE
+
+
+#: Faults of the matrix whose greatest times to rest the table of stops has, by its words.
+SILENCES = {
+    "killed": ("controller-killed",),
+    "cable out": ("cable-out",),
+    "frozen": ("frozen-0.3", "frozen-5"),
+    "messages 0.3 s late": ("delay-0.3",),
+}
+
+
+def test_the_table_of_stops_has_the_greatest_times_of_the_matrix() -> None:
+    injected = [one for one in Results(ROOT / RESULTS).read() if one.punctual]
+    of_silence = {
+        words: [one for one in injected if one.fault in faults] for words, faults in SILENCES.items()
+    }
+    times = ", ".join(f"{words} {rests_s(of).max():.2f} s" for words, of in of_silence.items())
+    numbers = [
+        sum(one.fault == fault for one in injected) for faults in SILENCES.values() for fault in faults
+    ]
+    told = f"greatest: {times} ({min(numbers)} to {max(numbers)} injections each"
+    assert told in PAGE
+    falls = rests_s([one for one in injected if one.fault == "fallen"])
+    assert f"of the push at rest in {(falls <= REST_S).sum()} of {falls.size}" in PAGE
 
 
 def allowed(role: Role) -> set[tuple[str, str]]:

@@ -30,6 +30,9 @@ STILL_ON_A_BUSY_MACHINE_S = 1.0
 #: Commands after which a walk has stood up and strides.
 WALKS_AFTER = 150
 
+#: What a program says that a busy machine kept waiting.
+STOOD_STILL = "this program stood still"
+
 #: How often a machine may be too busy for a controller.
 ATTEMPTS = 4
 
@@ -88,25 +91,46 @@ def test_a_controller_that_is_killed_or_stopped_leaves_the_robot_frozen_until_a_
         check_limits(robot.log())
 
 
-@pytest.mark.parametrize("again_after_s", [0.2, None])
+@pytest.mark.parametrize(("again_after_s", "latched"), [(0.2, "expired"), (None, None)])
 def test_a_walk_that_a_second_ctrl_c_breaks_off_is_latched_and_one_that_ends_softly_is_not(
-    tmp_path: Path, again_after_s: float | None
+    tmp_path: Path, again_after_s: float | None, latched: str | None
 ) -> None:
+    for attempt in range(ATTEMPTS):
+        (place := tmp_path / str(attempt)).mkdir()
+        if (interrupted := walk_interrupted(place, again_after_s)) is not None:
+            reason, moved_for_s = interrupted
+            assert reason == latched
+            assert again_after_s is None or moved_for_s <= STILL_ON_A_BUSY_MACHINE_S
+            return
+    pytest.skip("this machine keeps a walk waiting for longer than a robot waits for its commands")
+
+
+def walk_interrupted(folder: Path, again_after_s: float | None) -> tuple[str | None, float] | None:
+    """Why the robot of a walk is stopped after Ctrl-C, and for how long after the last one it moved on.
+
+    None where the machine kept one of them waiting, so that silence was real.
+    """
     walk = ("hexctl", "run", "--backend", "zenoh", "--no-record", "--duration", "600", "--connect")
-    with served(tmp_path) as robot, program(tmp_path, "walk", *walk, robot.endpoint) as controller:
-        wait_until(lambda: robot.status()["commands"]["accepted"] > WALKS_AFTER, "the walk")
+    with served(folder) as robot, program(folder, "walk", *walk, robot.endpoint) as controller:
+        wait_until(
+            lambda: (
+                robot.status()["commands"]["accepted"] > WALKS_AFTER or controller.process.poll() is not None
+            ),
+            "the walk",
+        )
+        if controller.process.poll() is not None:
+            return None
         at_s = controller.signal(signal.SIGINT)
         if again_after_s is not None:
             time.sleep(again_after_s)
             at_s = controller.signal(signal.SIGINT)
-        assert controller.wait() == INTERRUPTED
-        if again_after_s is None:
-            assert stopped(robot) is None
-        else:
-            assert stopped(robot) == "expired"
-            assert robot.log().moved_after(at_s) <= STILL_ON_A_BUSY_MACHINE_S
-            assert "interrupted without a soft stop" in controller.said()
-            assert "STOPPED: expired" in robot.said()
+        code = controller.wait()
+        reason, moved_for_s = stopped(robot), robot.log().moved_after(at_s)
+        if STOOD_STILL in robot.said() + controller.said() or "(state)" in controller.said():
+            return None
+        assert code == INTERRUPTED
+        assert ("interrupted without a soft stop" in controller.said()) is (again_after_s is not None)
+    return reason, moved_for_s
 
 
 def test_after_a_longer_silence_the_robot_sits_down_and_relaxes(tmp_path: Path) -> None:
