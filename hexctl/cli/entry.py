@@ -5,7 +5,13 @@ import os
 import signal
 import sys
 
-from hexctl.cli.interrupts import INTERRUPTED, defer_in_imports, forget_deferred, raise_deferred
+from hexctl.cli.interrupts import (
+    INTERRUPTED,
+    NOT_CONFIRMED,
+    defer_in_imports,
+    forget_deferred,
+    raise_deferred,
+)
 
 #: Modules of which something may still run when a command is over.
 MAY_HANG = ("record.rrd", "study.landscapes.evaluate")
@@ -20,7 +26,10 @@ def main() -> None:
         os.environ.setdefault(variable, "1")
     # The last that Python does is to restore the default, with which Ctrl-C ends a process by its signal.
     atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
-    interrupted = "interrupted before the command began: nothing was recorded"
+    stops = sys.argv[1:2] == ["estop"]
+    interrupted = (
+        f"interrupted before the command began{f'. {NOT_CONFIRMED}' if stops else ': nothing was recorded'}"
+    )
     try:
         from hexctl.cli.main import exit_code
 

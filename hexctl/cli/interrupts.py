@@ -11,6 +11,9 @@ from types import FrameType
 
 INTERRUPTED = 130
 
+#: How every stop of a robot that failed ends, also one that was interrupted before it began.
+NOT_CONFIRMED = "The robot is NOT confirmed stopped: use the switch of its servos' supply"
+
 #: How soon after an interrupt is asked again whether the import has ended.
 AGAIN_S = 0.02
 

@@ -2,9 +2,12 @@
 
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+
+from hexctl.cli.interrupts import NOT_CONFIRMED
 
 #: Runs a command, and interrupts it where a module begins to be imported, or has been looked for so often.
 PROGRAM = """
@@ -49,8 +52,12 @@ MODULES = (
 BEFORE = MODULES[: MODULES.index("mujoco")]
 
 
-def interrupted(module: str, times: int, folder: Path) -> "subprocess.CompletedProcess[str]":
-    words = ["run", "--duration", "0.2", "--record", "walk.rrd"]
+WALK = ("run", "--duration", "0.2", "--record", "walk.rrd")
+
+
+def interrupted(
+    module: str, times: int, folder: Path, words: Sequence[str] = WALK
+) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(
         [sys.executable, "-c", PROGRAM, module, str(times), *words],
         cwd=folder, capture_output=True, text=True, timeout=120, check=False,
@@ -66,6 +73,13 @@ def test_ctrl_c_in_an_import_is_one_line_and_130(module: str, tmp_path: Path) ->
     assert len(done.stderr.splitlines()) <= 1
     assert done.stderr or module not in BEFORE
     assert "Traceback" not in done.stdout
+
+
+@pytest.mark.parametrize("module", ["typer", "hexctl.serve.stops.estop"])
+def test_a_stop_that_is_interrupted_says_that_it_has_stopped_nothing(module: str, tmp_path: Path) -> None:
+    done = interrupted(module, 1, tmp_path, ("estop", "--connect", "tcp/127.0.0.1:9"))
+    assert (done.returncode, len(done.stderr.splitlines())) == (130, 1)
+    assert done.stderr.endswith(f"{NOT_CONFIRMED}\n")
 
 
 def test_a_second_one_does_not_wait(tmp_path: Path) -> None:

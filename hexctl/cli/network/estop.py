@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from hexctl.cli.interrupts import NOT_CONFIRMED
 from hexctl.cli.options.connection import InsecureOption, KeysOption, LinkOption, ZenohConnectOption
 from hexctl.cli.options.output import JsonOption
 from hexctl.errors import InputError, RobotFaultError
@@ -19,9 +20,6 @@ from hexctl.errors import InputError, RobotFaultError
 if TYPE_CHECKING:
     from hexctl.serve.stops.estop import ReadyStop, StopResult
     from hexctl.wire.links import Link
-
-#: How every stop that failed ends.
-NOT_CONFIRMED = "The robot is NOT confirmed stopped: use the switch of its servos' supply"
 
 #: How often keys and buttons are looked at.
 LOOK_S = 0.01
@@ -56,13 +54,14 @@ def estop(
     if clear:
         _clear(place, as_json=as_json)
         return
-    from hexctl.serve.stops.estop import ReadyStop
-    from hexctl.wire.links import load_link
+    with _told_if_not_confirmed(ready=ready):
+        from hexctl.serve.stops.estop import ReadyStop
+        from hexctl.wire.links import load_link
 
-    with _told_if_not_confirmed(ready=ready), ReadyStop(**place, again=ready) as stop:
-        if ready:
-            _wait_for_a_press(stop)
-        result = stop.wait_for_rest()
+        with ReadyStop(**place, again=ready) as stop:
+            if ready:
+                _wait_for_a_press(stop)
+            result = stop.wait_for_rest()
     _print(result, load_link(link, endpoint=connect, credentials=keys, insecure=insecure), as_json=as_json)
 
 
