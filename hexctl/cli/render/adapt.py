@@ -269,6 +269,7 @@ def after_stop(spec: SessionSpec, error: HexctlError) -> str:
         legs = ",".join(map(str, sorted({spec.failed_leg, *error.legs})))
         return f"mend the leg, or walk without it (hexctl run --failed-leg {legs}), "
     at = f" --connect {spec.connect}" if spec.connect else ""
+    at += f" --keys {shlex.quote(str(spec.credentials))}" if spec.credentials else ""
     clear = f"clear the stop (hexctl estop --clear{at}), " if spec.backend == "zenoh" else ""
     return f"stand it up, {clear}" if reason == "fell" else clear
 

@@ -8,6 +8,7 @@ from typing import Any, Self
 
 import pytest
 
+from hexctl.cli.interrupts import NOT_CONFIRMED
 from hexctl.cli.main import exit_code
 from hexctl.cli.network import estop
 from hexctl.errors import InputError, RobotFaultError, argument
@@ -79,7 +80,7 @@ def test_a_stop_that_failed_ends_with_what_the_operator_has_to_do(
     monkeypatch.setattr("hexctl.serve.stops.estop.ReadyStop", StoppedRobot)
     monkeypatch.setattr(StoppedRobot, "wait_for_rest", fail)
     assert exit_code(["estop"]) == code
-    assert capsys.readouterr().err == f"hexctl: {words}{estop.NOT_CONFIRMED}\n"
+    assert capsys.readouterr().err == f"hexctl: {words}{NOT_CONFIRMED}\n"
 
 
 def test_a_ready_stop_that_ctrl_c_ends_says_that_it_has_stopped_nothing(
@@ -91,7 +92,7 @@ def test_a_ready_stop_that_ctrl_c_ends_says_that_it_has_stopped_nothing(
     monkeypatch.setattr("hexctl.serve.stops.estop.ReadyStop", StoppedRobot)
     monkeypatch.setattr(estop, "_wait_for_a_press", interrupt)
     assert exit_code(["estop", "--ready"]) == 130
-    assert capsys.readouterr().err == f"hexctl: ended, which is no stop. {estop.NOT_CONFIRMED}\n"
+    assert capsys.readouterr().err == f"hexctl: ended, which is no stop. {NOT_CONFIRMED}\n"
 
 
 def test_the_command_that_clears_it_leads_to_the_same_robot(
