@@ -24,6 +24,7 @@ from hexctl.cli.settings import runs_folder
 from hexctl.cli.values import Range, number
 
 if TYPE_CHECKING:
+    from hexctl.adapt.sessions.session import Session
     from hexctl.demo.rescue import DemoResult
     from hexctl.record.run import RunResult
 
@@ -42,11 +43,13 @@ def demo(
     The robot walks twice in one world, without recovery and with it; then hexctl adapt searches the gait
     that goes straight without that leg. Ctrl-C stops it. Exit codes: 0 done, 3 fault, 130 interrupted.
     """
+    begun: list[str] = []
     with StopOnInterrupt(plain=True) as interrupt:
         try:
-            result = _run(budget, interrupt, as_json=as_json)
+            result = _run(budget, interrupt, begun, as_json=as_json)
         except KeyboardInterrupt:
-            print_note(f"hexctl: interrupted; what was walked until then is under {runs_folder()}/")
+            then = f"continue the search with: hexctl adapt --resume {begun[0]}; " if begun else ""
+            print_note(f"hexctl: interrupted; {then}what was walked until then is under {runs_folder()}/")
             raise typer.Exit(INTERRUPTED) from None
     if result.interrupted:
         print_note(f"hexctl: {_what_is_left(result)}")
@@ -67,13 +70,13 @@ def _what_is_left(result: "DemoResult") -> str:
         return f"interrupted before the search; what was walked is under {result.folder}/"
     name = result.adaptation.session.name
     return (
-        f"interrupted; continue the search with: hexctl adapt --resume {name} (both walks are under "
-        f"{result.folder}/)"
+        f"interrupted; continue the search with: hexctl adapt --resume {name}; both walks are under "
+        f"{result.folder}/"
     )
 
 
-def _run(budget: int, interrupt: StopOnInterrupt, *, as_json: bool) -> "DemoResult":
-    """Run the demo, and print what happens while it does."""
+def _run(budget: int, interrupt: StopOnInterrupt, begun: list[str], *, as_json: bool) -> "DemoResult":
+    """Run the demo, and print what happens while it does; `begun` gets the name of the session."""
     from hexctl.cli.render.adapt import SessionTable
     from hexctl.demo import rescue
 
@@ -93,12 +96,17 @@ def _run(budget: int, interrupt: StopOnInterrupt, *, as_json: bool) -> "DemoResu
             f"{rescue.WALK_S:g} s, and nothing tells it (world {rescue.WORLD}):"
         )
     with SessionTable(quiet=as_json) as table:
+
+        def begin(session: "Session") -> None:
+            begun.append(session.name)
+            table.begin(session)
+
         return rescue.demo(
             budget=budget,
             folder=runs_folder(),
             note=lambda text: print_note(f"hexctl: {text}"),
             on_walk=walked,
-            on_begin=table.begin,
+            on_begin=begin,
             on_trial=table.add,
             on_baseline=table.add_baseline,
             stop_requested=interrupt.requested,

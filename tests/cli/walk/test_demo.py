@@ -56,6 +56,15 @@ def test_ctrl_c_ends_it(capsys: Any, monkeypatch: Any) -> None:
     assert "with recovery" not in capsys.readouterr().out
 
 
+def test_ctrl_c_in_the_search_names_the_session(capsys: Any, monkeypatch: Any) -> None:
+    monkeypatch.setattr(rescue, "WALK_S", 7.0)
+    monkeypatch.setattr(StopOnInterrupt, "requested", lambda _: any(Path("runs").glob("*-leg5-*")))
+    assert exit_code(["demo", "--budget", "1"]) == 130
+    (session,) = Path("runs").glob("*-leg5-*")
+    said = f"hexctl: interrupted; continue the search with: hexctl adapt --resume {session.name}; "
+    assert capsys.readouterr().err.splitlines()[-1].startswith(said)
+
+
 def test_a_folder_that_cannot_be_used_is_one_line(tmp_path: Path, capsys: Any) -> None:
     (tmp_path / "runs").touch()
     assert exit_code(["demo", "--budget", "1"]) == 2
