@@ -15,6 +15,7 @@ from hexctl.backends.base import LegServos
 from hexctl.backends.pwm.i2c_socket import I2cMessage
 from hexctl.backends.pwm.pca9685 import (
     I2cBus,
+    Pca9685,
     Pca9685Servos,
     channel_bytes,
     open_i2c,
@@ -26,7 +27,7 @@ from hexctl.errors import InputError, MissingExtraError, RobotFaultError
 from hexctl.robot.servos.pwm_map import PwmMap
 from hexctl.serve.boards.pca9685_chips import SimulatedI2c, SimulatedPca9685
 from hexctl.testing.servos import LegServosConformance
-from hexctl.types import FloatArray, JointTargets, RobotState
+from hexctl.types import N_JOINTS, FloatArray, JointTargets, RobotState
 from hexctl.waiting import wait_for
 from hexctl.wire.messages import MAX_TEXT_BYTES
 from tests.backends.pwm.boards import a_map
@@ -276,17 +277,30 @@ def test_a_torque_off_that_one_board_does_not_hear_reaches_the_other_and_is_trie
         wait_for(lambda: not bus.pulses_us().any(), 5.0, "the first board never was limp")
 
 
-def test_transfers_that_fail_once_and_readings_that_are_wrong_once_stop_nothing() -> None:
+@pytest.mark.parametrize("share", [0.02, 0.2])
+def test_transfers_that_fail_now_and_then_and_readings_that_are_wrong_once_stop_nothing(share: float) -> None:
     dice, bus = random.Random(1), ChipBus()
-    bus.fails = lambda _: dice.random() < 0.02
     bus.spoils = lambda value: dice.randrange(256) if dice.random() < 0.02 else value
     with _servos(bus) as servos:
+        bus.fails = lambda _: dice.random() < share
         for _ in range(150):
             servos.clock.tick()
             state = servos.read()
             assert state.healthy, state.fault
             servos.write(JointTargets(servos.robot.stance_angles_rad, servos.clock.now_s))
         assert (bus.pulses_us()[:18] > 0).all()
+
+
+def test_a_pose_that_a_board_did_not_take_is_sent_again() -> None:
+    bus = ChipBus()
+    board = Pca9685(bus, a_map("pca9685"))
+    pulses_us, on = np.full(N_JOINTS, 1500.0), np.ones(N_JOINTS, dtype=bool)
+    bus.fails = lambda address: address == 0x41
+    board.write(pulses_us, on)
+    assert board.poll() is None
+    bus.fails = lambda _: False
+    assert board.poll() is not None
+    assert (bus.pulses_us()[:18] > 0).all()
 
 
 def test_ten_thousand_hostile_readings_neither_crash_nor_move_anything() -> None:
