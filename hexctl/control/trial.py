@@ -146,14 +146,14 @@ def run_trial(
     guard.pause_watchdog()
     try:
         trial.run(soft_stop=soft_stop)
+        # What comes now takes its time, and silence must not be taken for a failure.
+        guard.pause_watchdog()
     finally:
         if kept is not None:
             kept.flush()
     if kept is not None and kept is not recorders:
         for failure in kept.failures:
             warnings.warn(f"{type(failure.recorder).__name__} failed: {failure.error}", stacklevel=2)
-    # What comes now takes its time, and silence must not be taken for a failure.
-    guard.pause_watchdog()
     return trial.result()
 
 

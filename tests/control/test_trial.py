@@ -180,3 +180,18 @@ def test_the_settling_brings_the_joints_to_the_stance_evenly() -> None:
     np.testing.assert_allclose(sent[0], shipped().stance_angles_rad + 0.3)
     np.testing.assert_array_equal(sent[-1], shipped().stance_angles_rad)
     assert np.abs(np.diff(sent, axis=0)).max() == pytest.approx(0.3 / 25)
+
+
+def test_what_recorders_take_after_the_last_command_is_no_silence() -> None:
+    expected: list[bool] = []
+
+    class SlowDisk:
+        block_ticks = 1_000_000
+
+        def write_block(self, log: TickLog, start: int, stop: int) -> None:
+            expected.append(guard.expects_commands)
+
+    with Guard(PosedMock()) as guard:
+        plan = TrialPlan(gait=gait_of(shipped()), duration_s=0.1)
+        run_trial(guard, plan, recorders=[SlowDisk()])
+    assert expected == [False]

@@ -53,8 +53,8 @@ STARTS_S = 0.0005
 TRIES = 3
 
 #: A board that acknowledges nothing for so long, in s, has gone. Until then its outputs repeat what they had,
-#: and what was lost is sent again: where each tenth transfer is lost, one in a thousand fails three times, and
-#: a robot makes hundreds in a second.
+#: and what was lost is sent again: if each tenth transfer is lost, one in a thousand fails three times, and a
+#: robot makes hundreds in a second.
 SILENCE_S = 0.1
 
 #: Pulses that no servo has were not meant for one.
