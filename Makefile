@@ -1,5 +1,10 @@
-# Everything below sets up .venv first: Python >= 3.11 and make are all it needs.
-PYTHON ?= python3
+# Everything below sets up .venv first: make and Python 3.11 or 3.12 are all it needs. For others labmaze, which
+# dm_control depends on, has no wheels.
+ifndef PYTHON
+PYTHON := $(shell for python in python3 python3.12 python3.11; do \
+	$$python -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 13))' 2>/dev/null && \
+	echo $$python && break; done)
+endif
 VENV := .venv
 BIN := $(VENV)/bin
 # What hexctl needs to walk and to show it; and with the tools of development on top.
@@ -32,6 +37,8 @@ help:
 setup: $(INSTALLED)
 
 $(RUNNABLE): pyproject.toml constraints.txt
+	@test -n "$(PYTHON)" || { echo "the simulation needs Python 3.11 or 3.12, and there is neither; with its \
+	place: make PYTHON=/path/to/python3.12"; exit 1; }
 	@echo "setting up $(VENV), which takes a minute or two"
 	$(PYTHON) -m venv $(VENV)
 	$(PIP) -e ".[demo]"

@@ -46,6 +46,7 @@ REALTIME = (
     "tests/backends/pwm/test_i2c_socket.py",
     "tests/serve/boards/test_pca9685_board.py",
     "tests/backends/zenoh/test_client.py",
+    "tests/backends/zenoh/test_client_lease.py",
     "tests/backends/mavlink/test_client.py",
     "tests/backends/mavlink/test_client_faults.py",
     "tests/cli/network/test_serve.py",

@@ -47,6 +47,11 @@ LEASES_S = (0.1, 600.0)
 #: How long a robot may take to describe itself.
 DESCRIBE_TIMEOUT_S = 3.0
 
+#: How long an answer about the lease is waited for before the request is sent again: on a link that loses
+#: messages one comes through before the robot takes silence for a failure. At the end a third of the lease is
+#: waited, for links that are slow.
+RESEND_S = (0.03, 0.03, 0.05, 0.1)
+
 #: How long the reason for a lost lease may take to arrive.
 STOP_REASON_TIMEOUT_S = 0.3
 
@@ -209,8 +214,10 @@ class LeaseClient:
     def _renew(self) -> None:
         """Renew until released; a robot that does not answer for the duration of the lease has gone."""
         heard_s = time.monotonic()
-        while not self._released.wait(self._duration_s / 3) and self.lost is None:
+        pause_s = self._duration_s / 3
+        while not self._released.wait(pause_s) and self.lost is None:
             answer = self._request("renew")
+            pause_s = self._duration_s / (20 if answer is None else 3)
             if answer is not None:
                 heard_s = self.lost_at_s = time.monotonic()
                 self.lost = answer.get("error")
@@ -221,12 +228,17 @@ class LeaseClient:
                 self.lost = f"the robot has not answered for {silent_s:.1f} s"
 
     def _request(self, op: str) -> dict[str, Any] | None:
+        """Answer to a request about the lease, which is sent until it is answered; None without one."""
         content = {"op": op, "lease": self.lease_id.hex()}
-        try:
-            answers = ask(self._session, self._key, content, timeout_s=self._duration_s / 3)
-        except zenoh.ZError:
-            return None
-        return answers[0] if answers else None
+        soon_s = [min(resend_s, self._duration_s / 10) for resend_s in RESEND_S]
+        for timeout_s in (*soon_s, self._duration_s / 3):
+            try:
+                answers = ask(self._session, self._key, content, timeout_s=timeout_s)
+            except zenoh.ZError:
+                return None
+            if answers:
+                return answers[0]
+        return None
 
 
 class ZenohServos(LegServos):
