@@ -1,6 +1,7 @@
 """Simulate the gaits that landscapes lack, in chunks: on this computer or on a Dask cluster."""
 
 import math
+import socket
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
 from contextlib import AbstractContextManager, contextmanager
@@ -206,9 +207,12 @@ def _executor(address: str, connect: Callable[[str], Any]) -> Iterator[Executor]
 def _client(address: str) -> Any:
     try:
         from distributed import Client
+        from distributed.comm import get_address_host_port
     except ModuleNotFoundError as error:
         raise MissingExtraError(argument("dask"), "study") from error
     try:
+        # Before a client starts threads, which it may give up on a busy computer, with an error of its own.
+        socket.create_connection(get_address_host_port(address, strict=True), CONNECT_S).close()
         return Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         reason = " ".join(str(error).split())
