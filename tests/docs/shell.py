@@ -293,8 +293,12 @@ class Shell:
 
     @staticmethod
     def _from_a_file(words: list[str]) -> None:
-        """Parse a command of a checkout, or of a wheel of this version, with extras that exist."""
-        option, source, program, *arguments = words
+        """Parse a command of a checkout, or of a wheel of this version, with extras that exist.
+
+        It names a Python for which the simulation has wheels: both take another one, if there is one.
+        """
+        _, version, option, source, program, *arguments = words
+        _require(words[0] == "--python" and version.removeprefix("python") in ("3.11", "3.12"))
         _require(option in ("--from", "--spec") and program == "hexctl")
         name, _, extras = source.partition("[")
         _require(name in (".", f"./dist/hexctl-{_project()['version']}-py3-none-any.whl"))
