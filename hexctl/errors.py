@@ -6,6 +6,7 @@ Every message says what was wrong, the value got, what is allowed and, where it 
 
 import errno
 import re
+import sys
 from collections.abc import Callable
 from numbers import Integral, Real
 from reprlib import Repr
@@ -54,11 +55,22 @@ class WrongTypeError(InputError, TypeError):
     """A value of a type that is not allowed."""
 
 
+#: Extras with dm_control, and the first Python for which labmaze, which it depends on, has no wheels.
+SIMULATING_EXTRAS, NO_SIMULATION_FROM = ("sim", "study", "demo", "all"), (3, 13)
+
+
+def install_command(extra: str) -> str:
+    """What installs an extra, and with which Python where it cannot be this one."""
+    command = f'pip install "hexctl[{extra}]"'
+    elsewhere = extra in SIMULATING_EXTRAS and sys.version_info >= NO_SIMULATION_FROM
+    return f"{command} with Python 3.11 or 3.12" if elsewhere else command
+
+
 class MissingExtraError(HexctlError, ImportError):
     """An optional part of hexctl that is not installed."""
 
     def __init__(self, what: str, extra: str) -> None:
-        super().__init__(f'{what} needs the "{extra}" extra: pip install "hexctl[{extra}]"')
+        super().__init__(f'{what} needs the "{extra}" extra: {install_command(extra)}')
         self._what, self._extra = what, extra
 
     def __reduce__(self) -> tuple[type, tuple[str, str]]:

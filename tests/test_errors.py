@@ -100,3 +100,14 @@ def test_a_message_is_one_printable_line_whatever_its_values_hold() -> None:
     assert str(error) == "robot: got a\\nb\\x1b[31m\\udcff\\x00é; allowed: none"
     assert error.worded(str.upper).startswith("ROBOT: got a")
     str(error).encode("utf-8")
+
+
+@pytest.mark.parametrize(
+    ("version", "extra", "elsewhere"),
+    [((3, 12), "sim", False), ((3, 13), "sim", True), ((3, 13), "i2c", False)],
+)
+def test_a_python_without_simulation_is_sent_to_another_one(
+    monkeypatch: pytest.MonkeyPatch, version: tuple[int, int], extra: str, elsewhere: bool
+) -> None:
+    monkeypatch.setattr("sys.version_info", version)
+    assert ("Python 3.11 or 3.12" in str(MissingExtraError("it", extra))) == elsewhere

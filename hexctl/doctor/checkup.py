@@ -16,6 +16,7 @@ from hexctl.doctor.drawing import Drawing, read_drawing
 from hexctl.doctor.machine import WALK_MB, Machine, read_machine
 from hexctl.doctor.packages import Packages, read_packages
 from hexctl.doctor.settings import SettingsFound, no_option, read_settings_found
+from hexctl.errors import install_command
 from hexctl.export.render import RENDERERS
 
 #: Packages that each use needs, and the extra that brings them.
@@ -120,7 +121,7 @@ REALTIME_ADVICE = (
 
 
 def _lacking(names: tuple[str, ...], extra: str) -> str | None:
-    return f'needs {", ".join(names)}: pip install "hexctl[{extra}]"' if names else None
+    return f"needs {', '.join(names)}: {install_command(extra)}" if names else None
 
 
 def _unusable(devices: tuple[Device, ...], none: str) -> str | None:
