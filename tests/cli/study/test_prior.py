@@ -348,7 +348,7 @@ def interrupted_after(count: int, capsys: pytest.CaptureFixture[str], *words: st
         ).fetchone()
         spec = json.loads(text) | {"budget": count + 1}
         connection.execute(
-            "UPDATE sessions SET spec = ? WHERE name = ?", (json.dumps(spec), outcome["session"])
+            "UPDATE sessions SET spec = ?, ended = NULL WHERE name = ?", (json.dumps(spec), outcome["session"])
         )
     return str(outcome["session"])
 
@@ -426,7 +426,7 @@ def test_a_session_does_not_go_on_with_another_prior(prior: str, capsys: pytest.
     Path(prior).write_bytes(original)
     assert len(run(capsys, *resume)[0]["trials"]) == 2
     Path(prior).unlink()
-    assert exit_code(resume) == 2
+    assert exit_code([*resume, "--budget", "3"]) == 2
     assert "no file at 'x.npz'" in capsys.readouterr().err
 
 
