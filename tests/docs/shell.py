@@ -206,6 +206,8 @@ class Shell:
             code = exit_code(arguments)
             if code != STOPPED:
                 break
+            if served:  # the stop is latched
+                exit_code(["estop", "--clear", *self._robot])
         assert code == 0, f"exit code {code} of hexctl {' '.join(arguments)}"
 
     def _make_robot_file(self, arguments: list[str]) -> None:
