@@ -348,7 +348,8 @@ def interrupted_after(count: int, capsys: pytest.CaptureFixture[str], *words: st
         ).fetchone()
         spec = json.loads(text) | {"budget": count + 1}
         connection.execute(
-            "UPDATE sessions SET spec = ?, ended = NULL WHERE name = ?", (json.dumps(spec), outcome["session"])
+            "UPDATE sessions SET spec = ?, ended = NULL WHERE name = ?",
+            (json.dumps(spec), outcome["session"]),
         )
     return str(outcome["session"])
 
