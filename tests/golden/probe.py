@@ -29,7 +29,7 @@ _TUMBLING = """
 
 @cache
 def probe() -> dict[str, str]:
-    """Versions, and a fingerprint of a simulation and of some linear algebra."""
+    """Versions, how Python adds, and a fingerprint of a simulation and of some linear algebra."""
     model = mujoco.MjModel.from_xml_string(_TUMBLING)
     data = mujoco.MjData(model)
     mujoco.mj_step(model, data, nstep=500)
@@ -42,5 +42,6 @@ def probe() -> dict[str, str]:
         "mujoco": mujoco.__version__,
         "dm_control": getattr(dm_control, "__version__", ""),
         "numpy": np.__version__,
+        "sum": repr(sum([0.1] * 10)),  # more exact from Python 3.12 on
         "bits": hashlib.sha256(bits).hexdigest()[:16],
     }
