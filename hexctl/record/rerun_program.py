@@ -135,24 +135,26 @@ def _decodes(states: Sequence[_State]) -> bool:
     return _exit_code(command, time_limit_s(sum(state.size for state in states))) == 0
 
 
-def _exit_code(command: list[str], limit_s: float) -> int | None:
+def _exit_code(command: list[str], limit_s: float, niceness: int = 0) -> int | None:
     """Exit code of a command, negative for a signal, 1 where it does not start; None if it takes too long."""
     silent = subprocess.DEVNULL
     try:
-        done = subprocess.run(
-            command,
-            stdin=silent,
-            stdout=silent,
-            stderr=silent,
-            timeout=limit_s,
-            check=False,
-            start_new_session=True,  # Ctrl-C, which ends it, would be taken for damage
+        # In a session of its own: Ctrl-C, which ends it, would be taken for damage.
+        process = subprocess.Popen(
+            command, stdin=silent, stdout=silent, stderr=silent, start_new_session=True
         )
-    except subprocess.TimeoutExpired:
-        return None
     except OSError:
         return 1
-    return done.returncode
+    try:
+        if niceness:
+            with suppress(OSError):
+                os.setpriority(os.PRIO_PROCESS, process.pid, niceness)
+        return process.wait(limit_s)
+    except subprocess.TimeoutExpired:
+        return None
+    finally:
+        process.kill()
+        process.wait()
 
 
 def write_index(path: Path) -> bool:
@@ -175,7 +177,7 @@ def write_index(path: Path) -> bool:
         state = _State.of(path)
         if state is not None:
             _ends_reader[state] = False  # Rerun has just read all of it
-    except (OSError, MissingExtraError, RecordingError, subprocess.SubprocessError, KeyboardInterrupt):
+    except (OSError, MissingExtraError, RecordingError, KeyboardInterrupt):
         return False
     return True
 
@@ -183,26 +185,11 @@ def write_index(path: Path) -> bool:
 def _optimize(path: Path, draft: Path) -> None:
     """Have Rerun write a recording once more.
 
-    Raises SubprocessError when it fails or hangs, OSError when it does not start.
+    Raises RecordingError where it fails, hangs or does not start.
     """
     command = [str(viewer_binary()), "rrd", "optimize", str(path), "-o", str(draft)]
-    process = subprocess.Popen(
-        command,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
-    try:
-        with suppress(OSError):
-            os.setpriority(os.PRIO_PROCESS, process.pid, NICENESS)
-        code = process.wait(time_limit_s(path.stat().st_size))
-    except BaseException:
-        process.kill()
-        process.wait()
-        raise
-    if code != 0:
-        raise subprocess.CalledProcessError(code, command)
+    if _exit_code(command, time_limit_s(path.stat().st_size), NICENESS) != 0:
+        raise RecordingError(f"{path}: Rerun writes no index")
 
 
 def time_limit_s(size_bytes: int) -> float:

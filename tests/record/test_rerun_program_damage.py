@@ -65,7 +65,7 @@ def test_a_file_is_looked_at_again_only_when_it_has_changed(
     path.write_bytes(sound.read_bytes())
     check_sound(path)
     with monkeypatch.context() as without:
-        without.setattr(subprocess, "run", None)
+        without.setattr(subprocess, "Popen", None)
         check_sound(path)
     path.write_bytes(damaged.read_bytes())
     with pytest.raises(InputError, match=TOLD):
@@ -79,13 +79,13 @@ def test_many_are_looked_at_together_and_each_only_once(
     for path in paths:
         path.write_bytes((damaged if path.stem == "5" else sound).read_bytes())
     commands: list[list[str]] = []
-    run = subprocess.run
+    start = subprocess.Popen
 
     def noted(command: list[str], **options: Any) -> Any:
         commands.append(command)
-        return run(command, **options)
+        return start(command, **options)
 
-    monkeypatch.setattr(subprocess, "run", noted)
+    monkeypatch.setattr(subprocess, "Popen", noted)
     look_at([*paths, tmp_path / "missing.rrd"])
     # All; the halves; the quarters of the second one; the damaged one, its neighbour, and the reader.
     assert [sum(word.endswith(".rrd") for word in one) for one in commands] == [8, 4, 4, 2, 1, 1, 1, 2]
