@@ -28,9 +28,6 @@ CLEARED_BY = {
 }
 CLEARED = "{} clears it"
 
-#: Ends a stop of the robot at the default endpoint, as `hexctl.wire.links` has it, which is slow to import.
-CLEAR_COMMAND = "hexctl estop --clear"
-
 WATCH_PERIOD_S = 0.25
 
 POSTURES = {
@@ -93,7 +90,7 @@ def _watch(robots: "RemoteRobots", clear: str) -> None:
             time.sleep(WATCH_PERIOD_S)
 
 
-def status_table(statuses: list[dict[str, Any]], clear: str = CLEAR_COMMAND) -> "Table":
+def status_table(statuses: list[dict[str, Any]], clear: str) -> "Table":
     """Statuses of robots as two columns, with an empty line between robots; `clear` ends a stop of theirs."""
     from rich.table import Table
     from rich.text import Text
@@ -109,7 +106,7 @@ def status_table(statuses: list[dict[str, Any]], clear: str = CLEAR_COMMAND) -> 
     return table
 
 
-def status_rows(status: Status, clear: str = CLEAR_COMMAND) -> list[tuple[str, str]]:
+def status_rows(status: Status, clear: str) -> list[tuple[str, str]]:
     """Lines about one robot, the most urgent first; what a robot does not say is left out.
 
     `clear` is the command that ends a stop of it.

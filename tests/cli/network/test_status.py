@@ -9,6 +9,7 @@ from rich.console import Console
 from hexctl.cli.network.status import status_rows, status_table
 from hexctl.robot.failure import Failure
 from hexctl.serve.service import ServosSpec
+from hexctl.wire.links import CLEAR_COMMAND
 from tests.serve.processes import hexctl, served
 
 CALM: dict[str, Any] = {
@@ -46,7 +47,7 @@ SERVOS = {
 
 
 def test_a_calm_robot() -> None:
-    assert dict(status_rows(CALM)) == {
+    assert dict(status_rows(CALM, CLEAR_COMMAND)) == {
         "robot": "ant (sim), world rough, failure leg 5 locked",
         "stopped": "no",
         "posture": "waiting for a command",
@@ -139,7 +140,7 @@ def test_a_calm_robot() -> None:
     ids=str,
 )
 def test_what_a_person_must_see(changed: dict[str, Any], row: str, shown: str) -> None:
-    assert dict(status_rows({**CALM, **changed}))[row] == shown
+    assert dict(status_rows({**CALM, **changed}, CLEAR_COMMAND))[row] == shown
 
 
 def test_the_command_that_clears_a_stop_is_the_one_given() -> None:
@@ -159,7 +160,7 @@ def test_what_robots_and_controllers_call_themselves_is_shown_as_it_is() -> None
     }
     console = Console(width=100)
     with console.capture() as shown:
-        console.print(status_table([{}, CALM, odd]))
+        console.print(status_table([{}, CALM, odd], CLEAR_COMMAND))
     for text in ("ant (sim), world rough", "lab[/red], for 1.0 s", "[/E12]", "tcp/[fe80::1]:7447"):
         assert text in shown.get()
 
@@ -192,10 +193,14 @@ def test_a_served_simulation_says_what_it_is(tmp_path: Path) -> None:
 
 def test_a_line_on_ros_where_the_robot_is_a_node() -> None:
     ros = {"router": "tcp/localhost:7447", "connected": True, "drive": True, "commands": 7, "malformed": 2}
-    assert ("ROS", "router tcp/localhost:7447; 7 commands, 2 malformed") in status_rows({"ros": ros})
+    assert ("ROS", "router tcp/localhost:7447; 7 commands, 2 malformed") in status_rows(
+        {"ros": ros}, CLEAR_COMMAND
+    )
     lost = {**ros, "connected": False, "trouble": "no ROS router", "drive": False}
-    assert ("ROS", "no ROS router; ROS may stop the robot, and not move it") in status_rows({"ros": lost})
-    assert not [name for name, _ in status_rows({"ros": None}) if name == "ROS"]
+    assert ("ROS", "no ROS router; ROS may stop the robot, and not move it") in status_rows(
+        {"ros": lost}, CLEAR_COMMAND
+    )
+    assert not [name for name, _ in status_rows({"ros": None}, CLEAR_COMMAND) if name == "ROS"]
 
 
 def test_what_is_told_in_another_way_costs_no_other_line() -> None:
@@ -207,7 +212,7 @@ def test_what_is_told_in_another_way_costs_no_other_line() -> None:
         "ros": "yes",
         "malformed": 3,
     }
-    rows = dict(status_rows(odd))
+    rows = dict(status_rows(odd, CLEAR_COMMAND))
     for name in ("stopped", "commands", "battery", "ROS", "dropped"):
         assert rows[name] == "told in another way than this version of hexctl understands"
-    assert rows["robot"] == dict(status_rows(CALM))["robot"]
+    assert rows["robot"] == dict(status_rows(CALM, CLEAR_COMMAND))["robot"]

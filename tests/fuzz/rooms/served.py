@@ -34,7 +34,7 @@ from hexctl.wire.description import (
     encode_json,
     robot_of,
 )
-from hexctl.wire.links import KeyMap, Link
+from hexctl.wire.links import CLEAR_COMMAND, KeyMap, Link
 from hexctl.wire.messages import CommandTag, encode_battery, encode_positions
 from hexctl.wire.pose import encode_pose
 from tests.control.posed import PosedMock
@@ -140,7 +140,7 @@ def _description(data: bytes) -> None:
 
 
 def _status(data: bytes) -> None:
-    status_rows(decode_json(data))
+    status_rows(decode_json(data), CLEAR_COMMAND)
 
 
 class Answers:
