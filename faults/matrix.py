@@ -102,6 +102,8 @@ class Matrix:
             folder = Path(tempfile.mkdtemp(prefix="hexctl-faults-"))
             try:
                 self._do(job, folder)
+            except Exception as error:  # noqa: BLE001  one job must not end the others
+                self._say(f"{job.fault}/{job.backend}: {type(error).__name__}: {error}")
             finally:
                 shutil.rmtree(folder, ignore_errors=True)
 

@@ -4,22 +4,21 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from faults.fault import FAULTS, safe_reaction
 from faults.phase import PHASES
 from faults.programs.truth import Truth
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.guard import FALL_COS_TILT, FALL_TICKS
+from hexctl.serve.stops.at_rest import STILL_RAD, STILL_S
 from hexctl.types import FloatArray
 
-#: A joint moves as long as it is further than this from where it stays, in rad.
-STILL_RAD = 0.02
+#: Control periods in which a joint has to stay where it is, to be at rest as `hexctl estop` has it.
+STILL_ROWS = round(STILL_S / PERIOD_S)
 
-#: A robot that still moves in the last part of what was watched has not come to rest.
-LAST_S = 0.3
-
-#: In that part, a joint of a robot that goes on moves by more than this, in rad.
-GOES_ON_RAD = 0.05
+#: In the last part of what was watched, a joint of a robot that goes on moves by more than this, in rad.
+LAST_S, GOES_ON_RAD = 0.3, 0.05
 
 #: What the machine may add to the period of a twin: beyond, times are the machine's.
 PUNCTUAL_S = 0.02
@@ -133,13 +132,19 @@ class Outcome:
 
 
 def rest_after_s(truth: Truth, at_s: float) -> float | None:
-    """How long after a moment the last joint moved; None for one that moves to the end."""
+    """How long after a moment the last joint moved; None for one that moves to the end.
+
+    A joint moves while it turns by more than `STILL_RAD` in the `STILL_S` that come: feet under load that
+    creep over the floor of a simulation for seconds, at less than 0.1 rad/s in the joints, are at rest.
+    """
     rows = truth.at_s >= at_s
     times_s, joints_rad = truth.at_s[rows] - at_s, truth.joints_rad[rows]
-    if not times_s.size or _moves(joints_rad[times_s > times_s[-1] - LAST_S], STILL_RAD):
+    if times_s.size <= STILL_ROWS:
         return None
-    far = np.abs(joints_rad - joints_rad[-1]).max(axis=1) > STILL_RAD
-    return float(times_s[far].max(initial=0.0))
+    moves = np.ptp(sliding_window_view(joints_rad, STILL_ROWS + 1, axis=0), axis=-1).max(axis=1) > STILL_RAD
+    if moves[-1]:
+        return None
+    return float(times_s[: moves.size][moves].max(initial=0.0))
 
 
 def told_after_s(truth: Truth, at_s: float) -> float:
@@ -186,8 +191,5 @@ def goes_on(truth: Truth) -> bool:
     """Whether a joint moves at the end."""
     if not truth.at_s.size:
         return False
-    return _moves(truth.joints_rad[truth.at_s > truth.at_s[-1] - LAST_S], GOES_ON_RAD)
-
-
-def _moves(joints_rad: FloatArray, by_rad: float) -> bool:
-    return bool(joints_rad.size) and float(np.ptp(joints_rad, axis=0).max()) > by_rad
+    last_rad = truth.joints_rad[truth.at_s > truth.at_s[-1] - LAST_S]
+    return float(np.ptp(last_rad, axis=0).max()) > GOES_ON_RAD

@@ -11,7 +11,7 @@ from faults.table import rests_s
 from hexctl.backends.clock import PERIOD_S
 from hexctl.cli.network.keys import new
 from hexctl.control.guard import EXPIRY_S, FALL_COS_TILT, FALL_TICKS, POSE_EXPIRY_S, TOO_HOT_C
-from hexctl.serve.boards.servo_board import FREE_AFTER_S, RELEASE_AFTER_S
+from hexctl.serve.boards.servo_board import FREE_AFTER_S, RELEASE_AFTER_S, RESUME_AFTER_S
 from hexctl.serve.idle import SIT_AFTER_S
 from hexctl.serve.leases import LEASE_S
 from hexctl.serve.stops.stop import HOLD_S
@@ -35,6 +35,7 @@ TOLD = {
     "lease": f"lease not renewed for {LEASE_S:g} s",
     "clear": f"with the id of the stop, {HOLD_S:g} s after it at the earliest",
     "board": f"holds after {EXPIRY_S:g} s, lets go after {RELEASE_AFTER_S:g} s",
+    "resume": f"overrides that have come for {RESUME_AFTER_S:g} s move it",
     "peer": f"the commander was silent for {FREE_AFTER_S:g} s",
     "days": f"({new.__defaults__[2]} days unless given)",  # type: ignore[index]
 }

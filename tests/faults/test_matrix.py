@@ -8,7 +8,7 @@ import pytest
 from faults.__main__ import main
 from faults.backend import BACKENDS
 from faults.fault import FAULTS
-from faults.matrix import jobs
+from faults.matrix import Matrix, jobs
 from faults.measurement import Outcome
 from faults.phase import PHASES
 from faults.results import Results
@@ -47,6 +47,17 @@ def test_a_run_goes_on_where_it_was(tmp_path: Path) -> None:
     with (tmp_path / "results.jsonl").open("a") as file:
         file.write('{"fault": "none", "backe')  # a run that was killed
     assert [job.wanted for job in jobs(only, 2, results.read())] == [(("walking", 1),)]
+
+
+def test_what_ends_one_job_ends_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise OSError("no space")
+
+    monkeypatch.setattr("faults.matrix.Rig", fails)
+    said: list[Outcome | str] = []
+    work = jobs(["none/zenoh/walking", "none/mavlink/walking"], 1, [])
+    Matrix(Results(tmp_path / "results.jsonl"), said.append).run(work, rigs=1)
+    assert said == ["none/zenoh: OSError: no space", "none/mavlink: OSError: no space"]
 
 
 def test_patterns_choose_cells() -> None:

@@ -40,6 +40,12 @@ def test_a_joint_rests_once_it_stays_where_it_is() -> None:
     assert told_after_s(truth_of(moves), 0.5) == pytest.approx(0.2)
 
 
+def test_a_foot_that_creeps_under_load_is_at_rest_however_long_it_is_watched() -> None:
+    moves = np.minimum(TIMES_S, 0.6) + 0.06 * np.maximum(TIMES_S - 0.6, 0.0)
+    assert rest_after_s(truth_of(moves), 0.5) == pytest.approx(0.08)
+    assert rest_after_s(truth_of(2 * moves), 0.5) is None
+
+
 def test_one_that_moves_to_the_end_does_not_rest() -> None:
     truth = truth_of(np.sin(6 * TIMES_S))
     assert rest_after_s(truth, 0.5) is None

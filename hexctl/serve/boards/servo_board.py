@@ -49,11 +49,7 @@ class Channels:
         Raises CommandRefusedError for a pulse outside the range of servos.
         """
         values = np.array(raw)
-        high = np.arange(N_JOINTS) >= FIRST_HIGH
-        # Channels 9..18 are an extension whose missing values arrive as 0: ignored.
-        ignored = (values == IGNORE_US) | (high & (values == 0))
-        released = np.where(high, values == RELEASE_HIGH_US, values == RELEASE_LOW_US)
-        driven = ~ignored & ~released
+        released, driven = _released_and_driven(raw)
         if not ((values[driven] >= LEAST_US) & (values[driven] <= MOST_US)).all():
             raise CommandRefusedError(
                 f"override: got {raw}; allowed: pulses of {LEAST_US:g} to {MOST_US:g} microseconds"
@@ -66,6 +62,44 @@ class Channels:
     def release(self) -> None:
         """Release all channels."""
         self.active = np.zeros(N_JOINTS, dtype=bool)
+
+
+def _released_and_driven(raw: list[int]) -> tuple[BoolArray, BoolArray]:
+    """Which channels an override (18,) releases, and which it drives; it leaves the others as they are."""
+    values, high = np.array(raw), np.arange(N_JOINTS) >= FIRST_HIGH
+    # Channels 9..18 are an extension whose missing values arrive as 0: ignored.
+    ignored = (values == IGNORE_US) | (high & (values == 0))
+    released = np.where(high, values == RELEASE_HIGH_US, values == RELEASE_LOW_US)
+    return released, ~ignored & ~released
+
+
+#: After a silence in which the pose was held, overrides have to come for so long before they count again. A
+#: controller goes on for `EXPIRY_S` without states: on a link that has begun to delay everything, that much
+#: is still on its way when it has stopped.
+RESUME_AFTER_S = 1.5 * EXPIRY_S
+
+
+class OverrideStream:
+    """Overrides of the commander as they arrive: how long they have come without a silence.
+
+    Args:
+        silence_s: longest pause between two of them.
+    """
+
+    def __init__(self, silence_s: float = EXPIRY_S) -> None:
+        self._silence_s = silence_s
+        self._since_s = self._at_s = float("-inf")
+
+    def note(self, at_s: float) -> None:
+        """Note an override."""
+        if at_s - self._at_s > self._silence_s:
+            self._since_s = at_s
+        self._at_s = at_s
+
+    @property
+    def steady(self) -> bool:
+        """Whether they have come for long enough to be those of a controller that is there."""
+        return self._at_s - self._since_s >= RESUME_AFTER_S
 
 
 #: Most peers that the board answers at one time.
@@ -186,6 +220,7 @@ class BoardCounters:
         overrides: executed overrides.
         refused: overrides with a pulse out of range, or while the robot is stopped.
         of_others: overrides of peers that do not command.
+        not_yet: overrides after a silence, of which some may have been on their way since before it.
         expired: times that commands stopped and the pose was held.
         released: times that the servos were released.
         ticks: control periods.
@@ -194,6 +229,7 @@ class BoardCounters:
     overrides: int = 0
     refused: int = 0
     of_others: int = 0
+    not_yet: int = 0
     expired: int = 0
     released: int = 0
     ticks: int = 0
@@ -202,7 +238,8 @@ class BoardCounters:
 class ServoBoard:
     """Moves servos as the frames on a MAVLink port command.
 
-    Commands expire after `expiry_s`: then the pose is held. When nothing of the commander arrived for
+    Commands expire after `expiry_s`: then the pose is held until overrides have come again for
+    `RESUME_AFTER_S`, or release the servos. When nothing of the commander arrived for
     `release_after_s`, not even a heartbeat, the servos are released. The guard limits ranges and speeds and
     detects falls, as everywhere.
     """
@@ -223,6 +260,7 @@ class ServoBoard:
         self._link = MavlinkLink(port, codec)
         self._release_after_s = release_after_s
         self._channels = Channels(servo_map)
+        self._overrides = OverrideStream(expiry_s)
         self._peers = Peers()
         self._stream = not port.datagrams
         self._counters = BoardCounters()
@@ -300,16 +338,29 @@ class ServoBoard:
             # A new commander starts afresh: a fall or a fault under the one before does not count.
             self._peers.commander = peer
             self._guard.clear()
-        if self._guard.stopped == "expired":
-            self._guard.clear()
         self._heard_at_s = at_s
+        raw = messages.channels_of(message)
+        if not self._counts(raw, at_s):
+            self._counters.not_yet += 1
+            return
         try:
-            self._channels.take(messages.channels_of(message))
+            self._channels.take(raw)
             self._move()
         except (CommandRefusedError, EStopError):
             self._counters.refused += 1
             return
         self._counters.overrides += 1
+
+    def _counts(self, raw: list[int], at_s: float) -> bool:
+        """Whether an override counts: after a silence only a release, and those of a steady stream."""
+        self._overrides.note(at_s)
+        if self._guard.stopped != "expired":
+            return True
+        releases = not _released_and_driven(raw)[1].any()
+        if releases or self._overrides.steady:
+            self._guard.clear()
+            return True
+        return False
 
     def _move(self) -> None:
         """Write the channels' targets; released servos keep their last target."""

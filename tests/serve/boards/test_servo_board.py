@@ -12,7 +12,13 @@ from hexctl.backends.mavlink import messages
 from hexctl.errors import CommandRefusedError
 from hexctl.robot.loader import load_servo_map
 from hexctl.robot.servos.servo_map import default_servo_map
-from hexctl.serve.boards.servo_board import FREE_AFTER_S, MOST_PEERS, Channels, Peers
+from hexctl.serve.boards.servo_board import (
+    FREE_AFTER_S,
+    MOST_PEERS,
+    Channels,
+    OverrideStream,
+    Peers,
+)
 from hexctl.types import FloatArray
 from tests.backends.mavlink.boards import BoardProcess, board, fitting_file, stance_us
 from tests.backends.mavlink.clients import Client
@@ -134,11 +140,44 @@ def test_an_override_moves_and_silence_holds(
     client.until(lambda: client.state() == messages.CRITICAL)
     assert shows(client, moved)
     assert client.outputs().active.all()
-    client.drive(stance, times=10)
+    client.drive(stance, times=40)
     client.until(lambda: shows(client, stance))
     report = running.end()
     assert report["expired"] >= 1
-    assert (report["overrides"], report["refused"], report["released"]) == (70, 0, 0)
+    assert (report["overrides"] + report["not_yet"], report["refused"], report["released"]) == (100, 0, 0)
+    assert report["not_yet"] >= 2
+
+
+def test_overrides_that_come_late_all_together_move_nothing(
+    running: BoardProcess, client: Client, stance: FloatArray
+) -> None:
+    """What a controller sent before it noticed that its link had begun to delay everything."""
+    client.drive(stance, times=20)
+    client.until(lambda: client.state() == messages.CRITICAL)
+    for _ in range(10):
+        client.say(messages.override(stance + 30, 1, 1))
+    client.listen(0.1)
+    assert shows(client, stance)
+    assert running.end()["not_yet"] == 10
+
+
+def test_a_release_counts_at_once_after_a_silence(
+    running: BoardProcess, client: Client, stance: FloatArray
+) -> None:
+    client.drive(stance)
+    client.until(lambda: client.state() == messages.CRITICAL)
+    client.say(messages.release(1, 1))
+    client.until(lambda: released(client))
+    assert running.end()["not_yet"] == 0
+
+
+def test_a_stream_is_steady_once_it_has_come_for_long_enough_without_a_silence() -> None:
+    stream = OverrideStream()
+    steady = []
+    for at_s in (0.0, 0.15, 0.29, 0.31, 0.52, 0.7, 0.85):  # 0.21 s of silence before 0.52
+        stream.note(at_s)
+        steady.append(stream.steady)
+    assert steady == [False, False, False, True, False, False, True]
 
 
 def test_without_a_controller_the_servos_are_let_go(
