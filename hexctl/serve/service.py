@@ -18,6 +18,7 @@ from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
 from hexctl.serve.ros.options import RosOptions
 from hexctl.serve.server import RobotServer
 from hexctl.serve.stops.stop_file import StopFile
+from hexctl.serve.stops.stop_place import StopPlace
 from hexctl.wire.links import CLEAR_COMMAND, Endpoint, Link, load_link
 
 if TYPE_CHECKING:
@@ -216,7 +217,7 @@ class RobotService:
         servos = make_servos(self.servos.backend, options)
         keeper = self._keeper(options)
         simulated = self.servos.simulated is not None
-        place = f"{self.servos.backend} {self.device or link.endpoint}"
+        place = self._stop_place(options, link)
         stop_file = StopFile(servos.robot.name, place, asked_only=simulated, clear=_clear_command(link))
         server = RobotServer(
             servos,
@@ -252,6 +253,13 @@ class RobotService:
         _run_kept(server, stop, keeper, ready=ready)
         if held:
             on_event(STILL_HOLDS)
+
+    def _stop_place(self, options: BackendOptions, link: Link) -> StopPlace:
+        """Where the robot is, for the file of its stop."""
+        backend, port = self.servos.backend, self.device
+        if port is None and backend in (*BUS_DRIVERS, *PWM_DRIVERS) and options.robot_file is not None:
+            port = options.robot_file.content.servos.port
+        return StopPlace.of(backend, port, link.endpoint)
 
     def _warnings(self, link: Link) -> tuple[str, ...]:
         """What the operator must know before anything moves."""

@@ -10,10 +10,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
 
+from hexctl.errors import printable
 from hexctl.files import atomic_write
 from hexctl.serve.stops.stop import ESTOP, ID_BYTES, Stop, new_stop_id
+from hexctl.serve.stops.stop_place import StopPlace
 from hexctl.wire.links import CLEAR_COMMAND
 
 #: How long closing waits for the last stop to be written.
@@ -26,7 +28,13 @@ PAUSE_S = 0.1
 AGAIN_S = 1.0
 
 #: Longest file that is read.
-MAX_BYTES = 4096
+MAX_BYTES = 8192
+
+#: Places at which a stop of another place was cleared, that are remembered.
+MOST_CLEARED = 64
+
+#: Hexadecimal digits of a place in the name of a file.
+MARK_DIGITS = 12
 
 VERSION = 1
 
@@ -40,6 +48,11 @@ class KeptStop(BaseModel):
         reason: as `Guard.stopped` has it.
         stop_id: by which it is cleared.
         at: when it was stopped, UTC by the clock of that time, for readers.
+        backend: as `StopPlace` has it, and so the next three; None in files of earlier versions.
+        where: port of the servos, or endpoint of the server.
+        serial_number: of the adapter at that port.
+        location: of that adapter.
+        cleared: marks of the places at which it was taken over from here, and cleared since.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -48,7 +61,28 @@ class KeptStop(BaseModel):
     robot: str
     reason: Annotated[str, Field(min_length=1)]
     stop_id: Annotated[str, Field(pattern=f"^[0-9a-f]{{{2 * ID_BYTES}}}$")]
-    at: datetime
+    at: AwareDatetime
+    backend: str | None = None
+    where: str | None = None
+    serial_number: str | None = None
+    location: str | None = None
+    cleared: tuple[str, ...] = ()
+
+    @property
+    def place(self) -> StopPlace | None:
+        """Where the robot was served, None in files of earlier versions."""
+        if self.backend is None or self.where is None:
+            return None
+        return StopPlace(
+            backend=self.backend,
+            where=self.where,
+            serial_number=self.serial_number,
+            location=self.location,
+        )
+
+    def __str__(self) -> str:
+        """In words, for an operator."""
+        return f"{self.reason}, {self.at:%Y-%m-%d %H:%M} UTC"
 
 
 def state_folder() -> Path:
@@ -63,9 +97,13 @@ def state_folder() -> Path:
 class StopFile:
     """The file of one robot's stop. Writing has a thread of its own: a slow disk costs no tick.
 
+    It is found again by the adapter of the robot's servos, where that has a serial number or stays in its
+    socket. A stop that was kept for a robot of this name at an adapter that may be the same is in force here
+    too; it is left to its own place as well, and once cleared here it is not taken over again.
+
     Args:
         robot: name of the robot.
-        place: what tells robots of one name apart: port of the servos, or endpoint of the server.
+        place: what tells robots of one name apart.
         folder: where the file lies; None is `state_folder()`.
         asked_only: keep only stops that somebody asked for, as of a simulation, which stands up anew.
         clear: command that ends a stop of this robot, for the warning.
@@ -79,18 +117,23 @@ class StopFile:
     def __init__(
         self,
         robot: str,
-        place: str,
+        place: StopPlace,
         *,
         folder: Path | None = None,
         asked_only: bool = False,
         clear: str = CLEAR_COMMAND,
     ) -> None:
         name = re.sub(r"[^A-Za-z0-9_-]", "_", robot)[:40]
-        mark = hashlib.sha256(f"{robot}\n{place}".encode()).hexdigest()[:12]
-        self.path = (state_folder() if folder is None else folder) / f"stop-{name}-{mark}.json"
+        self._mark = hashlib.sha256(f"{robot}\n{place.key}".encode()).hexdigest()[:MARK_DIGITS]
+        self._siblings = f"stop-{name}-{'?' * MARK_DIGITS}.json"
+        self.path = (state_folder() if folder is None else folder) / f"stop-{name}-{self._mark}.json"
         self.trouble: str | None = None
         self.found: str | None = None
-        self._robot, self._asked_only, self._clear = robot, asked_only, clear
+        self._robot, self._place = robot, place
+        self._asked_only, self._clear = asked_only, clear
+        self._taken_over: list[Path] = []
+        self._unread: set[Path] = set()
+        self._elsewhere: list[str] = []
         self._wanted: Stop | None = None
         self._on_disk: str | None = None
         self._due, self._ended = threading.Event(), False
@@ -107,35 +150,34 @@ class StopFile:
                 self.trouble = f"{self.path.parent} may not be written"
         except OSError as error:
             self.trouble = f"{self.path.parent} cannot be made ({error.strerror})"
-        try:
-            with self.path.open("rb") as file:
-                kept = KeptStop.model_validate_json(file.read(MAX_BYTES))
-        except (FileNotFoundError, NotADirectoryError):
-            return None
-        except (OSError, ValidationError):
-            kept = self._content(ESTOP, new_stop_id())
-            self.found = f"{self.path} cannot be read"
-        else:
-            self.found = f"{kept.reason}, {kept.at:%Y-%m-%d %H:%M} UTC"
-        self._on_disk = kept.stop_id
+        own, others = self._read(self.path), self._of_this_robot_elsewhere()
+        kept = own
+        if own is not None:
+            self._on_disk = own.stop_id
+        elif others:
+            kept = self._copied(max(others, key=lambda each: each.at))
+        told = [] if own is None else [self._in_words(own, self.path)]
+        told += [self._in_words(each, path) for path, each in zip(self._taken_over, others, strict=True)]
+        self.found = "; ".join(told) or None
         return kept
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What an operator must know once it was loaded."""
-        trouble = () if self.trouble is None else (f"a stop will not survive a restart: {self.trouble}",)
-        if self.found is None:
-            return trouble
-        return (
-            f"still stopped ({self.found}), as before the restart; {self._clear} when it may move",
-            *trouble,
-        )
+        lines = [] if self.trouble is None else [f"a stop will not survive a restart: {self.trouble}"]
+        another = f"a stop of another {self._robot} is kept, and not in force here"
+        lines += [f"{another}: {each}" for each in self._elsewhere]
+        if self.found is not None:
+            stopped = f"still stopped ({self.found}), as before the restart"
+            lines.insert(0, f"{stopped}; {self._clear} when it may move")
+        return tuple(printable(line) for line in lines)
 
     def keep(self, stop: Stop | None) -> None:
         """Write a stop, or remove it for None, soon; never waits."""
         asked = stop is not None and (stop.reason == ESTOP or not self._asked_only)
         self._wanted = stop if asked else None
-        if self._writer is None and (self._wanted is not None or self._on_disk is not None):
+        on_disk = self._on_disk is not None or bool(self._taken_over)
+        if self._writer is None and (self._wanted is not None or on_disk):
             self._writer = threading.Thread(target=self._write, name="stop file", daemon=True)
             self._writer.start()
         self._due.set()
@@ -151,6 +193,54 @@ class StopFile:
         if self._writer is not None:
             self._writer.join(WRITE_TIMEOUT_S)
 
+    def _of_this_robot_elsewhere(self) -> list[KeptStop]:
+        """Stops that were kept for a robot of this name, and may be this one; notes those that are not."""
+        if not self._place.counted:
+            return []
+        found = []
+        for path in sorted(self.path.parent.glob(self._siblings)):
+            kept = None if path == self.path else self._read(path)
+            if kept is None or self._mark in kept.cleared or kept.robot != self._robot:
+                continue
+            if kept.place is None or self._place.may_be(kept.place):
+                self._taken_over.append(path)
+                found.append(kept)
+            elif kept.place.backend == self._place.backend and kept.place.counted:
+                self._elsewhere.append(f"{kept}, {kept.place}")
+        return found
+
+    def _read(self, path: Path) -> KeptStop | None:
+        """A stop in a file, None where there is no file."""
+        try:
+            with path.open("rb") as file:
+                return KeptStop.model_validate_json(file.read(MAX_BYTES))
+        except (FileNotFoundError, NotADirectoryError):
+            return None
+        except (OSError, ValidationError):
+            self._unread.add(path)
+            unread = self._content(ESTOP, new_stop_id())
+            return unread if path == self.path else unread.model_copy(update={"backend": None})
+
+    def _in_words(self, kept: KeptStop, path: Path) -> str:
+        """A stop that is in force, and where it was kept unless that is here."""
+        if path in self._unread:
+            return f"{path} cannot be read"
+        if path == self.path:
+            return str(kept)
+        place = "an earlier version, at a port it does not name" if kept.place is None else str(kept.place)
+        return f"{kept}, kept for {kept.robot}, {place}, which may be this one"
+
+    def _copied(self, kept: KeptStop) -> KeptStop:
+        """A stop that was kept elsewhere, kept here too: it stays if it is cleared there."""
+        own = self._content(kept.reason, kept.stop_id).model_copy(update={"at": kept.at})
+        try:
+            atomic_write(self.path, own.model_dump_json() + "\n")
+        except OSError as error:
+            self.trouble = f"{self.path} cannot be written ({error.strerror})"
+        else:
+            self._on_disk = own.stop_id
+        return own
+
     def _write(self) -> None:
         while not self._ended or self._due.is_set():
             self._due.wait(None if self.trouble is None else AGAIN_S)
@@ -165,13 +255,32 @@ class StopFile:
             time.sleep(0 if self._ended else PAUSE_S)
 
     def _put(self, wanted: Stop | None) -> None:
-        if wanted is None:
-            with suppress(FileNotFoundError):
-                self.path.unlink()
+        if wanted is not None:
+            content = self._content(wanted.reason, wanted.stop_id)
+            atomic_write(self.path, content.model_dump_json() + "\n")
             return
-        content = self._content(wanted.reason, wanted.stop_id)
-        atomic_write(self.path, content.model_dump_json() + "\n")
+        with suppress(FileNotFoundError):
+            self.path.unlink()
+        while self._taken_over:
+            self._cleared_at(self._taken_over[-1])
+            self._taken_over.pop()
+
+    def _cleared_at(self, path: Path) -> None:
+        """Note in the file of another place that its stop was cleared here."""
+        kept = self._read(path)
+        if kept is not None:
+            cleared = (*kept.cleared, self._mark)[-MOST_CLEARED:]
+            atomic_write(path, kept.model_copy(update={"cleared": cleared}).model_dump_json() + "\n")
 
     def _content(self, reason: str, stop_id: str) -> KeptStop:
         reason = reason.encode(errors="replace").decode()  # a driver may say what no file can have
-        return KeptStop(robot=self._robot, reason=reason, stop_id=stop_id, at=datetime.now(UTC))
+        return KeptStop(
+            robot=self._robot,
+            reason=reason,
+            stop_id=stop_id,
+            at=datetime.now(UTC),
+            backend=self._place.backend,
+            where=self._place.where,
+            serial_number=self._place.serial_number,
+            location=self._place.location,
+        )

@@ -22,6 +22,7 @@ from hexctl.see.vision.lens import Lens, load_lens, save_lens
 from hexctl.see.vision.planar_pose import PlanarPose
 from hexctl.see.vision.robot_tracker import RobotTag
 from hexctl.serve.stops.stop_file import StopFile
+from hexctl.serve.stops.stop_place import StopPlace
 from hexctl.settings import CHOSEN, read_settings
 from hexctl.wire.certificates import load_certificate
 from hexctl.wire.links import Link, Role, load_link
@@ -160,7 +161,7 @@ def _uncertainties(path: Path) -> None:
 
 def _stop(data: bytes) -> None:
     """Load the file of a stop: whatever it holds, it is one."""
-    file = StopFile("ant", "fuzz", folder=own_folder())
+    file = StopFile("ant", StopPlace(backend="mock", where="fuzz"), folder=own_folder())
     with written(file.path.name, data):
         kept = file.load()
         assert kept is not None

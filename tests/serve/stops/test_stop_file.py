@@ -1,5 +1,6 @@
 """A stop on the disk: what is found after a restart, whatever has become of the file."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -8,15 +9,47 @@ from hexctl.control.guard import Guard
 from hexctl.serve.stops.latch import StopLatch
 from hexctl.serve.stops.stop import HOLD_S
 from hexctl.serve.stops.stop_file import StopFile, state_folder
+from hexctl.serve.stops.stop_place import StopPlace
 from hexctl.waiting import comes_true
 from tests.control.posed import connected
 
+PLACE = StopPlace(backend="feetech", where="/dev/ttyACM0")
 
-def begun(folder: Path, *, asked_only: bool = False) -> tuple[Guard, StopLatch, StopFile]:
+
+def begun(
+    folder: Path, *, asked_only: bool = False, place: StopPlace = PLACE, robot: str = "ant"
+) -> tuple[Guard, StopLatch, StopFile]:
     """A server's stop, as after a start."""
     guard = connected()[0]
-    file = StopFile("ant", "/dev/ttyACM0", folder=folder, asked_only=asked_only)
+    file = StopFile(robot, place, folder=folder, asked_only=asked_only)
     return guard, StopLatch(guard, file), file
+
+
+def stopped_at(folder: Path, place: StopPlace) -> str:
+    """Keep a stop of a robot at a place; its id."""
+    _, latch, _ = begun(folder, place=place)
+    stop = latch.stop()
+    latch.close()
+    return stop.stop_id
+
+
+def cleared_at(folder: Path, place: StopPlace) -> None:
+    """Clear the stop of a robot at a place, in a server of its own."""
+    _, latch, _ = begun(folder, place=place)
+    stop = latch.current()
+    assert stop is not None
+    assert latch.clear(stop.stop_id, stop.since_s + HOLD_S) is None
+    latch.close()
+
+
+def on_usb(number: int, serial_number: str | None = None, location: str | None = None) -> StopPlace:
+    """A place at an adapter."""
+    return StopPlace(
+        backend="feetech",
+        where=f"/dev/ttyUSB{number}",
+        serial_number=serial_number,
+        location=location,
+    )
 
 
 @pytest.mark.parametrize("reason", ["estop", "fell", "fault: low battery 9.5 V", "state", "pose lost"])
@@ -122,9 +155,100 @@ def test_where_nothing_can_be_written_it_is_said_at_the_start(tmp_path: Path) ->
 
 def test_robots_and_ports_have_files_of_their_own(tmp_path: Path) -> None:
     places = [("ant", "a"), ("ant", "b"), ("../../etc/x", "a")]
-    paths = {StopFile(robot, place, folder=tmp_path).path for robot, place in places}
+    paths = {
+        StopFile(robot, StopPlace(backend="mock", where=where), folder=tmp_path).path
+        for robot, where in places
+    }
     assert len(paths) == 3
     assert {path.parent for path in paths} == {tmp_path}
+
+
+def test_an_adapter_with_another_name_is_the_same_by_its_number(tmp_path: Path) -> None:
+    stop_id = stopped_at(tmp_path, on_usb(0, "0403:6014 serial A1"))
+    guard, latch, file = begun(tmp_path, place=on_usb(1, "0403:6014 serial A1"))
+    assert guard.stopped == "estop"
+    stop = latch.current()
+    assert stop is not None
+    assert stop.stop_id == stop_id
+    assert "which may be" not in file.warnings[0]
+    latch.close()
+    cleared_at(tmp_path, on_usb(2, "0403:6014 serial A1"))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        (on_usb(0), on_usb(1)),
+        (on_usb(0, None, "1a86:7523 at 1-2"), on_usb(0, None, "1a86:7523 at 1-3")),
+        (on_usb(0), on_usb(0, "0403:6014 serial A1")),
+        (on_usb(0, "0403:6014 serial A1"), on_usb(1)),
+    ],
+)
+def test_where_adapters_cannot_be_told_apart_the_robot_is_stopped_and_it_is_said_why(
+    tmp_path: Path, before: StopPlace, after: StopPlace
+) -> None:
+    stopped_at(tmp_path, before)
+    guard, latch, file = begun(tmp_path, place=after)
+    assert guard.stopped == "estop"
+    assert f"kept for ant, {before}, which may be this one" in file.warnings[0]
+    latch.close()
+    cleared_at(tmp_path, before)
+    assert begun(tmp_path, place=after)[0].stopped == "estop", "cleared at one place alone"
+    stopped_at(tmp_path, before)
+    cleared_at(tmp_path, after)
+    assert begun(tmp_path, place=after)[0].stopped is None
+    assert begun(tmp_path, place=before)[0].stopped == "estop", "it is not lost where it was kept"
+    cleared_at(tmp_path, before)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_stop_of_an_earlier_version_is_in_force_at_an_adapter(tmp_path: Path) -> None:
+    _, latch, file = begun(tmp_path, place=on_usb(0))
+    latch.stop()
+    latch.close()
+    kept = json.loads(file.path.read_text())
+    for name in ("backend", "where", "serial_number", "location", "cleared"):
+        del kept[name]
+    file.path.write_text(json.dumps(kept))
+    guard, _, file = begun(tmp_path, place=on_usb(1, "0403:6014 serial A1"))
+    assert guard.stopped == "estop"
+    assert "an earlier version" in file.warnings[0]
+
+
+def test_a_file_of_another_place_that_cannot_be_read_is_a_stop_until_it_is_cleared(tmp_path: Path) -> None:
+    file = begun(tmp_path, place=on_usb(0))[2]
+    file.path.write_bytes(b"{")
+    guard, _, again = begun(tmp_path, place=on_usb(1))
+    assert guard.stopped == "estop"
+    assert f"{file.path} cannot be read" in again.warnings[0]
+    cleared_at(tmp_path, on_usb(1))
+    assert begun(tmp_path, place=on_usb(1))[0].stopped is None
+    assert begun(tmp_path, place=on_usb(0))[0].stopped == "estop"
+
+
+@pytest.mark.parametrize(
+    ("place", "robot", "told"),
+    [
+        (on_usb(0, "0403:6014 serial B2"), "ant", True),
+        (on_usb(1), "phantomx", False),
+        (StopPlace(backend="lx16a", where="/dev/ttyUSB1"), "ant", False),
+        (StopPlace(backend="feetech", where="tcp/127.0.0.1:7447"), "ant", False),
+    ],
+)
+def test_a_stop_of_another_robot_is_not_in_force_and_is_told_where_it_may_be_meant(
+    tmp_path: Path, place: StopPlace, robot: str, told: bool
+) -> None:
+    stopped_at(tmp_path, on_usb(0, "0403:6014 serial A1"))
+    guard, latch, file = begun(tmp_path, place=place, robot=robot)
+    assert guard.stopped is None
+    assert bool(file.warnings) is told
+    for line in file.warnings:
+        assert line.startswith("a stop of another ant is kept, and not in force here: estop, 20")
+        assert "feetech at /dev/ttyUSB0 (0403:6014 serial A1)" in line
+    latch.stop()
+    latch.close()
+    assert begun(tmp_path, place=on_usb(0, "0403:6014 serial A1"))[0].stopped == "estop"
 
 
 def test_the_folder_is_systemds_or_the_users(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
