@@ -119,7 +119,8 @@ class StopLatch:
         stop = self._noticed()
         assert stop is not None  # noqa: S101  only `clear` ends a stop, and it waits for the lock
         if stop is before and not repeated:
-            stop = self._stop = replace(stop, stop_id=new_stop_id(), since_s=time.monotonic())
+            stop = replace(stop, stop_id=new_stop_id(), since_s=time.monotonic(), asked=True)
+            self._stop = stop
             self._keep(stop)
         return stop
 

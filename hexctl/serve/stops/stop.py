@@ -26,11 +26,13 @@ class Stop:
         stop_id: 16 hexadecimal digits, drawn for this stop alone.
         reason: as `Guard.stopped` has it.
         since_s: when it was asked for last, or noticed, on time.monotonic.
+        asked: whether somebody asked for it, also where the robot had stopped for another reason before.
     """
 
     stop_id: str
     reason: str
     since_s: float
+    asked: bool = False
 
     @property
     def stays(self) -> bool:

@@ -174,8 +174,8 @@ class StopFile:
 
     def keep(self, stop: Stop | None) -> None:
         """Write a stop, or remove it for None, soon; never waits."""
-        asked = stop is not None and (stop.reason == ESTOP or not self._asked_only)
-        self._wanted = stop if asked else None
+        kept = stop is not None and (not self._asked_only or stop.asked or stop.reason == ESTOP)
+        self._wanted = stop if kept else None
         on_disk = self._on_disk is not None or bool(self._taken_over)
         if self._writer is None and (self._wanted is not None or on_disk):
             self._writer = threading.Thread(target=self._write, name="stop file", daemon=True)
@@ -256,7 +256,8 @@ class StopFile:
 
     def _put(self, wanted: Stop | None) -> None:
         if wanted is not None:
-            content = self._content(wanted.reason, wanted.stop_id)
+            reason = ESTOP if self._asked_only else wanted.reason  # what has fallen stands up anew
+            content = self._content(reason, wanted.stop_id)
             atomic_write(self.path, content.model_dump_json() + "\n")
             return
         with suppress(FileNotFoundError):

@@ -100,6 +100,20 @@ def test_of_a_simulation_only_what_somebody_asked_for_is_kept(tmp_path: Path) ->
     assert begun(tmp_path, asked_only=True)[0].stopped == "estop"
 
 
+def test_a_stop_that_somebody_asks_for_once_a_simulation_has_fallen_is_kept(tmp_path: Path) -> None:
+    guard, latch, file = begun(tmp_path, asked_only=True)
+    guard.stop("fell")
+    assert latch.current() is not None
+    stop = latch.stop()
+    assert stop.reason == "fell"
+    assert comes_true(lambda: file.keeps(stop), 10.0)
+    guard, latch, _ = begun(tmp_path, asked_only=True)
+    assert guard.stopped == "estop", "it stands up anew, and somebody has stopped it"
+    again = latch.current()
+    assert again is not None
+    assert again.stop_id == stop.stop_id
+
+
 @pytest.mark.parametrize(
     "content", [b"", b"{}", b"\xff\xfe", b'{"version": 2}', b"x" * 100_000, b'{"version": 1, "reason": ""}']
 )
