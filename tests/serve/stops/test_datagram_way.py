@@ -1,10 +1,7 @@
 """The datagrams of a stop: where they go, and that what keeps them from being sent is told."""
 
-import os
-import resource
 import socket
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +13,7 @@ from hexctl.waiting import comes_true
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import Link
 from hexctl.wire.stop_secret import SECRET_FILE
+from tests.many_files import many_open_files
 from tests.serve.processes import free_port
 from tests.serve.stops.test_stop_socket import Bench
 
@@ -62,23 +60,10 @@ def test_a_robot_that_has_another_address_now_is_found_again(monkeypatch: pytest
     assert bench.guard.stopped == "estop"
 
 
-@pytest.fixture
-def _many_files() -> Iterator[None]:
-    """More open files than `select` can wait for."""
-    before, most = resource.getrlimit(resource.RLIMIT_NOFILE)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (max(before, 2048), most))
-    held = [os.open(os.devnull, os.O_RDONLY) for _ in range(1100)]
-    yield
-    for one in held:
-        os.close(one)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (before, most))
-
-
-@pytest.mark.usefixtures("_many_files")
 def test_a_program_with_many_open_files_stops_a_robot() -> None:
     bench, pressed = Bench(), threading.Event()
     pressed.set()
-    with bench.stop_socket:
+    with many_open_files(), bench.stop_socket:
         way = DatagramWay(bench.link, b"mine    ", pressed, lambda _: None)
         way.begin()
         try:
