@@ -91,30 +91,32 @@ class Adaptation:
         self._servos, self._operator, self._live, self._note = servos, operator, live, note
         self._optimizer = None if isinstance(optimizer, str) else optimizer
         self._objective = as_objective(spec.objective if objective is None else objective)
-        self._name: str | None = None
+        self._resumed: Session | None = None
         self._budget: int | None = None
 
     @classmethod
     def resume(
-        cls, name: str, *, budget: int | None = None, folder: Path | str = RUNS, **options: Any
+        cls, name: str | Session, *, budget: int | None = None, folder: Path | str = RUNS, **options: Any
     ) -> "Adaptation":
         """Prepare to continue a session, with another budget if one is given.
 
-        `options` are those of `Adaptation`. Raises InputError for a name that is not in the store, and a
-        budget that is spent already.
+        `name` may be the session itself, as `load_session` gives it; `options` are those of `Adaptation`. A
+        search that has ended is given back by `run` as it was loaded; one that has not is loaded once more
+        when no other process can add to it.
+
+        Raises InputError for a name that is not in the store, and a budget that is spent already.
         """
-        session = load_session(name, folder)
+        session = name if isinstance(name, Session) else load_session(name, folder)
         spec = session.spec if budget is None else extended(session, budget)
         adaptation = cls(spec, folder=folder, **options)
-        adaptation._name, adaptation._budget = name, budget
+        adaptation._resumed, adaptation._budget = session, budget
         return adaptation
 
     def _finished(self) -> Session | None:
         """The session that is resumed, where its search has ended; nothing is written, nothing moves."""
-        if self._name is None or self._budget is not None:
-            return None
-        session = load_session(self._name, self._folder)
-        return session if session.ended is not None else None
+        resumed = self._resumed
+        ended = resumed is not None and resumed.ended is not None and self._budget is None
+        return resumed if ended else None
 
     def run(
         self,
@@ -146,8 +148,8 @@ class Adaptation:
                 on_begin(done)
             took_s, ended = time.perf_counter() - began_s, done.ended or ""
             return AdaptationResult(session=done, ended=ended, trouble=None, walked=0, wall_s=took_s)
-        checked = self._checked(self.spec) if self._name is None else None  # before anything is written
-        if self._name is None:
+        checked = self._checked(self.spec) if self._resumed is None else None  # before anything is written
+        if self._resumed is None:
             check_not_interrupted(stop_requested)
         with ExitStack() as stack:
             store = stack.enter_context(SessionStore(self._folder))
@@ -199,7 +201,7 @@ class Adaptation:
         A session that is continued is held before its robot is touched, a new one made once its robot is
         ready.
         """
-        session = self._held_again(store, stack) if self._name is not None else None
+        session = None if self._resumed is None else self._held_again(self._resumed.name, store, stack)
         spec = self.spec if session is None else session.spec
         setting = checked or self._checked(spec)
         begins = session is None or not session.trials
@@ -228,11 +230,10 @@ class Adaptation:
             _ = setting.robot_file.meshes
         return setting
 
-    def _held_again(self, store: SessionStore, stack: ExitStack) -> Session:
+    def _held_again(self, name: str, store: SessionStore, stack: ExitStack) -> Session:
         """Session to be continued, as it stands now that no other process adds to it."""
-        name = self._name or ""
-        stack.enter_context(store.held(store.load(name).name))
-        session = store.load(name)
+        stack.enter_context(store.held(name))
+        session = self._resumed = store.load(name)
         if self._budget is not None:
             session.spec = extended(session, self._budget)
         return session

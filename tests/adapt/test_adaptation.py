@@ -25,6 +25,8 @@ from hexctl.adapt.runner import (
     WalkedTrial,
 )
 from hexctl.adapt.search import new_spec
+from hexctl.adapt.sessions.rows import SessionRows
+from hexctl.adapt.sessions.session import Session
 from hexctl.adapt.sessions.store import delete_session, export_session, list_sessions, load_session
 from hexctl.backends.sim.world import load_world
 from hexctl.control.result import TrialResult
@@ -156,6 +158,46 @@ def test_a_finished_session_is_continued_without_writing(monkeypatch: pytest.Mon
     )
     assert (again.walked, again.ended, again.trials) == (0, "budget", whole.trials)
     assert begun == [whole.session.name]
+
+
+@pytest.mark.usefixtures("landscape")
+def test_a_session_is_loaded_when_it_is_resumed_and_when_it_is_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    name = adapt(5, budget=2, optimizer="random", record=False).session.name
+    loads: list[str] = []
+    load = SessionRows.load
+
+    def counted(rows: SessionRows, named: str) -> Session:
+        loads.append(named)
+        return load(rows, named)
+
+    monkeypatch.setattr(SessionRows, "load", counted)
+    assert Adaptation.resume(name, budget=3, record=False).run().walked == 1
+    assert loads == [name] * 2
+    finished = load_session(name)
+    del loads[:]
+    assert Adaptation.resume(finished, record=False).run().session is finished
+    assert not loads
+
+
+@pytest.mark.usefixtures("landscape")
+def test_trials_that_were_added_since_a_session_was_loaded_are_kept() -> None:
+    whole = adapt(5, budget=9, optimizer="pso", record=False, folder="whole")
+    part = adapt(5, budget=4, optimizer="pso", record=False)
+    later = Adaptation.resume(part.session, budget=9, record=False)
+    Adaptation.resume(part.session.name, budget=6, record=False).run()
+    added = later.run()
+    assert (added.walked, added.trials) == (3, whole.trials)
+
+
+@pytest.mark.usefixtures("landscape")
+def test_one_adaptation_continues_its_session_until_it_has_ended() -> None:
+    stops = iter([False] * 3 + [True])
+    part = adapt(5, budget=4, optimizer="pso", record=False, stop_requested=lambda: next(stops, True))
+    assert part.ended == "interrupted"
+    resumed = Adaptation.resume(part.session.name, record=False)
+    assert resumed.run().ended == "budget"
+    again = resumed.run()
+    assert (again.walked, again.ended, len(again.trials)) == (0, "budget", 4)
 
 
 @pytest.mark.usefixtures("landscape")

@@ -190,8 +190,9 @@ class SessionStore(SessionRows):
     def held(self, name: str) -> Iterator[None]:
         """Keep other processes from continuing a session meanwhile; the lock of a killed holder is released.
 
-        Raises InputError when another process holds it.
+        Raises InputError for a name that is not in the store, or when another process holds it.
         """
+        self._row(name)
         folder = self.folder_of(name)
         try:
             folder.mkdir(parents=True, exist_ok=True)

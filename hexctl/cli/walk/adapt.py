@@ -320,9 +320,9 @@ def _resume(name: str, budget: int | None, *, record: bool, **shown: bool) -> in
         from hexctl.adapt.adaptation import Adaptation
         from hexctl.adapt.sessions.store import load_session
 
-        spec = load_session(name, folder=runs_folder()).spec
-        make = partial(Adaptation.resume, name, budget=budget)
-        searched = _search(make, spec, interrupt, record=record, **shown)
+        session = load_session(name, folder=runs_folder())
+        make = partial(Adaptation.resume, session, budget=budget)
+        searched = _search(make, session.spec, interrupt, record=record, **shown)
     return searched if isinstance(searched, int) else _end(searched, resumed=True, **shown)
 
 

@@ -133,6 +133,9 @@ def test_a_session_is_held_by_one_process_at_a_time(tmp_path: Path) -> None:
             pass
         with other.held(name):
             pass
+        with pytest.raises(InputError, match="session: got 'unknown'"):
+            store.held("unknown").__enter__()
+    assert not (tmp_path / "unknown").exists()
 
 
 @pytest.mark.parametrize("content", [b"not a database at all, but long enough to look at" * 20])
