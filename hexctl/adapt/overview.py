@@ -36,8 +36,8 @@ from hexctl.scratch import scratch_folder
 
 FILE_NAME = "overview.rrd"
 
-#: Recordings of a session by trial index, or by gait for its baseline.
-Recordings = dict[int | str, Path]
+#: Paths of the recordings of a session by trial index, or by gait for its baseline.
+RecordingPaths = dict[int | str, Path]
 
 
 def write_overview(
@@ -46,7 +46,7 @@ def write_overview(
     *,
     into: Path | None = None,
     base: str = "",
-    recordings: Recordings | None = None,
+    recordings: RecordingPaths | None = None,
 ) -> Path:
     """Write `overview.rrd`, in place of an earlier one, and return its path.
 
@@ -71,12 +71,12 @@ def write_overview(
     return path
 
 
-def recordings_of(session: Session, folder: Path) -> Recordings:
+def recordings_of(session: Session, folder: Path) -> RecordingPaths:
     """Recordings of a session that are there, by trial index, or by gait for its baseline."""
-    walks: dict[int | str, str | None] = {walk.gait: walk.recording for walk in session.baseline}
-    walks |= {trial.index: trial.recording for trial in session.trials}
-    files = {key: folder / Path(recording).name for key, recording in walks.items() if recording}
-    return {key: path for key, path in files.items() if path.is_file()}
+    walks: dict[int | str, WalkRecord] = {walk.gait: walk for walk in session.baseline}
+    walks |= {trial.index: trial for trial in session.trials}
+    files = {key: walk.recording_in(folder) for key, walk in walks.items()}
+    return {key: path for key, path in files.items() if path is not None and path.is_file()}
 
 
 def make_overview(
@@ -223,10 +223,10 @@ def _serve(chosen: Path | StoredSession, files: FileServer, into: Path, on_damag
     return files.add(session.name, overview)
 
 
-def _sound_ones(recordings: Recordings, on_damage: OnDamage) -> Recordings:
+def _sound_ones(recordings: RecordingPaths, on_damage: OnDamage) -> RecordingPaths:
     """Recordings at which no viewer ends that opens them from an overview."""
     look_at(recordings.values())
-    sound: Recordings = {}
+    sound: RecordingPaths = {}
     for key, path in recordings.items():
         try:
             check_viewable(path)

@@ -8,7 +8,7 @@ from typing import Any
 from hexctl.adapt.sessions.store import RUNS, export_session
 from hexctl.errors import InputError, argument
 from hexctl.export.pictures import PictureOptions
-from hexctl.export.recordings import OnProgress, Trials, is_session, recordings_of
+from hexctl.export.recordings import OnProgress, Trials, is_session, recordings_to_export
 from hexctl.record.recorded_trial import RecordedTrial, read_trial
 from hexctl.record.rerun_program import OnDamage, log_damage
 from hexctl.robot.configs import config_names
@@ -78,7 +78,7 @@ def export(
         elif table:
             export_session(str(sources[0]), path, folder)
         else:
-            trials = recordings_of(sources, Path(folder), robot, on_damage)
+            trials = recordings_to_export(sources, Path(folder), robot, on_damage)
             _write_trials(trials, kind, path, PictureOptions(**picture), on_progress or _silent)
     except OSError as error:
         raise InputError(

@@ -88,7 +88,7 @@ def is_session(source: Any) -> bool:
     return not isinstance(source, Robot) and not Path(str(source)).suffix
 
 
-def recordings_of(
+def recordings_to_export(
     sources: Sequence[str | Path | Robot],
     runs: Path,
     robot: Robot | None = None,
@@ -121,9 +121,8 @@ def title_of(trial: RecordedTrial) -> str:
 
 def _of_session(name: str, runs: Path) -> list[Path]:
     session = load_session(name, runs)
-    told = [Path(trial.recording) for trial in session.trials if trial.recording is not None]
-    # A folder of runs may have been moved or be used from elsewhere.
-    found = [path if path.is_file() else runs / name / path.name for path in told]
+    named = [trial.recording_in(runs / name) for trial in session.trials]
+    found = [path for path in named if path is not None]
     if not any(path.is_file() for path in found):
         raise InputError(f"session {name}: has no recordings to export")
     return found

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -214,6 +215,13 @@ class WalkRecord:
     def valid(self) -> bool:
         """Whether the walk counts."""
         return self.score < INVALID_SCORE
+
+    def recording_in(self, folder: Path) -> Path | None:
+        """Its recording in the folder of its session, there or not; None where it was not recorded.
+
+        A store may have been moved since, or be somebody else's: of the stored path only the name counts.
+        """
+        return folder / Path(self.recording).name if self.recording else None
 
     def _measured_json(self) -> dict[str, Any]:
         """Outcome, in the order in which tables have it."""

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.console import FAULT, make_bar, print_note, print_result
+from hexctl.cli.console import make_bar, print_result
 from hexctl.cli.options.robot import robot_option
 from hexctl.cli.progress import WithBar
+from hexctl.cli.results.left_out import LeftOut
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.values import Range, choice, number, with_values
 
 if TYPE_CHECKING:
-    from hexctl.errors import InputError
     from hexctl.robot.model import Robot
 
 Format = Literal["urdf", "mjcf", "mcap", "csv", "parquet", "lerobot", "gif", "mp4"]
@@ -105,26 +105,21 @@ def export(
         duration_s=duration,
         captions=None if caption is None else tuple(caption),
     )
-    damaged: list[InputError] = []
-    try:
-        with _Progress() as progress:
-            path = write(
-                *sources,
-                to=to,
-                output=output,
-                robot=_robot(robot),
-                ros2_control=ros2_control,
-                folder=runs_folder(),
-                on_progress=progress.tell,
-                on_damage=damaged.append,
-                **picture,
-            )
-        print_result(f"{path}")
-    finally:
-        for error in damaged:
-            print_note(f"hexctl: {error}")
-    if damaged:
-        raise typer.Exit(FAULT)
+    left_out = LeftOut()
+    with _Progress() as progress:
+        path = write(
+            *sources,
+            to=to,
+            output=output,
+            robot=_robot(robot),
+            ros2_control=ros2_control,
+            folder=runs_folder(),
+            on_progress=progress.tell,
+            on_damage=left_out.name,
+            **picture,
+        )
+    print_result(f"{path}")
+    raise typer.Exit(left_out.code())
 
 
 class _Progress(WithBar):

@@ -5,8 +5,9 @@ from typing import Annotated, Any
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.console import DONE, FAULT, StopOnInterrupt, print_note
+from hexctl.cli.console import DONE, StopOnInterrupt, print_note
 from hexctl.cli.options.connection import InsecureOption, KeysOption, LinkOption, WatchedOption
+from hexctl.cli.results.left_out import LeftOut
 from hexctl.cli.settings import runs_folder
 from hexctl.errors import InputError, RobotFaultError
 
@@ -45,25 +46,18 @@ def _view_runs(names: list[str], *, web: bool) -> int:
     """Open recordings and sessions; return the exit code."""
     from hexctl.adapt.overview import serve_runs, view_runs
 
-    damaged: list[InputError] = []
-
-    def name_it(error: InputError) -> None:
-        print_note(f"hexctl: {error}")
-        damaged.append(error)
-
-    code = DONE
+    left_out = LeftOut()
     if not web:
-        code = view_runs(names, runs_folder(), on_damage=name_it)
-    else:
-        with StopOnInterrupt() as interrupt:
-            serve_runs(
-                names,
-                runs_folder(),
-                on_url=_print_address,
-                stop_requested=interrupt.requested,
-                on_damage=name_it,
-            )
-    return FAULT if damaged and code == DONE else code
+        return left_out.code(view_runs(names, runs_folder(), on_damage=left_out.name))
+    with StopOnInterrupt() as interrupt:
+        serve_runs(
+            names,
+            runs_folder(),
+            on_url=_print_address,
+            stop_requested=interrupt.requested,
+            on_damage=left_out.name,
+        )
+    return left_out.code()
 
 
 def _watch(*, web: bool, link: str | None, **options: Any) -> int:
