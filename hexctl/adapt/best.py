@@ -7,14 +7,15 @@ from pathlib import Path
 from hexctl.adapt.prior.find import find_prior, prior_folders
 from hexctl.adapt.prior.prior import PriorKey, open_prior
 from hexctl.adapt.prior.samples import covering, ranked_codes
-from hexctl.adapt.sessions.session import Session
+from hexctl.adapt.sessions.session import BaselineRecord, Session
 from hexctl.adapt.sessions.store import RUNS, load_session
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.base import as_robot
 from hexctl.control.assessment.static_stability import in_posture, usual_posture
 from hexctl.control.plan import AUTO_ROTATION, TrialPlan, suited_rotation
 from hexctl.errors import InputError, argument
-from hexctl.gait.gait import make_gait, names_best
+from hexctl.gait.encoding import Slots
+from hexctl.gait.gait import NAMED_SLOTS, make_gait, names_best
 from hexctl.gait.posture import Posture
 from hexctl.record.run_spec import RunSpec
 from hexctl.robot.failure import Failure
@@ -40,7 +41,8 @@ def best_gait(spec: RunSpec, folder: Path | str = RUNS) -> BestGait:
     """The best gait for a walk whose spec has the gait `best` or `best:SESSION`, or changes to one.
 
     By the first prior for robot, leg, failure, hold and posture it is the fastest one, of open-loop walks
-    the one that ends nearest to its line; by a session it is that of its best trial.
+    the one that ends nearest to its line; by a session it is that of its best trial, or of its baseline where
+    no trial is better than that.
 
     Args:
         spec: of the walk.
@@ -125,8 +127,8 @@ def _of_prior(spec: RunSpec, robot: Robot, failure: Failure, folder: Path) -> Be
 
 
 def _of_session(spec: RunSpec, robot: Robot, failure: Failure, session: Session) -> BestGait:
-    """The gait of a session's best trial, in its posture."""
-    own, best, what = session.spec, session.best, f"{argument('gait')}: got best:{session.name}"
+    """The gait of a session's best walk, in its posture."""
+    own, best, what = session.spec, session.best_walk, f"{argument('gait')}: got best:{session.name}"
     if own.robot_fingerprint != robot.fingerprint:
         raise InputError(f"{what}, a session of {own.robot}; allowed: of {robot.name} as it is described now")
     if (own.failed_leg, own.failure) != (failure.leg, str(failure)):
@@ -135,11 +137,16 @@ def _of_session(spec: RunSpec, robot: Robot, failure: Failure, session: Session)
             f"{failure}"
         )
     if best is None:
-        raise InputError(f"{what}, which has no valid trial; allowed: another session, or auto")
+        raise InputError(f"{what}, which has no valid walk; allowed: another session, or auto")
     rotation = own.self_rotation if spec.self_rotation == AUTO_ROTATION else spec.self_rotation
     body_raise = own.body_raise if spec.body_raise is None else spec.body_raise
-    source = f"gait {best.code}, trial {best.index} of the session {session.name}"
-    walk = _walk_with(spec, best.slots, body_raise, rotation)
+    gait: str | Slots = best.slots
+    if isinstance(best, BaselineRecord):
+        gait = best.gait if best.gait in NAMED_SLOTS else best.slots  # the tripod is no permutation
+        source = f"gait {best.gait}, than which no trial of the session {session.name} is better"
+    else:
+        source = f"gait {best.code}, trial {best.index} of the session {session.name}"
+    walk = _walk_with(spec, gait, body_raise, rotation)
     trim_rad = session.trim_rad(best.slots) if spec.hold == "heading" and spec.trim_rad is None else None
     if trim_rad is not None:
         walk = replace(walk, trim_rad=trim_rad)
@@ -147,5 +154,6 @@ def _of_session(spec: RunSpec, robot: Robot, failure: Failure, session: Session)
     return BestGait(spec=walk, source=source)
 
 
-def _walk_with(spec: RunSpec, slots: tuple[int, ...], body_raise: float, rotation: str) -> RunSpec:
-    return replace(spec, gait=tuple(slots), chosen_gait=True, body_raise=body_raise, self_rotation=rotation)
+def _walk_with(spec: RunSpec, gait: str | Slots, body_raise: float, rotation: str) -> RunSpec:
+    gait = gait if isinstance(gait, str) else tuple(gait)
+    return replace(spec, gait=gait, chosen_gait=True, body_raise=body_raise, self_rotation=rotation)

@@ -14,10 +14,12 @@ from hexctl.adapt.prior.samples import ranked_codes
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.errors import InputError
+from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.record.run import Run, run
 from hexctl.record.run_spec import RunSpec
 from hexctl.robot.failure import Failure
 from tests.adapt.priors import key_of, made_up_prior, made_up_score_prior
+from tests.adapt.walking import stored_session
 from tests.robots import shipped
 
 LIMP = Failure(leg=2, kind="limp")
@@ -124,6 +126,28 @@ def test_by_a_session_it_is_that_of_its_best_trial(tmp_path: Path) -> None:
         best_gait(spec(gait=name), tmp_path)
     with pytest.raises(InputError, match="a session of ant; allowed: of pexod"):
         best_gait(spec(gait=name, failure=Failure(leg=2), robot="pexod"), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("ends_m", "gait", "source"),
+    [
+        ({"tripod": 0.01, "auto": 0.02}, NAMED_SLOTS["tripod"], "gait tripod, than which no trial of the s"),
+        ({"tripod": 0.02, "auto": 0.01}, GaitSpace((2,)).slots_of(42), "gait auto, than which no trial of"),
+        ({"tripod": 0.04, "auto": 0.05}, GaitSpace((2,)).slots_of(17), "gait 17, trial 1 of the session"),
+    ],
+    ids=["tripod", "auto", "trial"],
+)
+def test_by_a_session_it_is_that_of_the_baseline_where_no_trial_is_better(
+    tmp_path: Path, ends_m: dict[str, float], gait: tuple[int, ...], source: str
+) -> None:
+    name = f"best:{stored_session(tmp_path, 0.03, **ends_m)}"
+    found = best_gait(spec(gait=name, failure=Failure(leg=2)), tmp_path)
+    assert found.source.startswith(source)
+    assert Run(found.spec).plan.gait.slots == gait
+    later = best_gait(spec(gait="wave", then=(f"{name}@2",), failure=Failure(leg=2)), tmp_path)
+    assert later.source == f"from 2 s on {found.source}"
+    (change,) = Run(later.spec).plan.changes
+    assert change.gait.slots == gait
 
 
 def test_by_a_session_that_learned_a_trim_it_walks_with_the_trim(tmp_path: Path) -> None:

@@ -1,14 +1,20 @@
 """Trials without a robot: a made-up landscape that the loop walks."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.runner import WalkedTrial
-from hexctl.adapt.sessions.session import SessionSpec
+from hexctl.adapt.sessions.session import BaselineRecord, SessionSpec, TrialRecord
+from hexctl.adapt.sessions.store import SessionStore
+from hexctl.adapt.space import GaitSpace
 from hexctl.control.result import Deviation, TrialResult
 from hexctl.control.trial import Enough
 from hexctl.gait.encoding import Slots
+from hexctl.gait.gait import NAMED_SLOTS
+from tests.robots import shipped
 
 SPEC = SessionSpec(failed_leg=5, optimizer="pso", budget=12, seed=3)
 
@@ -29,6 +35,34 @@ def result_of(deviation_m: float, status: str = "ok") -> TrialResult:
         clipped_ticks=0,
         path_m=path,
     )
+
+
+def stored_session(folder: Path, trial_m: float, **baseline_m: float) -> str:
+    """Name of a session of `ant` without leg 2 with one trial, of code 17, and walks of its baseline.
+
+    All of them are told by where they end; `auto` is code 42.
+    """
+    space = GaitSpace((2,))
+    spec = SessionSpec(failed_leg=2, optimizer="random", robot_fingerprint=shipped().fingerprint)
+
+    def walked(off_m: float) -> dict[str, Any]:
+        result = result_of(off_m)
+        return {
+            "score": OBJECTIVES["final"](result),
+            "outcome": result.to_dict(),
+            "path_m": result.path_m[::10].tolist(),
+            "recording": None,
+        }
+
+    with SessionStore(folder) as store:
+        session = store.create(spec)
+        for gait, off_m in baseline_m.items():
+            slots = NAMED_SLOTS.get(gait, space.slots_of(42))
+            code = 42 if gait == "auto" else None
+            store.add_baseline(session, BaselineRecord(gait=gait, code=code, slots=slots, **walked(off_m)))
+        trial = TrialRecord(index=1, code=17, slots=space.slots_of(17), **walked(trial_m))
+        store.add_trial(session, trial, {})
+    return session.name
 
 
 class Landscape:

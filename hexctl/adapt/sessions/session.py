@@ -356,6 +356,11 @@ class Session:
         better = [walk for walk in valid if walk.score < best and self.spec.distinct(walk.score, best)]
         return sorted(better, key=lambda walk: walk.score)
 
+    @property
+    def best_walk(self) -> TrialRecord | BaselineRecord | None:
+        """The walk to walk on with: the best of `better_baseline`, else the best trial; None without one."""
+        return next(iter(self.better_baseline), self.best)
+
     def trim_rad(self, slots: Sequence[int]) -> float | None:
         """Trim that is learned for a gait, the mean of what its walks want; None where none says.
 

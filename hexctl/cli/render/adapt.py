@@ -305,7 +305,7 @@ def _to_walk_on_with(session: Session) -> TrialRecord | BaselineRecord | None:
 
     Where a trim was searched, None too for a gait for which none is known.
     """
-    walk = next(iter(session.better_baseline), session.best)
+    walk = session.best_walk
     if walk is None or session.spec.optimizer != TRIM:
         return walk
     trims = (session.trim_rad(walk.slots), session.turn_trim_rad_s(walk.slots))

@@ -18,6 +18,7 @@ from hexctl.cli.main import exit_code
 from hexctl.record import recording
 from hexctl.record.rrd import ROOM_BYTES, has_index
 from hexctl.record.tracks.block_writer import BlockWriter
+from tests.adapt.walking import stored_session
 from tests.backends.fake_time import FakeTime
 from tests.cli.kits import Kit
 
@@ -499,6 +500,20 @@ def test_the_best_gait_is_told_and_walked_and_where_none_is_known_that_is_said(
     assert "--gait: got best, and there is no prior for such walks" in (err := capsys.readouterr().err)
     assert "allowed: auto" in err
     assert len(err.splitlines()) == 1
+
+
+def test_the_best_gait_of_a_session_is_that_of_its_baseline_where_no_trial_is_better(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    session = stored_session(tmp_path / "runs", 0.03, tripod=0.01)
+    words = ["run", "--failed-leg", "2", "--duration", "1", "--no-record", "--json"]
+    said = f"gait tripod, than which no trial of the session {session} is better\n"
+    assert exit_code([*words, "--gait", f"best:{session}"]) == 0
+    printed = capsys.readouterr()
+    assert (printed.err, json.loads(printed.out)["gait"]["name"]) == (f"hexctl: {said}", "tripod")
+    assert exit_code([*words, "--gait", "wave", "--then", f"best:{session}@0.5"]) == 0
+    assert capsys.readouterr().err == f"hexctl: from 0.5 s on {said}"
 
 
 def test_a_self_rotation_without_a_failed_leg_is_said_to_change_nothing(
