@@ -249,7 +249,8 @@ class Guard(ServosWrapper):
         """Pass targets on, limited in position and speed, and return what was really sent.
 
         A step is measured from the target that was in force when the control period began: a jump is slewed
-        at the joints' own speed, and many commands within a period move no further than one.
+        at the joints' own speed, and many commands within a period move no further than one, each and all
+        together.
         Raises EStopError while stopped, CommandRefusedError for targets that are not finite, too old or from
         the future; then nothing is sent and the last accepted targets stay in force. Raises RobotFaultError
         when the robot has gone.
@@ -335,6 +336,9 @@ class Guard(ServosWrapper):
         now_s = self.clock.now_s
         self._check(targets, now_s)
         allowed_rad = self._limits.apply(targets.positions_rad, self._baseline(now_s))
+        if self._accepted_rad is not None and self._accepted_rad is not self._baseline_rad:
+            # One more within a period: from the last one to this, it is a step like any other.
+            allowed_rad = self._limits.apply(allowed_rad, self._accepted_rad)
         sent = targets
         if allowed_rad.tolist() != targets.positions_rad.tolist():
             self.counters.clipped += 1

@@ -168,6 +168,22 @@ def test_many_commands_in_one_period_move_no_further_than_one() -> None:
         np.testing.assert_allclose(sent - before, np.minimum(step, STANCE + 0.5 - before), atol=1e-12)
 
 
+@given(offsets=st.lists(st.lists(st.floats(-0.5, 0.5), min_size=1, max_size=4), min_size=1, max_size=5))
+def test_whatever_comes_within_periods_each_servo_is_told_a_step_at_a_time(
+    offsets: list[list[float]],
+) -> None:
+    guard, servos = connected()
+    told = [send(guard, STANCE)]
+    for period in offsets:
+        guard.clock.tick()
+        before = told[-1]
+        for offset in period:
+            told.append(send(guard, STANCE + offset))
+            assert (np.abs(told[-1] - before) <= STEP + 1e-12).all()
+    assert (np.abs(np.diff(told, axis=0)) <= STEP + 1e-12).all()
+    assert len(servos.sent) == len(told)
+
+
 @pytest.mark.parametrize("expiry_s", [0.0, -1.0, 1.5, math.inf, math.nan])
 def test_the_expiry_has_no_off(expiry_s: float) -> None:
     with pytest.raises(InputError, match="expiry"):
