@@ -67,19 +67,31 @@ VERDICT_COLORS: dict[str, Color] = {
 }
 UNJUDGED_COLOR: Color = (232, 234, 237)
 
-#: Optimizers of a study, and any other one; bars that results are held against, and the best of all gaits.
+#: Optimizers of a study, and any other one: the five colours of Okabe and Ito that are dark enough for white,
+#: and the wine red of Tol's muted set.
 OPTIMIZER_COLORS: dict[str, Color] = {
     "pso": (0, 114, 178),
-    "psosp": (70, 145, 220),
+    "psosp": (0, 114, 178),
     "dps": (0, 158, 115),
     "debest": (213, 94, 0),
     "derand": (204, 121, 167),
     "random": (0, 0, 0),
-    "exhaustive": (120, 120, 124),
-    "bayes": (192, 57, 43),
-    "bayes-early": (204, 130, 0),
+    "exhaustive": (0, 0, 0),
+    "bayes": (136, 34, 85),
+    "bayes-early": (136, 34, 85),
 }
-OTHER_OPTIMIZER_COLORS: tuple[Color, ...] = ((184, 134, 11), (140, 86, 75), (127, 60, 141))
+OTHER_OPTIMIZER_COLORS: tuple[Color, ...] = ((0, 114, 178), (213, 94, 0), (0, 158, 115))
+
+#: Lengths of dashes and gaps of their lines, in line widths: those of one colour differ. Others are solid.
+OPTIMIZER_DASHES: dict[str, tuple[float, ...]] = {
+    "psosp": (3.7, 1.6),
+    "random": (3.7, 1.6),
+    "exhaustive": (3.7, 1.2, 1.0, 1.2, 1.0, 1.2),
+    "bayes-early": (3.7, 1.6),
+}
+OTHER_OPTIMIZER_DASHES = (5.0, 1.2, 2.0, 1.2)
+
+#: Bars that results are held against, and the best of all gaits.
 BAR_COLOR: Color = (192, 57, 43)
 BEST_OF_ALL_COLOR: Color = (120, 120, 124)
 

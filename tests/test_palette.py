@@ -22,8 +22,10 @@ from hexctl.palette import (
     MARGIN_COLOR,
     NOTICED_COLORS,
     OPTIMIZER_COLORS,
+    OPTIMIZER_DASHES,
     OTHER_BASELINE_COLOR,
     OTHER_OPTIMIZER_COLORS,
+    OTHER_OPTIMIZER_DASHES,
     OTHER_REMEDY_COLORS,
     REMEDY_COLORS,
     SCALE,
@@ -129,12 +131,28 @@ def test_labels_are_read_in_both_themes() -> None:
     assert min(contrast(TEXT_COLOR, label) for label in LABELS) >= 3
 
 
+def difference(one: Color, other: Color, kind: str) -> float:
+    """Difference of two colours as they are seen."""
+    return float(np.linalg.norm(lab(one, BLINDNESS[kind]) - lab(other, BLINDNESS[kind])))
+
+
 @pytest.mark.parametrize("kind", BLINDNESS)
 @pytest.mark.parametrize("view", TOGETHER)
 def test_what_stands_together_is_told_apart_with_colour_blindness(view: str, kind: str) -> None:
     for one, other in combinations(TOGETHER[view], 2):
-        apart = float(np.linalg.norm(lab(one, BLINDNESS[kind]) - lab(other, BLINDNESS[kind])))
-        assert apart >= APART, (one, other)
+        assert difference(one, other, kind) >= APART, (one, other)
+
+
+@pytest.mark.parametrize("kind", BLINDNESS)
+def test_optimizers_are_told_apart_by_their_colours_or_by_the_dashes_of_one_colour(kind: str) -> None:
+    for one, other in combinations(OPTIMIZER_COLORS, 2):
+        if OPTIMIZER_COLORS[one] == OPTIMIZER_COLORS[other]:
+            assert OPTIMIZER_DASHES.get(one) != OPTIMIZER_DASHES.get(other), (one, other)
+        else:
+            assert difference(OPTIMIZER_COLORS[one], OPTIMIZER_COLORS[other], kind) >= APART, (one, other)
+    assert OTHER_OPTIMIZER_DASHES not in OPTIMIZER_DASHES.values()
+    for pair in combinations(OTHER_OPTIMIZER_COLORS, 2):
+        assert difference(*pair, kind) >= APART, pair
 
 
 def test_a_gait_without_a_search_has_its_colour_by_name() -> None:

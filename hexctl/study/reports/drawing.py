@@ -1,10 +1,16 @@
 """What all figures share: matplotlib without a window, colours, saving."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hexctl.errors import MissingExtraError
-from hexctl.palette import OPTIMIZER_COLORS, OTHER_OPTIMIZER_COLORS, hex_color
+from hexctl.palette import (
+    OPTIMIZER_COLORS,
+    OPTIMIZER_DASHES,
+    OTHER_OPTIMIZER_COLORS,
+    OTHER_OPTIMIZER_DASHES,
+    hex_color,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,6 +34,13 @@ def color_of(optimizer: str) -> str:
     """Colour of an optimizer, the same in all figures."""
     others = OTHER_OPTIMIZER_COLORS
     return hex_color(OPTIMIZER_COLORS.get(optimizer, others[sum(optimizer.encode()) % len(others)]))
+
+
+def line_of(optimizer: str) -> dict[str, Any]:
+    """Colour and dashes of an optimizer's lines, as keywords of matplotlib; the same in all figures."""
+    usual = () if optimizer in OPTIMIZER_COLORS else OTHER_OPTIMIZER_DASHES
+    dashes = OPTIMIZER_DASHES.get(optimizer, usual)
+    return {"color": color_of(optimizer), "linestyle": (0, dashes) if dashes else "-"}
 
 
 def new_figure(rows: int, columns: int, size_in: tuple[float, float]) -> "tuple[Figure, list[Axes]]":

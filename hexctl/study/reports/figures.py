@@ -22,7 +22,7 @@ from hexctl.palette import (
 from hexctl.study.default_gaits import DefaultWalk
 from hexctl.study.landscapes.landscape import Landscape
 from hexctl.study.plan import BASELINE
-from hexctl.study.reports.drawing import color_of, grid_of, label_axes, new_figure, save_figure
+from hexctl.study.reports.drawing import color_of, grid_of, label_axes, line_of, new_figure, save_figure
 from hexctl.study.searches import Curve, Findings, Searches
 from hexctl.study.verdicts.evidence import cm
 from hexctl.study.verdicts.trajectories import EARLY, EARLY_M, LATE, LATE_M, ends, within
@@ -250,8 +250,7 @@ def means_figure(findings: Findings) -> "Figure":
 
 def _draw_curve(panel: "Axes", name: str, curve: Curve) -> None:
     evaluations = np.arange(1, len(curve.mean) + 1)
-    style = "--" if name == BASELINE else "-"
-    panel.plot(evaluations, curve.mean, style, color=color_of(name), linewidth=1.4, label=name)
+    panel.plot(evaluations, curve.mean, linewidth=1.4, label=name, **line_of(name))
 
 
 def _draw_spread(panel: "Axes", name: str, curve: Curve) -> None:

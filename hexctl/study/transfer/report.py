@@ -12,10 +12,10 @@ from hexctl.files import atomic_write
 from hexctl.palette import BAR_COLOR, BEST_OF_ALL_COLOR, hex_color
 from hexctl.study.landscapes.versions import code_versions
 from hexctl.study.plan import BASELINE
-from hexctl.study.reports.drawing import color_of, grid_of, label_axes, new_figure, save_figure
+from hexctl.study.reports.drawing import grid_of, label_axes, line_of, new_figure, save_figure
 from hexctl.study.reports.page import Block, Bullets, Picture, Section, Table, render_page
 from hexctl.study.reports.tables import number
-from hexctl.study.transfer.plan import EARLY, PRIORED
+from hexctl.study.transfer.plan import PRIORED
 from hexctl.study.transfer.searches import NEAR_M, NEARER_M, Curves, TransferFindings
 from hexctl.study.verdicts.evidence import Bar, cm, too_short
 from hexctl.study.verdicts.uncertainty import StudyUncertainty
@@ -141,8 +141,7 @@ def _draw(panels: "list[Axes]", name: str, across: FloatArray, curves: Curves) -
 
 def _line(panel: "Axes", name: str, across: FloatArray, values: FloatArray) -> None:
     strong = name.startswith("bayes")
-    style = "--" if name in (EARLY, "random") else "-"
-    panel.plot(across, values, style, color=color_of(name), linewidth=2.2 if strong else 1.1, label=name)
+    panel.plot(across, values, linewidth=2.2 if strong else 1.1, label=name, **line_of(name))
 
 
 def _floor(panel: "Axes", floor_m: float) -> None:
