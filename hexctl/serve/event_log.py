@@ -8,6 +8,7 @@ from contextlib import suppress
 
 from hexctl.backends.clock import Standstill
 from hexctl.control.stop_reason import reason_in_words
+from hexctl.serve.stops.stop import ESTOP, Clear, Stop
 
 #: Lines that wait for a slow reader; further ones are dropped and counted.
 WAITING_LINES = 256
@@ -34,6 +35,8 @@ class EventLog:
         self._lines: queue.Queue[str | None] = queue.Queue(WAITING_LINES)
         self._controller: str | None = None
         self._stopped: str | None = None
+        self._stop_by: str | None = None
+        self._cleared: Clear | None = None
         self._posture = "idle"
         self._fault: str | None = None
         self._writer: threading.Thread | None = None
@@ -49,6 +52,8 @@ class EventLog:
         controller: str | None,
         stopped: str | None,
         posture: str,
+        stop: Stop | None = None,
+        cleared: Clear | None = None,
         fault: str | None = None,
         warnings: tuple[str, ...] = (),
         ros: str | None = None,
@@ -57,6 +62,7 @@ class EventLog:
     ) -> None:
         """Report what differs from the last call, and a fault that is over while its stop is latched.
 
+        `stop` is the one in force and `cleared` the one that was cleared last: they say who asked.
         `ros` is a line on the ROS router, `doubt` one on a position that is not believed; a
         standstill of this program itself comes before what followed from it.
         """
@@ -78,16 +84,30 @@ class EventLog:
         self._warnings = warnings
         if controller != self._controller:
             self.add(f"commanded by {controller}" if controller else f"{self._controller} has left")
-        if stopped != self._stopped:
-            self.add(
-                f"STOPPED: {reason_in_words(stopped)}" if stopped else f"no longer stopped ({self._stopped})"
-            )
+        self._note_stop(stopped, None if stop is None else stop.by, cleared)
         if stopped is not None and stopped.startswith("fault:") and self._fault and fault is None:
             self.add(f"over, and still stopped ({self._fault}): hexctl estop --clear lets the robot move")
         self._fault = fault
         if posture != self._posture and posture in POSTURES:
             self.add(POSTURES[posture])
-        self._controller, self._stopped, self._posture = controller, stopped, posture
+        self._controller, self._posture = controller, posture
+
+    def _note_stop(self, stopped: str | None, by: str | None, cleared: Clear | None) -> None:
+        """Report a stop, its end, and who asked for either, also of one that was in force already."""
+        ended = None if cleared is None or cleared == self._cleared else f"cleared by {cleared.by}"
+        before, before_by = self._stopped, self._stop_by
+        self._stopped, self._stop_by, self._cleared = stopped, by, cleared
+        asked = "" if by is None else f", asked for by {by}"
+        if stopped is None:
+            if before is not None:
+                self.add(f"no longer stopped ({before}){f', {ended}' if ended else ''}")
+            return
+        if ended:
+            self.add(f"{ended} ({before})")
+        if stopped != before or ended:
+            self.add(f"STOPPED: {ESTOP if by and stopped == ESTOP else reason_in_words(stopped)}{asked}")
+        elif by is not None and by != before_by:
+            self.add(f"still stopped{asked}")
 
     def close(self) -> None:
         """Report the lines that wait, as long as the reader takes them in time."""

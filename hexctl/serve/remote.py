@@ -8,7 +8,7 @@ from typing import Any
 
 import zenoh
 
-from hexctl.backends.zenoh.client import ask, ask_until
+from hexctl.backends.zenoh.client import ask, ask_until, owner_name
 from hexctl.errors import RobotFaultError
 from hexctl.robot.failure_event import parse_failure_now, parse_healing
 from hexctl.serve.stops.stop import HOLD_S
@@ -50,7 +50,7 @@ class RemoteRobots:
         Raises RobotFaultError unless each robot that answers has stopped, and one has answered.
         """
         named = {} if request is None else {"request": request}
-        answers = self._ask(self._keys.estop, {"op": "stop", **named})
+        answers = self._ask(self._keys.estop, {"op": "stop", "owner": owner_name(), **named})
         for answer in answers:
             if answer.get("stopped") is None:
                 raise RobotFaultError(f"a robot did not stop: {answer.get('error', answer)}")
@@ -72,7 +72,7 @@ class RemoteRobots:
 
     def _clear(self, status: dict[str, Any]) -> list[dict[str, Any]]:
         """Clear the stop that a status tells of."""
-        stop, asked = status.get("stop"), {"op": "clear"}
+        stop, asked = status.get("stop"), {"op": "clear", "owner": owner_name()}
         if isinstance(stop, dict):  # servers of earlier versions know no ids
             asked["id"] = str(stop.get("id"))
             clear_in_s = stop.get("clear_in_s", 0.0)

@@ -11,7 +11,7 @@ from hexctl.errors import HexctlError, MessageError, RobotFaultError
 from hexctl.robot.failure_event import in_words_with_share, parse_failure_now, parse_healing
 from hexctl.serve.leases import Lease, LeaseManager, LeaseRefusedError
 from hexctl.serve.stops.latch import StopLatch
-from hexctl.serve.stops.stop import LIFTED_BY_LEASE, Stop
+from hexctl.serve.stops.stop import LIFTED_BY_LEASE, MAX_BY, UNNAMED, Stop
 from hexctl.wire.description import decode_json
 from hexctl.wire.links import CLEAR_COMMAND
 
@@ -34,11 +34,13 @@ class StopRequest:
         op: `stop` or `clear`.
         request: name that the client gave its stop, or None.
         stop_id: of the stop that is to be cleared, or None.
+        by: name of the client, as it says; one that is none stops nothing from being obeyed.
     """
 
     op: str
     request: str | None = None
     stop_id: str | None = None
+    by: str = UNNAMED
 
     @classmethod
     def of(cls, payload: bytes) -> "StopRequest":
@@ -53,6 +55,7 @@ class StopRequest:
             op=_one_of(content, "op", ("stop", "clear")),
             request=_name(content, "request"),
             stop_id=_name(content, "id"),
+            by=_asker(content),
         )
 
 
@@ -76,17 +79,21 @@ class RequestHandler:
         self.malformed = 0
         self._changed_at_s: deque[float] = deque(maxlen=MOST_CHANGES)
 
-    def urgent(self, payload: bytes) -> None:
+    def urgent(self, payload: bytes, *, by: str | None = None) -> None:
         """Stop the robot unless a payload at `estop` asks for a clear. Safe on any thread.
 
         One that is not understood stops too: whoever wrote there wanted something of the stop.
+
+        Args:
+            payload: of the request.
+            by: who asks, where the payload does not say it.
         """
         try:
             wanted = StopRequest.of(payload)
         except MessageError:
             wanted = StopRequest(op="stop")
         if wanted.op == "stop":
-            self.latch.stop(wanted.request)
+            self.latch.stop(wanted.request, by=by or wanted.by)
 
     def estop(self, payload: bytes, at_s: float) -> dict[str, Any]:
         """Answer to a request at `estop`: why the robot is stopped now, after a stop or a clear.
@@ -104,20 +111,21 @@ class RequestHandler:
             self.leases.revoke()
             return {**_told(self.latch.ensure()), **self._misunderstood(error)}
         if wanted.op == "clear":
-            return self.clear(wanted.stop_id, at_s)
+            return self.clear(wanted.stop_id, at_s, by=wanted.by)
         self.leases.revoke()
-        return _told(self.latch.ensure())
+        return _told(self.latch.ensure(by=wanted.by))
 
-    def clear(self, stop_id: str | None, at_s: float) -> dict[str, Any]:
+    def clear(self, stop_id: str | None, at_s: float, *, by: str = UNNAMED) -> dict[str, Any]:
         """Clear a stop; what still stops the robot, such as a fault, stops it again before the answer.
 
         Args:
             stop_id: of the stop.
             at_s: when it was asked for, on time.monotonic.
+            by: who asks.
         """
         if self._guard.stopped is None:
             return {"stopped": None}
-        refusal = self.latch.clear(stop_id, at_s)
+        refusal = self.latch.clear(stop_id, at_s, by=by)
         if refusal is not None:
             return {"stopped": self._guard.stopped, "error": refusal}
         self.leases.revoke()
@@ -235,6 +243,13 @@ def _name(content: dict[str, Any], key: str) -> str | None:
     if value is not None and not (isinstance(value, str) and len(value) <= MAX_NAME):
         raise MessageError(f"{key}: got {str(value)[:40]!r}; allowed: text of at most {MAX_NAME} characters")
     return value
+
+
+def _asker(content: dict[str, Any]) -> str:
+    """Name of the client in a request for a stop; one that cannot be shown is no name."""
+    owner = content.get("owner")
+    named = isinstance(owner, str) and owner.strip() and owner.isprintable()
+    return str(owner)[:MAX_BY] if named else UNNAMED
 
 
 def _one_of(content: dict[str, Any], key: str, allowed: tuple[str, ...]) -> str:

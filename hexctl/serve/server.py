@@ -22,7 +22,7 @@ from hexctl.serve.ros.snapshot import RobotSnapshot
 from hexctl.serve.served_servos import ServedServos
 from hexctl.serve.stops.at_rest import RestWatch
 from hexctl.serve.stops.latch import StopLatch
-from hexctl.serve.stops.stop import ESTOP
+from hexctl.serve.stops.stop import ESTOP, OVER_ROS
 from hexctl.serve.stops.stop_file import StopFile
 from hexctl.serve.stops.stop_socket import StopSocket
 from hexctl.serve.transport import Transport, attachment_of, payload_of
@@ -105,7 +105,9 @@ class RobotServer:
         self._standstill: Standstill | None = None
         self._ticked_s = math.inf
         self._malformed_poses = 0
-        self._ros = None if ros is None else ros.connect(self._inbox, lambda: self._requests.urgent(b""))
+        self._ros = (
+            None if ros is None else ros.connect(self._inbox, lambda: self._requests.urgent(b"", by=OVER_ROS))
+        )
         self._driver = None if ros is None or not ros.drive else self._made_driver()
 
     def run(self, until: Callable[[], bool], *, ready: Callable[[], None] = lambda: None) -> None:
@@ -271,6 +273,8 @@ class RobotServer:
         self._event_log.note(
             controller=None if lease is None else lease.owner,
             stopped=self._guard.stopped,
+            stop=self._latch.current(),
+            cleared=self._latch.cleared,
             posture=self._idle.name,
             fault=None if self._state is None else self._state.fault,
             warnings=() if self._state is None else self._state.warnings,
@@ -325,12 +329,14 @@ class RobotServer:
         now_s = time.monotonic()
         lease, state, guard = self._leases.holder(now_s), self._state, self._guard
         self._commands.counters.overflowed = self._inbox.overflowed
+        cleared = self._latch.cleared
         return {
             **self._who,
             "simulated": self._simulated,
             "failures": None if guard.failures is None else [f"{one.leg}:{one}" for one in guard.failures],
             "stopped": guard.stopped,
             "stop": self._latch.status(),
+            "cleared": None if cleared is None else cleared.to_json(now_s),
             "at_rest": self._rest.at_rest,
             "posture": self._idle.name,
             "controller": None if lease is None else lease.owner,

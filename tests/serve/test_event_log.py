@@ -3,6 +3,7 @@
 import threading
 
 from hexctl.serve.event_log import WAITING_LINES, EventLog
+from hexctl.serve.stops.stop import Clear, Stop
 
 TIMEOUT_S = 10.0
 
@@ -52,6 +53,43 @@ def test_changes_are_told_once_and_in_order() -> None:
         "holds its pose",
         "no longer stopped (expired)",
         "sits, joints limp",
+    ]
+
+
+def test_who_asked_for_a_stop_and_who_cleared_it_is_told() -> None:
+    told: list[str] = []
+    log = EventLog(told.append)
+
+    def note(stop: Stop | None, cleared: Clear | None = None) -> None:
+        log.note(
+            controller=None,
+            stopped=None if stop is None else stop.reason,
+            posture="idle",
+            stop=stop,
+            cleared=cleared,
+        )
+
+    def stop(reason: str, by: str | None, number: int = 0) -> Stop:
+        return Stop(stop_id=f"{number:016x}", reason=reason, since_s=0.0, by=by)
+
+    note(None)
+    note(stop("estop", "a datagram from 10.0.0.7"))
+    note(stop("estop", "mia", 1))
+    note(stop("estop", "mia", 2))
+    first = Clear(stop=stop("estop", "mia", 2), by="ben", at_s=0.0)
+    note(None, first)
+    note(stop("fell", None), first)
+    note(stop("fell", "mia"), first)
+    note(stop("fault: hot", None), Clear(stop=stop("fell", "mia"), by="mia", at_s=1.0))
+    log.close()
+    assert [line.partition(" ")[2] for line in told] == [
+        "STOPPED: estop, asked for by a datagram from 10.0.0.7",
+        "still stopped, asked for by mia",
+        "no longer stopped (estop), cleared by ben",
+        "STOPPED: fell (its body leant too far)",
+        "still stopped, asked for by mia",
+        "cleared by mia (fell)",
+        "STOPPED: fault: hot",
     ]
 
 

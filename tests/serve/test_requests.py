@@ -1,5 +1,6 @@
 """Requests for leases, stops and failures, and what a robot answers."""
 
+import json
 import time
 
 import pytest
@@ -9,7 +10,7 @@ from hexctl.control.guard import Guard
 from hexctl.errors import EStopError
 from hexctl.serve.leases import LeaseManager
 from hexctl.serve.requests import MOST_CHANGES, RequestHandler
-from hexctl.serve.stops.stop import HOLD_S
+from hexctl.serve.stops.stop import HOLD_S, MAX_BY, UNNAMED
 from hexctl.wire.description import encode_json
 from tests.control.posed import connected, send
 from tests.robots import shipped
@@ -77,6 +78,29 @@ def test_a_stop_works_at_once_and_is_cleared_explicitly(guard: Guard, desk: Requ
     assert guard.stopped == "estop"
     assert clear(desk) == {"stopped": None}
     send(guard, guard.robot.stance_angles_rad)
+
+
+@pytest.mark.parametrize(
+    ("owner", "by"),
+    [
+        ("alice on lab-pc", "alice on lab-pc"),
+        ("x" * 500, "x" * MAX_BY),
+        *((bad, UNNAMED) for bad in (None, 5, "", " ", "a\nb", "\ud800")),
+    ],
+)
+def test_who_asks_for_a_stop_or_a_clear_is_known_by_the_name_that_it_says(
+    desk: RequestHandler, owner: object, by: str
+) -> None:
+    payload = json.dumps({"op": "stop", "owner": owner}).encode()
+    desk.urgent(payload)
+    assert desk.estop(payload, 0.0)["stopped"] == "estop"
+    stop = desk.latch.current()
+    assert stop is not None
+    assert stop.by == by
+    asked = json.dumps({"op": "clear", "id": stop.stop_id, "owner": owner}).encode()
+    assert desk.estop(asked, stop.since_s + HOLD_S) == {"stopped": None}
+    assert desk.latch.cleared is not None
+    assert (desk.latch.cleared.by, desk.latch.cleared.stop) == (by, stop)
 
 
 def test_a_stop_after_a_clear_was_sent_is_not_cleared_by_it(desk: RequestHandler) -> None:

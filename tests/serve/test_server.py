@@ -15,6 +15,7 @@ from hexctl.control.guard import POSE_EXPIRY_S
 from hexctl.errors import RobotFaultError
 from hexctl.serve.inbox import Arrival
 from hexctl.serve.server import RobotServer
+from hexctl.serve.stops.stop import UNNAMED
 from hexctl.serve.transport import Transport
 from hexctl.wire.description import user_name
 from hexctl.wire.links import KeyMap, Link
@@ -172,7 +173,8 @@ def test_the_status_has_the_id_of_a_stop_and_says_whether_the_robot_is_at_rest(b
     assert bench.server.status()["at_rest"] is False
     answer = bench.ask("estop", {"op": "stop"})
     stop = bench.server.status()["stop"]
-    assert stop == {"id": answer["stop_id"], "since_s": 0.0, "clear_in_s": 1.0, "kept": False}
+    stopped_by = {"by": UNNAMED}
+    assert stop == {"id": answer["stop_id"], "since_s": 0.0, "clear_in_s": 1.0, "kept": False, **stopped_by}
     bench.ticks(12)
     status = bench.server.status()
     assert status["at_rest"] is True
@@ -182,7 +184,10 @@ def test_the_status_has_the_id_of_a_stop_and_says_whether_the_robot_is_at_rest(b
         assert answer["stopped"] == "estop"
         assert "clear: got" in answer["error"]
         assert stop["id"] not in str(answer)
+    assert bench.server.status()["cleared"] is None
     assert bench.clear()["stopped"] is None
+    cleared = bench.server.status()["cleared"]
+    assert (cleared["id"], cleared["reason"], cleared["by"]) == (stop["id"], "estop", UNNAMED)
 
 
 def test_a_controller_that_rests_is_not_silent(bench: Bench) -> None:

@@ -163,7 +163,7 @@ def _stopped(status: Status, clear: str) -> str:
 
     reason = status.get("stopped")
     if reason is None:
-        return "no"
+        return f"no{_cleared_in_words(status.get('cleared'))}"
     kind, colon, detail = reason.partition(":")
     if kind == "fault" and detail and status.get("fault") is None:
         over = "that is over" if status.get("servos") is None else "they answer again"
@@ -180,8 +180,16 @@ def _stop_in_words(stop: object, *, stays: bool) -> str:
     """
     if not isinstance(stop, Mapping):
         return ""
+    by = f", asked for by {stop['by']}" if stop.get("by") else ""
     kept = ", not kept" if stays and not stop.get("kept") else ""
-    return f" ({stop.get('id')}, {stop.get('since_s')} s ago{kept})"
+    return f" ({stop.get('id')}, {stop.get('since_s')} s ago{by}{kept})"
+
+
+def _cleared_in_words(cleared: object) -> str:
+    """Which stop was cleared last, and by whom; nothing where there was none."""
+    if not isinstance(cleared, Mapping):
+        return ""
+    return f" ({cleared.get('reason')} was cleared by {cleared.get('by')}, {cleared.get('since_s')} s ago)"
 
 
 def _controller(status: Status) -> str:

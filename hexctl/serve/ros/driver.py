@@ -15,6 +15,7 @@ from hexctl.serve.idle import IdleSupervisor
 from hexctl.serve.leases import Lease
 from hexctl.serve.requests import RequestHandler
 from hexctl.serve.ros.commands import Called, RosCommand, Service, Stopped, WantedJoints, WantedVelocity
+from hexctl.serve.stops.stop import OVER_ROS
 from hexctl.types import FloatArray, RobotState
 
 #: Name of the lease under which ROS commands.
@@ -169,7 +170,7 @@ class RosDriver:
         stop = self._requests.latch.current()
         if stop is None:
             return True, "it was not stopped"
-        answer = self._requests.clear(stop.stop_id, at_s)
+        answer = self._requests.clear(stop.stop_id, at_s, by=OVER_ROS)
         if "error" in answer:
             return False, answer["error"]
         stopped = answer["stopped"]

@@ -8,7 +8,8 @@ from threading import Lock
 from typing import Any
 
 from hexctl.control.guard import Guard
-from hexctl.serve.stops.stop import ESTOP, Stop, new_stop_id
+from hexctl.errors import printable
+from hexctl.serve.stops.stop import DATAGRAM_FROM, ESTOP, MAX_BY, UNNAMED, Clear, Stop, new_stop_id
 from hexctl.serve.stops.stop_file import StopFile
 
 #: Bytes of an epoch.
@@ -28,17 +29,22 @@ class StopLatch:
     Args:
         guard: around the servos.
         file: keeps the stop; one that is kept already is in force at once. None keeps none.
+
+    Attributes:
+        cleared: the stop that was cleared last, or None.
     """
 
     def __init__(self, guard: Guard, file: StopFile | None = None) -> None:
         self._guard, self._file = guard, file
         self._lock = Lock()
         self._stop: Stop | None = None
+        self.cleared: Clear | None = None
         self._requests: deque[str] = deque(maxlen=MOST_REQUESTS)
         self._epoch = secrets.token_bytes(EPOCH_BYTES)
         if file is not None and (kept := file.load()) is not None:
             guard.stop(kept.reason)
-            self._stop = Stop(stop_id=kept.stop_id, reason=kept.reason, since_s=time.monotonic())
+            by = None if kept.by is None else printable(kept.by)[:MAX_BY]
+            self._stop = Stop(stop_id=kept.stop_id, reason=kept.reason, since_s=time.monotonic(), by=by)
 
     @property
     def epoch(self) -> bytes:
@@ -65,32 +71,33 @@ class StopLatch:
         if self._file is not None:
             self._file.close()
 
-    def stop(self, request: str | None = None) -> Stop:
+    def stop(self, request: str | None = None, *, by: str = UNNAMED) -> Stop:
         """Stop the robot now, on request of a client.
 
         A stop that is in force already gets a new id and a new time: whoever asks again has seen something.
 
         Args:
             request: name that the client gave its request; one that is repeated renews nothing.
+            by: who asks.
         """
         with self._lock:
-            return self._stopped_by(request)
+            return self._stopped_by(request, by)
 
-    def stop_in(self, epoch: bytes, request: str) -> bool:
+    def stop_in(self, epoch: bytes, request: str, *, by: str = UNNAMED) -> bool:
         """Stop the robot now, as `stop` does, if the epoch is the one of now; whether it was."""
         with self._lock:
             if epoch != self._epoch:
                 return False
-            self._stopped_by(request)
+            self._stopped_by(request, by)
             return True
 
-    def ensure(self) -> Stop:
+    def ensure(self, *, by: str = UNNAMED) -> Stop:
         """The stop in force, or a new one."""
         with self._lock:
             stop = self._noticed()
-            return stop if stop is not None and stop.stays else self._stopped_by(None)
+            return stop if stop is not None and stop.stays else self._stopped_by(None, by)
 
-    def clear(self, stop_id: str | None, at_s: float) -> str | None:
+    def clear(self, stop_id: str | None, at_s: float, *, by: str = UNNAMED) -> str | None:
         """Let the robot move again; None, or why it does not: nothing has changed then.
 
         A robot that is not stopped is let be. Silence (`expired`) needs no id.
@@ -98,6 +105,7 @@ class StopLatch:
         Args:
             stop_id: of the stop that is meant.
             at_s: when it was asked for, on time.monotonic.
+            by: who asks.
         """
         with self._lock:
             stop = self._noticed()
@@ -106,31 +114,36 @@ class StopLatch:
             refusal = stop.refusal(stop_id, at_s)
             if refusal is None:
                 self._guard.clear()
+                self.cleared = Clear(stop=stop, by=by, at_s=time.monotonic())
                 self._epoch = secrets.token_bytes(EPOCH_BYTES)
                 self._noticed()
             return refusal
 
-    def _stopped_by(self, request: str | None) -> Stop:
+    def _stopped_by(self, request: str | None, by: str) -> Stop:
         before = self._noticed()
+        last = self._requests[-1] if self._requests else None
         repeated = request is not None and request in self._requests
         if request is not None and not repeated:
             self._requests.append(request)
         self._guard.stop(ESTOP)
-        stop = self._noticed()
+        stop = self._noticed(by)
         assert stop is not None  # noqa: S101  only `clear` ends a stop, and it waits for the lock
         if stop is before and not repeated:
-            stop = replace(stop, stop_id=new_stop_id(), since_s=time.monotonic(), asked=True)
+            stop = replace(stop, stop_id=new_stop_id(), since_s=time.monotonic(), by=by)
             self._stop = stop
+            self._keep(stop)
+        elif repeated and request == last and (stop.by or "").startswith(DATAGRAM_FROM):
+            stop = self._stop = replace(stop, by=by)  # its session says more than its datagram
             self._keep(stop)
         return stop
 
-    def _noticed(self) -> Stop | None:
+    def _noticed(self, by: str | None = None) -> Stop | None:
         """The stop that the guard has latched, with an id of its own where the reason is another."""
         reason, before = self._guard.stopped, self._stop
         if reason is None:
             self._stop = None
         elif before is None or before.reason != reason:
-            self._stop = Stop(stop_id=new_stop_id(), reason=reason, since_s=time.monotonic())
+            self._stop = Stop(stop_id=new_stop_id(), reason=reason, since_s=time.monotonic(), by=by)
         if self._stop is not before:
             self._keep(self._stop)
         return self._stop

@@ -14,6 +14,12 @@ LIFTED_BY_LEASE = "expired"
 #: A stop is not cleared before this time has passed since it was asked for last.
 HOLD_S = 1.0
 
+#: Who asked, where nobody says a name; before the address that a datagram came from; and by ROS 2.
+UNNAMED, DATAGRAM_FROM, OVER_ROS = "an unnamed client", "a datagram from ", "ROS 2"
+
+#: Longest name of whoever asked.
+MAX_BY = 80
+
 #: Bytes of the id of a stop.
 ID_BYTES = 8
 
@@ -26,13 +32,14 @@ class Stop:
         stop_id: 16 hexadecimal digits, drawn for this stop alone.
         reason: as `Guard.stopped` has it.
         since_s: when it was asked for last, or noticed, on time.monotonic.
-        asked: whether somebody asked for it, also where the robot had stopped for another reason before.
+        by: who asked for it last, also where the robot had stopped for another reason before; None where
+            nobody did. A client says its name itself.
     """
 
     stop_id: str
     reason: str
     since_s: float
-    asked: bool = False
+    by: str | None = None
 
     @property
     def stays(self) -> bool:
@@ -67,6 +74,31 @@ class Stop:
             "since_s": round(at_s - self.since_s, 1),
             "clear_in_s": math.ceil(100 * self.hold_left_s(at_s)) / 100,
             "kept": kept,
+            "by": self.by,
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Clear:
+    """A stop that was cleared.
+
+    Attributes:
+        stop: as it was.
+        by: who cleared it, by the name that it says itself.
+        at_s: when, on time.monotonic.
+    """
+
+    stop: Stop
+    by: str
+    at_s: float
+
+    def to_json(self, at_s: float) -> dict[str, Any]:
+        """As the status has it, at a time on time.monotonic."""
+        return {
+            "id": self.stop.stop_id,
+            "reason": self.stop.reason,
+            "by": self.by,
+            "since_s": round(at_s - self.at_s, 1),
         }
 
 

@@ -52,6 +52,7 @@ class KeptStop(BaseModel):
         where: port of the servos, or endpoint of the server.
         serial_number: of the adapter at that port.
         location: of that adapter.
+        by: who asked for it, None where nobody did.
         cleared: marks of the places at which it was taken over from here, and cleared since.
     """
 
@@ -66,6 +67,7 @@ class KeptStop(BaseModel):
     where: str | None = None
     serial_number: str | None = None
     location: str | None = None
+    by: str | None = None
     cleared: tuple[str, ...] = ()
 
     @property
@@ -82,7 +84,8 @@ class KeptStop(BaseModel):
 
     def __str__(self) -> str:
         """In words, for an operator."""
-        return f"{self.reason}, {self.at:%Y-%m-%d %H:%M} UTC"
+        by = "" if self.by is None else f", asked for by {self.by}"
+        return f"{self.reason}, {self.at:%Y-%m-%d %H:%M} UTC{by}"
 
 
 def state_folder() -> Path:
@@ -174,7 +177,7 @@ class StopFile:
 
     def keep(self, stop: Stop | None) -> None:
         """Write a stop, or remove it for None, soon; never waits."""
-        kept = stop is not None and (not self._asked_only or stop.asked or stop.reason == ESTOP)
+        kept = stop is not None and (not self._asked_only or stop.by is not None or stop.reason == ESTOP)
         self._wanted = stop if kept else None
         on_disk = self._on_disk is not None or bool(self._taken_over)
         if self._writer is None and (self._wanted is not None or on_disk):
@@ -232,7 +235,7 @@ class StopFile:
 
     def _copied(self, kept: KeptStop) -> KeptStop:
         """A stop that was kept elsewhere, kept here too: it stays if it is cleared there."""
-        own = self._content(kept.reason, kept.stop_id).model_copy(update={"at": kept.at})
+        own = self._content(kept.reason, kept.stop_id, kept.by).model_copy(update={"at": kept.at})
         try:
             atomic_write(self.path, own.model_dump_json() + "\n")
         except OSError as error:
@@ -257,7 +260,7 @@ class StopFile:
     def _put(self, wanted: Stop | None) -> None:
         if wanted is not None:
             reason = ESTOP if self._asked_only else wanted.reason  # what has fallen stands up anew
-            content = self._content(reason, wanted.stop_id)
+            content = self._content(reason, wanted.stop_id, wanted.by)
             atomic_write(self.path, content.model_dump_json() + "\n")
             return
         with suppress(FileNotFoundError):
@@ -273,13 +276,14 @@ class StopFile:
             cleared = (*kept.cleared, self._mark)[-MOST_CLEARED:]
             atomic_write(path, kept.model_copy(update={"cleared": cleared}).model_dump_json() + "\n")
 
-    def _content(self, reason: str, stop_id: str) -> KeptStop:
+    def _content(self, reason: str, stop_id: str, by: str | None = None) -> KeptStop:
         reason = reason.encode(errors="replace").decode()  # a driver may say what no file can have
         return KeptStop(
             robot=self._robot,
             reason=reason,
             stop_id=stop_id,
             at=datetime.now(UTC),
+            by=by,
             backend=self._place.backend,
             where=self._place.where,
             serial_number=self._place.serial_number,

@@ -12,6 +12,7 @@ from typing import Self
 
 from hexctl.errors import MessageError
 from hexctl.serve.stops.latch import StopLatch
+from hexctl.serve.stops.stop import DATAGRAM_FROM
 from hexctl.wire.links import Endpoint, Link, Role
 from hexctl.wire.stop_datagram import DATAGRAM_BYTES, NO_ID, NO_REQUEST, Kind, StopDatagram, mark_of
 from hexctl.wire.stop_secret import find_stop_secret
@@ -111,7 +112,7 @@ class StopSocket:
             except OSError:  # nothing came, or an earlier answer did not arrive
                 in_a_row = 0
                 continue
-            answer = self.answer(data)
+            answer = self.answer(data, str(sender[0]).removeprefix("::ffff:"))
             if answer is not None:
                 with suppress(OSError):
                     self._socket.sendto(answer, sender)
@@ -120,8 +121,8 @@ class StopSocket:
                 in_a_row = 0
                 time.sleep(REST_S)
 
-    def answer(self, data: bytes) -> bytes | None:
-        """Do what a datagram asks for; the answer, or None for one that is not ours."""
+    def answer(self, data: bytes, host: str = "an unknown host") -> bytes | None:
+        """Do what a datagram from a host asks for; the answer, or None for one that is not ours."""
         try:
             asked = StopDatagram.unpacked(data, self._secret)
         except MessageError:
@@ -129,7 +130,9 @@ class StopSocket:
         if asked is None or asked.kind is Kind.STATE:
             self.dropped += 1
             return None
-        obeyed = asked.kind is Kind.STOP and self._latch.stop_in(asked.epoch, asked.request.hex())
+        obeyed = asked.kind is Kind.STOP and self._latch.stop_in(
+            asked.epoch, asked.request.hex(), by=f"{DATAGRAM_FROM}{host}"
+        )
         self.answered += 1
         return self._state(asked, obeyed=obeyed).packed(self._secret)
 

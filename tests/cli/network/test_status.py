@@ -101,6 +101,16 @@ def test_a_calm_robot() -> None:
             "stopped",
             "FELL: its body leant too far (00ff, 1.5 s ago, not kept); hexctl estop --clear clears it",
         ),
+        (
+            {"stopped": "fell", "stop": {"id": "00ff", "since_s": 1.5, "kept": True, "by": "m"}},
+            "stopped",
+            "FELL: its body leant too far (00ff, 1.5 s ago, asked for by m); hexctl estop --clear clears it",
+        ),
+        (
+            {"stopped": None, "cleared": {"id": "00ff", "reason": "fell", "by": "mia", "since_s": 2.5}},
+            "stopped",
+            "no (fell was cleared by mia, 2.5 s ago)",
+        ),
         ({"controller": "lab", "controller_since_s": 3.5}, "controller", "lab, for 3.5 s"),
         ({"battery_v": 11.13, "battery_share": 0.4}, "battery", "11.1 V, 40%"),
         ({"servos": SERVOS}, "servos", "up to 61 C (leg2_femur), 11.5 to 12.0 V"),

@@ -80,6 +80,17 @@ def test_a_stop_is_there_after_a_restart_with_its_id_until_it_is_cleared(tmp_pat
     assert list((tmp_path / "state").iterdir()) == []
 
 
+def test_who_asked_for_a_stop_is_kept_with_it(tmp_path: Path) -> None:
+    _, latch, _ = begun(tmp_path)
+    latch.stop(by="mia on lab-pc")
+    latch.close()
+    _, latch, file = begun(tmp_path)
+    stop = latch.current()
+    assert stop is not None
+    assert stop.by == "mia on lab-pc"
+    assert "UTC, asked for by mia on lab-pc), as before the restart" in file.warnings[0]
+
+
 def test_silence_is_not_kept(tmp_path: Path) -> None:
     guard, latch, _ = begun(tmp_path)
     guard.stop("expired")

@@ -49,6 +49,19 @@ class Bench:
         return StopDatagram(kind=kind, nonce=self.sent.to_bytes(8), **values).packed(secret)
 
 
+def test_a_stop_by_datagram_is_asked_for_by_its_host() -> None:
+    bench = Bench()
+    epoch = bench.ask().epoch
+    bench.stop_socket.answer(bench.datagram(Kind.STOP, epoch=epoch, request=b"12345678"), "10.0.0.7")
+    stop = bench.latch.current()
+    assert stop is not None
+    assert stop.by == "a datagram from 10.0.0.7"
+    again = bench.latch.stop(b"12345678".hex(), by="mia")
+    assert (again.by, again.stop_id, again.since_s) == ("mia", stop.stop_id, stop.since_s)
+    bench.stop_socket.answer(bench.datagram(Kind.STOP, epoch=epoch, request=b"12345678"), "10.0.0.8")
+    assert bench.latch.current() == again, "its session says more"
+
+
 def test_a_question_stops_nothing_and_an_answer_says_how_the_robot_is() -> None:
     bench = Bench()
     answer = bench.ask()
