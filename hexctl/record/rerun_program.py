@@ -1,5 +1,7 @@
 """Rerun's program, and what it does with finished recordings: it finds damage, and writes the index."""
 
+import hashlib
+import importlib.metadata
 import importlib.util
 import logging
 import os
@@ -11,7 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hexctl.errors import InputError, MissingExtraError, RecordingError
-from hexctl.files import replacing
+from hexctl.files import atomic_write, read_file, replacing
 from hexctl.record.rrd import SUFFIX, check_whole, has_index
 
 _LOG = logging.getLogger(__name__)
@@ -28,6 +30,12 @@ NICENESS = 10
 
 #: Recordings that one process looks at.
 TOGETHER = 32
+
+#: Name of the check, changed with it: what an earlier one found sound is looked at again.
+CHECK = "hexctl 1"
+
+#: Recordings that are known to be sound, 65 bytes each; of more than these the older half is forgotten.
+MOST_KNOWN = 10_000
 
 #: Reads a recording as `hexctl.record.recorded_trial` does.
 READ = """
@@ -82,7 +90,7 @@ def check_sound(path: Path) -> None:
     """Raise InputError for a recording whose damage would end the process that reads it.
 
     What Rerun refuses with an error of its own passes, and a file that is not there. A file that has not
-    changed is looked at only once.
+    changed is looked at only once, and a content that was found sound not again by any process.
 
     Raises MissingExtraError without Rerun.
     """
@@ -90,7 +98,7 @@ def check_sound(path: Path) -> None:
     if state is None:
         return
     if state not in _ends_reader:
-        _look_at([state])
+        _look_at_unknown([state])
     if _ends_reader[state]:
         raise InputError(
             f"recording: {path} is damaged, and Rerun cannot read it; "
@@ -109,9 +117,55 @@ def look_at(paths: Iterable[Path]) -> None:
     Raises MissingExtraError without Rerun.
     """
     states = dict.fromkeys(map(_State.of, paths))
-    unknown = [state for state in states if state is not None and state not in _ends_reader]
+    _look_at_unknown([state for state in states if state is not None and state not in _ends_reader])
+
+
+def _look_at_unknown(states: Sequence[_State]) -> None:
+    """Look at files of which this process knows nothing, but for contents that were found sound before."""
+    known, digests = set(_known_digests()), {state: _digest(state.path) for state in states}
+    _ends_reader.update({state: False for state, digest in digests.items() if digest in known})
+    unknown = [state for state in states if state not in _ends_reader]
     for start in range(0, len(unknown), TOGETHER):
         _look_at(unknown[start : start + TOGETHER])
+    sound = [state for state in unknown if not _ends_reader[state]]
+    # Of a file that is written meanwhile it is not known which content was looked at.
+    _keep_digests([digest for state in sound if (digest := digests[state]) and digest == _digest(state.path)])
+
+
+def _known_path() -> Path:
+    """Where it is kept what is sound: with the user, for a folder of recordings must not vouch for itself."""
+    home = os.environ.get("XDG_CACHE_HOME")
+    return (Path(home) if home else Path.home() / ".cache") / "hexctl" / "sound-recordings"
+
+
+def _known_digests() -> list[str]:
+    """Digests of contents that are known to be sound, the oldest first; none where they cannot be read."""
+    try:
+        return read_file(_known_path(), 100 * MOST_KNOWN).decode("ascii", "replace").split()
+    except (OSError, RuntimeError):  # a user without a home
+        return []
+
+
+def _digest(path: Path) -> str | None:
+    """Digest of a recording's content, the check and the version of Rerun; None where there is none."""
+    try:
+        head = f"{CHECK}, rerun {importlib.metadata.version('rerun-sdk')}:".encode()
+        if not path.is_file():
+            return None
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, lambda: hashlib.blake2b(head, digest_size=32)).hexdigest()
+    except (OSError, importlib.metadata.PackageNotFoundError):
+        return None
+
+
+def _keep_digests(digests: Sequence[str]) -> None:
+    """Add digests of contents that were found sound; a disk that takes none costs another look."""
+    known = _known_digests()
+    kept = known[-MOST_KNOWN // 2 :] if len(known) + len(digests) > MOST_KNOWN else known
+    with suppress(OSError, RuntimeError):
+        if digests:
+            _known_path().parent.mkdir(parents=True, exist_ok=True)
+            atomic_write(_known_path(), "".join(f"{digest}\n" for digest in (*kept, *digests)))
 
 
 def _look_at(states: Sequence[_State]) -> None:

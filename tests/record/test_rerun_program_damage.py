@@ -1,5 +1,6 @@
 """Recordings at which Rerun ends the process that reads them are refused; all others are read as before."""
 
+import os
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -70,6 +71,73 @@ def test_a_file_is_looked_at_again_only_when_it_has_changed(
     path.write_bytes(damaged.read_bytes())
     with pytest.raises(InputError, match=TOLD):
         check_sound(path)
+
+
+def a_new_process() -> None:
+    """Forget what this process knows."""
+    rerun_program._ends_reader.clear()
+
+
+def test_a_content_that_was_found_sound_is_not_looked_at_again_by_other_processes(
+    sound: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    a_new_process()
+    check_sound(sound)
+    a_new_process()
+    other = tmp_path / "copy.rrd"
+    other.write_bytes(sound.read_bytes())
+    with monkeypatch.context() as without:
+        without.setattr(subprocess, "Popen", None)
+        check_sound(sound)
+        check_sound(other)
+        a_new_process()
+        without.setattr(rerun_program, "CHECK", "another check")
+        with pytest.raises(TypeError):
+            check_sound(sound)
+
+
+def test_a_file_that_is_spoiled_without_a_trace_is_found_out(
+    sound: Path, damaged: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "walk.rrd"
+    path.write_bytes(sound.read_bytes())
+    a_new_process()
+    check_sound(path)
+    before = path.stat()
+    with path.open("r+b") as file:
+        file.write(damaged.read_bytes())
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+    after = path.stat()
+    same = ("st_size", "st_mtime_ns", "st_ino")
+    assert [getattr(after, name) for name in same] == [getattr(before, name) for name in same]
+    for _ in range(2):
+        a_new_process()
+        with pytest.raises(InputError, match=TOLD):
+            check_sound(path)
+
+
+def test_what_is_known_is_bounded_and_its_file_may_be_anything(
+    sound: Path, damaged: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rerun_program, "MOST_KNOWN", 4)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    known = tmp_path / "hexctl" / "sound-recordings"
+    known.parent.mkdir()
+    lines = [f"{number}" * 64 for number in range(4)]
+    known.write_text("\n".join(lines))
+    a_new_process()
+    check_sound(sound)
+    assert known.read_text().split()[:2] == lines[2:]
+    assert len(known.read_text().split()) == 3
+    known.write_bytes(bytes(range(256)) * 9)
+    a_new_process()
+    check_sound(sound)
+    known.unlink()
+    known.mkdir()
+    a_new_process()
+    check_sound(sound)
+    with pytest.raises(InputError, match=TOLD):
+        check_sound(damaged)
 
 
 def test_many_are_looked_at_together_and_each_only_once(
