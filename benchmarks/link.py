@@ -1,6 +1,5 @@
 """The link: how long a command takes to come back as a state, beside a bare Zenoh echo; and a long walk."""
 
-import os
 import socket
 import subprocess
 import sys
@@ -15,7 +14,7 @@ from benchmarks.echo import BACK, THERE
 from benchmarks.plans import ant
 from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
-from hexctl.backends.clock import PERIOD_S, WallClock, request_realtime_priority
+from hexctl.backends.clock import PERIOD_S, WallClock, realtime_priority
 from hexctl.backends.zenoh.client import ZenohServos, ask
 from hexctl.backends.zenoh.subscriber import LatestValues
 from hexctl.control.guard import Guard
@@ -151,7 +150,7 @@ def _walk_rows(duration_s: float) -> Iterator[Row]:
     with served(port, "sim"):
         plan = TrialPlan(gait=make_gait(ant(), "tripod"), duration_s=duration_s)
         log = TickLog()
-        with realtime(), Guard(ZenohServos(ant(), link=link)) as servos:
+        with realtime_priority(), Guard(ZenohServos(ant(), link=link)) as servos:
             result = run_trial(servos, plan, recorders=(log,))
             overruns = servos.clock.overruns
         with open_session(link, Role.VIEWER, KeyMap.of("ant")) as session:
@@ -164,17 +163,6 @@ def _walk_rows(duration_s: float) -> Iterator[Row]:
     dropped = sum(counts[kind] for kind in ("lost", "late", "out_of_order", "malformed", "overflowed"))
     note = f"commands of {len(log)} lost, late or refused on loopback"
     yield Row("link.twin.lost", dropped + counts["refused"], "commands", Bar(high=0), note)
-
-
-@contextmanager
-def realtime() -> Iterator[None]:
-    """Have the priority that `hexctl run` asks for on a real robot, where it is given."""
-    given = request_realtime_priority()
-    try:
-        yield
-    finally:
-        if given:
-            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 @contextmanager

@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.link import free_port, realtime, served
+from benchmarks.link import free_port, served
 from benchmarks.plans import ant, default_gait
 from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
-from hexctl.backends.clock import PERIOD_S
+from hexctl.backends.clock import PERIOD_S, realtime_priority
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
 from hexctl.control.log import BLOCK_TICKS, PACED_BLOCK_TICKS, Recorders, TickLog
@@ -134,7 +134,7 @@ def _simulated(duration_s: float, path: Path | None) -> Growth:
 
 def _over_the_link(port: int, server: int, duration_s: float, path: Path) -> Growth:
     watch = Watch((os.getpid(), server))
-    with realtime():
+    with realtime_priority():
         done = run(
             backend="zenoh",
             connect=f"tcp/127.0.0.1:{port}",

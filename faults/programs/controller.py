@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 from faults.programs.twin import TwinServos, jump_clock
-from hexctl.backends.clock import request_realtime_priority
+from hexctl.backends.clock import realtime_priority
 from hexctl.control.drive.drive import Drive
 from hexctl.control.log import Recorders
 from hexctl.errors import HexctlError
@@ -66,7 +66,7 @@ def made_drive(backend: str, place: str, robot: str, folder: Path, *, record: bo
 
 def drive(drive: Drive, motion: str, lines: Lines) -> bool:
     """Drive until told to end; whether to go on afterwards. Raises what the drive raises."""
-    with drive:
+    with drive, realtime_priority():
         drive.reset()
         forward, turn = SHARES[motion]
         velocity = drive.share(forward=forward, turn=turn)
@@ -90,7 +90,6 @@ def drive(drive: Drive, motion: str, lines: Lines) -> bool:
 
 def main(backend: str, place: str, robot: str, folder: str) -> None:
     """Drive as often as told."""
-    request_realtime_priority()
     lines = Lines()
     threading.current_thread().name = "controller"
     while (line := lines.next(None)) not in (None, "quit"):

@@ -158,8 +158,12 @@ def main(backend: str, robot_file: str, folder: str) -> None:
     over = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: over.set())
     board, place = made_board(backend, Path(robot_file), Path(folder))
-    request_realtime_priority()
-    board.run(over.is_set, ready=lambda: print(f"board at {place}", flush=True))
+
+    def ready() -> None:
+        request_realtime_priority()
+        print(f"board at {place}", flush=True)
+
+    board.run(over.is_set, ready=ready)
 
 
 if __name__ == "__main__":

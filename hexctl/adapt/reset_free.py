@@ -13,7 +13,7 @@ from hexctl.adapt.runner import TrialRunner, WalkedTrial, check_not_stopped
 from hexctl.adapt.sessions.session import SessionSpec
 from hexctl.adapt.setting import Note, Setting
 from hexctl.backends.base import LegServos, connection_notes
-from hexctl.backends.clock import request_realtime_priority
+from hexctl.backends.clock import realtime_priority
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.control.controllers import SITTING_S, sitting_angles_rad
 from hexctl.control.guard import Guard
@@ -74,6 +74,11 @@ class ResetFreeRunner:
         does not know where it is or has gone.
         """
         plan = self.runner.plan_for(slots)
+        with realtime_priority():
+            return self._walk(index, code, plan, should_stop)
+
+    def _walk(self, index: int, code: int, plan: TrialPlan, should_stop: Enough | None) -> WalkedTrial:
+        """Cool down, come to where the trial begins, and walk it."""
         if self.runner.spec.cool_down_c is not None:
             cool_down(self.servos, self.runner.spec.cool_down_c, self.runner.stop_requested, self.note)
         if self.operator is not None:
@@ -291,7 +296,6 @@ def connected_robot(
             note(text)
         yield None
         return
-    request_realtime_priority()
     options = BackendOptions.of(
         spec, robot=setting.robot, world=None, failure=spec.broken, robot_file=setting.robot_file
     )

@@ -5,7 +5,8 @@ import os
 import time
 import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -226,3 +227,23 @@ def request_realtime_priority(priority: int = 10) -> bool:
     except (AttributeError, OSError):
         return False
     return True
+
+
+@contextmanager
+def realtime_priority() -> Iterator[bool]:
+    """Have the priority of `request_realtime_priority` for a while; yields whether it was granted.
+
+    What computes for long keeps its usual one: threads of one real-time priority do not interrupt each other,
+    so that a search that thinks for a second would hold up the server of the robot on the same computer.
+    """
+    before = None
+    with suppress(AttributeError, OSError):
+        before = os.sched_getscheduler(0), os.sched_getparam(0)
+    granted = request_realtime_priority()
+    try:
+        yield granted
+    finally:
+        if granted and before is not None:
+            policy, parameters = before
+            # Only root may take back that children begin with the usual priority.
+            os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, parameters)

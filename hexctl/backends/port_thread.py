@@ -9,7 +9,7 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
-from hexctl.backends.clock import PERIOD_S
+from hexctl.backends.clock import PERIOD_S, request_realtime_priority
 from hexctl.types import FloatArray
 
 #: What is on the port is polled once in this time, after the targets of the tick if there are any.
@@ -147,6 +147,7 @@ class PortThread(ABC, Generic[Device]):
         return np.where(np.isnan(change) | (change == wanted), targets, self._sent + change)
 
     def _run(self) -> None:
+        request_realtime_priority()  # threads do not inherit it, and a tick is worth what reaches the port
         due_s = time.monotonic()
         while not self._stopping.is_set():
             self._wake.wait(max(0.0, due_s - time.monotonic()))

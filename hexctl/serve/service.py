@@ -130,7 +130,7 @@ class ServiceStarted:
     robot: str
     backend: str
     place: str
-    realtime: bool
+    realtime: bool = False
     warnings: tuple[str, ...] = ()
 
 
@@ -230,12 +230,10 @@ class RobotService:
             ros=None if self.ros is None else self.ros.bridge(servos.robot, insecure=self.insecure),
             stop_file=stop_file,
         )
-        realtime = request_realtime_priority()
         started = ServiceStarted(
             robot=servos.robot.name,
             backend=self.servos.backend,
             place=link.endpoint,
-            realtime=realtime,
             warnings=self._warnings(link) + stop_file.warnings,
         )
         held = False
@@ -248,7 +246,8 @@ class RobotService:
             return True
 
         def ready() -> None:
-            on_started(replace(started, warnings=started.warnings + server.warnings))
+            warnings = started.warnings + server.warnings
+            on_started(replace(started, realtime=request_realtime_priority(), warnings=warnings))
 
         _run_kept(server, stop, keeper, ready=ready)
         if held:

@@ -138,6 +138,36 @@ os.waitpid(child, 0)
 """
 
 
+FOR_A_WHILE = """
+import os, sys
+from hexctl.backends.clock import realtime_priority
+
+def mine():
+    print(os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO)
+
+for _ in range(2):
+    with realtime_priority() as granted:
+        if not granted:
+            sys.exit("not permitted")
+        mine()
+        with realtime_priority():
+            mine()
+        mine()
+    mine()
+"""
+
+
+@pytest.mark.skipif(not hasattr(__import__("os"), "SCHED_RESET_ON_FORK"), reason="Linux only")
+def test_the_priority_is_for_the_walk_and_not_for_what_computes_after_it() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", FOR_A_WHILE], capture_output=True, text=True, timeout=120, check=False
+    )
+    if "not permitted" in done.stderr:
+        pytest.skip("realtime priority is not permitted here")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["True", "True", "True", "False"] * 2
+
+
 @pytest.mark.skipif(not hasattr(__import__("os"), "SCHED_RESET_ON_FORK"), reason="Linux only")
 def test_what_is_started_from_the_loop_does_not_inherit_its_priority() -> None:
     done = subprocess.run(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.backends.base import LegServos, as_robot, check_connected, check_targets
-from hexctl.backends.clock import Clock, CountedClock, WallClock
+from hexctl.backends.clock import Clock, CountedClock, WallClock, request_realtime_priority
 from hexctl.backends.mavlink import messages
 from hexctl.backends.mavlink.codec import Codec
 from hexctl.backends.mavlink.transport import (
@@ -124,6 +124,7 @@ class Receiver:
         return self._newest.get(name)
 
     def _run(self) -> None:
+        request_realtime_priority()  # a state that waits for the processor is late too
         beat_at_s = time.monotonic()
         while not self._stopping.is_set() and self.error is None:
             try:

@@ -267,7 +267,7 @@ def _why(drive: "Drive", stopped: str) -> str:
 
 def _drive(stack: ExitStack, drive: "Drive", wanted: _Wanted, keep: Callable[[], None]) -> int:
     """Connect, drive, and say how it ended; the exit code."""
-    from hexctl.backends.clock import request_realtime_priority
+    from hexctl.backends.clock import realtime_priority
     from hexctl.teleop.session import DriveSession
 
     session = DriveSession(drive)
@@ -279,9 +279,9 @@ def _drive(stack: ExitStack, drive: "Drive", wanted: _Wanted, keep: Callable[[],
     try:
         with ExitStack() as open_devices:
             devices = _devices(open_devices, session, wanted)
-            request_realtime_priority()
             keep()
-            why = session.run(devices, interrupt.requested)
+            with realtime_priority():
+                why = session.run(devices, interrupt.requested)
     except EStopError:
         why = drive.guard.stopped or "stopped"
         _say(f"\nhexctl: the robot has stopped{_why(drive, why)}")

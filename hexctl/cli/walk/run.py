@@ -1,7 +1,7 @@
 """`hexctl run`: walk."""
 
 import json
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from math import radians
 from pathlib import Path
@@ -222,7 +222,7 @@ def _walk(
     fence: "ShouldStop | None" = None,
 ) -> int:
     """Walk, print the outcome, show it; the exit code."""
-    from hexctl.backends.clock import request_realtime_priority
+    from hexctl.backends.clock import realtime_priority
 
     run = _checked(spec)
     if found is not None:
@@ -240,13 +240,12 @@ def _walk(
             print_note(f"hexctl: {note}")
         if view and spec.paced and (live := _open_live(run)) is not None:
             stack.enter_context(live)
-        if spec.paced:
-            request_realtime_priority()
         quiet = as_json or (not spec.paced and spec.duration_s < SHORT_S)
         progress = stack.enter_context(_WalkProgress(spec.duration_s, quiet=quiet))
         recorders: list[Recorder] = [progress] if live is None else [progress, live]
         try:
-            done = run.walk(recorders=recorders, stop_requested=interrupt.requested, should_stop=fence)
+            with realtime_priority() if spec.paced else nullcontext():
+                done = run.walk(recorders=recorders, stop_requested=interrupt.requested, should_stop=fence)
         except KeyboardInterrupt:
             kept = "" if run.recording_path is None else f"; recorded until then: {run.recording_path}"
             print_note(f"hexctl: interrupted without a soft stop{kept}")

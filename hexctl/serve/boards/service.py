@@ -4,7 +4,7 @@ Nothing here prints or handles signals: callers pass callbacks.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -95,11 +95,8 @@ class BoardService:
             expiry_s=self.expiry_s,
             release_after_s=self.release_after_s,
         )
-        realtime = request_realtime_priority()
-        started = ServiceStarted(
-            robot=servos.robot.name, backend=self.servos.backend, place=place, realtime=realtime
-        )
-        board.run(stop_requested, ready=lambda: on_started(started))
+        started = ServiceStarted(robot=servos.robot.name, backend=self.servos.backend, place=place)
+        board.run(stop_requested, ready=lambda: _start(started, on_started))
         return board.report()
 
     def _check_port(self) -> "PortAddress | None":
@@ -169,11 +166,8 @@ class BusBoardService:
         servos = make_servos(self.servos.backend, options)
         make = {"servo2040": self._servo2040, "pca9685": self._pca9685}.get(self.driver, self._bus)
         board = make(servos, section)
-        realtime = request_realtime_priority()
-        started = ServiceStarted(
-            robot=servos.robot.name, backend=self.servos.backend, place=board.path, realtime=realtime
-        )
-        board.run(stop_requested, ready=lambda: on_started(started))
+        started = ServiceStarted(robot=servos.robot.name, backend=self.servos.backend, place=board.path)
+        board.run(stop_requested, ready=lambda: _start(started, on_started))
         return board.report()
 
     def _bus(self, servos: LegServos, section: ServosSection) -> "SimulatedBoard":
@@ -206,3 +200,8 @@ class BusBoardService:
             faults=tuple(parse_pca9685_fault(text) for text in self.faults),
             seed=self.servos.seed,
         )
+
+
+def _start(started: ServiceStarted, on_started: Callable[[ServiceStarted], None]) -> None:
+    """Take real-time priority, now that what takes long is done, and say that the board is there."""
+    on_started(replace(started, realtime=request_realtime_priority()))
