@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from hexctl.adapt.result import AdaptationResult
     from hexctl.adapt.search import new_spec
     from hexctl.adapt.sessions.session import BaselineRecord, Session, SessionSpec, TrialRecord, WalkRecord
-    from hexctl.adapt.sessions.store import delete_session, export_session, list_sessions, load_session
-    from hexctl.adapt.sessions.table import sessions
+    from hexctl.adapt.sessions.store import delete_session, list_sessions, load_session
+    from hexctl.adapt.sessions.table import export_session, sessions
     from hexctl.adapt.space import GaitSpace
     from hexctl.backends.base import LegServos, ServosWrapper
     from hexctl.backends.clock import Clock, Tick, WallClock
@@ -163,8 +163,8 @@ _MODULES = {
     "adapt.search": "new_spec",
     "adapt.best": "BestGait best_gait",
     "adapt.sessions.session": "Session SessionSpec TrialRecord BaselineRecord WalkRecord",
-    "adapt.sessions.table": "sessions",
-    "adapt.sessions.store": "delete_session export_session list_sessions load_session",
+    "adapt.sessions.table": "export_session sessions",
+    "adapt.sessions.store": "delete_session list_sessions load_session",
     "adapt.prior.prior": "Prior ScorePrior load_prior load_score_prior",
     "adapt.prior.find": "list_priors",
     "study.prior": "PriorPlan build_prior",

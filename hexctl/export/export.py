@@ -5,7 +5,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from hexctl.adapt.sessions.store import RUNS, export_session
+from hexctl.adapt.sessions.store import RUNS
+from hexctl.adapt.sessions.table import export_session
 from hexctl.errors import InputError, argument
 from hexctl.export.pictures import PictureOptions
 from hexctl.export.recordings import OnProgress, Trials, is_session, recordings_to_export

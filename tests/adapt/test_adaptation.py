@@ -27,7 +27,8 @@ from hexctl.adapt.runner import (
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.rows import SessionRows
 from hexctl.adapt.sessions.session import Session
-from hexctl.adapt.sessions.store import delete_session, export_session, list_sessions, load_session
+from hexctl.adapt.sessions.store import delete_session, list_sessions, load_session
+from hexctl.adapt.sessions.table import export_session
 from hexctl.backends.sim.world import load_world
 from hexctl.control.result import TrialResult
 from hexctl.errors import InputError, RobotFaultError, WrongTypeError

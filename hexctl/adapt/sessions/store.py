@@ -14,7 +14,6 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Self
 
-from hexctl.adapt.sessions.export import export
 from hexctl.adapt.sessions.rows import FILE_NAME, SCHEMA_VERSION, SessionRows, StoreError, is_store, reading
 from hexctl.adapt.sessions.session import BaselineRecord, Session, SessionSpec, TrialRecord
 from hexctl.adapt.sessions.stored import is_folder_name, is_made_by_hexctl
@@ -301,11 +300,6 @@ def load_session(name: str, folder: Path | str = RUNS) -> Session:
     _check_there(Path(folder), name)
     with reading(Path(folder)) as rows:
         return rows.load(name)
-
-
-def export_session(name: str, path: Path | str, folder: Path | str = RUNS) -> None:
-    """Write a session's trials to a new .csv or .parquet file; raises what `export` raises."""
-    export(load_session(name, folder), Path(path))
 
 
 def delete_session(name: str, folder: Path | str = RUNS) -> None:

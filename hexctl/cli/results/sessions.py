@@ -101,7 +101,7 @@ def export(
     path: Annotated[Path, typer.Argument(metavar="FILE", help="New file, .csv or .parquet.")],
 ) -> None:
     """Write a session's trials to a CSV or Parquet file."""
-    from hexctl.adapt.sessions.store import export_session
+    from hexctl.adapt.sessions.table import export_session
 
     export_session(name, path, runs_folder())
     print_result(f"{path}")

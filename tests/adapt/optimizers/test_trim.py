@@ -23,8 +23,8 @@ from hexctl.adapt.optimizers.trim import (
 from hexctl.adapt.result import AdaptationResult
 from hexctl.adapt.runner import TrialRunner, WalkedTrial
 from hexctl.adapt.search import new_spec
-from hexctl.adapt.sessions.export import flat_rows
 from hexctl.adapt.sessions.store import load_session
+from hexctl.adapt.sessions.table import flat_rows
 from hexctl.adapt.setting import load_setting
 from hexctl.backends.sim.servos import SimServos
 from hexctl.cli.main import exit_code

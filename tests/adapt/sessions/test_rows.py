@@ -15,11 +15,11 @@ from hexctl.adapt.sessions.rows import StoreError, is_store, reading
 from hexctl.adapt.sessions.store import (
     SessionStore,
     delete_session,
-    export_session,
     list_sessions,
     load_session,
     stored_names,
 )
+from hexctl.adapt.sessions.table import export_session
 from hexctl.cli.main import exit_code
 from hexctl.errors import InputError
 from tests.adapt.sessions.test_store import record

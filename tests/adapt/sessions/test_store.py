@@ -14,9 +14,8 @@ from pathlib import Path
 import pytest
 
 from hexctl.adapt.objectives import OBJECTIVES
-from hexctl.adapt.sessions.export import LAST_COLUMNS, flat_rows
 from hexctl.adapt.sessions.rows import StoreError
-from hexctl.adapt.sessions.session import BaselineRecord, Session, SessionSpec, TrialRecord
+from hexctl.adapt.sessions.session import Session, SessionSpec, TrialRecord
 from hexctl.adapt.sessions.store import SessionStore
 from hexctl.errors import InputError
 from tests.adapt.walking import SPEC, result_of
@@ -95,35 +94,6 @@ def test_deleting_takes_the_trials_along(tmp_path: Path) -> None:
         assert store.names() == []
     with sqlite3.connect(tmp_path / "sessions.sqlite") as connection:
         assert connection.execute("SELECT count(*) FROM trials").fetchone() == (0,)
-
-
-def test_exported_rows_are_trials_alone_and_the_baseline_is_the_last_columns(tmp_path: Path) -> None:
-    with SessionStore(tmp_path) as store:
-        session = store.create(SPEC)
-        store.add_trial(session, record(1), {})
-        store.add_trial(session, record(2), {})
-        without = flat_rows(session)
-        result = result_of(0.0, "no_progress")
-        store.add_baseline(
-            session,
-            BaselineRecord(
-                gait="tripod",
-                code=None,
-                slots=(1, 4, 1, 4, 1, 4),
-                score=OBJECTIVES["final"](result),
-                outcome=result.to_dict(),
-                path_m=[],
-                recording=None,
-            ),
-        )
-        rows = flat_rows(session)
-    assert [row["index"] for row in rows] == [1, 2]
-    columns = list(rows[0])
-    assert columns == list(without[0])
-    assert columns.index("cause") == len(columns) - 13 - len(LAST_COLUMNS)
-    assert all(row["baseline_tripod_status"] == "no_progress" for row in rows)
-    assert all(row["baseline_tripod_score"] is None for row in rows)
-    assert all(row[name] is None for row in without for name in columns if name.startswith("baseline_"))
 
 
 def test_a_session_is_held_by_one_process_at_a_time(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""All sessions as one table: with pandas and without."""
+"""Trials as tables: of a session, and of all sessions, with pandas and without."""
 
 import builtins
 from pathlib import Path
@@ -9,7 +9,12 @@ import pytest
 
 import hexctl
 from hexctl.adapt.adaptation import adapt
-from hexctl.adapt.sessions.table import USUAL_COLUMNS
+from hexctl.adapt.objectives import OBJECTIVES
+from hexctl.adapt.sessions.session import BaselineRecord
+from hexctl.adapt.sessions.store import SessionStore
+from hexctl.adapt.sessions.table import LAST_COLUMNS, USUAL_COLUMNS, flat_rows
+from tests.adapt.sessions.test_store import record
+from tests.adapt.walking import SPEC, result_of
 
 
 @pytest.fixture(scope="module")
@@ -64,3 +69,32 @@ def test_without_sessions_it_is_empty(tmp_path: Path) -> None:
     assert len(table) == 0
     assert len(table[table["status"] == "ok"].sort_values("score")) == 0
     assert not list(tmp_path.iterdir())
+
+
+def test_exported_rows_are_trials_alone_and_the_baseline_is_the_last_columns(tmp_path: Path) -> None:
+    with SessionStore(tmp_path) as store:
+        session = store.create(SPEC)
+        store.add_trial(session, record(1), {})
+        store.add_trial(session, record(2), {})
+        without = flat_rows(session)
+        result = result_of(0.0, "no_progress")
+        store.add_baseline(
+            session,
+            BaselineRecord(
+                gait="tripod",
+                code=None,
+                slots=(1, 4, 1, 4, 1, 4),
+                score=OBJECTIVES["final"](result),
+                outcome=result.to_dict(),
+                path_m=[],
+                recording=None,
+            ),
+        )
+        rows = flat_rows(session)
+    assert [row["index"] for row in rows] == [1, 2]
+    columns = list(rows[0])
+    assert columns == list(without[0])
+    assert columns.index("cause") == len(columns) - 13 - len(LAST_COLUMNS)
+    assert all(row["baseline_tripod_status"] == "no_progress" for row in rows)
+    assert all(row["baseline_tripod_score"] is None for row in rows)
+    assert all(row[name] is None for row in without for name in columns if name.startswith("baseline_"))
