@@ -21,7 +21,8 @@ from hexctl.adapt.optimizer import OptimizerChoice
 from hexctl.adapt.reset_free import ResetFreeRunner, arena_of, at_home, connected_robot, yaw_note
 from hexctl.adapt.result import AdaptationResult
 from hexctl.adapt.runner import TrialRunner, check_not_interrupted
-from hexctl.adapt.search import check_parts, extended, make_search, new_spec
+from hexctl.adapt.search import check_parts, extended, new_spec
+from hexctl.adapt.sessions.optimizer import make_search
 from hexctl.adapt.sessions.session import UNWATCHED, Session, SessionSpec
 from hexctl.adapt.sessions.store import RUNS, SessionStore, load_session
 from hexctl.adapt.setting import (

@@ -1,4 +1,4 @@
-"""From what was asked for to a checked session spec, and from a spec to the optimizer that it names."""
+"""From what was asked for to a checked session spec."""
 
 import math
 from collections.abc import Container, Mapping
@@ -6,39 +6,28 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from hexctl.adapt.arena import body_heading_rad
 from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import OBJECTIVES, Objective, ObjectiveChoice, as_objective
-from hexctl.adapt.optimizer import Optimizer, OptimizerChoice, OptimizerClass
-from hexctl.adapt.optimizers.bayes import Bayes
-from hexctl.adapt.optimizers.deduplication import Deduplication
+from hexctl.adapt.optimizer import OptimizerChoice
 from hexctl.adapt.optimizers.registry import make_optimizer, name_of
-from hexctl.adapt.optimizers.score_bayes import REAL_NOISE, SIMULATED_NOISE, WORTH, ScoreBayes
 from hexctl.adapt.optimizers.shipped import BAYES, OPTIMIZERS, TRIM
-from hexctl.adapt.optimizers.trim import TrimSearch
-from hexctl.adapt.prior.choice import DEFAULT_TARGET_M, Advice, choose_prior, no_advice, noise_m
+from hexctl.adapt.prior.choice import DEFAULT_TARGET_M, Advice, choose_prior, no_advice
 from hexctl.adapt.prior.find import prior_folders
-from hexctl.adapt.prior.prior import Prior, ScorePrior
-from hexctl.adapt.prior.samples import samples_of, score_samples_of
 from hexctl.adapt.sessions.session import BASELINE_GAITS, Session, SessionSpec
 from hexctl.adapt.sessions.store import RUNS
-from hexctl.adapt.setting import Note, load_setting, log_note, start_note, with_known_uncertainty
+from hexctl.adapt.setting import Note, Setting, load_setting, log_note, start_note, with_known_uncertainty
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.base import LegServos
 from hexctl.backends.registry import check_options, option_values
-from hexctl.control.assessment.score import progress_floor_m
-from hexctl.control.assessment.static_stability import slots_by_stability, usual_posture
+from hexctl.control.assessment.static_stability import usual_posture
 from hexctl.control.guard import TOO_HOT_C
 from hexctl.control.monitor.recovery import make_policy
-from hexctl.control.plan import AUTO_ROTATION, HOLDS, TrialPlan, suited_rotation
+from hexctl.control.plan import AUTO_ROTATION, HOLDS, suited_rotation
 from hexctl.errors import InputError, argument, check_type
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.robot.configs import shipped_text
 from hexctl.robot.failure import parse_failure
 from hexctl.robot.loader import load_robot
-from hexctl.robot.model import Robot
 
 MAX_BUDGET = 100_000
 
@@ -94,7 +83,8 @@ def new_spec(
     given = {"backend": backend, "world": world, "prior": prior, "baseline": baseline, "target": target}
     _check_types({**given, "uncertainty_m": uncertainty_m, "hold": hold, "body_raise": body_raise, **others})
     others.setdefault("baseline_gaits", list(BASELINE_GAITS) if baseline else [])
-    measure = as_objective(objective)
+    measure, free = as_objective(objective), optimizer is None
+    hold = measure.hold if hold is None else hold
     spec = _spec_of(
         measure,
         failed_leg=failed_leg,
@@ -103,34 +93,42 @@ def new_spec(
         world=_world_of(backend, world),
         optimizer="random" if optimizer is None else name_of(optimizer),
         uncertainty_m=uncertainty_m or 0.0,
-        hold=(hold := measure.hold if hold is None else hold),
-        self_rotation=suited_rotation(
-            self_rotation or AUTO_ROTATION,
-            # An operator's robot does not know where it is.
-            "heading" if others.get("ask") and hold == "auto" else hold,
-            chosen_gait=True,
-        ),
+        hold=hold,
+        self_rotation=_rotation_of(self_rotation, hold, asking=bool(others.get("ask"))),
         body_raise=body_raise or 0.0,
         **others,
     )
-    spec = _with_trim(_with_target(spec, target), prior, free=optimizer is None)
+    spec = _with_trim(_with_target(spec, target), prior, free=free)
     check_numbers(spec)
     _check_options(spec, measure)
     if spec.optimizer not in (BAYES, TRIM):
         make_optimizer(optimizer or spec.optimizer, GaitSpace((failed_leg,)), spec.seed)
+    spec, setting = _in_its_setting(spec, body_raise)
+    if uncertainty_m is None:
+        spec = with_known_uncertainty(spec, setting, folder, note)
+    if free and spec.optimizer == TRIM:  # it was chosen where no prior is asked for by name
+        return spec
+    folders = prior_folders(folder)
+    return choose_prior(spec, setting, prior, free=free, folders=folders, note=note, advice=advice)
+
+
+def _rotation_of(asked: str | None, hold: str, *, asking: bool) -> str:
+    """Self-rotation of a session, the one that suits its hold unless another is asked for."""
+    # An operator's robot does not know where it is.
+    held = "heading" if asking and hold == "auto" else hold
+    return suited_rotation(asked or AUTO_ROTATION, held, chosen_gait=True)
+
+
+def _in_its_setting(spec: SessionSpec, body_raise: float | None) -> tuple[SessionSpec, Setting]:
+    """Spec with the target and the posture that its robot decides, and what it names, loaded."""
     setting = load_setting(spec)
-    start_note(spec, setting)
+    start_note(spec, setting)  # refuses an arena that is too small
     if spec.target_m is None and spec.target_share is not None:
         spec = replace(spec, target_m=spec.target_share * setting.ideal_m)
     if body_raise is None:
         setting = setting.in_posture("auto" if spec.optimizer == TRIM else usual_posture(spec.hold))
         spec = replace(spec, body_raise=setting.plan.gait.posture.body_raise)
-    if uncertainty_m is None:
-        spec = with_known_uncertainty(spec, setting, folder, note)
-    free, folders = optimizer is None, prior_folders(folder)
-    if free and spec.optimizer == TRIM:  # it was chosen where no prior is asked for by name
-        return spec
-    return choose_prior(spec, setting, prior, free=free, folders=folders, note=note, advice=advice)
+    return spec, setting
 
 
 def _spec_of(measure: Objective, *, robot: Path | str = "ant", **fields: Any) -> SessionSpec:
@@ -392,53 +390,3 @@ def _check_name(part: str, got: str, named: str, shipped: Container[str]) -> Non
     """Raise InputError for another part than the spec names; one of your own may have moved since."""
     if got != named and (got in shipped or named in shipped):
         raise InputError(f"{part}: got {got} for a session with {named}; allowed: {named}")
-
-
-def make_search(
-    spec: SessionSpec,
-    robot: Robot,
-    plan: TrialPlan,
-    prior: Prior | ScorePrior | None,
-    optimizer: OptimizerClass | None = None,
-) -> Optimizer:
-    """Fresh optimizer of a session: `bayes` with a prior, else the one that its spec names.
-
-    Args:
-        spec: of the session.
-        robot: the robot that walks.
-        plan: of its trials.
-        prior: of the session, None where it has none.
-        optimizer: class of the optimizer, where it cannot be imported by the name in the spec.
-    """
-    space = GaitSpace((spec.failed_leg,))
-    if spec.optimizer == TRIM:
-        heading_rad = body_heading_rad(plan, robot)
-        ranked = slots_by_stability(robot, heading_rad=heading_rad, failure=plan.belief)
-        return TrimSearch(space, spec.seed, codes=[space.code_of(slots) for slots in ranked])
-    if prior is None:
-        inner = make_optimizer(optimizer or spec.optimizer, space, spec.seed)
-        return Deduplication(inner, spec.seed, paper_count=spec.count_repeats)
-    if isinstance(prior, ScorePrior):
-        return ScoreBayes(
-            space,
-            spec.seed,
-            samples=score_samples_of(prior, robot, spec.failed_leg, spec.objective),
-            noise=SIMULATED_NOISE if spec.simulated else REAL_NOISE,
-            worth=WORTH if spec.worth_m is None else spec.worth_m,
-            budget=spec.budget - spec.confirm,
-        )
-    search = Bayes(
-        space,
-        spec.seed,
-        samples=samples_of(prior, robot, spec.failed_leg),
-        target_m=DEFAULT_TARGET_M if spec.target_m is None else spec.target_m,
-        duration_s=spec.duration_s,
-        floor_m=progress_floor_m(robot, plan, plan.duration_s),
-        noise_m=noise_m(spec),
-        uncertainty_m=spec.uncertainty_m,
-        worth_m=spec.worth_m or 0.0,
-        budget=spec.budget - spec.confirm,
-    )
-    if spec.sag_rad is not None:
-        search.observe_stance(np.array(spec.sag_rad, dtype=float))  # None becomes NaN
-    return search

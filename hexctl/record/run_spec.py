@@ -227,33 +227,51 @@ def plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
     Raises InputError for a gait, a posture or a motion that is not allowed.
     """
     _check_found(spec)
-    in_place = spec.turn_rate_rad_s is not None and spec.heading_rad is None
-    gait, auto = spec.gait, spec.gait == AUTO
-    if names_best(gait):
+    plan = _asked_plan(spec, _gait_of(spec, robot))
+    stand_up = spec.body_raise is None
+    if spec.gait == AUTO:
+        _check_recoverable(plan, robot)
+        plan = replace(plan, gait=auto_gait(robot, plan, stand_up=stand_up))
+    check_tucked(robot, plan)
+    return replace(plan, changes=_changes_of(spec.then, robot, plan, stand_up=stand_up))
+
+
+def _gait_of(spec: RunSpec, robot: Robot) -> Gait:
+    """Gait of a spec in its posture; for `auto` the default one, which has everything but its slots."""
+    if isinstance(spec.gait, Gait):
+        return spec.gait
+    if names_best(spec.gait):
         raise InputError(
-            f"{argument('gait')}: got {gait}, which stands for another; allowed: the spec that "
+            f"{argument('gait')}: got {spec.gait}, which stands for another; allowed: the spec that "
             "hexctl.best_gait(spec) gives for it"
         )
-    if not isinstance(gait, Gait):
-        gait = make_gait(
-            robot,
-            "demo" if auto else gait,
-            pace_hz=spec.pace_hz,
-            amplitude=spec.amplitude,
-            height=spec.height,
-            failed_legs=tuple(one.leg for one in spec.failures),
-            besides=_besides(spec.failure),
-        )
-        gait = replace(
-            gait,
-            posture=Posture(
-                body_raise=spec.body_raise or 0.0,
-                shift=spec.stance_shift or (0.0, 0.0),
-                tucked_legs=tuple(spec.tucked_legs),
-            ),
-            swing_share=SWING_SHARE if spec.swing_share is None else spec.swing_share,
-        )
-    plan = TrialPlan(
+    gait = make_gait(
+        robot,
+        "demo" if spec.gait == AUTO else spec.gait,
+        pace_hz=spec.pace_hz,
+        amplitude=spec.amplitude,
+        height=spec.height,
+        failed_legs=tuple(one.leg for one in spec.failures),
+        besides=_besides(spec.failure),
+    )
+    posture = Posture(
+        body_raise=spec.body_raise or 0.0,
+        shift=spec.stance_shift or (0.0, 0.0),
+        tucked_legs=tuple(spec.tucked_legs),
+    )
+    swing_share = SWING_SHARE if spec.swing_share is None else spec.swing_share
+    return replace(gait, posture=posture, swing_share=swing_share)
+
+
+def _asked_plan(spec: RunSpec, gait: Gait) -> TrialPlan:
+    """Plan of a spec with a gait, without changes."""
+    in_place = spec.turn_rate_rad_s is not None and spec.heading_rad is None
+    rotation = suited_rotation(
+        "none" if spec.further_failures else spec.self_rotation,
+        "none" if spec.turn_rate_rad_s is not None else spec.hold,
+        chosen_gait=spec.gait == AUTO or spec.chosen_gait,
+    )
+    return TrialPlan(
         gait=gait,
         heading_rad=spec.heading_rad or 0.0,
         travel=0.0 if in_place else 1.0,
@@ -261,31 +279,20 @@ def plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
         duration_s=spec.duration_s,
         belief=spec.failure,
         further_failures=tuple(spec.further_failures),
-        self_rotation=suited_rotation(
-            "none" if spec.further_failures else spec.self_rotation,
-            "none" if spec.turn_rate_rad_s is not None else spec.hold,
-            chosen_gait=auto or spec.chosen_gait,
-        ),
+        self_rotation=rotation,
         hold=spec.hold,
         trim_rad=spec.trim_rad or 0.0,
     )
-    if auto and len(plan.failed_legs) > MOST_RECOVERED:
+
+
+def _check_recoverable(plan: TrialPlan, robot: Robot) -> None:
+    """Raise InputError for more failed legs than `auto` has gaits for."""
+    if len(plan.failed_legs) > MOST_RECOVERED:
         raise InputError(
             f"{argument('failed_leg')}: got {','.join(map(str, plan.failed_legs))} with {argument('gait')} "
             f"{AUTO}; {doubt(leg_set(robot, plan.gait, plan.failed_legs, (plan.heading_rad,)))}; allowed: "
             f"one leg or two, or a gait by its name or code, 1..{code_count(plan.failed_legs)}"
         )
-    plan = replace(plan, gait=auto_gait(robot, plan, stand_up=spec.body_raise is None)) if auto else plan
-    check_tucked(robot, plan)
-    stand_up = spec.body_raise is None
-    changes = tuple(_change_of(text, robot, plan, stand_up=stand_up) for text in spec.then)
-    for (first, before), (second, after) in pairwise(zip(spec.then, changes, strict=True)):
-        if after.at_s <= before.at_s:
-            raise InputError(
-                f"{argument('then')}: got {first} and then {second}; allowed: times that ascend, one gait "
-                "at each"
-            )
-    return replace(plan, changes=changes)
 
 
 def _besides(failure: Failure | None) -> tuple[str, str]:
@@ -320,6 +327,20 @@ def _check_found(spec: RunSpec) -> None:
                 f"{', '.join(str(one.leg) for one in spec.failures)} and {argument('gait')} {AUTO}, which "
                 "finds its own; allowed: with one failed leg, or with a gait by its name, code or slots"
             )
+
+
+def _changes_of(
+    texts: Sequence[str], robot: Robot, plan: TrialPlan, *, stand_up: bool
+) -> tuple[GaitChange, ...]:
+    """Changes of gait of a walk; raises InputError for times that do not ascend."""
+    changes = tuple(_change_of(text, robot, plan, stand_up=stand_up) for text in texts)
+    for (first, before), (second, after) in pairwise(zip(texts, changes, strict=True)):
+        if after.at_s <= before.at_s:
+            raise InputError(
+                f"{argument('then')}: got {first} and then {second}; allowed: times that ascend, one gait "
+                "at each"
+            )
+    return changes
 
 
 def _change_of(text: str, robot: Robot, plan: TrialPlan, *, stand_up: bool) -> GaitChange:

@@ -10,7 +10,7 @@ from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.optimizer import Observation, Optimizer
 from hexctl.adapt.optimizers.registry import make_optimizer
 from hexctl.adapt.prior.prior import load_prior
-from hexctl.adapt.search import make_search
+from hexctl.adapt.sessions.optimizer import make_search
 from hexctl.adapt.sessions.session import SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.robot.configs import config_root

@@ -16,7 +16,7 @@ import numpy as np
 from hexctl.adapt.optimizer import NINETY_PERCENT, Prediction
 from hexctl.adapt.optimizers.bayes import Bayes
 from hexctl.adapt.optimizers.shipped import BAYES, OPTIMIZERS, TRIM
-from hexctl.adapt.search import make_search
+from hexctl.adapt.sessions.optimizer import make_search
 from hexctl.adapt.sessions.session import Session, SessionSpec, TrialRecord, trials_text
 from hexctl.adapt.sessions.stored import DAMAGE
 from hexctl.adapt.setting import load_setting

@@ -222,12 +222,9 @@ def _walk(
     fence: "ShouldStop | None" = None,
 ) -> int:
     """Walk, print the outcome, show it; the exit code."""
-    from hexctl.backends.clock import realtime_priority
-
     run = _checked(spec)
     if found is not None:
         run.broken = found.broken
-    live = None
     with ExitStack() as stack:
         interrupt = stack.enter_context(StopOnInterrupt())
         try:
@@ -238,17 +235,14 @@ def _walk(
             raise
         for note in run.notes:
             print_note(f"hexctl: {note}")
-        if view and spec.paced and (live := _open_live(run)) is not None:
+        live = _open_live(run) if view and spec.paced else None
+        if live is not None:
             stack.enter_context(live)
         quiet = as_json or (not spec.paced and spec.duration_s < SHORT_S)
         progress = stack.enter_context(_WalkProgress(spec.duration_s, quiet=quiet))
         recorders: list[Recorder] = [progress] if live is None else [progress, live]
-        try:
-            with realtime_priority() if spec.paced else nullcontext():
-                done = run.walk(recorders=recorders, stop_requested=interrupt.requested, should_stop=fence)
-        except KeyboardInterrupt:
-            kept = "" if run.recording_path is None else f"; recorded until then: {run.recording_path}"
-            print_note(f"hexctl: interrupted without a soft stop{kept}")
+        done = _walked(run, recorders, interrupt, fence)
+        if done is None:
             return INTERRUPTED
         if run.index_due and not as_json:
             print_note(f"hexctl: the walk is done; writing the index of {run.recording_path}")
@@ -262,6 +256,21 @@ def _walk(
     elif view and not interrupt.requested():
         _show(live, None if spec.paced else done.recording)
     return INTERRUPTED if interrupt.requested() else code_of(done.trial)
+
+
+def _walked(
+    run: "Run", recorders: "list[Recorder]", interrupt: StopOnInterrupt, fence: "ShouldStop | None"
+) -> "RunResult | None":
+    """Result of a walk; None where it was interrupted without a soft stop, which a note tells."""
+    from hexctl.backends.clock import realtime_priority
+
+    try:
+        with realtime_priority() if run.spec.paced else nullcontext():
+            return run.walk(recorders=recorders, stop_requested=interrupt.requested, should_stop=fence)
+    except KeyboardInterrupt:
+        kept = "" if run.recording_path is None else f"; recorded until then: {run.recording_path}"
+        print_note(f"hexctl: interrupted without a soft stop{kept}")
+        return None
 
 
 def _checked(spec: "RunSpec") -> "Run":

@@ -10,8 +10,9 @@ from hexctl.adapt.loop import AdaptLoop
 from hexctl.adapt.optimizers.bayes import Bayes
 from hexctl.adapt.optimizers.registry import make_optimizer
 from hexctl.adapt.optimizers.shipped import OPTIMIZERS, TRIM
-from hexctl.adapt.search import make_search, new_spec
+from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions import steps as module
+from hexctl.adapt.sessions.optimizer import make_search
 from hexctl.adapt.sessions.session import Session
 from hexctl.adapt.sessions.steps import search_steps
 from hexctl.adapt.sessions.store import SessionStore
