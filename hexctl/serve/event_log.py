@@ -9,6 +9,7 @@ from contextlib import suppress
 from hexctl.backends.clock import Standstill
 from hexctl.control.stop_reason import reason_in_words
 from hexctl.serve.stops.stop import ESTOP, Clear, Stop
+from hexctl.wire.links import CLEAR_COMMAND
 
 #: Lines that wait for a slow reader; further ones are dropped and counted.
 WAITING_LINES = 256
@@ -30,8 +31,14 @@ class EventLog:
     A thread of its own calls `report`: a terminal that is paused must not delay the robot.
     """
 
-    def __init__(self, report: Callable[[str], None]) -> None:
-        self._report = report
+    def __init__(self, report: Callable[[str], None], *, clear: str = CLEAR_COMMAND) -> None:
+        """Report nothing yet.
+
+        Args:
+            report: takes a line.
+            clear: command that ends a stop of the robot.
+        """
+        self._report, self._clear = report, clear
         self._lines: queue.Queue[str | None] = queue.Queue(WAITING_LINES)
         self._controller: str | None = None
         self._stopped: str | None = None
@@ -86,7 +93,7 @@ class EventLog:
             self.add(f"commanded by {controller}" if controller else f"{self._controller} has left")
         self._note_stop(stopped, None if stop is None else stop.by, cleared)
         if stopped is not None and stopped.startswith("fault:") and self._fault and fault is None:
-            self.add(f"over, and still stopped ({self._fault}): hexctl estop --clear lets the robot move")
+            self.add(f"over, and still stopped ({self._fault}): {self._clear} lets the robot move")
         self._fault = fault
         if posture != self._posture and posture in POSTURES:
             self.add(POSTURES[posture])

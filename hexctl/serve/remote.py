@@ -30,6 +30,11 @@ class RemoteRobots:
         self._session, self._link = session, link
         self._keys = KeyMap.of(ANY_ROBOT).renamed(dict(link.names))
 
+    @property
+    def link(self) -> Link:
+        """Link to the robots."""
+        return self._link
+
     def statuses(self) -> list[dict[str, Any]]:
         """Status of each robot that answers (docs/protocol.md); empty where none does."""
         answers = ask(self._session, self._keys.describe, timeout_s=ANSWER_TIMEOUT_S)

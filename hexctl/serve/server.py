@@ -28,7 +28,7 @@ from hexctl.serve.stops.stop_socket import StopSocket
 from hexctl.serve.transport import Transport, attachment_of, payload_of
 from hexctl.types import FloatArray, JointTargets, RobotState
 from hexctl.wire.description import RobotIdentity, describe, encode_json
-from hexctl.wire.links import Link
+from hexctl.wire.links import CLEAR_COMMAND, Link
 from hexctl.wire.messages import encode_battery, encode_positions, tag_of
 from hexctl.wire.pose import decode_pose, encode_pose
 
@@ -63,6 +63,7 @@ class RobotServer:
         on_tick: Callable[[], str | None] = lambda: None,
         ros: "RosBridge | None" = None,
         stop_file: StopFile | None = None,
+        clear: str = CLEAR_COMMAND,
     ) -> None:
         """Prepare to serve; nothing is opened yet. A robot whose stop was kept is stopped.
 
@@ -78,6 +79,7 @@ class RobotServer:
                 event.
             ros: its node in ROS 2, not begun yet; None for none.
             stop_file: keeps its stop; None keeps none.
+            clear: command that ends a stop of it, for the events.
         """
         self._servos = ServedServos(servos)
         self._guard = Guard(self._servos, tilt_of=self._servos.tilt_of)
@@ -91,7 +93,7 @@ class RobotServer:
         self._requests = RequestHandler(self._guard, self._leases, self._latch)
         self._on_tick = on_tick
         self._idle = IdleSupervisor(self._guard, sit_after_s=sit_after_s)
-        self._event_log = EventLog(on_event)
+        self._event_log = EventLog(on_event, clear=clear)
         self._inbox = Inbox()
         self._transport = Transport(
             link, servos.robot.name, self._inbox, self._requests.urgent, self._admits_command

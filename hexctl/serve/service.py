@@ -217,8 +217,8 @@ class RobotService:
         servos = make_servos(self.servos.backend, options)
         keeper = self._keeper(options)
         simulated = self.servos.simulated is not None
-        place = self._stop_place(options, link)
-        stop_file = StopFile(servos.robot.name, place, asked_only=simulated, clear=_clear_command(link))
+        place, clear = self._stop_place(options, link), _clear_command(link)
+        stop_file = StopFile(servos.robot.name, place, asked_only=simulated, clear=clear)
         server = RobotServer(
             servos,
             link,
@@ -229,6 +229,7 @@ class RobotService:
             on_tick=_ticks_of(keeper),
             ros=None if self.ros is None else self.ros.bridge(servos.robot, insecure=self.insecure),
             stop_file=stop_file,
+            clear=clear,
         )
         started = ServiceStarted(
             robot=servos.robot.name,

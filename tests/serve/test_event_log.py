@@ -56,6 +56,15 @@ def test_changes_are_told_once_and_in_order() -> None:
     ]
 
 
+def test_a_fault_that_is_over_names_the_command_that_ends_its_stop() -> None:
+    told: list[str] = []
+    log = EventLog(told.append, clear="hexctl estop --clear --connect tcp/127.0.0.1:7448")
+    for fault in ("hot", None):
+        log.note(controller=None, stopped="fault: hot", posture="idle", fault=fault)
+    log.close()
+    assert told[-1].endswith("(hot): hexctl estop --clear --connect tcp/127.0.0.1:7448 lets the robot move")
+
+
 def test_who_asked_for_a_stop_and_who_cleared_it_is_told() -> None:
     told: list[str] = []
     log = EventLog(told.append)

@@ -265,6 +265,11 @@ class ZenohServos(LegServos):
         self._snapshot: tuple[int, RobotState] | None = None
 
     @property
+    def link(self) -> Link:
+        """Link to the robot."""
+        return self._link
+
+    @property
     def robot(self) -> Robot:
         """The robot expected at the other end."""
         return self._robot

@@ -56,13 +56,12 @@ def estop(
         return
     with _told_if_not_confirmed(ready=ready):
         from hexctl.serve.stops.estop import ReadyStop
-        from hexctl.wire.links import load_link
 
         with ReadyStop(**place, again=ready) as stop:
             if ready:
                 _wait_for_a_press(stop)
             result = stop.wait_for_rest()
-    _print(result, load_link(link, endpoint=connect, credentials=keys, insecure=insecure), as_json=as_json)
+    _print(result, stop.link, as_json=as_json)
 
 
 @contextmanager
@@ -120,14 +119,12 @@ def _print(result: "StopResult", link: "Link", *, as_json: bool) -> None:
 
 def _clear(place: dict[str, Any], *, as_json: bool) -> None:
     from hexctl.cli.console import FAULT, print_note, print_result
-    from hexctl.serve.stops.estop import clear_stop
+    from hexctl.serve.remote import remote_robots
     from hexctl.wire.description import RobotIdentity
-    from hexctl.wire.links import load_link
+    from hexctl.wire.links import Role
 
-    answers = clear_stop(**place)
-    again = load_link(
-        place["link"], endpoint=place["connect"], credentials=place["credentials"], insecure=place["insecure"]
-    ).clear_command
+    with remote_robots(Role.CONTROLLER, **place) as robots:
+        answers, again = robots.clear(), robots.link.clear_command
     refused = next((str(answer["error"]) for answer in answers if "error" in answer), None)
     stopped = next((str(answer["stopped"]) for answer in answers if answer["stopped"] is not None), None)
     if as_json:

@@ -53,24 +53,23 @@ def status(
     from hexctl.cli.console import print_result
     from hexctl.errors import InputError
     from hexctl.serve.remote import remote_robots
-    from hexctl.wire.links import Role, load_link
+    from hexctl.wire.links import Role
 
     if watch and as_json:
         raise InputError("--watch: got --json too; allowed: one or the other")
-    clear = load_link(link, endpoint=connect, credentials=keys, insecure=insecure).clear_command
     with remote_robots(
         Role.VIEWER, connect=connect, credentials=keys, insecure=insecure, link=link
     ) as robots:
         statuses = robots.await_statuses()
         if watch:
-            _watch(robots, clear)
+            _watch(robots)
         elif as_json:
             print_result(json.dumps(statuses[0]))
         else:
-            Console().print(status_table(statuses, clear))
+            Console().print(status_table(statuses, robots.link.clear_command))
 
 
-def _watch(robots: "RemoteRobots", clear: str) -> None:
+def _watch(robots: "RemoteRobots") -> None:
     """Show the status until interrupted: in place on a terminal, one after the other elsewhere."""
     from rich.console import Console
     from rich.live import Live
@@ -82,7 +81,7 @@ def _watch(robots: "RemoteRobots", clear: str) -> None:
         live = stack.enter_context(Live(console=console, auto_refresh=False)) if console.is_terminal else None
         while not interrupt.requested():
             statuses = robots.statuses()
-            shown = status_table(statuses, clear) if statuses else "the robot is silent"
+            shown = status_table(statuses, robots.link.clear_command) if statuses else "the robot is silent"
             if live is not None:
                 live.update(shown, refresh=True)
             else:

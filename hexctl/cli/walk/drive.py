@@ -260,9 +260,14 @@ def _kept_once_driven(record: Path | None) -> Iterator[Callable[[], None]]:
 def _why(drive: "Drive", stopped: str) -> str:
     """Why the robot was stopped, in words."""
     from hexctl.cli.render.words import why_in_words
+    from hexctl.wire.links import Link
 
-    standstill = drive.guard.standstill
-    return why_in_words(stopped, None if standstill is None else standstill.duration_s)
+    standstill, link = drive.guard.standstill, getattr(drive.guard.unwrapped, "link", None)
+    return why_in_words(
+        stopped,
+        None if standstill is None else standstill.duration_s,
+        clear=(link if isinstance(link, Link) else Link()).clear_command,
+    )
 
 
 def _drive(stack: ExitStack, drive: "Drive", wanted: _Wanted, keep: Callable[[], None]) -> int:

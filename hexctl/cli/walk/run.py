@@ -5,7 +5,7 @@ from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from math import radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -222,7 +222,9 @@ def _walk(
     fence: "ShouldStop | None" = None,
 ) -> int:
     """Walk, print the outcome, show it; the exit code."""
-    run = _checked(spec)
+    from hexctl.cli.render.run import summary
+
+    run, clear = _checked(spec), _clear_command(spec)
     if found is not None:
         run.broken = found.broken
     with ExitStack() as stack:
@@ -248,7 +250,7 @@ def _walk(
             print_note(f"hexctl: the walk is done; writing the index of {run.recording_path}")
     if found is not None:
         done.outcome["diagnosis"] = found.result.diagnosis.to_dict()
-    print_result(*([json.dumps(done.outcome)] if as_json else _summary(done, spec)))
+    print_result(*([json.dumps(done.outcome)] if as_json else summary(done.outcome, clear)))
     if (error := done.recording_error) is not None:
         raise RecordingError(f"the walk is done, its recording is not whole: {error}") from error
     if live is not None and live.lost is not None:
@@ -315,15 +317,14 @@ def _show(live: "LiveView | None", recording: Path | None) -> None:
             print_note(f"hexctl: {error}")
 
 
-def _summary(done: "RunResult", spec: "RunSpec") -> list[Any]:
-    from hexctl.cli.render.run import summary
-    from hexctl.wire.links import load_link
+def _clear_command(spec: "RunSpec") -> str:
+    """Command that ends a stop of the robot of a spec; read before a walk, which may outlast a link file."""
+    from hexctl.wire.links import CLEAR_COMMAND, load_link
 
     if spec.backend != "zenoh":
-        return summary(done.outcome)
+        return CLEAR_COMMAND
     keys = None if spec.credentials is None else Path(spec.credentials)
-    link = load_link(spec.link, endpoint=spec.connect, credentials=keys, insecure=spec.insecure)
-    return summary(done.outcome, link.clear_command)
+    return load_link(spec.link, endpoint=spec.connect, credentials=keys, insecure=spec.insecure).clear_command
 
 
 class _WalkProgress(WithBar):

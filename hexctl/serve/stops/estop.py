@@ -12,7 +12,7 @@ from typing import Any, Self
 from hexctl.errors import RobotFaultError
 from hexctl.serve.stops.datagram_way import DatagramWay, Sighting
 from hexctl.serve.stops.session_way import SessionWay
-from hexctl.wire.links import Endpoint, load_link
+from hexctl.wire.links import Endpoint, Link, load_link
 from hexctl.wire.stop_datagram import REQUEST_BYTES
 
 #: A robot has to be seen at rest for this long, with no longer pause between two looks.
@@ -129,6 +129,11 @@ class ReadyStop:
     ) -> None:
         self._session.end()
         self._datagrams.end()
+
+    @property
+    def link(self) -> Link:
+        """Link to the robot, as it was when this was made."""
+        return self._link
 
     def press(self) -> None:
         """Stop the robot now, by all ways; may be called from any thread."""

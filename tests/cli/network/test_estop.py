@@ -3,6 +3,7 @@
 import fcntl
 import os
 from contextlib import suppress
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
@@ -12,7 +13,8 @@ from hexctl.cli.interrupts import NOT_CONFIRMED
 from hexctl.cli.main import exit_code
 from hexctl.cli.network import estop
 from hexctl.errors import InputError, RobotFaultError, argument
-from hexctl.serve.stops.estop import StopResult
+from hexctl.serve.stops.estop import ReadyStop, StopResult
+from hexctl.wire.links import load_link
 
 
 class StoppedRobot:
@@ -20,8 +22,8 @@ class StoppedRobot:
 
     kept = True
 
-    def __init__(self, **_given: Any) -> None:
-        pass
+    def __init__(self, *, again: bool, connect: str | None, link: str | None, **given: Any) -> None:
+        self.link = load_link(link, endpoint=connect, **given)
 
     def __enter__(self) -> Self:
         return self
@@ -102,6 +104,31 @@ def test_the_command_that_clears_it_leads_to_the_same_robot(
     assert exit_code(["estop", "--connect", "tls/ant.local:7448", "--keys", "my keys"]) == 0
     command = "hexctl estop --clear --connect tls/ant.local:7448 --keys 'my keys' when"
     assert command in capsys.readouterr().out
+
+
+def test_a_link_file_that_has_gone_meanwhile_is_no_error_of_a_stop(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    file = tmp_path / "lab.yaml"
+    file.write_text("endpoint: tcp/127.0.0.1:7448\n", encoding="utf-8")
+    result = StoppedRobot.wait_for_rest
+
+    def remove(robot: StoppedRobot) -> StopResult:
+        file.unlink()
+        return result(robot)
+
+    monkeypatch.setattr("hexctl.serve.stops.estop.ReadyStop", StoppedRobot)
+    monkeypatch.setattr(StoppedRobot, "wait_for_rest", remove)
+    assert exit_code(["estop", "--link", str(file)]) == 0
+    assert "hexctl estop --clear --connect tcp/127.0.0.1:7448 when" in capsys.readouterr().out
+
+
+def test_the_link_of_a_stop_is_that_of_its_file(tmp_path: Path) -> None:
+    file = tmp_path / "lab.yaml"
+    file.write_text("endpoint: tcp/127.0.0.1:7448\n", encoding="utf-8")
+    ready = ReadyStop(link=str(file))
+    file.unlink()
+    assert ready.link.clear_command == "hexctl estop --clear --connect tcp/127.0.0.1:7448"
 
 
 def test_what_stops_is_what_there_is_now() -> None:

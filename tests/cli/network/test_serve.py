@@ -12,6 +12,7 @@ import pytest
 from hexctl.backends.mock import MockServos
 from hexctl.cli.main import exit_code
 from hexctl.wire.certificates import make_certificates
+from hexctl.wire.links import Link
 from tests.serve.processes import RECORDED, free_port, hexctl, program, served
 
 REFUSED = [
@@ -127,7 +128,7 @@ def test_a_stop_whose_fault_is_still_there_is_not_cleared(
     json_option: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     answer = {"stopped": "fault: no power", "robot": "ant", "backend": "mock"}
-    robots = SimpleNamespace(clear=lambda: [answer])
+    robots = SimpleNamespace(clear=lambda: [answer], link=Link())
     monkeypatch.setattr("hexctl.serve.remote.remote_robots", lambda *_, **__: nullcontext(robots))
     assert exit_code(["estop", "--clear", *json_option]) == 3
     printed = capsys.readouterr().out
@@ -142,7 +143,7 @@ def test_a_clear_says_whether_there_was_a_stop(
     cleared: object, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     answer = {"stopped": None, "cleared": cleared, "robot": "ant", "backend": "mock"}
-    robots = SimpleNamespace(clear=lambda: [answer])
+    robots = SimpleNamespace(clear=lambda: [answer], link=Link())
     monkeypatch.setattr("hexctl.serve.remote.remote_robots", lambda *_, **__: nullcontext(robots))
     assert exit_code(["estop", "--clear"]) == 0
     assert capsys.readouterr().out.startswith(said)

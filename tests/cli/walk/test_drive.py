@@ -9,10 +9,14 @@ import pytest
 from websockets.sync.client import connect
 from websockets.typing import Origin, Subprotocol
 
+from hexctl.backends.zenoh.client import ZenohServos
 from hexctl.cli.main import exit_code
+from hexctl.cli.walk.drive import _why
+from hexctl.control.drive.drive import Drive
 from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.record.recorded_trial import LEG_CONDITIONS, read_trial
 from hexctl.waiting import wait_for
+from hexctl.wire.links import Link
 from tests.cli.terminals import WAIT_S, on_terminal
 from tests.record.conftest import ReadBack
 
@@ -132,3 +136,11 @@ def test_a_recording_that_was_there_stays(tmp_path: Path) -> None:
     record.write_bytes(b"walked before")
     assert exit_code(["drive", "--page", "127.0.0.1:0", "--record", str(record)]) == 2
     assert record.read_bytes() == b"walked before"
+
+
+def test_the_command_that_ends_a_stop_leads_to_the_robot_that_was_driven() -> None:
+    there = Drive(servos=ZenohServos("ant", link=Link(endpoint="tcp/127.0.0.1:7448")))
+    assert _why(there, "estop").endswith(
+        "hexctl estop --clear --connect tcp/127.0.0.1:7448 when it may move again"
+    )
+    assert _why(Drive("ant"), "estop").endswith(": hexctl estop --clear when it may move again")
