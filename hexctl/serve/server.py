@@ -89,7 +89,9 @@ class RobotServer:
         self._commands = CommandHandler()
         self._latch = StopLatch(self._guard, stop_file)
         self._rest = RestWatch()
-        self._stop_socket = StopSocket(link, servos.robot.name, self._latch, lambda: self._rest.at_rest)
+        self._stop_socket = StopSocket(
+            link, servos.robot.name, self._latch, lambda: self._rest.at_rest, self._echoes
+        )
         self._requests = RequestHandler(self._guard, self._leases, self._latch)
         self._on_tick = on_tick
         self._idle = IdleSupervisor(self._guard, sit_after_s=sit_after_s)
@@ -135,6 +137,11 @@ class RobotServer:
         """What an operator must know once clients can connect."""
         trouble = self._stop_socket.trouble
         return () if trouble is None else (f"it can only be stopped over a session: {trouble}",)
+
+    def _echoes(self) -> bool:
+        """Whether the joint angles of the newest state are only targets."""
+        state = self._state
+        return state is not None and not state.measured
 
     def _listen(self) -> None:
         """Handle what arrives until the next tick is due."""

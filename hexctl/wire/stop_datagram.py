@@ -29,7 +29,7 @@ REASON_BYTES, ROBOT_BYTES = 54, 24
 
 NO_EPOCH, NO_REQUEST, NO_ID = bytes(EPOCH_BYTES), bytes(REQUEST_BYTES), bytes(ID_BYTES)
 
-_STOPPED, _AT_REST, _KEPT = 1, 2, 4
+_STOPPED, _AT_REST, _KEPT, _ECHOED = 1, 2, 4, 8
 
 
 class Kind(IntEnum):
@@ -55,6 +55,7 @@ class StopDatagram:
         stopped: of an answer: whether a stop that stays is in force.
         at_rest: of an answer: whether no joint moves.
         kept: of an answer: whether the stop is on the disk.
+        echoed: of an answer: whether its joint angles are the last targets, and not measured.
     """
 
     kind: Kind
@@ -67,10 +68,11 @@ class StopDatagram:
     stopped: bool = False
     at_rest: bool = False
     kept: bool = False
+    echoed: bool = False
 
     def packed(self, secret: bytes) -> bytes:
         """The datagram, signed."""
-        flags = _STOPPED * self.stopped | _AT_REST * self.at_rest | _KEPT * self.kept
+        flags = _STOPPED * self.stopped | _AT_REST * self.at_rest | _KEPT * self.kept | _ECHOED * self.echoed
         content = _CONTENT.pack(
             mark_of(secret),
             self.kind,
@@ -109,6 +111,7 @@ class StopDatagram:
             stopped=bool(flags & _STOPPED),
             at_rest=bool(flags & _AT_REST),
             kept=bool(flags & _KEPT),
+            echoed=bool(flags & _ECHOED),
         )
 
 

@@ -30,13 +30,14 @@ ANSWER = StopDatagram(
     kind=st.sampled_from(Kind),
     nonce=st.binary(min_size=8, max_size=8),
     epoch=st.binary(min_size=16, max_size=16),
-    flags=st.tuples(st.booleans(), st.booleans(), st.booleans()),
+    flags=st.tuples(st.booleans(), st.booleans(), st.booleans(), st.booleans()),
     reason=st.text(st.characters(exclude_characters="\0", codec="utf-8"), max_size=13),
     secret=st.sampled_from([b"", SECRET]),
 )
 def test_what_is_signed_comes_back_as_it_was(kind: Kind, flags: Any, secret: bytes, **values: Any) -> None:
-    stopped, at_rest, kept = flags
-    sent = StopDatagram(kind=kind, stopped=stopped, at_rest=at_rest, kept=kept, **values)
+    stopped, at_rest, kept, echoed = flags
+    told = {"stopped": stopped, "at_rest": at_rest, "kept": kept, "echoed": echoed}
+    sent = StopDatagram(kind=kind, **told, **values)
     data = sent.packed(secret)
     assert len(data) == DATAGRAM_BYTES == 160
     assert StopDatagram.unpacked(data, secret) == sent

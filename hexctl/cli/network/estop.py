@@ -92,6 +92,7 @@ def _print(result: "StopResult", link: "Link", *, as_json: bool) -> None:
                     "stopped": result.stopped,
                     "stop_id": result.stop_id,
                     "at_rest": result.at_rest,
+                    "echoed": result.echoed,
                     "kept": result.kept,
                     "ways": result.ways,
                     "took_s": round(result.took_s, 3),
@@ -101,11 +102,11 @@ def _print(result: "StopResult", link: "Link", *, as_json: bool) -> None:
             )
         )
     else:
-        rest = "at rest" if result.at_rest else "it does not say whether it is at rest"
-        print_result(f"stopped ({result.stopped}), {rest}; {link.clear_command} when it may move again")
+        told = f"stopped ({result.stopped}), {_rest_in_words(result)}"
+        print_result(f"{told}; {link.clear_command} when it may move again")
     print_note(
         f"hexctl: confirmed by {' and '.join(result.ways)}, stopped after {1000 * result.took_s:.0f} ms, "
-        f"at rest after {1000 * result.rested_s:.0f} ms"
+        f"{'no new targets' if result.echoed else 'at rest'} after {1000 * result.rested_s:.0f} ms"
     )
     if result.stop_id is not None and not result.kept:
         print_note(
@@ -115,6 +116,15 @@ def _print(result: "StopResult", link: "Link", *, as_json: bool) -> None:
         print_note(f"hexctl: the robot is {RobotIdentity.of_answer(answer)}")
     if not result.answers:
         print_note(f"hexctl: the robot is {result.robot}; no session has reached it before the datagram did")
+
+
+def _rest_in_words(result: "StopResult") -> str:
+    """What is known of a stopped robot's motion."""
+    if not result.at_rest:
+        return "it does not say whether it is at rest"
+    if result.echoed:
+        return "its targets no longer change (its servos do not report where they are: look at the robot)"
+    return "at rest"
 
 
 def _clear(place: dict[str, Any], *, as_json: bool) -> None:

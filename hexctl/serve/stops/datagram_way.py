@@ -43,6 +43,7 @@ class Sighting:
         at_rest: whether no joint moves; None from a robot that does not say.
         kept: whether the stop is on the disk.
         robot: its name.
+        echoed: whether it knows that by its targets alone, as its servos do not report their angles.
     """
 
     at_s: float
@@ -51,6 +52,7 @@ class Sighting:
     at_rest: bool | None
     kept: bool
     robot: str
+    echoed: bool = False
 
 
 class DatagramWay:
@@ -216,4 +218,5 @@ def _sighting(answer: StopDatagram) -> Sighting:
         at_rest=answer.at_rest,
         kept=answer.kept,
         robot=answer.robot,
+        echoed=answer.echoed,
     )

@@ -44,6 +44,8 @@ class StopResult:
         took_s: time until the first confirmation of the stop.
         rested_s: time until it was first seen at rest, and stayed so.
         answers: of the session, with the robot's identity; empty where it was locked out.
+        echoed: whether its servos do not report their angles: all that is known then is that their targets
+            no longer change.
     """
 
     stopped: str
@@ -55,6 +57,7 @@ class StopResult:
     took_s: float
     rested_s: float
     answers: tuple[dict[str, Any], ...]
+    echoed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,6 +229,7 @@ class ReadyStop:
             took_s=self._first_stop_s - self._pressed_s,
             rested_s=max(0.0, rested_s - self._pressed_s),
             answers=tuple(self._session.answers),
+            echoed=newest.echoed,
         )
 
 

@@ -124,6 +124,7 @@ class SessionWay:
                 at_rest=None if None in rests else all(rests),
                 kept=bool(stops) and all(one.get("kept") for one in stops),
                 robot=str(statuses[0].get("robot", "?")),
+                echoed=any(status.get("joints") == "echoed" for status in statuses),
             )
         )
 

@@ -45,6 +45,7 @@ class StopSocket:
         robot: name of the robot.
         latch: stops it.
         at_rest: whether no joint moves.
+        echoes: whether the joint angles by which that is known are only targets.
 
     Attributes:
         trouble: why there is no datagram stop, or None.
@@ -52,8 +53,16 @@ class StopSocket:
         dropped: datagrams so far that were not ours; what the kernel drops is not counted.
     """
 
-    def __init__(self, link: Link, robot: str, latch: StopLatch, at_rest: Callable[[], bool]) -> None:
-        self._link, self._robot, self._latch, self._at_rest = link, robot, latch, at_rest
+    def __init__(
+        self,
+        link: Link,
+        robot: str,
+        latch: StopLatch,
+        at_rest: Callable[[], bool],
+        echoes: Callable[[], bool] = lambda: False,
+    ) -> None:
+        self._link, self._robot, self._latch = link, robot, latch
+        self._at_rest, self._echoes = at_rest, echoes
         self._socket: socket.socket | None = None
         self._secret = b""
         self._thread: threading.Thread | None = None
@@ -149,6 +158,7 @@ class StopSocket:
             stopped=stop is not None and stop.stays,
             at_rest=self._at_rest(),
             kept=kept,
+            echoed=self._echoes(),
         )
 
 

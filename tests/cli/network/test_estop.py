@@ -20,7 +20,7 @@ from hexctl.wire.links import load_link
 class StoppedRobot:
     """In place of a robot: it rests, and has kept the stop or not."""
 
-    kept = True
+    kept, echoed = True, False
 
     def __init__(self, *, again: bool, connect: str | None, link: str | None, **given: Any) -> None:
         self.link = load_link(link, endpoint=connect, **given)
@@ -45,6 +45,7 @@ class StoppedRobot:
             took_s=0.01,
             rested_s=0.3,
             answers=(),
+            echoed=self.echoed,
         )
 
 
@@ -104,6 +105,17 @@ def test_the_command_that_clears_it_leads_to_the_same_robot(
     assert exit_code(["estop", "--connect", "tls/ant.local:7448", "--keys", "my keys"]) == 0
     command = "hexctl estop --clear --connect tls/ant.local:7448 --keys 'my keys' when"
     assert command in capsys.readouterr().out
+
+
+def test_servos_that_report_no_angles_are_not_said_to_be_at_rest(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("hexctl.serve.stops.estop.ReadyStop", StoppedRobot)
+    monkeypatch.setattr(StoppedRobot, "echoed", True)
+    assert exit_code(["estop"]) == 0
+    printed = capsys.readouterr()
+    assert printed.out.startswith("stopped (estop), its targets no longer change (its servos do not report")
+    assert "at rest" not in printed.out + printed.err
 
 
 def test_a_link_file_that_has_gone_meanwhile_is_no_error_of_a_stop(

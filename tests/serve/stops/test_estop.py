@@ -38,6 +38,7 @@ def test_both_ways_confirm_one_stop_that_is_cleared_by_its_id(tmp_path: Path) ->
         result = hexctl.estop(connect=robot.endpoint)
         assert rests(robot, at_s)
         assert (result.stopped, result.robot, result.at_rest) == ("estop", "ant", True)
+        assert result.echoed, "these servos measure nothing"
         assert "datagram" in result.ways
         assert result.took_s <= result.rested_s + 0.5
         status = robot.status()
@@ -56,6 +57,7 @@ def test_a_session_stops_where_no_datagram_comes_through(tmp_path: Path) -> None
         assert rests(robot, at_s)
         assert result.ways == ("session",)
         assert result.at_rest
+        assert result.echoed
         assert result.answers[0]["stopped"] == "estop"
 
 
@@ -117,7 +119,7 @@ def test_one_key_stops_and_so_does_a_terminal_that_goes(tmp_path: Path, how: str
             at_s = time.monotonic()
             if how in KEYS:
                 terminal.type(KEYS[how])
-                terminal.wait(r"stopped \(estop\), at rest")
+                terminal.wait(r"stopped \(estop\), its targets no longer change")
                 assert terminal.code() == 0
             else:
                 terminal.close()

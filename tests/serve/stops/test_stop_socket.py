@@ -49,6 +49,13 @@ class Bench:
         return StopDatagram(kind=kind, nonce=self.sent.to_bytes(8), **values).packed(secret)
 
 
+def test_an_answer_says_whether_the_robot_measures_its_joints() -> None:
+    bench = Bench()
+    assert not bench.ask().echoed
+    bench.stop_socket = StopSocket(bench.link, "ant", bench.latch, lambda: True, lambda: True)
+    assert bench.ask().echoed
+
+
 def test_a_stop_by_datagram_is_asked_for_by_its_host() -> None:
     bench = Bench()
     epoch = bench.ask().epoch
