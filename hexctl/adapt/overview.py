@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -238,20 +239,20 @@ def _sound_ones(recordings: RecordingPaths, on_damage: OnDamage) -> RecordingPat
 
 
 def _find_runs(names: Sequence[str], runs: Path) -> list[Path | StoredSession]:
-    return [_find_run(name, runs) for name in names or [_newest_run(runs)]]
+    return [_find_run(name, runs) for name in names] if names else [_newest_run(runs)]
 
 
-def _newest_run(runs: Path) -> str:
+def _newest_run(runs: Path) -> Path | StoredSession:
     """The recording that was written last, or the session that it belongs to."""
     # An overview is written whenever its session is viewed: its time says nothing.
     path = newest_recording(runs, leave_out=FILE_NAME)
-    session = path.parent.name
-    if session not in stored_names(runs):
-        return str(path)
-    try:
-        return session if load_session(session, runs).trials else str(path)
-    except StoreError:
-        return str(path)  # a session that is damaged has recordings all the same
+    name = path.parent.name
+    if name in stored_names(runs):
+        with suppress(StoreError):  # a session that is damaged has recordings all the same
+            session = load_session(name, runs)
+            if session.trials:
+                return session, runs / name
+    return path
 
 
 def _find_run(name: str, runs: Path) -> Path | StoredSession:

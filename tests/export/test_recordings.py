@@ -1,10 +1,34 @@
-"""Recordings to export: what they are called."""
+"""Recordings to export: where those of a session lie, and what they are called."""
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
-from hexctl.export.recordings import title_of
+import pytest
+
+from hexctl.adapt.sessions.store import SessionStore
+from hexctl.errors import InputError
+from hexctl.export.recordings import recordings_to_export, title_of
 from hexctl.record.recorded_trial import RecordedTrial
+from tests.adapt.sessions.test_store import record
+from tests.adapt.walking import SPEC
+
+
+def test_recordings_of_a_session_are_those_in_its_folder_wherever_they_were_written(tmp_path: Path) -> None:
+    old = tmp_path / "old" / "trial-001.rrd"
+    old.parent.mkdir()
+    old.write_bytes(b"of another copy")
+    with SessionStore(tmp_path / "runs") as store:
+        session = store.create(SPEC)
+        store.add_trial(session, replace(record(1), recording=str(old)), {})
+        store.add_trial(session, replace(record(2), recording="runs/before/trial-002.rrd"), {})
+    with pytest.raises(InputError, match="has no recordings to export"):
+        recordings_to_export([session.name], tmp_path / "runs")
+    folder = tmp_path / "runs" / session.name
+    folder.mkdir()
+    (folder / "trial-002.rrd").write_bytes(b"")
+    found = recordings_to_export([session.name], tmp_path / "runs")
+    assert found.paths == (folder / "trial-001.rrd", folder / "trial-002.rrd")
 
 
 def test_a_title_names_all_legs_that_the_walk_was_told_of(walk: RecordedTrial) -> None:
