@@ -2,6 +2,7 @@
 
 import threading
 import time
+from typing import Any
 
 import pytest
 
@@ -10,6 +11,7 @@ from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
 from hexctl.serve.boards.register_servos import BusServo
 from hexctl.serve.keeper import Keeper, KeeperSpec
+from hexctl.serve.server import RobotServer
 from hexctl.serve.service import RobotService, ServiceStarted, ServosSpec
 from tests.backends.bus.boards import a_map, bus_board
 from tests.backends.pwm.boards import servo2040_board
@@ -91,6 +93,22 @@ def test_a_keeper_that_has_ended_is_told_without_making_the_robot_wait(
         )
         service.run(stop, on_event=lambda line: said.append((threading.current_thread().name, line)))
     assert [thread for thread, line in said if "the keeper has ended" in line] == ["event log"]
+
+
+def test_its_events_name_the_command_that_ends_a_stop_with_the_address(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    commands: list[str] = []
+
+    class NotedServer(RobotServer):
+        def __init__(self, *args: Any, **options: Any) -> None:
+            super().__init__(*args, **options)
+            commands.append(self._event_log._clear)
+
+    monkeypatch.setattr("hexctl.serve.service.RobotServer", NotedServer)
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    RobotService(servos=ServosSpec(backend="mock"), listen=endpoint).run(lambda: True)
+    assert commands == [f"hexctl estop --clear --connect {endpoint}"]
 
 
 @pytest.mark.parametrize("holds", [True, False])
