@@ -22,7 +22,10 @@ NAMES: tuple[list[str], ...] = (list(FAULTS), list(BACKENDS), list(PHASES))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run what is missing, print it, and return the exit code: 2 for bad options, 130 where ended early."""
+    """Run what is missing, print it, and return the exit code.
+
+    1 where an injection ended with an error of the matrix itself, 2 for bad options, 130 where ended early.
+    """
     parser = _parser()
     options = parser.parse_args(arguments)
     results = Results(options.results)
@@ -51,12 +54,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     for number in (signal.SIGINT, signal.SIGTERM):  # also in the background, where a shell ignores the first
         signal.signal(number, signal.default_int_handler)
+    matrix = Matrix(results, say)
     try:
-        Matrix(results, say).run(work, options.rigs)
+        matrix.run(work, options.rigs)
     except KeyboardInterrupt:
         print("ended; what was measured is kept, and the same command goes on", file=sys.stderr)
         return 130
-    return 0
+    return 1 if matrix.broken else 0
 
 
 def _parser() -> argparse.ArgumentParser:

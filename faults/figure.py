@@ -43,7 +43,7 @@ def draw(outcomes: Iterable[Outcome], path: Path) -> None:
     panel.axvline(REST_S, color=NEUTRAL, linewidth=1.0, linestyle="--")
     panel.set_yticks(range(len(names)), [FAULTS[name].words for name in names])
     panel.invert_yaxis()
-    panel.set_xlabel("from the fault to the last motion of a joint, s", color=NEUTRAL)
+    panel.set_xlabel("from the fault until the robot is at rest, s", color=NEUTRAL)
     panel.tick_params(colors=NEUTRAL)
     for spine in panel.spines.values():
         spine.set_color(NEUTRAL)

@@ -3,6 +3,7 @@
 import shutil
 import tempfile
 import threading
+import traceback
 from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
@@ -71,10 +72,13 @@ class Matrix:
     Args:
         results: to which outcomes are added.
         say: called with a line for each outcome, and for each that could not be had.
+
+    Attributes:
+        broken: injections that ended with an error of the matrix itself.
     """
 
     def __init__(self, results: Results, say: Callable[[Outcome | str], None]) -> None:
-        self._results, self._say = results, say
+        self._results, self._say, self.broken = results, say, 0
         self._jobs: deque[Job] = deque()
         self._over = threading.Event()
 
@@ -102,8 +106,6 @@ class Matrix:
             folder = Path(tempfile.mkdtemp(prefix="hexctl-faults-"))
             try:
                 self._do(job, folder)
-            except Exception as error:  # noqa: BLE001  one job must not end the others
-                self._say(f"{job.fault}/{job.backend}: {type(error).__name__}: {error}")
             finally:
                 shutil.rmtree(folder, ignore_errors=True)
 
@@ -114,7 +116,12 @@ class Matrix:
             for phase, repetition in job.wanted:
                 if self._over.is_set():
                     return
-                self._one(holder, job, phase, repetition)
+                try:
+                    self._one(holder, job, phase, repetition)
+                except Exception:  # noqa: BLE001  one injection must not end the others
+                    self.broken += 1
+                    self._say(f"{job.fault}/{job.backend}/{phase} {repetition}: {traceback.format_exc()}")
+                    holder.drop()
 
     def _one(self, holder: "_RigHolder", job: Job, phase: str, repetition: int) -> None:
         fault, trouble = FAULTS[job.fault], ""

@@ -42,7 +42,7 @@ class Outcome:
         backend: name.
         phase: name.
         repetition: from 0; with the names it is the seed.
-        rest_s: from the fault to the last motion of a joint; None for a robot that still moves at the end.
+        rest_s: from the fault until it is at rest; None for a robot that still moves at the end.
         told_s: from the fault to the last change of what the servos were told.
         step: largest change that a servo was told at once, in slew limits of a control period.
         pace: the same in what a joint may turn in the time since it was told the last time, which is longer
@@ -132,10 +132,10 @@ class Outcome:
 
 
 def rest_after_s(truth: Truth, at_s: float) -> float | None:
-    """How long after a moment the last joint moved; None for one that moves to the end.
+    """How long after a moment a robot was at rest; None for one that moves to the end.
 
-    A joint moves while it turns by more than `STILL_RAD` in the `STILL_S` that come: feet under load that
-    creep over the floor of a simulation for seconds, at less than 0.1 rad/s in the joints, are at rest.
+    It is from when on no joint turns by more than `STILL_RAD` in `STILL_S`: feet under load that creep over
+    the floor of a simulation for seconds, at less than 0.1 rad/s in the joints, are at rest.
     """
     rows = truth.at_s >= at_s
     times_s, joints_rad = truth.at_s[rows] - at_s, truth.joints_rad[rows]

@@ -1,5 +1,6 @@
-"""Waiting for a condition with a timeout."""
+"""Waiting for a condition, or for a descriptor, with a timeout."""
 
+import select
 import time
 from collections.abc import Callable
 from typing import TypeVar
@@ -10,6 +11,9 @@ Value = TypeVar("Value")
 
 #: Pause between two tests of a condition.
 POLL_S = 0.01
+
+#: Descriptors below this can be waited for with `select`.
+SELECTABLE = 1024
 
 
 def comes_true(condition: Callable[[], bool], timeout_s: float, *, poll_s: float = POLL_S) -> bool:
@@ -45,3 +49,17 @@ def wait_for(
             raise RobotFaultError(message if isinstance(message, str) else message())
         time.sleep(poll_s)
     return value
+
+
+def wait_ready(descriptor: int, timeout_s: float, *, to_write: bool = False) -> bool:
+    """Wait until there is something to read, or bytes can be written; whether that came in time.
+
+    `select` knows no descriptor from 1024 on; `poll` counts in whole ms, and a bus has to wait for less.
+    """
+    if descriptor >= SELECTABLE:
+        poll = select.poll()
+        poll.register(descriptor, select.POLLOUT if to_write else select.POLLIN)
+        return bool(poll.poll(1000.0 * timeout_s))
+    this: list[int] = [descriptor]
+    readable, writable, _ = select.select(*([], this) if to_write else (this, []), [], timeout_s)
+    return bool(readable or writable)

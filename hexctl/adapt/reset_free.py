@@ -13,7 +13,6 @@ from hexctl.adapt.runner import TrialRunner, WalkedTrial, check_not_stopped
 from hexctl.adapt.sessions.session import SessionSpec
 from hexctl.adapt.setting import Note, Setting
 from hexctl.backends.base import LegServos, connection_notes
-from hexctl.backends.clock import realtime_priority
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.control.controllers import SITTING_S, sitting_angles_rad
 from hexctl.control.guard import Guard
@@ -74,11 +73,6 @@ class ResetFreeRunner:
         does not know where it is or has gone.
         """
         plan = self.runner.plan_for(slots)
-        with realtime_priority():
-            return self._walk(index, code, plan, should_stop)
-
-    def _walk(self, index: int, code: int, plan: TrialPlan, should_stop: Enough | None) -> WalkedTrial:
-        """Cool down, come to where the trial begins, and walk it."""
         if self.runner.spec.cool_down_c is not None:
             cool_down(self.servos, self.runner.spec.cool_down_c, self.runner.stop_requested, self.note)
         if self.operator is not None:

@@ -72,9 +72,11 @@ class Clock(ABC):
         period_s: time between two grid points.
         overruns: grid points missed so far because a tick took too long.
         standstill: the last time in which this program stood still, or None.
+        waits: whether its ticks wait for the time.
     """
 
     standstill: Standstill | None = None
+    waits = False
 
     def __init__(self, period_s: float = PERIOD_S) -> None:
         self.period_s = period_s
@@ -115,6 +117,8 @@ class WallClock(Clock):
     drifts. A tick that misses whole grid points skips them and counts them as overruns: a robot must not be
     sent a burst of old targets.
     """
+
+    waits = True
 
     def __init__(
         self,
@@ -187,7 +191,7 @@ class CountedClock(Clock):
 
     def __init__(self, clock: Clock) -> None:
         super().__init__(clock.period_s)
-        self._clock = clock
+        self._clock, self.waits = clock, clock.waits
         self.ticks = 0
 
     @property
@@ -219,10 +223,12 @@ class CountedClock(Clock):
 def request_realtime_priority(priority: int = 10) -> bool:
     """Ask the kernel for SCHED_FIFO for this thread; True if it was granted.
 
-    Programs started from here do not inherit it. On a busy machine it lowers the worst lateness from tens of
-    milliseconds to a few. Needs root or rtprio.
+    A thread that has a higher one keeps it. Programs and threads started from here do not inherit it. On a
+    busy machine it lowers the worst lateness from tens of milliseconds to a few. Needs root or rtprio.
     """
     try:
+        if os.sched_getparam(0).sched_priority > priority:
+            return True
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     except (AttributeError, OSError):
         return False
@@ -236,14 +242,17 @@ def realtime_priority() -> Iterator[bool]:
     What computes for long keeps its usual one: threads of one real-time priority do not interrupt each other,
     so that a search that thinks for a second would hold up the server of the robot on the same computer.
     """
-    before = None
-    with suppress(AttributeError, OSError):
+    try:
         before = os.sched_getscheduler(0), os.sched_getparam(0)
+    except (AttributeError, OSError):
+        yield False
+        return
     granted = request_realtime_priority()
     try:
         yield granted
     finally:
-        if granted and before is not None:
+        if granted:
             policy, parameters = before
-            # Only root may take back that children begin with the usual priority.
-            os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, parameters)
+            with suppress(OSError):  # of a higher one that was given from outside
+                # Only root may take back that children begin with the usual priority.
+                os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, parameters)

@@ -61,9 +61,12 @@ class StepLimits(ArrayFields):
             wanted_rad: leading shape + (18,).
             accepted_rad: the last accepted targets, same shape; the step is taken from there.
         """
-        within = np.minimum(np.maximum(wanted_rad, self.lower_rad), self.upper_rad)
+        return self.stepped(np.minimum(np.maximum(wanted_rad, self.lower_rad), self.upper_rad), accepted_rad)
+
+    def stepped(self, wanted_rad: FloatArray, accepted_rad: FloatArray) -> FloatArray:
+        """Targets nearest to the wanted ones that speed alone allows; arguments as of `apply`."""
         slowest, fastest = accepted_rad - self.max_step_rad, accepted_rad + self.max_step_rad
-        return np.minimum(np.maximum(within, slowest), fastest)
+        return np.minimum(np.maximum(wanted_rad, slowest), fastest)
 
 
 def leaning(base_quaternion_world: FloatArray) -> BoolArray:
@@ -338,7 +341,7 @@ class Guard(ServosWrapper):
         allowed_rad = self._limits.apply(targets.positions_rad, self._baseline(now_s))
         if self._accepted_rad is not None and self._accepted_rad is not self._baseline_rad:
             # One more within a period: from the last one to this, it is a step like any other.
-            allowed_rad = self._limits.apply(allowed_rad, self._accepted_rad)
+            allowed_rad = self._limits.stepped(allowed_rad, self._accepted_rad)
         sent = targets
         if allowed_rad.tolist() != targets.positions_rad.tolist():
             self.counters.clipped += 1

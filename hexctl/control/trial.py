@@ -2,9 +2,10 @@
 
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 
 from hexctl.backends.base import LegServos
+from hexctl.backends.clock import realtime_priority
 from hexctl.control.assessment.cause import WalkSamples
 from hexctl.control.assessment.score import score
 from hexctl.control.assessment.walk_quality import WalkEffort
@@ -112,7 +113,8 @@ def run_trial(
     """Run a plan on connected servos and return the result.
 
     A fall, a latched stop, a diverged simulation or a requested stop is a status of the result; so is
-    `cut_short`, when `should_stop` ends the walk.
+    `cut_short`, when `should_stop` ends the walk. Where the clock waits for the time, this thread has
+    real-time priority meanwhile, if it may.
 
     Args:
         servos: guarded, connected servos; a simulation without a guard is put behind one for this trial.
@@ -145,7 +147,8 @@ def run_trial(
     trial = _Trial(guard, plan, controller, kept, stop_requested, should_stop)
     guard.pause_watchdog()
     try:
-        trial.run(soft_stop=soft_stop)
+        with realtime_priority() if guard.clock.waits else nullcontext():
+            trial.run(soft_stop=soft_stop)
         # What comes now takes its time, and silence must not be taken for a failure.
         guard.pause_watchdog()
     finally:

@@ -17,7 +17,7 @@ from hexctl.control.trial import run_trial
 from hexctl.errors import CommandRefusedError, EStopError, InputError, RobotFaultError
 from hexctl.gait.gait import make_gait
 from hexctl.testing.servos import LegServosConformance, move
-from hexctl.types import JointTargets, RobotState, ServoReadings
+from hexctl.types import FloatArray, JointTargets, RobotState, ServoReadings
 from tests.backends.fake_time import FakeTime
 from tests.control.posed import PosedMock, connected, read_for, send
 from tests.robots import ROBOT_NAMES, shipped
@@ -168,12 +168,17 @@ def test_many_commands_in_one_period_move_no_further_than_one() -> None:
         np.testing.assert_allclose(sent - before, np.minimum(step, STANCE + 0.5 - before), atol=1e-12)
 
 
-@given(offsets=st.lists(st.lists(st.floats(-0.5, 0.5), min_size=1, max_size=4), min_size=1, max_size=5))
+@given(
+    offsets=st.lists(st.lists(st.floats(-0.5, 0.5), min_size=1, max_size=4), min_size=1, max_size=5),
+    found_at=st.sampled_from([STANCE, ANT.joint_upper_rad + 10 * STEP, ANT.joint_lower_rad - 10 * STEP]),
+)
 def test_whatever_comes_within_periods_each_servo_is_told_a_step_at_a_time(
-    offsets: list[list[float]],
+    offsets: list[list[float]], found_at: FloatArray
 ) -> None:
     guard, servos = connected()
-    told = [send(guard, STANCE)]
+    servos.write(JointTargets(found_at, 0.0))
+    servos.sent.clear()
+    told = [send(guard, found_at)]
     for period in offsets:
         guard.clock.tick()
         before = told[-1]

@@ -35,7 +35,7 @@ TOLD = {
     "lease": f"lease not renewed for {LEASE_S:g} s",
     "clear": f"with the id of the stop, {HOLD_S:g} s after it at the earliest",
     "board": f"holds after {EXPIRY_S:g} s, lets go after {RELEASE_AFTER_S:g} s",
-    "resume": f"overrides that have come for {RESUME_AFTER_S:g} s move it",
+    "resume": f"overrides that have come for {RESUME_AFTER_S:g} s",
     "peer": f"the commander was silent for {FREE_AFTER_S:g} s",
     "days": f"({new.__defaults__[2]} days unless given)",  # type: ignore[index]
 }

@@ -49,15 +49,21 @@ def test_a_run_goes_on_where_it_was(tmp_path: Path) -> None:
     assert [job.wanted for job in jobs(only, 2, results.read())] == [(("walking", 1),)]
 
 
-def test_what_ends_one_job_ends_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_of_one_injection_ends_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fails(*_: object, **__: object) -> None:
         raise OSError("no space")
 
     monkeypatch.setattr("faults.matrix.Rig", fails)
     said: list[Outcome | str] = []
-    work = jobs(["none/zenoh/walking", "none/mavlink/walking"], 1, [])
-    Matrix(Results(tmp_path / "results.jsonl"), said.append).run(work, rigs=1)
-    assert said == ["none/zenoh: OSError: no space", "none/mavlink: OSError: no space"]
+    work = jobs(["none/zenoh/walking", "none/mavlink/walking"], 2, [])
+    matrix = Matrix(Results(tmp_path / "results.jsonl"), said.append)
+    matrix.run(work, rigs=1)
+    assert matrix.broken == 4
+    names = [
+        f"none/{backend}/walking {number}: Traceback" for backend in ("zenoh", "mavlink") for number in (0, 1)
+    ]
+    assert [str(each)[: len(name)] for each, name in zip(said, names, strict=True)] == names
+    assert all("OSError: no space" in str(each) for each in said)
 
 
 def test_patterns_choose_cells() -> None:

@@ -3,7 +3,6 @@
 import contextlib
 import errno
 import os
-import select
 import termios
 import time
 from itertools import pairwise
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from hexctl.errors import RobotFaultError
+from hexctl.waiting import wait_ready
 
 #: Bytes per read: more than a bus delivers between two reads.
 CHUNK = 4096
@@ -20,9 +20,6 @@ ANSWERED_S = 0.004
 
 #: Tries to see an echo: one that is damaged is none.
 ECHO_TRIES = 2
-
-#: Descriptors from here on are too many for `select` (FD_SETSIZE).
-SELECTABLE = 1024
 
 #: An id that servos cannot have, in any protocol.
 UNUSED_ID = 253
@@ -84,7 +81,7 @@ class SerialLine:
                 left_s = deadline_s - time.monotonic()
                 if left_s <= 0:
                     raise TimeoutError(f"{self.path} takes no bytes") from None
-                self._wait(left_s, to_write=True)
+                wait_ready(self._descriptor, left_s, to_write=True)
 
     def read(self, deadline_s: float) -> bytes:
         """What has come, or comes first until a time on time.monotonic; empty where nothing does.
@@ -92,7 +89,7 @@ class SerialLine:
         Raises OSError when the device has gone.
         """
         wait_s = max(0.0, deadline_s - time.monotonic())
-        if not self._wait(wait_s):
+        if not wait_ready(self._descriptor, wait_s):
             return b""
         data = os.read(self._descriptor, CHUNK)
         if not data:
@@ -101,7 +98,7 @@ class SerialLine:
 
     def discard(self) -> None:
         """Drop what has come so far."""
-        while self._wait(0.0):
+        while wait_ready(self._descriptor, 0.0):
             self.read(0.0)
 
     def learn_echo(self, ping: bytes, patience_s: float) -> None:
@@ -133,19 +130,6 @@ class SerialLine:
     def wire_s(self, count: int) -> float:
         """How long bytes take on the wire: ten bits each."""
         return 10.0 * count / self.baud
-
-    def _wait(self, timeout_s: float, *, to_write: bool = False) -> bool:
-        """Wait until there is something to read, or bytes are taken; whether that came in time.
-
-        `select` knows no descriptor from 1024 on; `poll` counts in whole ms, and a bus has to wait for less.
-        """
-        if self._descriptor >= SELECTABLE:
-            poll = select.poll()
-            poll.register(self._descriptor, select.POLLOUT if to_write else select.POLLIN)
-            return bool(poll.poll(1000.0 * timeout_s))
-        this: list[int] = [self._descriptor]
-        readable, writable, _ = select.select(*([], this) if to_write else (this, []), [], timeout_s)
-        return bool(readable or writable)
 
     def _without_echo(self, data: bytes) -> bytes:
         """Cut what was sent from what has come.

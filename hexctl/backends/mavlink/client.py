@@ -1,53 +1,30 @@
 """A MAVLink servo board as LegServos; docs/firmware.md specifies the board's side."""
 
-import threading
+import math
 import time
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from hexctl.backends.base import LegServos, as_robot, check_connected, check_targets
-from hexctl.backends.clock import Clock, CountedClock, WallClock, request_realtime_priority
+from hexctl.backends.clock import Clock, CountedClock, WallClock
 from hexctl.backends.mavlink import messages
 from hexctl.backends.mavlink.codec import Codec
+from hexctl.backends.mavlink.receiver import Peer, Receiver, Stamped
 from hexctl.backends.mavlink.transport import (
-    Address,
-    Arrival,
     LinkCounters,
     MavlinkLink,
-    SequenceCount,
     open_port,
     parse_port,
 )
-from hexctl.errors import MessageError, RobotFaultError
+from hexctl.errors import RobotFaultError
 from hexctl.robot.model import Robot
 from hexctl.robot.servos.raw_map import RawMap
 from hexctl.robot.servos.servo_map import ServoMap
 from hexctl.types import FloatArray, JointTargets, RobotState
 from hexctl.waiting import wait_for
-
-#: Period of heartbeats before and after a board has answered.
-SEARCH_PERIOD_S, HEARTBEAT_PERIOD_S = 0.2, 1.0
-
-#: How long the receiving thread blocks before it checks whether a heartbeat is due.
-RECEIVE_TIMEOUT_S = 0.05
-
-#: Severity of a STATUSTEXT from which it is a fault: error, critical, alert, emergency.
-ERROR_SEVERITY = 3
-
-#: Messages that are kept, by kind: name to keep them under, and decoder.
-READERS = {
-    "ACTUATOR_OUTPUT_STATUS": ("outputs", messages.outputs_of),
-    "ATTITUDE": ("attitude", messages.orientation_of),
-    "ATTITUDE_QUATERNION": ("attitude", messages.orientation_of),
-    "LOCAL_POSITION_NED": ("position", messages.position_of),
-    "ODOMETRY": ("odometry", messages.pose_of),
-    "BATTERY_STATUS": ("battery", messages.battery_of),
-    "SYS_STATUS": ("system", messages.battery_of),
-}
 
 #: How long a board may take for its first heartbeat, and then for its first servo positions.
 CONNECT_TIMEOUT_S = 3.0
@@ -64,125 +41,11 @@ ERROR_TEXT_S = 2.0
 #: Where between two states of the board the ticks of this end fall: as far from both as possible.
 PHASE = 0.5
 
+#: After so long without a write the board may hold the pose before the next one, and for so long heartbeats
+#: then tell it that this end is there: it takes the first overrides for late ones otherwise.
+PAUSE_S, RESUMES_S = 0.1, 0.4
+
 WHO = "the servo board"
-
-
-@dataclass(frozen=True, slots=True)
-class Peer:
-    """The board at the other end."""
-
-    system: int
-    component: int
-    address: Address
-
-
-@dataclass(frozen=True, slots=True)
-class Stamped:
-    """A received value, and when it arrived, on time.monotonic."""
-
-    value: Any
-    at_s: float
-
-
-class Receiver:
-    """Receives from one board between `start` and `stop`, in a thread, and sends it heartbeats.
-
-    The first system whose heartbeat has the type of a servo board is the board; messages of other systems
-    are counted and dropped.
-
-    Attributes:
-        peer: the board, or None before its first heartbeat.
-        wrong_type: MAV_TYPE of a system that was received but is not a servo board, or None.
-        error: why the port has gone, or None.
-        counters: what was received.
-    """
-
-    def __init__(self, link: MavlinkLink, counters: LinkCounters) -> None:
-        self._link = link
-        self.counters = counters
-        self.peer: Peer | None = None
-        self.wrong_type: int | None = None
-        self.error: OSError | None = None
-        self._newest: dict[str, Stamped] = {}
-        self._sequence = SequenceCount()
-        self._stopping = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="mavlink", daemon=True)
-
-    def start(self) -> None:
-        """Begin to receive and to send heartbeats."""
-        self._thread.start()
-
-    def stop(self) -> None:
-        """End the thread and announce the end to the board."""
-        self._stopping.set()
-        self._thread.join()
-        if self.peer is not None and self.error is None:
-            self._beat(messages.POWEROFF)
-
-    def newest(self, name: str) -> Stamped | None:
-        """The newest value kept under a name, or None before the first."""
-        return self._newest.get(name)
-
-    def _run(self) -> None:
-        request_realtime_priority()  # a state that waits for the processor is late too
-        beat_at_s = time.monotonic()
-        while not self._stopping.is_set() and self.error is None:
-            try:
-                for arrival in self._link.receive(RECEIVE_TIMEOUT_S):
-                    self._take(arrival)
-            except OSError as error:
-                self.error = error
-            self.counters.malformed, self.counters.dropped = self._link.malformed, self._link.dropped
-            if time.monotonic() >= beat_at_s:
-                self._beat(messages.ACTIVE)
-                beat_at_s = time.monotonic() + (SEARCH_PERIOD_S if self.peer is None else HEARTBEAT_PERIOD_S)
-
-    def _beat(self, state: int) -> None:
-        try:
-            self._link.send(
-                messages.controller_heartbeat(state), None if self.peer is None else self.peer.address
-            )
-        except OSError as error:
-            self.error = error
-
-    def _take(self, arrival: Arrival) -> None:
-        """Keep messages of the board; count everything else."""
-        frame = arrival.frame
-        if self.peer is None and frame.kind == "HEARTBEAT":
-            self._meet(arrival)
-        if self.peer != Peer(frame.system, frame.component, arrival.sender):
-            self.counters.foreign += 1
-            return
-        if not self._sequence.in_order(frame.sequence, arrival.at_s):
-            self.counters.out_of_order = self._sequence.out_of_order
-            return
-        self.counters.received += 1
-        self.counters.lost = self._sequence.lost
-        try:
-            self._keep(frame.kind, frame.message, arrival.at_s)
-        except MessageError:
-            self.counters.refused += 1
-
-    def _meet(self, arrival: Arrival) -> None:
-        """Take the sender of a heartbeat for the board if its type allows it."""
-        frame = arrival.frame
-        if frame.system == messages.CONTROLLER_SYSTEM:
-            return
-        if frame.message.type not in messages.BOARD_TYPES:
-            self.wrong_type = int(frame.message.type)
-            return
-        self.peer = Peer(frame.system, frame.component, arrival.sender)
-
-    def _keep(self, kind: str, message: Any, at_s: float) -> None:
-        if kind in READERS:
-            name, read = READERS[kind]
-            self._newest[name] = Stamped(read(message), at_s)
-        elif kind == "HEARTBEAT":
-            self._newest["heartbeat"] = Stamped(int(message.system_status), at_s)
-        elif kind == "NAMED_VALUE_INT" and messages.name_of(message) == messages.MEASURED_NAME:
-            self._newest["measured"] = Stamped(message.value == 1, at_s)
-        elif kind == "STATUSTEXT" and message.severity <= ERROR_SEVERITY:
-            self._newest["error"] = Stamped(messages.name_of(message), at_s)
 
 
 class MavlinkServos(LegServos):
@@ -223,6 +86,7 @@ class MavlinkServos(LegServos):
         self._opened: ExitStack | None = None
         self._assumed_rad = self._robot.stance_angles_rad.copy()
         self._snapshot: tuple[int, RobotState] | None = None
+        self._written_at_s = self._resumed_at_s = -math.inf
 
     @property
     def robot(self) -> Robot:
@@ -295,6 +159,8 @@ class MavlinkServos(LegServos):
             self.counters.clipped += 1
             sent = JointTargets(self._map.limited_rad(targets.positions_rad), targets.stamp_s)
         pulses = self._map.to_us(sent.positions_rad)
+        if self._resumes():
+            self._send(self._receiver.heartbeat())
         self._send(messages.override(pulses, self._peer.system, self._peer.component))
         self._assumed_rad = sent.positions_rad.copy()
         return sent
@@ -310,6 +176,14 @@ class MavlinkServos(LegServos):
         if self._opened is not None:
             opened, self._opened = self._opened, None
             opened.close()
+
+    def _resumes(self) -> bool:
+        """Whether a write follows a pause, or has followed one of late; notes the write."""
+        now_s = time.monotonic()
+        if now_s - self._written_at_s > PAUSE_S:
+            self._resumed_at_s = now_s
+        self._written_at_s = now_s
+        return now_s - self._resumed_at_s < RESUMES_S
 
     def _send(self, message: object) -> None:
         self._check_port()

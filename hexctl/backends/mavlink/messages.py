@@ -42,6 +42,9 @@ STANDBY, ACTIVE, CRITICAL, EMERGENCY, POWEROFF = (
 IGNORE_US, RELEASE_LOW_US, RELEASE_HIGH_US = 65535, 0, 65534
 FIRST_HIGH = 8
 
+#: Times in milliseconds are counted modulo this plus one.
+U32 = 0xFFFFFFFF
+
 #: Pulses that a channel in use may report.
 LEAST_US, MOST_US = 100.0, 5000.0
 
@@ -68,10 +71,12 @@ class Outputs(ArrayFields):
     Attributes:
         pulses_us: by channel, (18,).
         active: which channels are driven, (18,).
+        board_ms: time of the board, as `milliseconds` has it; 0 is unknown.
     """
 
     pulses_us: FloatArray
     active: BoolArray
+    board_ms: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,14 +95,25 @@ class Pose(ArrayFields):
     quaternion_world: FloatArray
 
 
-def heartbeat(kind: int, autopilot: int, state: int) -> Any:
+def milliseconds(time_s: float) -> int:
+    """A time as MAVLink counts it: in whole milliseconds, modulo 2^32."""
+    return int(time_s * 1000) & U32
+
+
+def age_s(echoed_ms: int, now_s: float) -> float:
+    """Age of a time that `milliseconds` gave and a message has echoed; infinite for 0, which is none."""
+    return ((milliseconds(now_s) - echoed_ms) & U32) / 1e3 if echoed_ms else math.inf
+
+
+def heartbeat(kind: int, autopilot: int, state: int, custom_mode: int = 0) -> Any:
     """A HEARTBEAT."""
-    return common.MAVLink_heartbeat_message(kind, autopilot, 0, 0, state, 3)
+    return common.MAVLink_heartbeat_message(kind, autopilot, 0, custom_mode, state, 3)
 
 
-def controller_heartbeat(state: int = ACTIVE) -> Any:
-    """The HEARTBEAT of a controller."""
-    return heartbeat(common.MAV_TYPE_ONBOARD_CONTROLLER, common.MAV_AUTOPILOT_INVALID, state)
+def controller_heartbeat(state: int = ACTIVE, *, board_ms: int = 0) -> Any:
+    """The HEARTBEAT of a controller, which echoes the time of the newest outputs of the board."""
+    kind = common.MAV_TYPE_ONBOARD_CONTROLLER
+    return heartbeat(kind, common.MAV_AUTOPILOT_INVALID, state, board_ms)
 
 
 def override(pulses_us: FloatArray, system: int, component: int) -> Any:
@@ -127,7 +143,7 @@ def outputs_of(message: Any) -> Outputs:
     plausible = (pulses >= LEAST_US) & (pulses <= MOST_US)  # false for nan too
     if not (plausible | ~active).all():
         raise MessageError(f"ACTUATOR_OUTPUT_STATUS: got {pulses.tolist()}; allowed: pulses in microseconds")
-    return Outputs(np.where(plausible, pulses, np.nan), active)
+    return Outputs(np.where(plausible, pulses, np.nan), active, (message.time_usec // 1000) & U32)
 
 
 def orientation_of(message: Any) -> FloatArray:

@@ -3,7 +3,6 @@
 import ipaddress
 import os
 import re
-import select
 import socket
 import threading
 import time
@@ -15,6 +14,7 @@ from typing import Any, Literal
 
 from hexctl.backends.mavlink.codec import Codec, Frame
 from hexctl.errors import InputError, RobotFaultError, argument
+from hexctl.waiting import wait_ready
 
 #: Default port of a board.
 DEFAULT_BOARD_PORT = "udpin:127.0.0.1:14550"
@@ -154,7 +154,7 @@ class UdpPort(Port):
     def receive(self, timeout_s: float) -> list[tuple[bytes, Address]]:
         """Datagrams received."""
         came: list[tuple[bytes, Address]] = []
-        if not select.select([self._socket], [], [], max(0.0, timeout_s))[0]:
+        if not wait_ready(self._socket.fileno(), max(0.0, timeout_s)):
             return came
         while len(came) < MAX_DATAGRAMS:
             try:
@@ -194,7 +194,7 @@ class StreamPort(Port):
 
     def receive(self, timeout_s: float) -> list[tuple[bytes, Address]]:
         """Bytes received."""
-        if not select.select([self._descriptor], [], [], max(0.0, timeout_s))[0]:
+        if not wait_ready(self._descriptor, max(0.0, timeout_s)):
             return []
         try:
             data = os.read(self._descriptor, CHUNK)

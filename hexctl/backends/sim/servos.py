@@ -32,7 +32,7 @@ class SimClock(Clock):
     def __init__(self, step: Callable[[], None], pace: WallClock | None = None) -> None:
         super().__init__()
         self._step = step
-        self._pace = pace
+        self._pace, self.waits = pace, pace is not None
         self._index = 0
 
     @property

@@ -1,7 +1,7 @@
 """`hexctl run`: walk."""
 
 import json
-from contextlib import ExitStack, nullcontext
+from contextlib import ExitStack
 from dataclasses import replace
 from math import radians
 from pathlib import Path
@@ -264,11 +264,8 @@ def _walked(
     run: "Run", recorders: "list[Recorder]", interrupt: StopOnInterrupt, fence: "ShouldStop | None"
 ) -> "RunResult | None":
     """Result of a walk; None where it was interrupted without a soft stop, which a note tells."""
-    from hexctl.backends.clock import realtime_priority
-
     try:
-        with realtime_priority() if run.spec.paced else nullcontext():
-            return run.walk(recorders=recorders, stop_requested=interrupt.requested, should_stop=fence)
+        return run.walk(recorders=recorders, stop_requested=interrupt.requested, should_stop=fence)
     except KeyboardInterrupt:
         kept = "" if run.recording_path is None else f"; recorded until then: {run.recording_path}"
         print_note(f"hexctl: interrupted without a soft stop{kept}")

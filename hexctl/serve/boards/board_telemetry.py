@@ -15,7 +15,6 @@ OUTPUTS = 32
 UNKNOWN_MV, UNKNOWN_SHARE = 65535, -1
 
 LONGEST_TEXT = 50
-U32 = 0xFFFFFFFF
 
 
 def outputs(pulses_us: FloatArray, active: BoolArray, time_s: float) -> Any:
@@ -27,7 +26,7 @@ def outputs(pulses_us: FloatArray, active: BoolArray, time_s: float) -> Any:
 
 def pose(state: RobotState, time_s: float, *, with_euler: bool) -> list[Any]:
     """Orientation and position, with Euler angles for displays; each where it is known."""
-    at_ms, sent = _ms(time_s), []
+    at_ms, sent = messages.milliseconds(time_s), []
     if state.base_quaternion_world is not None:
         quaternion = flipped_quaternion(state.base_quaternion_world)
         sent.append(common.MAVLink_attitude_quaternion_message(at_ms, *quaternion.tolist(), 0.0, 0.0, 0.0))
@@ -47,7 +46,9 @@ def heartbeat(system_state: int) -> Any:
 
 def measured(flag: bool, time_s: float) -> Any:
     """Flag that tells measured joint positions from echoed ones."""
-    return common.MAVLink_named_value_int_message(_ms(time_s), messages.MEASURED_NAME.encode(), int(flag))
+    return common.MAVLink_named_value_int_message(
+        messages.milliseconds(time_s), messages.MEASURED_NAME.encode(), int(flag)
+    )
 
 
 def health(state: RobotState, *, errors: int) -> list[Any]:
@@ -77,8 +78,3 @@ def health(state: RobotState, *, errors: int) -> list[Any]:
 def text(severity: int, line: str) -> Any:
     """Status text for a display."""
     return common.MAVLink_statustext_message(severity, line.encode("ascii", "replace")[:LONGEST_TEXT])
-
-
-def _ms(time_s: float) -> int:
-    """Time in whole milliseconds, as MAVLink counts them."""
-    return int(time_s * 1000) & U32

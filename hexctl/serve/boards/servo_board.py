@@ -5,77 +5,21 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-import numpy as np
-
 from hexctl.backends.base import LegServos
 from hexctl.backends.mavlink import messages
 from hexctl.backends.mavlink.codec import Codec
-from hexctl.backends.mavlink.messages import (
-    FIRST_HIGH,
-    IGNORE_US,
-    LEAST_US,
-    MOST_US,
-    RELEASE_HIGH_US,
-    RELEASE_LOW_US,
-)
 from hexctl.backends.mavlink.transport import Address, Arrival, MavlinkLink, Port, SequenceCount
 from hexctl.control.guard import EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, RobotFaultError
 from hexctl.robot.servos.servo_map import ServoMap
 from hexctl.serve.boards import board_telemetry
 from hexctl.serve.boards.board_answers import answers, for_us
-from hexctl.types import N_JOINTS, BoolArray, FloatArray, JointTargets, RobotState
+from hexctl.serve.boards.servo_channels import Channels
+from hexctl.types import JointTargets, RobotState
 
-
-class Channels:
-    """Last override of each servo channel; arrays are (18,), by channel.
-
-    Attributes:
-        pulses_us: pulse of each channel, within its limits; the last one where it is released.
-        active: which channels are driven.
-        clipped: overrides so far that a pulse limit changed.
-    """
-
-    def __init__(self, servo_map: ServoMap) -> None:
-        self._least_us = servo_map.by_channel(servo_map.least)
-        self._most_us = servo_map.by_channel(servo_map.most)
-        self.pulses_us: FloatArray = servo_map.by_channel(servo_map.centre)
-        self.active: BoolArray = np.zeros(N_JOINTS, dtype=bool)
-        self.clipped = 0
-
-    def take(self, raw: list[int]) -> None:
-        """Apply an override, all channels or none.
-
-        Raises CommandRefusedError for a pulse outside the range of servos.
-        """
-        values = np.array(raw)
-        released, driven = _released_and_driven(raw)
-        if not ((values[driven] >= LEAST_US) & (values[driven] <= MOST_US)).all():
-            raise CommandRefusedError(
-                f"override: got {raw}; allowed: pulses of {LEAST_US:g} to {MOST_US:g} microseconds"
-            )
-        limited = np.clip(values, self._least_us, self._most_us)
-        self.clipped += bool((limited != values)[driven].any())
-        self.pulses_us = np.where(driven, limited, self.pulses_us)
-        self.active = (self.active & ~released) | driven
-
-    def release(self) -> None:
-        """Release all channels."""
-        self.active = np.zeros(N_JOINTS, dtype=bool)
-
-
-def _released_and_driven(raw: list[int]) -> tuple[BoolArray, BoolArray]:
-    """Which channels an override (18,) releases, and which it drives; it leaves the others as they are."""
-    values, high = np.array(raw), np.arange(N_JOINTS) >= FIRST_HIGH
-    # Channels 9..18 are an extension whose missing values arrive as 0: ignored.
-    ignored = (values == IGNORE_US) | (high & (values == 0))
-    released = np.where(high, values == RELEASE_HIGH_US, values == RELEASE_LOW_US)
-    return released, ~ignored & ~released
-
-
-#: After a silence in which the pose was held, overrides have to come for so long before they count again. A
-#: controller goes on for `EXPIRY_S` without states: on a link that has begun to delay everything, that much
-#: is still on its way when it has stopped.
+#: After a silence in which the pose was held, overrides of a controller whose heartbeats do not show that it
+#: is there have to come for so long before they count again. It goes on for `EXPIRY_S` without states: on a
+#: link that has begun to delay everything, that much is still on its way when it has stopped.
 RESUME_AFTER_S = 1.5 * EXPIRY_S
 
 
@@ -122,6 +66,7 @@ class Peer:
         component: its MAVLink component number.
         heard_at_s: time of its last frame, on time.monotonic.
         refused_at_s: when it was last informed that another peer commands.
+        present_at_s: when a heartbeat showed last that it receives the states of now.
         sequence: count of its frames and of lost ones.
     """
 
@@ -130,7 +75,12 @@ class Peer:
     component: int
     heard_at_s: float
     refused_at_s: float = float("-inf")
+    present_at_s: float = float("-inf")
     sequence: SequenceCount = field(default_factory=SequenceCount)
+
+    def is_at(self, address: Address, system: int, component: int) -> bool:
+        """Whether it is the system that sends from an address."""
+        return (self.address, self.system, self.component) == (address, system, component)
 
 
 class Peers:
@@ -168,7 +118,7 @@ class Peers:
         for peer in [peer for peer in self._known if at_s - peer.heard_at_s > FORGET_AFTER_S]:
             self._drop(peer)
         for peer in self._known:
-            if (peer.address, peer.system, peer.component) == (address, system, component):
+            if peer.is_at(address, system, component):
                 peer.heard_at_s = at_s
                 return peer, False
         if len(self._known) >= MOST_PEERS:
@@ -176,8 +126,13 @@ class Peers:
             others = [peer for peer in self._known if peer is not self.commander]
             self._drop(min(others, key=lambda peer: peer.heard_at_s))
             self.crowded_out += 1
-        self._known.append(Peer(address, system, component, at_s))
-        return self._known[-1], True
+        peer, commander = Peer(address, system, component, at_s), self.commander
+        if commander is not None and commander.is_at(address, system, component):
+            # It was silent for so long that it was dropped, and its frames were counted.
+            peer = commander
+            peer.heard_at_s, peer.sequence = at_s, SequenceCount()
+        self._known.append(peer)
+        return peer, True
 
     def may_command(self, peer: Peer, at_s: float) -> bool:
         """Whether a peer commands, or may begin to because no other peer does."""
@@ -238,10 +193,10 @@ class BoardCounters:
 class ServoBoard:
     """Moves servos as the frames on a MAVLink port command.
 
-    Commands expire after `expiry_s`: then the pose is held until overrides have come again for
-    `RESUME_AFTER_S`, or release the servos. When nothing of the commander arrived for
-    `release_after_s`, not even a heartbeat, the servos are released. The guard limits ranges and speeds and
-    detects falls, as everywhere.
+    Commands expire after `expiry_s`: then the pose is held until overrides come again from a controller whose
+    heartbeats echo a state of now, have come for `RESUME_AFTER_S`, or release the servos. When nothing of the
+    commander arrived for `release_after_s`, not even a heartbeat, the servos are released. The guard limits
+    ranges and speeds and detects falls, as everywhere.
     """
 
     def __init__(
@@ -260,7 +215,7 @@ class ServoBoard:
         self._link = MavlinkLink(port, codec)
         self._release_after_s = release_after_s
         self._channels = Channels(servo_map)
-        self._overrides = OverrideStream(expiry_s)
+        self._expiry_s, self._overrides = expiry_s, OverrideStream(expiry_s)
         self._peers = Peers()
         self._stream = not port.datagrams
         self._counters = BoardCounters()
@@ -321,6 +276,8 @@ class ServoBoard:
         elif frame.kind == "HEARTBEAT":
             if frame.message.system_status == messages.POWEROFF:
                 self._peers.farewell(peer)
+            elif messages.age_s(frame.message.custom_mode, arrival.at_s) <= self._expiry_s:
+                peer.present_at_s = arrival.at_s
         else:
             for answer in answers(frame.kind, frame.message, peer.system, peer.component):
                 self._link.send(answer, peer.address)
@@ -335,12 +292,13 @@ class ServoBoard:
                 self._link.send(board_telemetry.text(CRITICAL_SEVERITY, words), peer.address)
             return
         if peer is not self._peers.commander:
-            # A new commander starts afresh: a fall or a fault under the one before does not count.
-            self._peers.commander = peer
-            self._guard.clear()
+            self._peers.commander, self._overrides = peer, OverrideStream(self._expiry_s)
+            if self._guard.stopped != "expired":
+                # A new commander starts afresh: a fall or a fault under the one before does not count.
+                self._guard.clear()
         self._heard_at_s = at_s
         raw = messages.channels_of(message)
-        if not self._counts(raw, at_s):
+        if not self._counts(raw, peer, at_s):
             self._counters.not_yet += 1
             return
         try:
@@ -351,13 +309,17 @@ class ServoBoard:
             return
         self._counters.overrides += 1
 
-    def _counts(self, raw: list[int], at_s: float) -> bool:
-        """Whether an override counts: after a silence only a release, and those of a steady stream."""
+    def _counts(self, raw: list[int], peer: Peer, at_s: float) -> bool:
+        """Whether an override counts.
+
+        After a silence only a release does, one of a controller that shows that it is there, and those of a
+        steady stream.
+        """
         self._overrides.note(at_s)
         if self._guard.stopped != "expired":
             return True
-        releases = not _released_and_driven(raw)[1].any()
-        if releases or self._overrides.steady:
+        present = at_s - peer.present_at_s <= self._expiry_s
+        if present or self._overrides.steady or self._channels.released_by(raw):
             self._guard.clear()
             return True
         return False

@@ -100,6 +100,21 @@ def servos_at(
     return MavlinkServos(shipped(), servo_map=servo_map, port=board.port, signing_key=key)
 
 
+def test_after_a_pause_the_first_command_counts(tmp_path: Path) -> None:
+    """The board holds the pose then, and must not take what is new for what comes late."""
+    file = fitting_file(tmp_path)
+    with board("--backend", "mock", "--robot", str(file)) as running:
+        robot = shipped()
+        with MavlinkServos(robot, servo_map=load_servo_map(file), port=running.port) as servos:
+            for _ in range(2):
+                servos.clock.tick()
+                servos.write(JointTargets(robot.stance_angles_rad, servos.clock.now_s))
+                time.sleep(0.6)
+        report = running.end()
+    assert (report["overrides"], report["not_yet"]) == (2, 0)
+    assert report["expired"] >= 1
+
+
 def next_state(servos: MavlinkServos) -> RobotState:
     servos.clock.tick()
     return servos.read()

@@ -1,5 +1,7 @@
 """Port addresses and sequence numbers."""
 
+import socket
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,9 +15,11 @@ from hexctl.backends.mavlink.transport import (
     Port,
     PortAddress,
     SequenceCount,
+    UdpPort,
     parse_port,
 )
 from hexctl.errors import InputError
+from tests.many_files import many_open_files
 
 
 @pytest.mark.parametrize(
@@ -128,3 +132,15 @@ def test_a_flood_of_addresses_does_not_renumber_an_active_peer() -> None:
     port.sent.clear()
     link.send(heartbeat, 0)
     assert port.sent == [(0, 0)]  # forgotten long ago
+
+
+def test_a_port_in_a_program_with_many_open_files() -> None:
+    with many_open_files(), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as peer:
+        peer.bind(("127.0.0.1", 0))
+        port = UdpPort(PortAddress("udpout", "127.0.0.1", peer.getsockname()[1]))
+        assert port.receive(0.0) == []
+        port.send(b"here", None)
+        data, sender = peer.recvfrom(100)
+        peer.sendto(data, sender)
+        assert port.receive(10.0) == [(b"here", None)]
+        port.close()

@@ -8,15 +8,17 @@ import numpy as np
 from pymavlink.dialects.v20 import common
 
 from hexctl.backends.mavlink import messages
-from hexctl.backends.mavlink.client import MavlinkServos, Receiver, Stamped
+from hexctl.backends.mavlink.client import MavlinkServos
 from hexctl.backends.mavlink.codec import Codec, Frame, read_signing_key
+from hexctl.backends.mavlink.receiver import Receiver, Stamped
 from hexctl.backends.mavlink.transport import Arrival, LinkCounters, MavlinkLink, Port
 from hexctl.backends.mock import MockServos
 from hexctl.errors import CommandRefusedError
 from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.servo_map import servo_map_of
 from hexctl.serve.boards.board_answers import ANSWERS, answers, for_us
-from hexctl.serve.boards.servo_board import Channels, Peers, ServoBoard
+from hexctl.serve.boards.servo_board import Peers, ServoBoard
+from hexctl.serve.boards.servo_channels import Channels
 from hexctl.types import N_JOINTS
 from tests.fuzz.folder import written
 from tests.fuzz.target import Target

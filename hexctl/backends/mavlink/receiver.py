@@ -1,0 +1,159 @@
+"""The thread that receives from a servo board, and keeps the newest of what it says."""
+
+import threading
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from hexctl.backends.clock import request_realtime_priority
+from hexctl.backends.mavlink import messages
+from hexctl.backends.mavlink.transport import Address, Arrival, LinkCounters, MavlinkLink, SequenceCount
+from hexctl.errors import MessageError
+
+#: Period of heartbeats before and after a board has answered.
+SEARCH_PERIOD_S, HEARTBEAT_PERIOD_S = 0.2, 1.0
+
+#: How long the receiving thread blocks before it checks whether a heartbeat is due.
+RECEIVE_TIMEOUT_S = 0.05
+
+#: Severity of a STATUSTEXT from which it is a fault: error, critical, alert, emergency.
+ERROR_SEVERITY = 3
+
+#: As many frames at once are a flood; the pause after them.
+MOST_AT_ONCE, FLOODED_S = 32, 0.005
+
+#: Messages that are kept, by kind: name to keep them under, and decoder.
+READERS = {
+    "ACTUATOR_OUTPUT_STATUS": ("outputs", messages.outputs_of),
+    "ATTITUDE": ("attitude", messages.orientation_of),
+    "ATTITUDE_QUATERNION": ("attitude", messages.orientation_of),
+    "LOCAL_POSITION_NED": ("position", messages.position_of),
+    "ODOMETRY": ("odometry", messages.pose_of),
+    "BATTERY_STATUS": ("battery", messages.battery_of),
+    "SYS_STATUS": ("system", messages.battery_of),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Peer:
+    """The board at the other end."""
+
+    system: int
+    component: int
+    address: Address
+
+
+@dataclass(frozen=True, slots=True)
+class Stamped:
+    """A received value, and when it arrived, on time.monotonic."""
+
+    value: Any
+    at_s: float
+
+
+class Receiver:
+    """Receives from one board between `start` and `stop`, in a thread, and sends it heartbeats.
+
+    The first system whose heartbeat has the type of a servo board is the board; messages of other systems
+    are counted and dropped.
+
+    Attributes:
+        peer: the board, or None before its first heartbeat.
+        wrong_type: MAV_TYPE of a system that was received but is not a servo board, or None.
+        error: why the port has gone, or None.
+        counters: what was received.
+    """
+
+    def __init__(self, link: MavlinkLink, counters: LinkCounters) -> None:
+        self._link = link
+        self.counters = counters
+        self.peer: Peer | None = None
+        self.wrong_type: int | None = None
+        self.error: OSError | None = None
+        self._newest: dict[str, Stamped] = {}
+        self._sequence = SequenceCount()
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="mavlink", daemon=True)
+
+    def start(self) -> None:
+        """Begin to receive and to send heartbeats."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the thread and announce the end to the board."""
+        self._stopping.set()
+        self._thread.join()
+        if self.peer is not None and self.error is None:
+            self._beat(messages.POWEROFF)
+
+    def newest(self, name: str) -> Stamped | None:
+        """The newest value kept under a name, or None before the first."""
+        return self._newest.get(name)
+
+    def _run(self) -> None:
+        request_realtime_priority()  # a state that waits for the processor is late too
+        beat_at_s = time.monotonic()
+        while not self._stopping.is_set() and self.error is None:
+            try:
+                arrivals = self._link.receive(RECEIVE_TIMEOUT_S)
+                for arrival in arrivals:
+                    self._take(arrival)
+            except OSError as error:
+                self.error = error
+                break
+            if len(arrivals) >= MOST_AT_ONCE:
+                time.sleep(FLOODED_S)  # at its priority this thread would keep others from the processor
+            self.counters.malformed, self.counters.dropped = self._link.malformed, self._link.dropped
+            if time.monotonic() >= beat_at_s:
+                self._beat(messages.ACTIVE)
+                beat_at_s = time.monotonic() + (SEARCH_PERIOD_S if self.peer is None else HEARTBEAT_PERIOD_S)
+
+    def _beat(self, state: int) -> None:
+        try:
+            self._link.send(self.heartbeat(state), None if self.peer is None else self.peer.address)
+        except OSError as error:
+            self.error = error
+
+    def heartbeat(self, state: int = messages.ACTIVE) -> Any:
+        """Heartbeat that tells the board how old its outputs are that were received last."""
+        outputs = self.newest("outputs")
+        return messages.controller_heartbeat(state, board_ms=0 if outputs is None else outputs.value.board_ms)
+
+    def _take(self, arrival: Arrival) -> None:
+        """Keep messages of the board; count everything else."""
+        frame = arrival.frame
+        if self.peer is None and frame.kind == "HEARTBEAT":
+            self._meet(arrival)
+        if self.peer != Peer(frame.system, frame.component, arrival.sender):
+            self.counters.foreign += 1
+            return
+        if not self._sequence.in_order(frame.sequence, arrival.at_s):
+            self.counters.out_of_order = self._sequence.out_of_order
+            return
+        self.counters.received += 1
+        self.counters.lost = self._sequence.lost
+        try:
+            self._keep(frame.kind, frame.message, arrival.at_s)
+        except MessageError:
+            self.counters.refused += 1
+
+    def _meet(self, arrival: Arrival) -> None:
+        """Take the sender of a heartbeat for the board if its type allows it."""
+        frame = arrival.frame
+        if frame.system == messages.CONTROLLER_SYSTEM:
+            return
+        if frame.message.type not in messages.BOARD_TYPES:
+            self.wrong_type = int(frame.message.type)
+            return
+        self.peer = Peer(frame.system, frame.component, arrival.sender)
+
+    def _keep(self, kind: str, message: Any, at_s: float) -> None:
+        if kind in READERS:
+            name, read = READERS[kind]
+            self._newest[name] = Stamped(read(message), at_s)
+        elif kind == "HEARTBEAT":
+            self._newest["heartbeat"] = Stamped(int(message.system_status), at_s)
+        elif kind == "NAMED_VALUE_INT" and messages.name_of(message) == messages.MEASURED_NAME:
+            self._newest["measured"] = Stamped(message.value == 1, at_s)
+        elif kind == "STATUSTEXT" and message.severity <= ERROR_SEVERITY:
+            self._newest["error"] = Stamped(messages.name_of(message), at_s)
