@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from hexctl.errors import RobotFaultError
 
@@ -12,6 +13,9 @@ BY_ID = Path("/dev/serial/by-id")
 
 #: How often ports are listed while a cable is pulled, in s.
 POLL_S = 0.2
+
+#: How often ports are listed until it can be done, and the pause before the next time, in s.
+TRIES, AGAIN_S = 5, 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,10 +37,24 @@ class SerialPort:
     serial_number: str | None
 
 
-def serial_ports() -> list[SerialPort]:
-    """Ports with an adapter, and those of the computer itself that are called tty."""
+def listed_ports() -> list[Any]:
+    """Ports as pyserial lists them, its `ListPortInfo`; none where they cannot be listed.
+
+    An adapter that goes while ports are listed ends the list with an error (pyserial: TypeError, of a vendor
+    that is no longer there), and so does one whose name is no text. The first is not there the next time.
+    """
     from serial.tools.list_ports import comports
 
+    for left in reversed(range(TRIES)):
+        try:
+            return list(comports())
+        except (OSError, TypeError, ValueError):
+            time.sleep(AGAIN_S if left else 0.0)
+    return []
+
+
+def serial_ports() -> list[SerialPort]:
+    """Ports with an adapter, and those of the computer itself that are called tty."""
     names = {link.resolve(): str(link) for link in BY_ID.glob("*")} if BY_ID.is_dir() else {}
     return [
         SerialPort(
@@ -46,7 +64,7 @@ def serial_ports() -> list[SerialPort]:
             vendor=None if each.vid is None else f"{each.vid:04x}:{each.pid:04x}",
             serial_number=each.serial_number,
         )
-        for each in sorted(comports())
+        for each in sorted(listed_ports())
         if each.vid is not None or "tty" in each.device
     ]
 

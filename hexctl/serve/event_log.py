@@ -110,7 +110,7 @@ class EventLog:
                 self.add(f"no longer stopped ({before}){f', {ended}' if ended else ''}")
             return
         if ended:
-            self.add(f"{ended} ({before})")
+            self.add(f"{ended}{f' ({before})' if before is not None else ''}")
         if stopped != before or ended:
             self.add(f"STOPPED: {ESTOP if by and stopped == ESTOP else reason_in_words(stopped)}{asked}")
         elif by is not None and by != before_by:

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NoReturn
 
 import pytest
 
@@ -41,6 +41,30 @@ def test_ports_have_their_adapter_and_a_name_that_stays(
     assert (second.port, second.vendor, second.stays) == ("/dev/ttyUSB0", "0403:6014", str(link))
     assert (third.port, third.stays) == ("/dev/ttyUSB1", None)
     assert len(serial_ports()) == 3, "what is no tty and has no adapter is left out"
+
+
+@pytest.mark.parametrize(
+    "error", [TypeError("no vendor"), OSError("no such device"), UnicodeDecodeError("utf-8", b"", 0, 1, "?")]
+)
+def test_an_adapter_that_goes_while_ports_are_listed_is_not_among_them(
+    plugged: list[_Port], monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    monkeypatch.setattr(module, "AGAIN_S", 0.0)
+
+    def goes() -> list[_Port]:
+        if len(plugged) == 4:
+            del plugged[1]
+            raise error
+        return list(plugged)
+
+    monkeypatch.setattr("serial.tools.list_ports.comports", goes)
+    assert [each.port for each in serial_ports()] == ["/dev/ttyS0", "/dev/ttyUSB1"]
+
+    def never() -> NoReturn:
+        raise error
+
+    monkeypatch.setattr("serial.tools.list_ports.comports", never)
+    assert serial_ports() == []
 
 
 def test_the_port_whose_cable_is_pulled_is_found(plugged: list[_Port]) -> None:

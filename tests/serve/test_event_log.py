@@ -90,6 +90,9 @@ def test_who_asked_for_a_stop_and_who_cleared_it_is_told() -> None:
     note(stop("fell", None), first)
     note(stop("fell", "mia"), first)
     note(stop("fault: hot", None), Clear(stop=stop("fell", "mia"), by="mia", at_s=1.0))
+    second = Clear(stop=stop("fault: hot", None), by="mia", at_s=2.0)
+    note(None, second)
+    note(stop("estop", "ben", 3), Clear(stop=stop("estop", "ben", 2), by="mia", at_s=3.0))
     log.close()
     assert [line.partition(" ")[2] for line in told] == [
         "STOPPED: estop, asked for by a datagram from 10.0.0.7",
@@ -99,6 +102,9 @@ def test_who_asked_for_a_stop_and_who_cleared_it_is_told() -> None:
         "still stopped, asked for by mia",
         "cleared by mia (fell)",
         "STOPPED: fault: hot",
+        "no longer stopped (fault: hot), cleared by mia",
+        "cleared by mia",
+        "STOPPED: estop, asked for by ben",
     ]
 
 

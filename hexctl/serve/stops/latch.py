@@ -132,8 +132,8 @@ class StopLatch:
             stop = replace(stop, stop_id=new_stop_id(), since_s=time.monotonic(), by=by)
             self._stop = stop
             self._keep(stop)
-        elif repeated and request == last and (stop.by or "").startswith(DATAGRAM_FROM):
-            stop = self._stop = replace(stop, by=by)  # its session says more than its datagram
+        elif repeated and request == last and _says_more(by, stop.by or ""):
+            stop = self._stop = replace(stop, by=by)
             self._keep(stop)
         return stop
 
@@ -151,3 +151,9 @@ class StopLatch:
     def _keep(self, stop: Stop | None) -> None:
         if self._file is not None:
             self._file.keep(stop if stop is not None and stop.stays else None)
+
+
+def _says_more(by: str, before: str) -> bool:
+    """Whether a name says more than the one before: that of a session does, of a datagram with its stop."""
+    named = by != UNNAMED and not by.startswith(DATAGRAM_FROM)
+    return named and before.startswith(DATAGRAM_FROM)

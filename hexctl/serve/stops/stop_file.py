@@ -8,7 +8,7 @@ import time
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
 
@@ -88,6 +88,13 @@ class KeptStop(BaseModel):
         return f"{self.reason}, {self.at:%Y-%m-%d %H:%M} UTC{by}"
 
 
+class _TakenOver(NamedTuple):
+    """A stop that was kept for another place; `stop_id` is None for a file that cannot be read."""
+
+    path: Path
+    stop_id: str | None
+
+
 def state_folder() -> Path:
     """Where servers keep their state: what systemd gave, or the user's own folder for it (XDG)."""
     given = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
@@ -101,7 +108,7 @@ class StopFile:
     """The file of one robot's stop. Writing has a thread of its own: a slow disk costs no tick.
 
     It is found again by the adapter of the robot's servos, where that has a serial number or stays in its
-    socket. A stop that was kept for a robot of this name at an adapter that may be the same is in force here
+    socket. A stop that was kept for a robot of this name at a device that may be the same is in force here
     too; it is left to its own place as well, and once cleared here it is not taken over again.
 
     Args:
@@ -134,7 +141,7 @@ class StopFile:
         self.found: str | None = None
         self._robot, self._place = robot, place
         self._asked_only, self._clear = asked_only, clear
-        self._taken_over: list[Path] = []
+        self._taken_over: list[_TakenOver] = []
         self._unread: set[Path] = set()
         self._elsewhere: list[str] = []
         self._wanted: Stop | None = None
@@ -160,7 +167,7 @@ class StopFile:
         elif others:
             kept = self._copied(max(others, key=lambda each: each.at))
         told = [] if own is None else [self._in_words(own, self.path)]
-        told += [self._in_words(each, path) for path, each in zip(self._taken_over, others, strict=True)]
+        told += [self._in_words(each, one.path) for one, each in zip(self._taken_over, others, strict=True)]
         self.found = "; ".join(told) or None
         return kept
 
@@ -198,7 +205,7 @@ class StopFile:
 
     def _of_this_robot_elsewhere(self) -> list[KeptStop]:
         """Stops that were kept for a robot of this name, and may be this one; notes those that are not."""
-        if not self._place.counted:
+        if not self._place.at_device:
             return []
         found = []
         for path in sorted(self.path.parent.glob(self._siblings)):
@@ -206,14 +213,15 @@ class StopFile:
             if kept is None or self._mark in kept.cleared or kept.robot != self._robot:
                 continue
             if kept.place is None or self._place.may_be(kept.place):
-                self._taken_over.append(path)
+                self._taken_over.append(_TakenOver(path, self._id_in(kept, path)))
                 found.append(kept)
-            elif kept.place.backend == self._place.backend and kept.place.counted:
+            elif kept.place.backend == self._place.backend and kept.place.at_device:
                 self._elsewhere.append(f"{kept}, {kept.place}")
         return found
 
     def _read(self, path: Path) -> KeptStop | None:
         """A stop in a file, None where there is no file."""
+        self._unread.discard(path)
         try:
             with path.open("rb") as file:
                 return KeptStop.model_validate_json(file.read(MAX_BYTES))
@@ -223,6 +231,10 @@ class StopFile:
             self._unread.add(path)
             unread = self._content(ESTOP, new_stop_id())
             return unread if path == self.path else unread.model_copy(update={"backend": None})
+
+    def _id_in(self, kept: KeptStop, path: Path) -> str | None:
+        """Id that a file has, None for one that could not be read."""
+        return None if path in self._unread else kept.stop_id
 
     def _in_words(self, kept: KeptStop, path: Path) -> str:
         """A stop that is in force, and where it was kept unless that is here."""
@@ -269,12 +281,12 @@ class StopFile:
             self._cleared_at(self._taken_over[-1])
             self._taken_over.pop()
 
-    def _cleared_at(self, path: Path) -> None:
-        """Note in the file of another place that its stop was cleared here."""
-        kept = self._read(path)
-        if kept is not None:
+    def _cleared_at(self, taken: _TakenOver) -> None:
+        """Note in the file of another place that its stop was cleared here, if it has that stop still."""
+        kept = self._read(taken.path)
+        if kept is not None and self._id_in(kept, taken.path) == taken.stop_id:
             cleared = (*kept.cleared, self._mark)[-MOST_CLEARED:]
-            atomic_write(path, kept.model_copy(update={"cleared": cleared}).model_dump_json() + "\n")
+            atomic_write(taken.path, kept.model_copy(update={"cleared": cleared}).model_dump_json() + "\n")
 
     def _content(self, reason: str, stop_id: str, by: str | None = None) -> KeptStop:
         reason = reason.encode(errors="replace").decode()  # a driver may say what no file can have

@@ -4,8 +4,11 @@ import os
 import re
 from dataclasses import dataclass
 
-#: Ports whose names are given out in the order in which adapters are found, and links to such ports.
-_COUNTED = re.compile(r"/dev/(tty(USB|ACM)[0-9]+|serial/.+)")
+from hexctl.backends.serial_ports import listed_ports
+
+#: Serial numbers with fewer different characters are those of a maker who gives all adapters the same one,
+#: such as `0001`.
+LEAST_CHARACTERS = 4
 
 #: What may stand around the path of a serial device: what says that it is one, and its baud.
 _BEFORE, _BAUD = re.compile(r"^serial:"), re.compile(r":[0-9]+$")
@@ -19,7 +22,7 @@ class StopPlace:
         backend: name of its backend.
         where: port of its servos, or endpoint of the server where they have none.
         serial_number: USB vendor, product and serial number of its adapter, or None where it has none, or
-            one that another adapter here has too.
+            one that other adapters have too.
         location: USB vendor and product of its adapter, and the socket that it is plugged into, or None.
     """
 
@@ -33,9 +36,9 @@ class StopPlace:
         """Place of a robot whose servos are at a port, as it is typed, or that has none."""
         if port is None:
             return cls(backend=backend, where=endpoint)
-        if not _BEFORE.sub("", port).startswith("/"):
-            return cls(backend=backend, where=port)
         path = _BAUD.sub("", _BEFORE.sub("", port))
+        if not path.startswith("/"):
+            return cls(backend=backend, where=port)
         serial_number, location = _adapter_at(path)
         return cls(backend=backend, where=path, serial_number=serial_number, location=location)
 
@@ -45,15 +48,13 @@ class StopPlace:
         return f"{self.backend} {self.serial_number or self.location or self.where}"
 
     @property
-    def counted(self) -> bool:
-        """Whether its port may have another name after a restart."""
-        return _COUNTED.fullmatch(self.where) is not None or (
-            _COUNTED.fullmatch(os.path.realpath(self.where)) is not None
-        )
+    def at_device(self) -> bool:
+        """Whether it is the path of a device, which may have another name after a restart."""
+        return self.where.startswith("/")
 
     def may_be(self, other: "StopPlace") -> bool:
         """Whether a robot at another place may be the one here, under another name of its port."""
-        if self.backend != other.backend or not (self.counted and other.counted):
+        if self.backend != other.backend or not (self.at_device and other.at_device):
             return False
         return None in (self.serial_number, other.serial_number) or self.serial_number == other.serial_number
 
@@ -65,12 +66,7 @@ class StopPlace:
 
 def _adapter_at(path: str) -> tuple[str | None, str | None]:
     """Serial number and location of the adapter at a port; None where they are not known."""
-    from serial.tools.list_ports import comports
-
-    try:
-        adapters = {os.path.realpath(each.device): each for each in comports() if each.vid is not None}
-    except (OSError, ValueError):  # an adapter that goes meanwhile, or whose name is no text
-        return None, None
+    adapters = {os.path.realpath(each.device): each for each in listed_ports() if each.vid is not None}
     mine = adapters.get(os.path.realpath(path))
     if mine is None:
         return None, None
@@ -81,9 +77,10 @@ def _adapter_at(path: str) -> tuple[str | None, str | None]:
         return (*(getattr(each, name) for name in ("vid", "pid", "serial_number")), interface)
 
     unique = [number(each) for each in adapters.values()].count(number(mine)) == 1
+    own = unique and len(set(mine.serial_number or "")) >= LEAST_CHARACTERS
     model, interface = f"{mine.vid:04x}:{mine.pid:04x}", number(mine)[-1]
     serial_number = f"{model} serial {mine.serial_number}{f':{interface}' if interface else ''}"
     return (
-        serial_number if mine.serial_number and unique else None,
+        serial_number if own else None,
         f"{model} at {mine.location}" if mine.location else None,
     )

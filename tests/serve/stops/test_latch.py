@@ -1,12 +1,15 @@
 """The latch: every stop has an id, a stop that is repeated is one, and a clear ends what was valid before."""
 
 import time
+from pathlib import Path
 
 import pytest
 
 from hexctl.control.guard import Guard
 from hexctl.serve.stops.latch import MOST_REQUESTS, StopLatch
-from hexctl.serve.stops.stop import HOLD_S, Stop
+from hexctl.serve.stops.stop import DATAGRAM_FROM, HOLD_S, UNNAMED, Stop
+from hexctl.serve.stops.stop_file import StopFile
+from hexctl.serve.stops.stop_place import StopPlace
 from tests.control.posed import connected
 
 
@@ -49,6 +52,21 @@ def test_a_request_that_is_repeated_does_not_put_off_the_clear(latch: StopLatch)
     assert now(latch) == stop
     assert latch.clear(stop.stop_id, stop.since_s + HOLD_S) is None
     assert latch.current() is None
+
+
+def test_who_asked_is_replaced_by_a_better_name_alone_and_written_only_then(
+    guard: Guard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = StopFile("ant", StopPlace(backend="mock", where="tcp/127.0.0.1:7447"), folder=tmp_path)
+    kept: list[str | None] = []
+    monkeypatch.setattr(file, "keep", lambda stop: kept.append(stop.by))
+    latch = StopLatch(guard, file)
+    datagram = f"{DATAGRAM_FROM}10.0.0.7"
+    for by in (datagram, UNNAMED, datagram, f"{DATAGRAM_FROM}10.0.0.8"):
+        assert latch.stop("mine", by=by).by == datagram
+    for by in ("mia on lab-pc", datagram, "ben", UNNAMED):
+        assert latch.stop("mine", by=by).by == "mia on lab-pc"
+    assert kept == [datagram, "mia on lab-pc"]
 
 
 def test_a_flood_of_requests_is_forgotten_and_stops_all_the_same(guard: Guard, latch: StopLatch) -> None:

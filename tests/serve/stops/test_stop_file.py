@@ -42,6 +42,11 @@ def cleared_at(folder: Path, place: StopPlace) -> None:
     latch.close()
 
 
+def at(where: str) -> StopPlace:
+    """A place whose adapter is not known."""
+    return StopPlace(backend="feetech", where=where)
+
+
 def on_usb(number: int, serial_number: str | None = None, location: str | None = None) -> StopPlace:
     """A place at an adapter."""
     return StopPlace(
@@ -208,6 +213,10 @@ def test_an_adapter_with_another_name_is_the_same_by_its_number(tmp_path: Path) 
         (on_usb(0, None, "1a86:7523 at 1-2"), on_usb(0, None, "1a86:7523 at 1-3")),
         (on_usb(0), on_usb(0, "0403:6014 serial A1")),
         (on_usb(0, "0403:6014 serial A1"), on_usb(1)),
+        (at("/dev/ttyCH341USB0"), at("/dev/ttyCH341USB1")),
+        (at("/dev/cu.usbserial-1410"), at("/dev/cu.usbserial-1420")),
+        (at("/dev/a-link-that-is-gone"), on_usb(0, "0403:6014 serial A1")),
+        (at("/dev/ttyAMA0"), on_usb(0)),
     ],
 )
 def test_where_adapters_cannot_be_told_apart_the_robot_is_stopped_and_it_is_said_why(
@@ -228,7 +237,18 @@ def test_where_adapters_cannot_be_told_apart_the_robot_is_stopped_and_it_is_said
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_stop_of_an_earlier_version_is_in_force_at_an_adapter(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("place", "stopped"),
+    [
+        (on_usb(1, "0403:6014 serial A1"), True),
+        (at("/dev/ttyAMA0"), True),
+        (at("tcp/127.0.0.1:7447"), False),
+    ],
+    ids=str,
+)
+def test_a_stop_of_an_earlier_version_is_in_force_at_each_device(
+    tmp_path: Path, place: StopPlace, stopped: bool
+) -> None:
     _, latch, file = begun(tmp_path, place=on_usb(0))
     latch.stop()
     latch.close()
@@ -236,9 +256,27 @@ def test_a_stop_of_an_earlier_version_is_in_force_at_an_adapter(tmp_path: Path) 
     for name in ("backend", "where", "serial_number", "location", "cleared"):
         del kept[name]
     file.path.write_text(json.dumps(kept))
-    guard, _, file = begun(tmp_path, place=on_usb(1, "0403:6014 serial A1"))
-    assert guard.stopped == "estop"
-    assert "an earlier version" in file.warnings[0]
+    guard, _, file = begun(tmp_path, place=place)
+    assert guard.stopped == ("estop" if stopped else None)
+    assert ["an earlier version" in line for line in file.warnings] == [True] * stopped
+
+
+def test_a_stop_that_came_later_at_another_place_is_not_cleared_with_the_one_before_it(
+    tmp_path: Path,
+) -> None:
+    first = stopped_at(tmp_path, on_usb(0))
+    _, latch, _ = begun(tmp_path, place=on_usb(1))
+    cleared_at(tmp_path, on_usb(0))
+    later = stopped_at(tmp_path, on_usb(0))
+    stop = latch.current()
+    assert stop is not None
+    assert stop.stop_id == first
+    assert latch.clear(first, stop.since_s + HOLD_S) is None
+    latch.close()
+    _, latch, _ = begun(tmp_path, place=on_usb(1))
+    stop = latch.current()
+    assert stop is not None
+    assert stop.stop_id == later
 
 
 def test_a_file_of_another_place_that_cannot_be_read_is_a_stop_until_it_is_cleared(tmp_path: Path) -> None:
@@ -258,7 +296,7 @@ def test_a_file_of_another_place_that_cannot_be_read_is_a_stop_until_it_is_clear
         (on_usb(0, "0403:6014 serial B2"), "ant", True),
         (on_usb(1), "phantomx", False),
         (StopPlace(backend="lx16a", where="/dev/ttyUSB1"), "ant", False),
-        (StopPlace(backend="feetech", where="tcp/127.0.0.1:7447"), "ant", False),
+        (at("tcp/127.0.0.1:7447"), "ant", False),
     ],
 )
 def test_a_stop_of_another_robot_is_not_in_force_and_is_told_where_it_may_be_meant(
