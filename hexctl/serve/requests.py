@@ -71,12 +71,13 @@ class RequestHandler:
         leases: of the robot.
         latch: of its stops.
         malformed: requests so far that could not be decoded.
+        rested_after: number of the last command before the lease's holder rested, as it said.
     """
 
     def __init__(self, guard: Guard, leases: LeaseManager, latch: StopLatch | None = None) -> None:
         self._guard, self.leases = guard, leases
         self.latch = StopLatch(guard) if latch is None else latch
-        self.malformed = 0
+        self.malformed = self.rested_after = 0
         self._changed_at_s: deque[float] = deque(maxlen=MOST_CHANGES)
 
     def urgent(self, payload: bytes, *, by: str | None = None) -> None:
@@ -169,15 +170,18 @@ class RequestHandler:
         try:
             content = decode_json(payload)
             wanted = _one_of(content, "op", ("acquire", "renew", "rest", "release"))
-            owner, lease_id = _owner(content), _lease_id(content)
+            owner, lease_id, after = _owner(content), _lease_id(content), _after(content)
         except MessageError as error:
             return self._misunderstood(error)
         try:
             if wanted == "acquire":
                 return self._acquire(owner, now_s)
-            return self._keep(wanted, lease_id, now_s)
+            answer = self._keep(wanted, lease_id, now_s)
         except HexctlError as error:
             return {"error": str(error)}
+        if wanted == "rest":
+            self.rested_after = after
+        return answer
 
     def acquire(self, owner: str, now_s: float, duration_s: float | None = None) -> Lease:
         """Grant a lease, for the usual duration unless one is given; a stop for silence is lifted.
@@ -194,6 +198,7 @@ class RequestHandler:
             self.leases.revoke()
             raise LeaseRefusedError(f"the robot has just been stopped: {self._guard.stopped}")
         self._guard.pause_watchdog()
+        self.rested_after = 0
         return lease
 
     def holds(self, lease: Lease, now_s: float) -> bool:
@@ -264,6 +269,14 @@ def _owner(content: dict[str, Any]) -> str:
     if not isinstance(owner, str) or not owner.isprintable():
         raise MessageError("owner: got a value that is not a name; allowed: printable text")
     return owner
+
+
+def _after(content: dict[str, Any]) -> int:
+    """Number of the last command before a request; 0 of clients that do not tell."""
+    after = content.get("after", 0)
+    if type(after) is not int or not 0 <= after < 2**64:
+        raise MessageError(f"after: got {str(after)[:40]!r}; allowed: the number of a command")
+    return after
 
 
 def _lease_id(content: dict[str, Any]) -> bytes:

@@ -202,6 +202,9 @@ class RobotServer:
             # Servos that failed are noticed at the next read.
             self._commands.counters.refused += 1
             return
+        if checked.command.tag.sequence <= self._requests.rested_after:
+            # It was overtaken by the request to rest, as they come on two threads: none is due after it.
+            self._guard.pause_watchdog()
         self._commands.counters.accepted += 1
         self._leases.heard(at_s)
         self._publish(self._guard.peek())

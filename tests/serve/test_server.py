@@ -198,6 +198,38 @@ def test_a_controller_that_rests_is_not_silent(bench: Bench) -> None:
     assert bench.server.status()["stopped"] is None
 
 
+@pytest.mark.parametrize(("after", "stopped"), [(1, "expired"), (2, None)])
+def test_a_command_that_is_overtaken_by_the_rest_that_follows_it_begins_no_silence(
+    bench: Bench, after: int, stopped: str | None
+) -> None:
+    """Commands and requests come on two threads of Zenoh."""
+    bench.acquire()
+    wanted = bench.servos.robot.stance_angles_rad + 0.01
+    bench.command(bench.servos.robot.stance_angles_rad)
+    bench.ask("lease", {"op": "rest", "lease": bench.lease["lease"], "after": after})
+    bench.command(wanted)
+    np.testing.assert_array_equal(bench.servos.sent[-1].positions_rad, wanted)
+    bench.ticks(30)
+    assert bench.server.status()["stopped"] == stopped
+
+
+def test_a_rest_of_an_earlier_lease_is_none_of_the_next_one(bench: Bench) -> None:
+    bench.acquire()
+    bench.ask("lease", {"op": "rest", "lease": bench.lease["lease"], "after": 5})
+    bench.ask("lease", {"op": "release", "lease": bench.lease["lease"]})
+    bench.acquire()
+    bench.command(bench.servos.robot.stance_angles_rad)
+    bench.ticks(30)
+    assert bench.server.status()["stopped"] == "expired"
+
+
+@pytest.mark.parametrize("after", [-1, 1.5, True, "7", 2**64, None])
+def test_a_rest_after_what_is_no_number_is_refused(bench: Bench, after: Any) -> None:
+    bench.acquire()
+    answer = bench.ask("lease", {"op": "rest", "lease": bench.lease["lease"], "after": after})
+    assert "after: got" in answer["error"]
+
+
 @pytest.mark.parametrize(("last_step_rad", "stopped"), [(0.01, "expired"), (0.0, None)])
 def test_a_controller_that_leaves_in_mid_motion_counts_as_silent_and_one_at_rest_does_not(
     bench: Bench, last_step_rad: float, stopped: str | None

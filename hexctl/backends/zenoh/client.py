@@ -199,9 +199,9 @@ class LeaseClient:
 
         return wait_for(granted, ACQUIRE_TIMEOUT_S, lambda: refusal, poll_s=0.2)
 
-    def pause_watchdog(self) -> None:
-        """Tell the robot that no command is due until the next one."""
-        self._request("rest")
+    def pause_watchdog(self, after: int) -> None:
+        """Tell the robot that no command is due after one, by its number, until the next one."""
+        self._request("rest", after=after)
 
     def release(self) -> None:
         """Give the lease back, if it is still in force."""
@@ -227,9 +227,9 @@ class LeaseClient:
                 self.lost_at_s = time.monotonic()
                 self.lost = f"the robot has not answered for {silent_s:.1f} s"
 
-    def _request(self, op: str) -> dict[str, Any] | None:
+    def _request(self, op: str, **words: Any) -> dict[str, Any] | None:
         """Answer to a request about the lease, which is sent until it is answered; None without one."""
-        content = {"op": op, "lease": self.lease_id.hex()}
+        content = {"op": op, "lease": self.lease_id.hex(), **words}
         soon_s = [min(resend_s, self._duration_s / 10) for resend_s in RESEND_S]
         for timeout_s in (*soon_s, self._duration_s / 3):
             try:
@@ -347,7 +347,7 @@ class ZenohServos(LegServos):
     def pause_watchdog(self) -> None:
         """Tell the robot that no command is due until the next one."""
         if self._opened is not None and self._lease is not None:
-            self._lease.pause_watchdog()
+            self._lease.pause_watchdog(self._sequence)
 
     def close(self) -> None:
         """Release the lease and close the link."""

@@ -66,7 +66,7 @@ def test_requests_that_are_lost_are_sent_again(link: tuple[LossyRobot, LeaseClie
     robot, lease = link
     lease.acquire()
     for count in range(1, 6):
-        lease.pause_watchdog()
+        lease.pause_watchdog(after=3)
         assert robot.heard["rest"] >= count
     lease.release()
     assert robot.heard["release"] == 1
