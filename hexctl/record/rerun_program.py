@@ -32,7 +32,10 @@ NICENESS = 10
 TOGETHER = 32
 
 #: Name of the check, changed with it: what an earlier one found sound is looked at again.
-CHECK = "hexctl 1"
+CHECK = "hexctl 2"
+
+#: For the exit code of a program that did not start, as a shell has it.
+DID_NOT_START = 127
 
 #: Recordings that are known to be sound, 65 bytes each; of more than these the older half is forgotten.
 MOST_KNOWN = 10_000
@@ -90,7 +93,7 @@ def check_sound(path: Path) -> None:
     """Raise InputError for a recording whose damage would end the process that reads it.
 
     What Rerun refuses with an error of its own passes, and a file that is not there. A file that has not
-    changed is looked at only once, and a content that was found sound not again by any process.
+    changed is looked at only once, and a content that was read to its end not again by any process.
 
     Raises MissingExtraError without Rerun.
     """
@@ -125,9 +128,9 @@ def _look_at_unknown(states: Sequence[_State]) -> None:
     known, digests = set(_known_digests()), {state: _digest(state.path) for state in states}
     _ends_reader.update({state: False for state, digest in digests.items() if digest in known})
     unknown = [state for state in states if state not in _ends_reader]
+    sound: list[_State] = []
     for start in range(0, len(unknown), TOGETHER):
-        _look_at(unknown[start : start + TOGETHER])
-    sound = [state for state in unknown if not _ends_reader[state]]
+        sound += _look_at(unknown[start : start + TOGETHER])
     # Of a file that is written meanwhile it is not known which content was looked at.
     _keep_digests([digest for state in sound if (digest := digests[state]) and digest == _digest(state.path)])
 
@@ -168,19 +171,23 @@ def _keep_digests(digests: Sequence[str]) -> None:
             atomic_write(_known_path(), "".join(f"{digest}\n" for digest in (*kept, *digests)))
 
 
-def _look_at(states: Sequence[_State]) -> None:
-    """Remember which of some files end their reader, or take too long; these are found by halves."""
+def _look_at(states: Sequence[_State]) -> list[_State]:
+    """Remember which of some files end their reader, or take too long; these are found by halves.
+
+    Returns the files that were read to their end. What passes besides, for a process that did not start or
+    failed for a reason of its own, is known to this process alone.
+    """
     if _decodes(states):
         _ends_reader.update(dict.fromkeys(states, False))
-    elif len(states) > 1:
+        return list(states)
+    if len(states) > 1:
         middle = len(states) // 2
-        _look_at(states[:middle])
-        _look_at(states[middle:])
-    else:
-        (state,) = states
-        # The reader goes other ways than that program, and reads some files that it refuses.
-        code = _exit_code([sys.executable, "-P", "-c", READ, str(state.path)], time_limit_s(state.size))
-        _ends_reader[state] = code is None or code < 0
+        return _look_at(states[:middle]) + _look_at(states[middle:])
+    (state,) = states
+    # The reader goes other ways than that program, and reads some files that it refuses.
+    code = _exit_code([sys.executable, "-P", "-c", READ, str(state.path)], time_limit_s(state.size))
+    _ends_reader[state] = code is None or code < 0
+    return [state] if code == 0 else []
 
 
 def _decodes(states: Sequence[_State]) -> bool:
@@ -190,7 +197,7 @@ def _decodes(states: Sequence[_State]) -> bool:
 
 
 def _exit_code(command: list[str], limit_s: float, niceness: int = 0) -> int | None:
-    """Exit code of a command, negative for a signal, 1 where it does not start; None if it takes too long."""
+    """Exit code of a command, negative for a signal, `DID_NOT_START`, or None if it takes too long."""
     silent = subprocess.DEVNULL
     try:
         # In a session of its own: Ctrl-C, which ends it, would be taken for damage.
@@ -198,7 +205,7 @@ def _exit_code(command: list[str], limit_s: float, niceness: int = 0) -> int | N
             command, stdin=silent, stdout=silent, stderr=silent, start_new_session=True
         )
     except OSError:
-        return 1
+        return DID_NOT_START
     try:
         if niceness:
             with suppress(OSError):

@@ -1,9 +1,10 @@
 """Recordings at which Rerun ends the process that reads them are refused; all others are read as before."""
 
+import errno
 import os
 import subprocess
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import pytest
 
@@ -12,6 +13,8 @@ from hexctl.record import rerun_program
 from hexctl.record.recorded_trial import read_trial
 from hexctl.record.rerun_program import check_sound, look_at
 from tests.record.conftest import STREAM_HEAD_BYTES, Trial, damage, write
+
+MODULE = rerun_program.__name__
 
 TOLD = "is damaged, and Rerun cannot read it"
 
@@ -94,6 +97,28 @@ def test_a_content_that_was_found_sound_is_not_looked_at_again_by_other_processe
         without.setattr(rerun_program, "CHECK", "another check")
         with pytest.raises(TypeError):
             check_sound(sound)
+
+
+def test_what_could_not_be_looked_at_is_looked_at_by_the_next_process(
+    sound: Path, damaged: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def fails(*_: object, **__: object) -> NoReturn:
+        raise OSError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+
+    for patched in (
+        {"subprocess.Popen": fails},
+        {f"{MODULE}.viewer_binary": lambda: tmp_path, f"{MODULE}.READ": "raise SystemExit(1)"},
+    ):
+        a_new_process()
+        with monkeypatch.context() as without:
+            for name, value in patched.items():
+                without.setattr(name, value)
+            look_at([sound, damaged])
+            check_sound(damaged)
+        a_new_process()
+        check_sound(sound)
+        with pytest.raises(InputError, match=TOLD):
+            check_sound(damaged)
 
 
 def test_a_file_that_is_spoiled_without_a_trace_is_found_out(
