@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from hexctl.adapt.optimizers.shipped import TRIM
 from hexctl.adapt.prior.find import find_prior, prior_folders
 from hexctl.adapt.prior.prior import PriorKey, open_prior
 from hexctl.adapt.prior.samples import covering, ranked_codes
@@ -137,7 +138,8 @@ def _of_session(spec: RunSpec, robot: Robot, failure: Failure, session: Session)
             f"{failure}"
         )
     if best is None:
-        raise InputError(f"{what}, which has no valid walk; allowed: another session, or auto")
+        lacks = "knows no trim of its best gait" if own.optimizer == TRIM else "has no valid walk"
+        raise InputError(f"{what}, which {lacks}; allowed: another session, or auto")
     rotation = own.self_rotation if spec.self_rotation == AUTO_ROTATION else spec.self_rotation
     body_raise = own.body_raise if spec.body_raise is None else spec.body_raise
     gait: str | Slots = best.slots

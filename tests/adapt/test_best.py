@@ -11,7 +11,9 @@ from hexctl.adapt.adaptation import adapt
 from hexctl.adapt.best import best_gait
 from hexctl.adapt.prior.prior import load_prior, save_prior
 from hexctl.adapt.prior.samples import ranked_codes
+from hexctl.adapt.sessions.store import load_session
 from hexctl.adapt.space import GaitSpace
+from hexctl.cli.render.adapt import closing_lines
 from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.errors import InputError
 from hexctl.gait.gait import NAMED_SLOTS
@@ -170,6 +172,13 @@ def test_by_a_session_that_learned_a_trim_it_walks_with_the_trim(tmp_path: Path)
     assert found.source.endswith(f"with its trim of {session.best_trim_deg:.2f} degrees")
     assert best_gait(replace(asked, trim_rad=0.01), tmp_path).spec.trim_rad == 0.01
     assert best_gait(replace(asked, hold="line"), tmp_path).spec.trim_rad is None
+
+
+def test_a_session_that_searched_a_trim_and_knows_none_names_no_gait(tmp_path: Path) -> None:
+    name = stored_session(tmp_path, 0.03, "trim", tripod=0.01)
+    assert "walk on with" not in closing_lines(load_session(name, tmp_path), "budget")
+    with pytest.raises(InputError, match=r", which knows no trim of its best gait; allowed: another session"):
+        best_gait(spec(gait=f"best:{name}", failure=Failure(leg=2)), tmp_path)
 
 
 def test_a_walk_may_change_to_the_best_gait(built: Path) -> None:

@@ -37,13 +37,13 @@ def result_of(deviation_m: float, status: str = "ok") -> TrialResult:
     )
 
 
-def stored_session(folder: Path, trial_m: float, **baseline_m: float) -> str:
+def stored_session(folder: Path, trial_m: float, optimizer: str = "random", /, **baseline_m: float) -> str:
     """Name of a session of `ant` without leg 2 with one trial, of code 17, and walks of its baseline.
 
-    All of them are told by where they end; `auto` is code 42.
+    All of them are told by where they end; `auto` is code 42. Which optimizer it had is a name alone.
     """
     space = GaitSpace((2,))
-    spec = SessionSpec(failed_leg=2, optimizer="random", robot_fingerprint=shipped().fingerprint)
+    spec = SessionSpec(failed_leg=2, optimizer=optimizer, robot_fingerprint=shipped().fingerprint)
 
     def walked(off_m: float) -> dict[str, Any]:
         result = result_of(off_m)

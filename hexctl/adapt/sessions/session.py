@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES, Objective, undominated
+from hexctl.adapt.optimizers.shipped import TRIM
 from hexctl.adapt.optimizers.trim import mean_trim_rad, mean_turn_trim_rad_s
 from hexctl.control.assessment.uncertainty_store import DISTINCT
 from hexctl.control.result import QUALITIES, TrialResult
@@ -358,8 +359,15 @@ class Session:
 
     @property
     def best_walk(self) -> TrialRecord | BaselineRecord | None:
-        """The walk to walk on with: the best of `better_baseline`, else the best trial; None without one."""
-        return next(iter(self.better_baseline), self.best)
+        """The walk to walk on with: the best of `better_baseline`, else the best trial; None without one.
+
+        Where a trim was searched, None too for a gait for which none is known.
+        """
+        walk = next(iter(self.better_baseline), self.best)
+        if walk is None or self.spec.optimizer != TRIM:
+            return walk
+        trims = (self.trim_rad(walk.slots), self.turn_trim_rad_s(walk.slots))
+        return walk if any(trim is not None for trim in trims) else None
 
     def trim_rad(self, slots: Sequence[int]) -> float | None:
         """Trim that is learned for a gait, the mean of what its walks want; None where none says.

@@ -283,7 +283,7 @@ def closing_lines(session: Session, ended: str | None) -> str:
     lines += _less_lines(session)
     if ended in (None, "interrupted"):
         lines.append(f"continue with: hexctl adapt --resume {session.name}")
-    walk = _to_walk_on_with(session)
+    walk = session.best_walk
     if walk is not None:
         lines.append(f"walk on with: {_walking(session, walk)}")
     if any(trial.recording for trial in session.trials):
@@ -298,18 +298,6 @@ def _less_lines(session: Session) -> list[str]:
     if lines and session.spec.optimizer == TRIM:
         lines[-1] += "; --optimizer trim --hold none learns a turn from the ends alone"
     return lines
-
-
-def _to_walk_on_with(session: Session) -> TrialRecord | BaselineRecord | None:
-    """The best trial, or the walk of the baseline that is better; None without one.
-
-    Where a trim was searched, None too for a gait for which none is known.
-    """
-    walk = session.best_walk
-    if walk is None or session.spec.optimizer != TRIM:
-        return walk
-    trims = (session.trim_rad(walk.slots), session.turn_trim_rad_s(walk.slots))
-    return walk if any(trim is not None for trim in trims) else None
 
 
 def _gait_option(walk: TrialRecord | BaselineRecord) -> str:
