@@ -72,7 +72,7 @@ test-all: test test-slow test-long
 # failed beside others runs once more with nothing beside it: then it is the test, and not the machine.
 test-slow: $(INSTALLED)
 	$(BIN)/pytest -n $(WORKERS) -m "slow and not realtime and not long and not soak"
-	$(BIN)/pytest -n 3 -m "realtime and not long and not soak" || \
+	$(BIN)/pytest -n 4 -m "realtime and not long and not soak" || \
 	$(BIN)/pytest --last-failed --last-failed-no-failures none -m "realtime and not long and not soak"
 
 test-long: $(INSTALLED)

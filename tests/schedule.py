@@ -4,6 +4,7 @@ Tests in real time mostly wait: more of them run at a time than there are cores,
 A file whose tests share something expensive stays on one worker; a file of long tests is spread over all.
 """
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from xdist.scheduler import LoadScopeScheduling
@@ -161,6 +162,10 @@ SLOW = (
     "tests/doctor/test_checkup.py",
 )
 
+#: Tests that took more than 0.8 s of a core each when all were timed, besides those above; with an id in
+#: brackets where the others of a test are quicker.
+MEASURED = frozenset((Path(__file__).parent / "slow_tests.txt").read_text(encoding="utf-8").splitlines())
+
 #: Slow tests that `make test-all` alone runs: what they add to their neighbours is another robot, benchmark,
 #: page or length of the same, and together they take as long as all others.
 LONG = (
@@ -209,6 +214,44 @@ LONG = (
     "tests/see/test_latency_trial.py::test_ctrl_c",
     "tests/serve/test_steered_link.py",
     "tests/viewer/test_live.py::test_a_window_that_dies_or_hangs_loses_no_tick",
+    "tests/adapt/optimizers/test_population.py::test_it_converges_as_scipys_does[BestEvolution-best1bin-rosenbrock",
+    "tests/adapt/optimizers/test_population.py::test_it_converges_as_scipys_does[RandomEvolution",
+    "tests/backends/bus/test_lost_id.py::test_it_is_named_at_connect_and_adopted[dynamixel",
+    "tests/backends/bus/test_lost_id.py::test_it_is_named_at_connect_and_adopted[feetech",
+    "tests/backends/test_port_thread.py::test_whatever_a_port_raises_it_has_gone_and_is_opened_again[begin",
+    "tests/backends/test_port_thread.py::test_whatever_a_port_raises_it_has_gone_and_is_opened_again[end",
+    "tests/cli/see/test_look.py::test_a_robot_walks_by_the_pose_that_a_camera_sees",
+    "tests/cli/test_main.py::test_a_missing_extra_is_named[cv2",
+    "tests/cli/test_main.py::test_a_missing_extra_is_named[mujoco",
+    "tests/cli/test_main.py::test_a_missing_extra_is_named[pyarrow",
+    "tests/control/calibration/test_servo_trial.py::test_a_good_servo_follows[dynamixel-xl3",
+    "tests/control/calibration/test_servo_trial.py::test_a_good_servo_follows[feetech-scs",
+    "tests/control/calibration/test_servo_trial.py::test_a_servo_moves_a_little_and_back_and_no_other_does[dynamixel-xl3",
+    "tests/control/calibration/test_servo_trial.py::test_a_servo_moves_a_little_and_back_and_no_other_does[feetech-scs",
+    "tests/control/test_trial.py::test_every_robot_with_every_failure_comes_to_a_result[pexod",
+    "tests/control/test_trial.py::test_every_robot_with_every_failure_comes_to_a_result[phantomx-l",
+    "tests/control/test_trial.py::test_every_robot_with_every_failure_comes_to_a_result[phantomx-s",
+    "tests/control/test_trial.py::test_every_robot_with_every_failure_comes_to_a_result[phantomx-u",
+    "tests/control/test_trial.py::test_every_robot_with_every_failure_comes_to_a_result[phantomx-w",
+    "tests/control/walks/test_turning.py::test_the_failed_leg_trails_when_the_walk_begins[phantomx-1",
+    "tests/control/walks/test_turning.py::test_the_failed_leg_trails_when_the_walk_begins[phantomx-2",
+    "tests/control/walks/test_turning.py::test_the_failed_leg_trails_when_the_walk_begins[phantomx-3",
+    "tests/control/walks/test_turning.py::test_the_failed_leg_trails_when_the_walk_begins[phantomx-4",
+    "tests/control/walks/test_turning.py::test_the_failed_leg_trails_when_the_walk_begins[phantomx-5",
+    "tests/docs/test_blocks.py::test_the_programs_of_a_page_run[driving.md",
+    "tests/docs/test_blocks.py::test_the_programs_of_a_page_run[export.md",
+    "tests/docs/test_commands.py::test_the_commands_of_a_page[firmware.md",
+    "tests/docs/test_commands.py::test_the_commands_of_a_page[index.md",
+    "tests/docs/test_commands.py::test_the_commands_of_a_page[walking.md",
+    "tests/faults/test_command.py::test_a_fault_ends_the_motion_or_does_not_as_is_safe[controller-killed",
+    "tests/faults/test_command.py::test_a_fault_ends_the_motion_or_does_not_as_is_safe[cable-out/zenoh",
+    "tests/faults/test_command.py::test_a_fault_ends_the_motion_or_does_not_as_is_safe[none",
+    "tests/faults/test_command.py::test_a_fault_ends_the_motion_or_does_not_as_is_safe[viewer-killed",
+    "tests/record/test_live.py::test_a_viewer_that_dies_or_hangs_holds_nothing_up[9-feeder",
+    "tests/record/test_live.py::test_a_viewer_that_dies_or_hangs_holds_nothing_up[19-viewer",
+    "tests/see/test_latency_trial.py::test_a_twist",
+    "tests/test_compatibility.py::test_a_stored_session_is_shown_and_goes_on_as_it_would_have[cut-dps",
+    "tests/test_compatibility.py::test_a_stored_session_is_shown_and_goes_on_as_it_would_have[cut-pso",
 )
 
 #: Files whose tests are spread one by one.
@@ -235,8 +278,9 @@ def scope_of(nodeid: str) -> str:
 
 def markers_of(nodeid: str) -> list[str]:
     """Markers of a test by its place: of `realtime`, `slow` and `long`, which is slow too."""
-    places = {"realtime": REALTIME, "slow": SLOW + LONG, "long": LONG}
-    return [marker for marker, place in places.items() if nodeid.startswith(place)]
+    slow = nodeid.startswith(SLOW + LONG) or nodeid in MEASURED or nodeid.partition("[")[0] in MEASURED
+    places = {"realtime": nodeid.startswith(REALTIME), "slow": slow, "long": nodeid.startswith(LONG)}
+    return [marker for marker, there in places.items() if there]
 
 
 def rank(nodeid: str) -> int:

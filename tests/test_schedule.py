@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from tests.schedule import EARLY, LONG, REALTIME, SLOW, SPREAD, markers_of, rank, scope_of
+from tests.schedule import EARLY, LONG, MEASURED, REALTIME, SLOW, SPREAD, markers_of, rank, scope_of
 
 TESTS = Path(__file__).parent
 #: What a file would mark its tests with by itself.
@@ -16,7 +16,7 @@ def test_no_file_marks_its_own_tests() -> None:
 
 
 def test_what_is_named_exists() -> None:
-    for name in (*EARLY, *LONG, *SLOW, *SPREAD, *REALTIME):
+    for name in (*EARLY, *LONG, *SLOW, *SPREAD, *REALTIME, *sorted(MEASURED)):
         file, _, test = name.partition("::")
         assert (TESTS.parent / file).exists(), name
         assert not test or f"def {test.partition('[')[0]}" in (TESTS.parent / file).read_text(), name
@@ -46,3 +46,6 @@ def test_markers_follow_from_the_place() -> None:
         "long",
     ]
     assert markers_of("tests/control/test_guard.py::test_c") == []
+    measured = next(name for name in sorted(MEASURED) if "[" not in name)
+    assert markers_of(measured) == markers_of(f"{measured}[any]") == ["slow"]
+    assert markers_of(f"{measured}_but_another") == []
