@@ -168,7 +168,10 @@ class RobotServer:
         elif arrival.kind == "pose":
             self._set_pose(payload_of(item), arrival.at_s)
         elif arrival.kind == "lease":
-            self._transport.reply(arrival.kind, item, self._requests.lease(payload_of(item), arrival.at_s))
+            answer = self._requests.lease(payload_of(item), arrival.at_s)
+            if "lease" in answer:  # states up to this one are of before, and may come after the answer
+                answer["state"] = self._sequence
+            self._transport.reply(arrival.kind, item, answer)
         elif arrival.kind == "failure":
             answer = self._requests.failure(payload_of(item), arrival.at_s)
             if "failures" in answer and self._simulated is not None:

@@ -213,6 +213,14 @@ def test_a_command_that_is_overtaken_by_the_rest_that_follows_it_begins_no_silen
     assert bench.server.status()["stopped"] == stopped
 
 
+def test_a_lease_says_which_states_are_of_before(bench: Bench) -> None:
+    bench.ticks(7)
+    newest = bench.last_state()[1].sequence
+    assert bench.acquire()["state"] == newest == 7
+    bench.ticks(1)
+    assert bench.last_state()[1].sequence == 8
+
+
 def test_a_rest_of_an_earlier_lease_is_none_of_the_next_one(bench: Bench) -> None:
     bench.acquire()
     bench.ask("lease", {"op": "rest", "lease": bench.lease["lease"], "after": 5})

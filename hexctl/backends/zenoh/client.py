@@ -132,12 +132,19 @@ def granted(answer: Mapping[str, Any]) -> tuple[bytes, int, float]:
     )
 
 
+def state_before(answer: Mapping[str, Any]) -> int:
+    """Number of the newest state before a lease was granted; 0 from robots that do not tell."""
+    state = answer.get("state")
+    return state if type(state) is int and state > 0 else 0
+
+
 class LeaseClient:
     """Holds the lease of a robot from `acquire` to `release`, renewing it at a third of its time.
 
     Attributes:
         lease_id: identifier that commands carry.
         sequence: number of the lease.
+        after_state: number of the newest state before it was granted, 0 from robots that do not tell.
         lost: why the lease is gone, or None while it is in force.
         lost_at_s: when it was lost, on time.monotonic.
     """
@@ -162,7 +169,7 @@ class LeaseClient:
         self._clear = clear
         self._session, self._key, self._heard_at_s = session, key, heard_at_s
         self.lease_id = b""
-        self.sequence = 0
+        self.sequence = self.after_state = 0
         self.lost: str | None = None
         self.lost_at_s = 0.0
         self._duration_s = 0.0
@@ -174,7 +181,9 @@ class LeaseClient:
 
         Raises RobotFaultError that says who holds the robot, or why it gives none.
         """
-        self.lease_id, self.sequence, self._duration_s = granted(self._query_lease())
+        answer = self._query_lease()
+        self.lease_id, self.sequence, self._duration_s = granted(answer)
+        self.after_state = state_before(answer)
         self._renewal = threading.Thread(target=self._renew, name="lease", daemon=True)
         self._renewal.start()
 
@@ -306,7 +315,8 @@ class ZenohServos(LegServos):
                 )
                 self._lease.acquire()
                 opening.callback(self._lease.release)
-                self._subscriber.forget()  # an older state may report a stop that the lease has lifted
+                # An older state may report a stop that the lease has lifted.
+                self._subscriber.forget(after=self._lease.after_state)
             self._publisher = session.declare_publisher(
                 self._keys.command,
                 congestion_control=zenoh.CongestionControl.DROP,

@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -86,6 +87,7 @@ class StateSubscriber:
         self._servos: ServoReadings | None = None
         self._warnings: tuple[str, ...] = ()
         self._status_of: StampedSample | None = None
+        self._after = 0
 
     def subscribe(self, session: zenoh.Session) -> None:
         """Subscribe, with nothing received yet."""
@@ -93,8 +95,9 @@ class StateSubscriber:
         for kind in SUBSCRIBED:
             session.declare_subscriber(getattr(self._keys, kind), partial(self._latest.put, kind))
 
-    def forget(self) -> None:
-        """Discard everything received so far."""
+    def forget(self, after: int = 0) -> None:
+        """Discard everything received so far, and states up to a number, which may still come."""
+        self._after = after
         self._latest.clear()
 
     @property
@@ -109,8 +112,17 @@ class StateSubscriber:
         Raises RobotFaultError when none arrives.
         """
         message = f"the robot sends no state at {self._keys.joint_states}; see hexctl status"
-        newest = partial(self._latest.newest, "joint_states")
-        return wait_for(newest, FIRST_STATE_TIMEOUT_S, message, poll_s=0.001).at_s
+        return wait_for(self._first, FIRST_STATE_TIMEOUT_S, message, poll_s=0.001).at_s
+
+    def _first(self) -> StampedSample | None:
+        """The newest state, None while it is one of those that are discarded."""
+        sample = self._latest.newest("joint_states")
+        if sample is None or not self._after:
+            return sample
+        with suppress(MessageError):  # one that is invalid is told when it is read
+            if StateTag.unpacked(sample.attachment or b"").sequence <= self._after:
+                return None
+        return sample
 
     def newest(self, clock_s: float) -> RobotState:
         """The newest state.
