@@ -105,7 +105,8 @@ class PacketLine:
             wire_s: how long packet and answers take on the wire.
         """
         line, stream = self.line, self._stream
-        line.discard()
+        if line.discard():  # too late for the packet before
+            self._wait_longer()
         stream.finish()
         line.write(request)
         answers: dict[int, StatusPacket] = {}
@@ -119,14 +120,19 @@ class PacketLine:
                 if answer.servo_id in asked:
                     answers[answer.servo_id] = answer
                 else:  # too late for the packet before
-                    self._patience_s = min(2 * self._patience_s, self._most_patience_s)
+                    self._wait_longer()
             if over:
                 break
+        if not answers and len(asked) > 1:  # as if there were none: they may all be late
+            self._wait_longer()
         if self._adapts and len(answers) == len(asked):
             delay_s = PATIENCE_TIMES * (time.monotonic() - begin_s - wire_s)
             self._patience_s += PATIENCE_SHARE * (max(delay_s, LEAST_PATIENCE_S) - self._patience_s)
             self._patience_s = min(self._patience_s, self._most_patience_s)
         return list(answers.values())
+
+    def _wait_longer(self) -> None:
+        self._patience_s = min(2 * self._patience_s, self._most_patience_s)
 
     def outwait(self) -> None:
         """Drop an answer that is late: it does not say to which question it belongs."""

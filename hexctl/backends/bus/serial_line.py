@@ -96,10 +96,12 @@ class SerialLine:
             raise OSError("the other end of the port has gone")
         return self._without_echo(data)
 
-    def discard(self) -> None:
-        """Drop what has come so far."""
+    def discard(self) -> bool:
+        """Drop what has come so far; whether there was anything but the echo of what was sent."""
+        came = False
         while wait_ready(self._descriptor, 0.0):
-            self.read(0.0)
+            came = bool(self.read(0.0)) or came
+        return came
 
     def learn_echo(self, ping: bytes, patience_s: float) -> None:
         """Send a packet that no servo answers, and see whether it comes back.

@@ -101,6 +101,19 @@ def test_the_same_question_takes_the_answer_that_comes_first(servo: LateServo) -
     assert _read(line, 11) == b"\x03"
 
 
+def test_servos_that_begin_to_answer_late_are_heard_again(servo: LateServo) -> None:
+    """The line had learned to wait for a few ms only, and dropped what came later for good."""
+    line = PacketLine(SerialLine(servo.path, 1_000_000), PACKETS, patience_s=PATIENCE_S)
+    for _ in range(80):
+        assert _read(line, 11) == b"\x03"
+    servo.delays_s = [0.04] * 12
+    heard = []
+    for _ in range(12):
+        heard.append(_read(line, 11, tries=1))
+        time.sleep(0.08)  # what comes late comes between two questions
+    assert b"\x03" in heard[:8]
+
+
 @pytest.mark.parametrize(
     ("protocol", "instruction", "parameters", "size"),
     [

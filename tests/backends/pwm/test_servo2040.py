@@ -109,8 +109,8 @@ class _Line(SerialLine):
         values = asked + encoded([600] * asked[2])
         return values if asked[0] == 0xC7 else b""
 
-    def discard(self) -> None:
-        pass
+    def discard(self) -> bool:
+        return False
 
 
 def test_a_pose_is_one_frame_below_64_bytes_and_staged_before_the_relay() -> None:

@@ -68,7 +68,7 @@ def test_a_late_answer_is_not_taken_for_another() -> None:
         assert table.mode is not None
         for register, number in ((table.flags, 0), (table.shutdown, 36), (table.servo_id, 5)):
             packets.tell(5, READ, place(2, table.mode.address, 1))  # whose answer, 3, nobody waits for
-            packets.line.discard = lambda: None  # type: ignore[method-assign]  # it comes after that
+            packets.line.discard = lambda: False  # type: ignore[method-assign]  # it comes after that
             assert servo.sure(register) == number
 
 
