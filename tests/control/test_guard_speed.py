@@ -21,11 +21,13 @@ def test_a_burst_within_one_period_moves_no_further_than_one_command() -> None:
     np.testing.assert_allclose(sent, STANCE + STEP)
 
 
-def test_a_burst_that_swings_stays_within_one_step_to_either_side() -> None:
+def test_a_burst_that_swings_stays_within_one_step_to_either_side_a_step_at_a_time() -> None:
     guard, _ = connected()
     for _ in range(5):
         np.testing.assert_allclose(send(guard, STANCE + 1.0), STANCE + STEP)
+        np.testing.assert_allclose(send(guard, STANCE - 1.0), STANCE, atol=1e-12)
         np.testing.assert_allclose(send(guard, STANCE - 1.0), STANCE - STEP)
+        np.testing.assert_allclose(send(guard, STANCE + 1.0), STANCE, atol=1e-12)
 
 
 def test_a_controller_at_twice_the_pace_does_not_move_at_twice_the_speed() -> None:
