@@ -151,7 +151,7 @@ def test_boards_on_an_i2c_bus_are_walked_over_a_socket(
 @pytest.mark.parametrize(
     ("fault", "message"),
     [
-        ("reset@4", "the PCA9685 at 0x40 has lost its settings, as after a loss of power"),
+        ("reset@4", "has lost its settings, as after a loss of power"),  # whichever is asked first
         ("unplug@4", "do not answer (Remote I/O error, board at 0x4"),
     ],
 )
