@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
@@ -226,8 +226,11 @@ def _wait_until_it_walks(path: Path, process: "subprocess.Popen[str]") -> None:
     while len(sizes) < 5:
         assert time.monotonic() < deadline_s
         assert process.poll() is None
-        if path.exists() and path.stat().st_size not in sizes:
-            sizes.add(path.stat().st_size)
+        size = -1
+        with suppress(FileNotFoundError):  # it is tried first whether the file can be written
+            size = path.stat().st_size
+        if size >= 0 and size not in sizes:
+            sizes.add(size)
             # The scene is written in several pieces at once; the walk follows one block a second.
             time.sleep(0.5)
         time.sleep(0.02)
