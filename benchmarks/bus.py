@@ -16,7 +16,7 @@ import yaml
 from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
 from hexctl.backends.base import LegServos, ServosWrapper
-from hexctl.backends.clock import PERIOD_S, realtime_priority
+from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
@@ -147,7 +147,7 @@ def _walked(driver: str, model: str, duration_s: float, *faults: str) -> tuple[T
         options = BackendOptions(robot=robot_file.robot, robot_file=robot_file, connect=port)
         servos = TimedServos(make_servos(driver, options))
         plan = TrialPlan(gait=make_gait(servos.robot, "tripod"), duration_s=duration_s, hold="none")
-        with realtime_priority(), Guard(servos) as guard:
+        with Guard(servos) as guard:
             result = run_trial(guard, plan)
         return result, servos
 

@@ -14,7 +14,7 @@ from benchmarks.echo import BACK, THERE
 from benchmarks.plans import ant
 from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
-from hexctl.backends.clock import PERIOD_S, WallClock, realtime_priority
+from hexctl.backends.clock import PERIOD_S, WallClock
 from hexctl.backends.zenoh.client import ZenohServos, ask
 from hexctl.backends.zenoh.subscriber import LatestValues
 from hexctl.control.guard import Guard
@@ -150,7 +150,7 @@ def _walk_rows(duration_s: float) -> Iterator[Row]:
     with served(port, "sim"):
         plan = TrialPlan(gait=make_gait(ant(), "tripod"), duration_s=duration_s)
         log = TickLog()
-        with realtime_priority(), Guard(ZenohServos(ant(), link=link)) as servos:
+        with Guard(ZenohServos(ant(), link=link)) as servos:
             result = run_trial(servos, plan, recorders=(log,))
             overruns = servos.clock.overruns
         with open_session(link, Role.VIEWER, KeyMap.of("ant")) as session:

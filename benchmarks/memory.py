@@ -20,7 +20,7 @@ from benchmarks.link import free_port, served
 from benchmarks.plans import ant, default_gait
 from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
-from hexctl.backends.clock import PERIOD_S, realtime_priority
+from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
 from hexctl.control.log import BLOCK_TICKS, PACED_BLOCK_TICKS, Recorders, TickLog
@@ -134,14 +134,13 @@ def _simulated(duration_s: float, path: Path | None) -> Growth:
 
 def _over_the_link(port: int, server: int, duration_s: float, path: Path) -> Growth:
     watch = Watch((os.getpid(), server))
-    with realtime_priority():
-        done = run(
-            backend="zenoh",
-            connect=f"tcp/127.0.0.1:{port}",
-            robot="ant",
-            duration_s=duration_s,
-            record=path,
-            recorders=(watch,),
-        )
+    done = run(
+        backend="zenoh",
+        connect=f"tcp/127.0.0.1:{port}",
+        robot="ant",
+        duration_s=duration_s,
+        record=path,
+        recorders=(watch,),
+    )
     ended = done.trial.status if done.trial.stopped is None else f"{done.trial.status} ({done.trial.stopped})"
     return Growth(watch.samples, path.stat().st_size / MEGABYTE, ended, done.outcome["overruns"])

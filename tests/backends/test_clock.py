@@ -157,23 +157,22 @@ for _ in range(2):
 """
 
 
-@pytest.mark.skipif(not hasattr(__import__("os"), "SCHED_RESET_ON_FORK"), reason="Linux only")
-def test_the_priority_is_for_the_walk_and_not_for_what_computes_after_it() -> None:
+def _printed_with_priority(program: str) -> list[str]:
+    """Words that a program of its own prints, which asks for the priority that tests are refused."""
     done = subprocess.run(
-        [sys.executable, "-c", FOR_A_WHILE], capture_output=True, text=True, timeout=120, check=False
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=False
     )
     if "not permitted" in done.stderr:
         pytest.skip("realtime priority is not permitted here")
     assert done.returncode == 0, done.stderr
-    assert done.stdout.split() == ["True", "True", "True", "False"] * 2
+    return done.stdout.split()
+
+
+@pytest.mark.skipif(not hasattr(__import__("os"), "SCHED_RESET_ON_FORK"), reason="Linux only")
+def test_the_priority_is_for_the_walk_and_not_for_what_computes_after_it() -> None:
+    assert _printed_with_priority(FOR_A_WHILE) == ["True", "True", "True", "False"] * 2
 
 
 @pytest.mark.skipif(not hasattr(__import__("os"), "SCHED_RESET_ON_FORK"), reason="Linux only")
 def test_what_is_started_from_the_loop_does_not_inherit_its_priority() -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", CHILDREN], capture_output=True, text=True, timeout=120, check=False
-    )
-    if "not permitted" in done.stderr:
-        pytest.skip("realtime priority is not permitted here")
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.split() == ["True", "False", "False"]
+    assert _printed_with_priority(CHILDREN) == ["True", "False", "False"]
