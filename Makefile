@@ -61,24 +61,26 @@ lint: $(INSTALLED)
 check: lint
 	$(BIN)/python -m tests.changed
 
+# Tests of a lane, by its marks ($2), in so many workers ($1). One that failed beside others runs once more with
+# nothing beside it: then it is the test, and not the machine.
+lane = $(BIN)/pytest -n $1 -m "$2 and not soak" || \
+	$(BIN)/pytest --last-failed --last-failed-no-failures none -m "$2 and not soak"
+
 test: lint
-	$(BIN)/pytest -n $(WORKERS) -m "not soak and not realtime and not slow"
+	$(call lane,$(WORKERS),not realtime and not slow)
 
 # Everything, and four times the examples of each property.
 test-all: export HYPOTHESIS_PROFILE = thorough
 test-all: test test-slow test-long
 
-# What computes fills the cores; what keeps time comes afterwards, and mostly waits. A test in real time that
-# failed beside others runs once more with nothing beside it: then it is the test, and not the machine.
+# What computes fills the cores; what keeps time comes afterwards, and mostly waits.
 test-slow: $(INSTALLED)
-	$(BIN)/pytest -n $(WORKERS) -m "slow and not realtime and not long and not soak"
-	$(BIN)/pytest -n 4 -m "realtime and not long and not soak" || \
-	$(BIN)/pytest --last-failed --last-failed-no-failures none -m "realtime and not long and not soak"
+	$(call lane,$(WORKERS),slow and not realtime and not long)
+	$(call lane,4,realtime and not long)
 
 test-long: $(INSTALLED)
-	$(BIN)/pytest -n $(WORKERS) -m "long and not realtime and not soak"
-	$(BIN)/pytest -n 3 -m "long and realtime and not soak" || \
-	$(BIN)/pytest --last-failed --last-failed-no-failures none -m "long and realtime and not soak"
+	$(call lane,$(WORKERS),long and not realtime)
+	$(call lane,3,long and realtime)
 
 # The built wheel, alone in a fresh environment: what a robot's own computer gets.
 smoke: $(INSTALLED)
