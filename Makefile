@@ -7,6 +7,7 @@ PYTHON := $(shell for python in python3 python3.12 python3.11; do \
 endif
 VENV := .venv
 BIN := $(VENV)/bin
+COMMA := ,
 # What hexctl needs to walk and to show it; and with the tools of development on top.
 RUNNABLE := $(VENV)/.runnable
 INSTALLED := $(VENV)/.installed
@@ -14,6 +15,8 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c const
 
 WORKERS ?= $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 2) + 1)')
 
+# Each process would compile all modules anew.
+unexport PYTHONDONTWRITEBYTECODE
 # No display is needed or looked for; set MUJOCO_GL yourself to render.
 export MUJOCO_GL ?= disable
 
@@ -36,18 +39,22 @@ help:
 
 setup: $(INSTALLED)
 
-$(RUNNABLE): pyproject.toml constraints.txt
+# What is installed in the environment, which is made where there is none.
+define install
 	@test -n "$(PYTHON)" || { echo "the simulation needs Python 3.11 or 3.12, and there is neither; with its \
 	place: make PYTHON=/path/to/python3.12"; exit 1; }
 	@echo "setting up $(VENV), which takes a minute or two"
 	$(PYTHON) -m venv $(VENV)
-	$(PIP) -e ".[demo]"
+	$(PIP) -e ".[$1]"
+endef
+
+$(RUNNABLE): pyproject.toml constraints.txt
+	$(call install,demo)
 	touch $@
 
-$(INSTALLED): $(RUNNABLE)
-	@echo "adding the tools of development to $(VENV)"
-	$(PIP) -e ".[all,dev]"
-	touch $@
+$(INSTALLED): pyproject.toml constraints.txt
+	$(call install,all$(COMMA)dev)
+	touch $(RUNNABLE) $@
 
 demo: $(RUNNABLE)
 	$(BIN)/hexctl demo
@@ -66,7 +73,9 @@ check: lint
 lane = $(BIN)/pytest -n $1 -m "$2 and not soak" || \
 	$(BIN)/pytest --last-failed --last-failed-no-failures none -m "$2 and not soak"
 
-test: lint
+# The tests are compiled beside mypy, once: each worker would do it for itself.
+test: $(INSTALLED)
+	@$(BIN)/pytest --collect-only -q >/dev/null & $(MAKE) --no-print-directory lint; failed=$$?; wait; exit $$failed
 	$(call lane,$(WORKERS),not realtime and not slow)
 
 # Everything, and four times the examples of each property.

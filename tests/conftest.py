@@ -1,6 +1,7 @@
 """For all tests: no display, one thread for matrices, hypothesis without deadlines or luck, no priority."""
 
 import os
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -20,6 +21,16 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     from tests.schedule import Schedule
 
     return Schedule(config, log)
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """A file of which a lane has no test is not imported."""
+    from tests.schedule import may_select
+
+    if not collection_path.name.startswith("test_") or not config.option.markexpr:
+        return None
+    file = collection_path.relative_to(config.rootpath).as_posix()
+    return None if may_select(config.option.markexpr, file) else True
 
 
 @pytest.hookimpl(tryfirst=True)

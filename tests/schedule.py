@@ -4,9 +4,11 @@ Tests in real time mostly wait: more of them run at a time than there are cores,
 A file whose tests share something expensive stays on one worker; a file of long tests is spread over all.
 """
 
+from itertools import chain, combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from _pytest.mark.expression import Expression
 from xdist.scheduler import LoadScopeScheduling
 
 if TYPE_CHECKING:
@@ -281,6 +283,23 @@ def markers_of(nodeid: str) -> list[str]:
     slow = nodeid.startswith(SLOW + LONG) or nodeid in MEASURED or nodeid.partition("[")[0] in MEASURED
     places = {"realtime": nodeid.startswith(REALTIME), "slow": slow, "long": nodeid.startswith(LONG)}
     return [marker for marker, there in places.items() if there]
+
+
+def may_select(expression: str, file: str) -> bool:
+    """Whether an expression of markers may select tests of a file, which need not be imported otherwise."""
+    wanted = Expression.compile(expression)
+    places = {"realtime": REALTIME, "slow": (*SLOW, *LONG, *MEASURED), "long": LONG}
+    if not wanted.idents() <= {*places, "soak"}:
+        return True
+    certain = {marker for marker, there in places.items() if file.startswith(there)}
+    some = {marker for marker, there in places.items() if any(name.startswith(f"{file}::") for name in there)}
+    possible = sorted(some | {"soak"})
+    sets = chain.from_iterable(combinations(possible, count) for count in range(len(possible) + 1))
+    return any(_selects(wanted, certain.union(more)) for more in sets)
+
+
+def _selects(wanted: Expression, markers: set[str]) -> bool:
+    return wanted.evaluate(lambda name, /, **_: name in markers)
 
 
 def rank(nodeid: str) -> int:

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from tests.schedule import EARLY, LONG, MEASURED, REALTIME, SLOW, SPREAD, markers_of, rank, scope_of
+from tests.schedule import EARLY, LONG, MEASURED, REALTIME, SLOW, SPREAD, markers_of, may_select, rank, scope_of
 
 TESTS = Path(__file__).parent
 #: What a file would mark its tests with by itself.
@@ -49,3 +49,19 @@ def test_markers_follow_from_the_place() -> None:
     measured = next(name for name in sorted(MEASURED) if "[" not in name)
     assert markers_of(measured) == markers_of(f"{measured}[any]") == ["slow"]
     assert markers_of(f"{measured}_but_another") == []
+
+
+def test_a_file_of_which_a_lane_has_no_test_is_left_out() -> None:
+    quick, slow = "not realtime and not slow and not soak", "slow and not realtime and not long and not soak"
+    realtime, long = "realtime and not long and not soak", "long and not realtime and not soak"
+    lanes = {
+        "tests/control/test_guard.py": [quick],
+        "tests/serve/test_link_faults.py": [realtime],
+        "tests/benchmarks/test_command.py": [long],
+        "tests/test_compatibility.py": [quick, slow, long],
+        "tests/cli/walk/test_run.py": [quick, slow, realtime],
+    }
+    for file, has in lanes.items():
+        assert [lane for lane in (quick, slow, realtime, long) if may_select(lane, file)] == has, file
+        assert may_select("soak", file)
+        assert may_select("of_another_package and not slow", file)
