@@ -3,7 +3,18 @@
 import re
 from pathlib import Path
 
-from tests.schedule import EARLY, LONG, MEASURED, REALTIME, SLOW, SPREAD, markers_of, may_select, rank, scope_of
+from tests.schedule import (
+    EARLY,
+    LONG,
+    MEASURED,
+    REALTIME,
+    SLOW,
+    SPREAD,
+    markers_of,
+    may_select,
+    rank,
+    scope_of,
+)
 
 TESTS = Path(__file__).parent
 #: What a file would mark its tests with by itself.

@@ -71,8 +71,10 @@ class BusThread(PortThread[ServoBus]):
         self.limp[:] = False
 
     def _poll(self) -> None:
-        self._take(self._device.poll(lambda: self._targets is not None))
-        self._check_torque()
+        reports = self._device.poll(lambda: self._targets is not None)
+        self._take(reports)
+        if reports:  # where none came, another question would only be waited for too
+            self._check_torque()
         self._active_at_s = time.monotonic()
 
     def _meet(self) -> None:

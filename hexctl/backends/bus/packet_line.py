@@ -110,7 +110,7 @@ class PacketLine:
         stream.finish()
         line.write(request)
         answers: dict[int, StatusPacket] = {}
-        begin_s = time.monotonic()
+        begin_s = answered_s = time.monotonic()
         deadline_s = begin_s + wire_s + self._patience_s
         while len(answers) < len(asked):
             data = line.read(deadline_s)
@@ -118,15 +118,15 @@ class PacketLine:
             over = not data and time.monotonic() >= deadline_s
             for answer in came + stream.finish() if over else came:
                 if answer.servo_id in asked:
-                    answers[answer.servo_id] = answer
+                    answers[answer.servo_id], answered_s = answer, time.monotonic()
                 else:  # too late for the packet before
                     self._wait_longer()
             if over:
                 break
         if not answers and len(asked) > 1:  # as if there were none: they may all be late
             self._wait_longer()
-        if self._adapts and len(answers) == len(asked):
-            delay_s = PATIENCE_TIMES * (time.monotonic() - begin_s - wire_s)
+        if self._adapts and answers:  # servos that are missing are waited for as long as others take
+            delay_s = PATIENCE_TIMES * (answered_s - begin_s - wire_s)
             self._patience_s += PATIENCE_SHARE * (max(delay_s, LEAST_PATIENCE_S) - self._patience_s)
             self._patience_s = min(self._patience_s, self._most_patience_s)
         return list(answers.values())

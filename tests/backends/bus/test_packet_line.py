@@ -1,17 +1,14 @@
 """Questions and answers on a line whose answers come late."""
 
-import os
-import threading
 import time
-import tty
 from collections.abc import Iterator
-from contextlib import suppress
 
 import pytest
 
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import PING, PROTOCOLS, READ, WRITE
 from hexctl.backends.bus.serial_line import SerialLine
+from tests.backends.bus.late_servo import LateServo
 
 PACKETS = PROTOCOLS[1]
 
@@ -22,45 +19,14 @@ PATIENCE_S, LATE_S = 0.15, 0.22
 MEMORY = {10: 0, 11: 3, 12: 9, 30: 100, 31: 2}
 
 
-class LateServo:
-    """A servo that answers to single questions after a delay that a test sets."""
-
-    def __init__(self) -> None:
-        self._master, slave = os.openpty()
-        tty.setraw(slave)
-        self.path = os.ttyname(slave)
-        self.delays_s: list[float] = []
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def _run(self) -> None:
-        data = b""
-        while True:
-            try:
-                data += os.read(self._master, 100)
-            except OSError:
-                return
-            while True:
-                packet, done = PACKETS.take(data)
-                data = data[done:]
-                if packet is None:
-                    break
-                delay_s = self.delays_s.pop(0) if self.delays_s else 0.0
-                threading.Timer(delay_s, self._answer, packet).start()
-
-    def _answer(self, servo_id: int, instruction: int, parameters: bytes) -> None:
-        first, count = (parameters[0], parameters[1]) if instruction == READ else (0, 0)
-        data = bytes(MEMORY[address] for address in range(first, first + count))
-        with suppress(OSError):
-            os.write(self._master, PACKETS.status(servo_id, 0, data))
-
-    def close(self) -> None:
-        os.close(self._master)
+def _answer(instruction: int, parameters: bytes) -> tuple[int, bytes]:
+    first, count = (parameters[0], parameters[1]) if instruction == READ else (0, 0)
+    return 0, bytes(MEMORY[address] for address in range(first, first + count))
 
 
 @pytest.fixture
 def servo() -> Iterator[LateServo]:
-    servo = LateServo()
+    servo = LateServo(PACKETS, _answer)
     yield servo
     servo.close()
 
@@ -112,6 +78,17 @@ def test_servos_that_begin_to_answer_late_are_heard_again(servo: LateServo) -> N
         heard.append(_read(line, 11, tries=1))
         time.sleep(0.08)  # what comes late comes between two questions
     assert b"\x03" in heard[:8]
+
+
+def test_servos_that_are_missing_are_not_waited_for_much_longer_than_the_others_take(
+    servo: LateServo,
+) -> None:
+    """Where any was missing the line waited for 34 ms in each round, for good."""
+    line = PacketLine(SerialLine(servo.path, 1_000_000), PACKETS, patience_s=PATIENCE_S)
+    request = PACKETS.instruction(7, READ, bytes([11, 1]))
+    for _ in range(60):
+        assert len(line.transact(request, (7, 8), 0.001)) == 1
+    assert line._patience_s < PATIENCE_S / 5
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from hexctl.backends.base import LegServos
+from hexctl.backends.bus.servo_bus import Report
 from hexctl.backends.bus.servos import BusServos, parse_bus_port
 from hexctl.control.guard import Guard
 from hexctl.errors import InputError, RobotFaultError
@@ -107,6 +108,32 @@ def test_a_servo_that_loses_its_torque_is_named_and_not_switched_on_by_itself() 
         assert state.warnings == ("no torque: leg 3 femur (id 8)",)
         _walks(servos, 0.3)
         assert not board._servos[7].holds
+
+
+def test_where_no_servo_answers_none_is_asked_for_its_torque(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each question that stays without an answer is waited for, and the next positions come as much later."""
+    with bus_board(a_map()) as board, servos_on(board, a_map()) as servos:
+        _walks(servos, 0.3)
+        thread, polls, asked = servos._thread, 0, 0
+        assert thread is not None
+
+        def poll(_: Callable[[], bool]) -> list[Report]:
+            nonlocal polls
+            polls += 1
+            return []
+
+        def torque(*_: object, **__: object) -> bool:
+            nonlocal asked
+            asked += 1
+            return True
+
+        monkeypatch.setattr(thread._device, "torque", torque)
+        wait_for(lambda: asked, 5.0, "servos are asked")
+        monkeypatch.setattr(thread._device, "poll", poll)
+        wait_for(lambda: polls, 5.0, "polls without reports")
+        before, since = asked, polls
+        wait_for(lambda: polls > since + 3, 5.0, "more of them")
+        assert asked == before
 
 
 def test_a_servo_that_has_let_go_gets_no_goals_until_the_torque_was_off() -> None:

@@ -311,7 +311,8 @@ class Lx16aBus(ServoBus):
     def _ask_id(self, servo_id: int, command: int, *, tries: int = 1) -> bytes | None:
         size = lx.ANSWER_BYTES[command]
         for _ in range(tries):
-            self._line.discard()
+            if self._line.discard():  # too late for the question before
+                self._wait_longer()
             self._stream.finish()
             self._tell(lx.LX16A.instruction(servo_id, command))
             answer = self._await(servo_id, command, size)
@@ -333,9 +334,12 @@ class Lx16aBus(ServoBus):
                     self._learn_delay(time.monotonic() - soonest_s)
                     return answer.parameters
                 if len(answer.parameters) == lx.ANSWER_BYTES.get(answer.error):  # too late
-                    self._patience_s = min(2 * self._patience_s, FIRST_PATIENCE_S)
+                    self._wait_longer()
             if over:
                 return None
+
+    def _wait_longer(self) -> None:
+        self._patience_s = min(2 * self._patience_s, FIRST_PATIENCE_S)
 
     def _learn_delay(self, delay_s: float) -> None:
         wanted_s = min(max(PATIENCE_TIMES * delay_s, LEAST_PATIENCE_S), FIRST_PATIENCE_S)

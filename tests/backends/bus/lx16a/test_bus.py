@@ -7,6 +7,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
+from hexctl.backends.bus.lx16a import packets as lx
 from hexctl.backends.bus.lx16a.bus import MOST_MOVES, Lx16aBus
 from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.bus.servo_bus import BusCounters
@@ -14,6 +15,7 @@ from hexctl.serve.boards.bus_board import BusBoard
 from hexctl.serve.boards.lx16a_servos import Lx16aServo
 from hexctl.types import FloatArray
 from tests.backends.bus.boards import a_map, bus_board, stance_counts
+from tests.backends.bus.late_servo import LateServo
 
 MAP = a_map("lx16a", "lx16a")
 EVERY = np.ones(18, dtype=bool)
@@ -204,3 +206,21 @@ def test_a_servo_that_unloads_is_limp_and_gets_no_goals() -> None:
         bus.write_goals(stance_counts(MAP) + 20)
         assert _reaches(bus, goals)
         assert _servo(board, 7)._goal == stance_counts(MAP)[7]
+
+
+def test_servos_that_begin_to_answer_late_are_heard_again() -> None:
+    """The bus had learned to wait for a few ms only, and dropped what came later for good."""
+    servo = LateServo(lx.LX16A, lambda command, _: (command, bytes(lx.ANSWER_BYTES[command])))
+    bus = Lx16aBus(SerialLine(servo.path, 115_200), MAP, BusCounters())
+    try:
+        for _ in range(80):
+            assert bus.answers(7, MAP.models[0])
+        servo.delays_s = [0.02] * 16
+        heard = []
+        for _ in range(16):
+            heard += [bus._ask_id(7, lx.READ_POSITION)]
+            time.sleep(0.05)  # what comes late comes between two questions
+        assert b"\0\0" in heard[:8]
+    finally:
+        bus.close()
+        servo.close()
