@@ -1,6 +1,7 @@
 """The best gaits that are known for a walk, by a prior or by a session: `hexctl run --gait best`."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -29,8 +30,9 @@ class BestGait:
 
     Attributes:
         spec: of the walk, with the gait and its posture filled in, and the self-rotation of a session, and
-            under the hold `heading` its trim. The self-rotation with a gait by a prior stays as it was asked
-            for, since `auto` depends on the robot that connects. Of a gait to change to, the slots.
+            under the hold `heading` its trim, without a hold its turn. The self-rotation with a gait by a
+            prior stays as it was asked for, since `auto` depends on the robot that connects. Of a gait to
+            change to, the slots.
         source: gaits and where they are from, for people.
     """
 
@@ -70,15 +72,15 @@ def best_gait(spec: RunSpec, folder: Path | str = RUNS) -> BestGait:
 
 
 def _best_to_change_to(spec: RunSpec, text: str, name: str, folder: Path | str) -> BestGait:
-    """The best gait for a change of a walk, which does not bring the trim of a session with it."""
+    """The best gait for a change of a walk, which brings no trim and no turn of a session with it."""
     try:
-        return _best_of(replace(spec, gait=name, trim_rad=spec.trim_rad or 0.0), folder)
+        return _best_of(replace(spec, gait=name), folder, trimmed=False)
     except InputError as error:
         raise InputError(f"{argument('then')}: got {text!r} ({error})") from error
 
 
-def _best_of(spec: RunSpec, folder: Path | str) -> BestGait:
-    """The best gait for a walk whose gait is `best` or `best:SESSION`."""
+def _best_of(spec: RunSpec, folder: Path | str, *, trimmed: bool = True) -> BestGait:
+    """The best gait for a walk whose gait is `best` or `best:SESSION`, `trimmed` as the session learned."""
     session = str(spec.gait).partition(":")[2].strip()
     if spec.failure is None:
         raise InputError(
@@ -92,7 +94,9 @@ def _best_of(spec: RunSpec, folder: Path | str) -> BestGait:
         )
     robot = as_robot(spec.robot)
     if session:
-        return _of_session(spec, robot, spec.failure, load_session(session, folder))
+        known = load_session(session, folder)
+        found, slots = _of_session(spec, robot, spec.failure, known)
+        return _with_trim(found, slots, known) if trimmed else found
     return _of_prior(spec, robot, spec.failure, Path(folder))
 
 
@@ -127,8 +131,10 @@ def _of_prior(spec: RunSpec, robot: Robot, failure: Failure, folder: Path) -> Be
     return BestGait(spec=walk, source=f"gait {code}, the best by the prior {found.path.name}")
 
 
-def _of_session(spec: RunSpec, robot: Robot, failure: Failure, session: Session) -> BestGait:
-    """The gait of a session's best walk, in its posture."""
+def _of_session(
+    spec: RunSpec, robot: Robot, failure: Failure, session: Session
+) -> tuple[BestGait, Sequence[int]]:
+    """The gait of a session's best walk, in its posture, and its slots."""
     own, best, what = session.spec, session.best_walk, f"{argument('gait')}: got best:{session.name}"
     if own.robot_fingerprint != robot.fingerprint:
         raise InputError(f"{what}, a session of {own.robot}; allowed: of {robot.name} as it is described now")
@@ -148,12 +154,21 @@ def _of_session(spec: RunSpec, robot: Robot, failure: Failure, session: Session)
         source = f"gait {best.gait}, than which no trial of the session {session.name} is better"
     else:
         source = f"gait {best.code}, trial {best.index} of the session {session.name}"
-    walk = _walk_with(spec, gait, body_raise, rotation)
-    trim_rad = session.trim_rad(best.slots) if spec.hold == "heading" and spec.trim_rad is None else None
-    if trim_rad is not None:
-        walk = replace(walk, trim_rad=trim_rad)
-        source += f", with its trim of {math.degrees(trim_rad):.2f} degrees"
-    return BestGait(spec=walk, source=source)
+    return BestGait(spec=_walk_with(spec, gait, body_raise, rotation), source=source), best.slots
+
+
+def _with_trim(found: BestGait, slots: Sequence[int], session: Session) -> BestGait:
+    """A walk with what a session learned for its gait: under the hold `heading` a trim, else a turn."""
+    spec = found.spec
+    trim_rad, turn_rad_s = session.trim_rad(slots), session.turn_trim_rad_s(slots)
+    if spec.hold == "heading" and spec.trim_rad is None and trim_rad is not None:
+        text = f"{found.source}, with its trim of {math.degrees(trim_rad):.2f} degrees"
+        return BestGait(spec=replace(spec, trim_rad=trim_rad), source=text)
+    if spec.hold == "none" and spec.turn_rate_rad_s is None and turn_rad_s is not None:
+        text = f"{found.source}, with its turn of {math.degrees(turn_rad_s):.3f} degrees/s"
+        turned = replace(spec, turn_rate_rad_s=turn_rad_s, heading_rad=spec.heading_rad or 0.0)
+        return BestGait(spec=turned, source=text)
+    return found
 
 
 def _walk_with(spec: RunSpec, gait: str | Slots, body_raise: float, rotation: str) -> RunSpec:

@@ -174,6 +174,36 @@ def test_by_a_session_that_learned_a_trim_it_walks_with_the_trim(tmp_path: Path)
     assert best_gait(replace(asked, hold="line"), tmp_path).spec.trim_rad is None
 
 
+def test_by_a_session_that_learned_a_turn_it_walks_in_open_loop_with_the_turn(tmp_path: Path) -> None:
+    session = adapt(
+        2,
+        budget=2,
+        duration_s=4.0,
+        hold="none",
+        optimizer="trim",
+        target_m=1e-9,
+        baseline=False,
+        record=False,
+        folder=tmp_path,
+    ).session
+    assert session.best is not None
+    turn_rad_s = session.turn_trim_rad_s(session.best.slots)
+    assert turn_rad_s
+    asked = spec(gait=f"best:{session.name}", failure=Failure(leg=2), hold="none")
+    found = best_gait(asked, tmp_path)
+    assert Run(found.spec).plan.turn_rate_rad_s == turn_rad_s
+    assert Run(found.spec).plan.travel == 1.0
+    rate = f"{np.degrees(turn_rad_s):.3f}"
+    assert found.source.endswith(f"with its turn of {rate} degrees/s")
+    assert f"--hold none --heading 0 --turn {rate}" in closing_lines(session, "budget")
+    assert best_gait(replace(asked, hold="line"), tmp_path).spec.turn_rate_rad_s is None
+    given = best_gait(replace(asked, turn_rate_rad_s=0.01, heading_rad=0.1), tmp_path).spec
+    assert (given.turn_rate_rad_s, given.heading_rad) == (0.01, 0.1)
+    later = best_gait(replace(asked, gait="wave", then=(f"{asked.gait}@2",)), tmp_path)
+    assert later.spec.turn_rate_rad_s is None
+    assert "its turn" not in later.source
+
+
 def test_a_session_that_searched_a_trim_and_knows_none_names_no_gait(tmp_path: Path) -> None:
     name = stored_session(tmp_path, 0.03, "trim", tripod=0.01)
     assert "walk on with" not in closing_lines(load_session(name, tmp_path), "budget")
