@@ -52,6 +52,9 @@ $(RUNNABLE): pyproject.toml constraints.txt
 	$(call install,demo)
 	touch $@
 
+# Two of them at a time would spoil one another.
+.NOTPARALLEL:
+
 $(INSTALLED): pyproject.toml constraints.txt
 	$(call install,all$(COMMA)dev)
 	touch $(RUNNABLE) $@
@@ -69,9 +72,10 @@ check: lint
 	$(BIN)/python -m tests.changed
 
 # Tests of a lane, by its marks ($2), in so many workers ($1). One that failed beside others runs once more with
-# nothing beside it: then it is the test, and not the machine.
-lane = $(BIN)/pytest -n $1 -m "$2 and not soak" || \
-	$(BIN)/pytest --last-failed --last-failed-no-failures none -m "$2 and not soak"
+# nothing beside it: then it is the test, and not the machine. Where pytest itself fails, nothing is repeated.
+lane = $(BIN)/pytest -n $1 -m "$2 and not soak"; code=$$?; [ $$code -ne 1 ] || { \
+	echo "once more, alone: a test that fails only beside others is a finding too"; \
+	$(BIN)/pytest --last-failed --last-failed-no-failures none -m "$2 and not soak"; code=$$?; }; exit $$code
 
 # The tests are compiled beside mypy, once: each worker would do it for itself.
 test: $(INSTALLED)

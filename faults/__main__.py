@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.table:
         from faults.table import page_part
 
-        print(page_part(results.read()))
+        print(page_part(results.read(), results.not_measured()))
         return 0
     if options.figure is not None:
         from faults.figure import draw

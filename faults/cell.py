@@ -30,6 +30,9 @@ BEFORE_S = 0.5
 #: How long a trial takes at most that goes on after the robot was placed.
 TRIAL_S = 6.0
 
+#: What is said of a search that neither goes on nor ends.
+NO_NEXT_TRIAL = "the next trial did not come"
+
 
 def inject(rig: Rig, fault: Fault, phase: str, repetition: int) -> Outcome:
     """Outcome of a fault in a phase.
@@ -60,7 +63,7 @@ def _measured(
     began_s = float(truth.fault_at_s[-1]) if truth.fault_at_s.size else at_s
     speeds_rad_s = load_robot_file(rig.robot_file).robot.joint_max_speed_rad_s
     step, pace = largest_steps(truth, began_s, speeds_rad_s, told_every=rig.backend.told_every)
-    trials, lost = _trials(rig, fault) if PHASES[phase].motion is None else (None, None)
+    trials, lost, came = _trials(rig, fault) if PHASES[phase].motion is None else (None, None, True)
     server = "" if rig.server is None else rig.server.said(heard[rig.server])
     controller = "" if rig.controller is None else rig.controller.said(heard[rig.controller])
     ended = re.search(r"^ended: (.*)$", controller, re.MULTILINE)
@@ -75,7 +78,7 @@ def _measured(
         pace=round(pace, 3),
         fell=fell_after(truth, began_s),
         stops=tuple(re.findall(r"STOPPED: (.*)", server)),
-        ended=ended[1][:200] if ended else _gone(rig, fault),
+        ended=ended[1][:200] if ended else _gone(rig, fault) or ("" if came else NO_NEXT_TRIAL),
         trials=trials,
         lost=lost,
         goes_on=goes_on(truth),
@@ -92,14 +95,15 @@ def _gone(rig: Rig, fault: Fault) -> str:
     return ", ".join(f"{name} ended" for name in gone if name not in over)
 
 
-def _trials(rig: Rig, fault: Fault) -> tuple[int, int]:
-    """Trials that were said to be stored, and how many of them the store lacks.
+def _trials(rig: Rig, fault: Fault) -> tuple[int, int, bool]:
+    """Trials that were said to be stored, how many of them the store lacks, and whether the next one came.
 
-    Where nothing fails the next one is waited for.
+    It is waited for where it is safe to go on.
     """
     program = rig.controller
     assert program is not None
-    if FAULTS[fault.name].safe == "goes on":
+    awaited = FAULTS[fault.name].safe == "goes on"
+    if awaited:
         until_s = time.monotonic() + TRIAL_S
         while program.alive and "stored 2" not in program.said() and time.monotonic() < until_s:
             if "ended" in program.said():
@@ -109,7 +113,7 @@ def _trials(rig: Rig, fault: Fault) -> tuple[int, int]:
     with SessionStore(rig.store) as store:
         (name,) = store.names()
         stored = len(store.load(name).trials)
-    return said, max(0, said - stored)
+    return said, max(0, said - stored), not awaited or said > 1
 
 
 def _rounded(value_s: float | None) -> float | None:

@@ -15,9 +15,9 @@ class Fault:
         name: as `--only` takes it.
         words: what happens.
         safe: reaction that is safe while the robot moves.
-        lasts_s: how long it lasts; the robot is watched for so much longer.
+        lasts_s: how long it lasts; the robot is watched for that much longer.
         relayed: whether it happens on a link, which then passes a relay.
-        breaks: what has to be made anew afterwards: the `controller`, the whole `rig`, or `nothing`.
+        breaks: what has to be replaced afterwards: the `controller`, the whole `rig`, or `nothing`.
         records: whether the drive is recorded meanwhile.
         detected: whether the robot has to find out about it first, which counts as time to rest.
         topples: whether it makes the body fall by itself.
@@ -69,7 +69,7 @@ FAULTS = {
             relayed=True,
             breaks="rig",
         ),
-        Fault(name="clock-jump", words="the wall's clock jumps by a day", safe="goes on", breaks="rig"),
+        Fault(name="clock-jump", words="the clock of the day jumps by a day", safe="goes on", breaks="rig"),
         Fault(name="mute-servo", words="a servo is dead", safe="either", breaks="rig", detected=True),
         Fault(
             name="garbled",
@@ -98,7 +98,7 @@ FAULTS = {
         Fault(name="full-disk", words="the disk is full", safe="goes on", records=True, breaks="rig"),
         Fault(name="viewer-killed", words="a viewer is killed", safe="goes on"),
         Fault(name="viewer-frozen", words="a viewer is frozen", safe="goes on", lasts_s=1.0),
-        Fault(name="flood", words="2000 foreign commands a second", safe="goes on", lasts_s=1.0),
+        Fault(name="flood", words="up to 2000 foreign commands a second", safe="goes on", lasts_s=1.0),
     )
 }
 

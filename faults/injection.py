@@ -36,21 +36,21 @@ class Injection:
 
     def __init__(self, rig: Rig, fault: Fault) -> None:
         self._rig, self._fault = rig, fault
-        self._guest: Program | None = None
+        self._bystander: Program | None = None
 
     def prepare(self) -> None:
         """Start what it needs besides, before the robot moves."""
         name, rig = self._fault.name, self._rig
         if name.startswith("viewer"):
-            self._guest = Program(rig.folder, "viewer", "faults.programs.viewer", rig.endpoint)
-            self._guest.wait_for("looking")
+            self._bystander = Program(rig.folder, "viewer", "faults.programs.viewer", rig.endpoint)
+            self._bystander.wait_for("looking")
         elif name == "flood":
             place = rig.endpoint
             if rig.backend.name == "mavlink":
                 place = f"udp/127.0.0.1:{rig.device.rpartition(':')[2]}"
             words = ("faults.programs.flood", place, str(rig.robot_file))
-            self._guest = Program(rig.folder, "flood", *words)
-            self._guest.wait_for("ready")
+            self._bystander = Program(rig.folder, "flood", *words)
+            self._bystander.wait_for("ready")
 
     def begin(self) -> float:
         """Let it happen, and be over where it is one that passes; when it began, on time.monotonic.
@@ -67,8 +67,8 @@ class Injection:
 
     def end(self) -> None:
         """Undo what is not over, where it can be undone."""
-        if self._guest is not None:
-            self._guest.end()
+        if self._bystander is not None:
+            self._bystander.end()
         if self._rig.relay is not None:
             self._rig.relay.tell("clear")
         elif self._fault.name.startswith("loss") and self._rig.backend.boarded:
@@ -195,12 +195,14 @@ class Injection:
         return time.monotonic()
 
     def _lose_viewer(self) -> float:
-        assert self._guest is not None
-        return self._guest.signal(signal.SIGKILL if self._fault.name == "viewer-killed" else signal.SIGSTOP)
+        assert self._bystander is not None
+        return self._bystander.signal(
+            signal.SIGKILL if self._fault.name == "viewer-killed" else signal.SIGSTOP
+        )
 
     def _flood(self) -> float:
-        assert self._guest is not None
-        self._guest.tell("now")
+        assert self._bystander is not None
+        self._bystander.tell("now")
         return time.monotonic()
 
 

@@ -1,13 +1,14 @@
 """The matrix: its cells, several rigs at a time, until all repetitions are done."""
 
 import shutil
+import subprocess
 import tempfile
 import threading
 import traceback
 from collections import deque
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from faults.backend import BACKENDS
@@ -15,7 +16,7 @@ from faults.cell import inject
 from faults.fault import FAULTS
 from faults.injection import TooLateError
 from faults.measurement import Outcome
-from faults.process import LostError
+from faults.process import ROOT, LostError
 from faults.results import Results, done
 from faults.rig import Rig
 from faults.sense import cells
@@ -23,8 +24,23 @@ from faults.sense import cells
 #: How often an injection is tried for which the rig or the machine fails.
 TRIES = 4
 
-#: A rig is made anew after so many injections: the file of its truth has an end.
+#: A new rig is made after this many injections: the file of its truth has an end.
 MOST_INJECTIONS = 60
+
+
+def commit() -> str:
+    """Commit of this code, with `+` where it was changed since; empty outside of a repository."""
+    git = ("git", "-C", str(ROOT))
+    try:
+        named = subprocess.run(
+            [*git, "rev-parse", "--short=8", "HEAD"], capture_output=True, text=True, check=True
+        )
+        changed = subprocess.run(
+            [*git, "diff", "--quiet", "HEAD", "--", "hexctl", "faults/*.py"], check=False
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+    return named.stdout.strip() + ("+" if changed.returncode else "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +95,7 @@ class Matrix:
 
     def __init__(self, results: Results, say: Callable[[Outcome | str], None]) -> None:
         self._results, self._say, self.broken = results, say, 0
+        self._commit = commit()
         self._jobs: deque[Job] = deque()
         self._over = threading.Event()
 
@@ -134,7 +151,9 @@ class Matrix:
                 holder.drop()
                 if self._over.is_set():
                     return
+                self._results.add_not_measured(job.fault, job.backend, phase, trouble)
                 continue
+            outcome = replace(outcome, commit=self._commit)
             self._results.add(outcome)
             self._say(outcome)
             self._clean(holder, outcome)
@@ -148,7 +167,9 @@ class Matrix:
         if fault.breaks == "rig" or latched or outcome.fell:
             holder.drop()
             return
-        rig = holder.rig()
+        rig = holder.current
+        if rig is None:
+            return
         if fault.breaks == "controller" or outcome.ended:
             rig.drop_controller()
             return
@@ -159,22 +180,26 @@ class Matrix:
 
 
 class _RigHolder:
-    """The rig of a job, made when it is needed and as often as it is."""
+    """The rig of a job, made when it is needed and as often as it is.
+
+    Attributes:
+        current: the rig that runs, None without one.
+    """
 
     def __init__(self, job: Job, folder: Path) -> None:
         self._job, self._folder = job, folder
         self._stack, self._count, self._made = ExitStack(), 0, 0
-        self._rig: Rig | None = None
+        self.current: Rig | None = None
 
     def rig(self) -> Rig:
-        """The rig, running."""
+        """The rig for an injection, running."""
         self._count += 1
-        if self._rig is not None and self._count > MOST_INJECTIONS:
+        if self._count > MOST_INJECTIONS:
             self.drop()
-        if self._rig is None:
-            self._count, self._made = 0, self._made + 1
+        if self.current is None:
+            self._count, self._made = 1, self._made + 1
             (folder := self._folder / str(self._made)).mkdir()
-            self._rig = self._stack.enter_context(
+            self.current = self._stack.enter_context(
                 Rig(
                     BACKENDS[self._job.backend],
                     folder,
@@ -182,9 +207,9 @@ class _RigHolder:
                     seed=self._made,
                 )
             )
-        return self._rig
+        return self.current
 
     def drop(self) -> None:
         """End the rig."""
-        self._rig = None
+        self.current = None
         self._stack.close()

@@ -23,7 +23,7 @@ LAST_S, GOES_ON_RAD = 0.3, 0.05
 #: What the machine may add to the period of a twin: beyond, times are the machine's.
 PUNCTUAL_S = 0.02
 
-#: A step is too large beyond a tick's slew limit and rounding of the servos' counts.
+#: A step is too large beyond what a joint may turn and rounding of the servos' counts.
 ROUNDING = 1.05
 
 #: Longest time in which a joint goes on with a command, and by how much a message may come early.
@@ -41,7 +41,7 @@ class Outcome:
         fault: name.
         backend: name.
         phase: name.
-        repetition: from 0; with the names it is the seed.
+        repetition: from 0; with the names it is the seed of the moment at which the fault begins.
         rest_s: from the fault until it is at rest; None for a robot that still moves at the end.
         told_s: from the fault to the last change of what the servos were told.
         step: largest change that a servo was told at once, in slew limits of a control period.
@@ -54,6 +54,7 @@ class Outcome:
         lost: of these, missing in the store.
         goes_on: whether a joint moved at the end.
         late_s: by how much the twin was late at most, which is the machine's doing.
+        commit: of the code that was measured, empty where it is not known.
     """
 
     fault: str
@@ -71,6 +72,7 @@ class Outcome:
     lost: int | None = None
     goes_on: bool = False
     late_s: float = 0.0
+    commit: str = ""
 
     @property
     def key(self) -> tuple[str, str, str, int]:
@@ -134,8 +136,8 @@ class Outcome:
 def rest_after_s(truth: Truth, at_s: float) -> float | None:
     """How long after a moment a robot was at rest; None for one that moves to the end.
 
-    It is from when on no joint turns by more than `STILL_RAD` in `STILL_S`: feet under load that creep over
-    the floor of a simulation for seconds, at less than 0.1 rad/s in the joints, are at rest.
+    It is from when on no joint turns by more than `STILL_RAD` in any `STILL_S`: feet under load that creep
+    over the floor of a simulation for seconds, at less than 0.1 rad/s in the joints, are at rest.
     """
     rows = truth.at_s >= at_s
     times_s, joints_rad = truth.at_s[rows] - at_s, truth.joints_rad[rows]
@@ -144,7 +146,8 @@ def rest_after_s(truth: Truth, at_s: float) -> float | None:
     moves = np.ptp(sliding_window_view(joints_rad, STILL_ROWS + 1, axis=0), axis=-1).max(axis=1) > STILL_RAD
     if moves[-1]:
         return None
-    return float(times_s[: moves.size][moves].max(initial=0.0))
+    last = np.flatnonzero(moves)
+    return float(times_s[last[-1] + 1]) if last.size else 0.0
 
 
 def told_after_s(truth: Truth, at_s: float) -> float:
@@ -159,20 +162,30 @@ def largest_steps(
 ) -> tuple[float, float]:
     """Largest step that a servo was told since a moment, and pace of it.
 
-    The step is in slew limits of a control period, the pace in those of the time since the servo was told
-    something else, up to `SILENCE_S`; of `told_every` control periods at the least.
+    The step is in slew limits of a control period, the pace in those of the time since the servos were told
+    something else, up to `SILENCE_S`, plus `JITTER_S`; of `told_every` control periods at the least. A servo
+    that had no torque is told a step from where its joint is.
     """
     rows = np.flatnonzero(truth.told_at_s >= at_s)
     if not rows.size:
         return 0.0, 0.0
     first = max(0, rows[0] - 1)
     told, times_s = truth.told_rad[first:], truth.told_at_s[first:]
-    steps = np.abs(np.diff(told, axis=0)) / (max_speed_rad_s * PERIOD_S)
-    if not steps.size:
+    if len(told) < 2:
         return 0.0, 0.0
+    before = np.where(np.isnan(told[:-1]), _joints_rad(truth, times_s[1:]), told[:-1])
+    steps = np.abs(told[1:] - before) / (max_speed_rad_s * PERIOD_S)
     passed_s = np.minimum(np.diff(times_s) + JITTER_S, SILENCE_S)
     periods = np.maximum(told_every, passed_s / PERIOD_S)[:, np.newaxis]
     return float(np.nanmax(steps, initial=0.0)), float(np.nanmax(steps / periods, initial=0.0))
+
+
+def _joints_rad(truth: Truth, times_s: FloatArray) -> FloatArray:
+    """Where the joints were at times, (n, 18); NaN before the first control period."""
+    rows = np.searchsorted(truth.at_s, times_s, side="right") - 1
+    if not truth.at_s.size:
+        return np.full((times_s.size, truth.joints_rad.shape[1]), np.nan)
+    return np.where((rows >= 0)[:, np.newaxis], truth.joints_rad[np.maximum(rows, 0)], np.nan)
 
 
 def fell_after(truth: Truth, at_s: float) -> bool:

@@ -91,15 +91,17 @@ class Program:
         if self.alive and self._input is not None:
             os.write(self._input, f"{line}\n".encode())
 
-    def wait_for(self, text: str, since: int = 0, *, but: str | None = None) -> str:
-        """Wait until it has printed a text; everything it has printed then.
+    def wait_for(
+        self, text: str, since: int = 0, *, or_text: str | None = None, but: str | None = None
+    ) -> str:
+        """Wait until it has printed a text, or another one; everything it has printed then.
 
         Raises LostError where it ends before, says `but` instead, or takes too long.
         """
 
         def there() -> str | None:
             said = self.said(since)
-            if text in said:
+            if text in said or (or_text is not None and or_text in said):
                 return said
             if not self.alive or (but is not None and but in said):
                 raise LostError(f"{self.name}: {_last_line(said) or 'ended'}")

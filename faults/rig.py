@@ -89,7 +89,7 @@ class Rig:
         if said and said[-1].startswith("ended"):
             return
         self.controller.tell("end")
-        self.controller.wait_for("d", since)  # done or ended
+        self.controller.wait_for("done", since, or_text="ended")
 
     def drop_controller(self) -> None:
         """End the controller as it is."""

@@ -25,7 +25,7 @@ _OF_LINKS = (
 )
 
 ONE_PROCESS = "controller and simulation are one process, without a link"
-ANEW = "each trial makes a simulation of its own"
+OWN_SIMULATION = "each trial makes a simulation of its own"
 SERVED_TWIN = "the simulation is a part of the server, and ends or stands still with it"
 WIRE = "a wire delivers in order and at once"
 CHECKED = "TCP delivers no garbled bytes"
@@ -40,7 +40,7 @@ def why_not(fault: Fault, backend: Backend, phase: str) -> str | None:
     name = fault.name
     if backend.name == "sim":
         if phase == "between trials":
-            return ANEW
+            return OWN_SIMULATION
         if name in _OF_LINKS:
             return ONE_PROCESS
     if name in ("server-killed", "server-frozen") and backend.name == "zenoh":

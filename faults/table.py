@@ -1,8 +1,9 @@
 """The tables of the documentation: what became of robots, by fault, and what was not run and why."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
+from scipy.stats import beta
 
 from faults.fault import FAULTS, NONE
 from faults.measurement import MOST_REST_S, REST_S, SHARE, Outcome
@@ -13,6 +14,12 @@ from hexctl.types import FloatArray
 #: Phases in which a joint moves when the fault comes, so that the time to rest tells something.
 MOVING = ("turning", "walking", "stopping", "sitting")
 
+#: Verdicts on bars.
+HOLDS, FAILS, UNMEASURED = "holds", "**does not hold**", "not measured"
+
+#: Confidence of bounds.
+CONFIDENCE = 0.95
+
 HEADING = (
     "| fault | safe | injections | at rest, s: median, 99.9 %, greatest | within 0.25 s "
     "| largest step, pace | falls | trials lost | stops that were not needed |",
@@ -20,17 +27,23 @@ HEADING = (
 )
 
 
-def page_part(outcomes: Iterable[Outcome]) -> str:
-    """Tables in Markdown."""
+def page_part(outcomes: Iterable[Outcome], not_measured: Sequence[str] = ()) -> str:
+    """Tables in Markdown.
+
+    Args:
+        outcomes: of all injections.
+        not_measured: why tries ended before their fault.
+    """
     given = list(outcomes)
     every = [one for one in given if one.punctual]
     rows = [_row(name, [one for one in every if one.fault == name]) for name in FAULTS]
     late = len(given) - len(every)
     measured = {(one.fault, one.backend, one.phase) for one in every}
-    held = [f"{bar}: {'holds' if holds else '**does not hold**'}" for bar, holds in bars(every).items()]
     lines = [
         f"{len(every)} injections, {len(measured)} of {len(cells())} cells; {late} more in which the machine "
-        "kept the twin waiting for more than 0.02 s are not counted. " + "; ".join(held) + ".",
+        "kept the twin waiting for more than 0.02 s are not counted." + _ended_before(not_measured),
+        "",
+        *(f"- {bar}: {verdict}" for bar, verdict in bars(every).items()),
         "",
         *HEADING,
         *(row for row in rows if row),
@@ -40,6 +53,17 @@ def page_part(outcomes: Iterable[Outcome]) -> str:
         *(f"| {'; '.join(what)} | {why} |" for why, what in left_out().items()),
     ]
     return "\n".join(lines)
+
+
+def _ended_before(reasons: Sequence[str]) -> str:
+    """Sentence on tries that ended before their fault."""
+    if not reasons:
+        return ""
+    busy = sum(reason.startswith("TooLateError") for reason in reasons)
+    return (
+        f" {len(reasons)} tries ended before their fault, {busy} of them as the machine was too busy for it, "
+        "and were repeated."
+    )
 
 
 def rests_s(outcomes: Iterable[Outcome]) -> FloatArray:
@@ -85,20 +109,38 @@ def _seconds(value_s: float) -> str:
     return f"{value_s:.2f}" if np.isfinite(value_s) else "not at rest"
 
 
-def bars(outcomes: Iterable[Outcome]) -> dict[str, bool]:
-    """The bars of the matrix, and whether each holds."""
+def bars(outcomes: Iterable[Outcome]) -> dict[str, str]:
+    """The bars of the matrix, and a verdict on each: `HOLDS`, `FAILS`, `UNMEASURED`, or how sure it is.
+
+    Times to rest count for faults that have to end the motion and need not be noticed first.
+    """
     every = [one for one in outcomes if one.punctual]
-    rest = np.array(
-        [np.inf if one.rest_s is None else one.rest_s for one in every if one.timed and one.phase in MOVING]
-    )
+    rest = rests_s(one for one in every if one.timed)
+    wild = [one for one in every if one.fault == "wild-reading"]
     null = [one for one in every if one.fault == NONE]
+    stopped = [one for one in null if one.stopped or (PHASES[one.phase].moves and not one.goes_on)]
     return {
-        f"at rest within {REST_S} s in 99.9 %": bool((rest <= REST_S).mean() >= SHARE) if rest.size else True,
-        f"at rest within {MOST_REST_S} s at most": bool((rest <= MOST_REST_S).all()),
-        "no step larger than a tick's slew": not any(one.jumped for one in every),
-        "no trial lost": not any(one.lost for one in every),
-        "no stop for one wild reading": not any(one.unneeded for one in every if one.fault == "wild-reading"),
-        "without a fault no stop": not any(
-            one.stopped or (PHASES[one.phase].moves and not one.goes_on) for one in null
+        f"at rest within {REST_S} s in 99.9 %": _share_verdict(int(np.sum(rest <= REST_S)), rest.size),
+        f"at rest within {MOST_REST_S} s at most": _verdict(rest.size, np.sum(rest > MOST_REST_S)),
+        "no target farther than a joint may have turned since the one before": _verdict(
+            len(every), sum(one.jumped for one in every)
         ),
+        "no trial lost": _verdict(
+            sum(one.trials is not None for one in every), sum(bool(one.lost) for one in every)
+        ),
+        "no stop for one wild reading": _verdict(len(wild), sum(one.unneeded for one in wild)),
+        "without a fault no stop": _verdict(len(null), len(stopped)),
     }
+
+
+def _verdict(count: int, failed: int) -> str:
+    return UNMEASURED if not count else FAILS if failed else HOLDS
+
+
+def _share_verdict(held: int, count: int) -> str:
+    """Verdict on a share by its lower confidence bound (Clopper and Pearson, one-sided)."""
+    if not count:
+        return UNMEASURED
+    sure = float(beta.ppf(1 - CONFIDENCE, held, count - held + 1)) if held else 0.0
+    verdict = HOLDS if sure >= SHARE else FAILS if held / count < SHARE else "not shown yet"
+    return f"{verdict} ({held} of {count}, so in more than {100 * sure:.2f} % with 95 % confidence)"

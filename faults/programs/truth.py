@@ -30,7 +30,7 @@ class TruthWriter:
     """The twin's end of a file.
 
     Args:
-        path: of the file, which is made anew.
+        path: of the file, which is made or overwritten.
     """
 
     def __init__(self, path: Path) -> None:
@@ -80,9 +80,14 @@ class Truth(ArrayFields):
 
     @classmethod
     def read(cls, path: Path, from_s: float = -np.inf) -> Self:
-        """What a twin has written so far since a moment; the twin may still be running."""
+        """What a twin has written so far since a moment; the twin may still be running.
+
+        Raises ValueError for a file that is full: what came after is not in it.
+        """
         with path.open("rb") as file, mmap.mmap(file.fileno(), _SIZE, access=mmap.ACCESS_READ) as mapped:
             (count,) = _COUNT.unpack_from(mapped, 0)
+            if count >= CAPACITY:
+                raise ValueError(f"{path} is full")
             # A copy: the map closes.
             rows: Any = np.frombuffer(mapped, "<f8", 21 * count, _COUNT.size).reshape(-1, 21).copy()
         return cls.of_rows(rows[rows[:, 0] >= from_s])

@@ -38,12 +38,12 @@ JUMP_S = 86_400.0
 
 #: Words, and their numbers.
 FAULTS = {
-    "wild": "JOINT RAD: one reading of a joint is off by so much",
+    "wild": "JOINT RAD: one reading of a joint is off by that",
     "frozen": "JOINT: its encoder tells the same angle from now on",
-    "hot": "JOINT DEGREES_C: its servo is so hot",
+    "hot": "JOINT DEGREES_C: its servo has that temperature",
     "limp": "LEG JOINT: a joint neither follows nor holds",
     "fall": "the body is tipped over",
-    "jump": "the wall's clock of this process jumps by a day",
+    "jump": "`time.time` of this process jumps by a day",
 }
 
 
@@ -76,11 +76,11 @@ class TwinServos(SimServos):
         self.truth = TruthWriter(place / TRUTH)
         self.others: Callable[[str], None] = lambda _: None
         self._tells = told
-        self._ears = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._words = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         with suppress(FileNotFoundError):
             (place / SOCKET).unlink()
-        self._ears.bind(str(place / SOCKET))
-        self._ears.setblocking(False)
+        self._words.bind(str(place / SOCKET))
+        self._words.setblocking(False)
         self._off_rad = np.zeros(N_JOINTS)
         self._wild_ticks = 0
         self._frozen_rad: dict[int, float] = {}
@@ -109,12 +109,12 @@ class TwinServos(SimServos):
         self._wild_ticks = max(0, self._wild_ticks - 1)
         with suppress(BlockingIOError):
             while True:
-                self._suffer(self._ears.recv(256).decode())
+                self._begin_fault(self._words.recv(256).decode())
         data = self.simulation.physics.data.ptr
         _, x, y, _ = data.qpos[3:7].tolist()
         self.truth.add(STATE, data.qpos[7 : 7 + N_JOINTS], float(cos_tilt(x, y)))
 
-    def _suffer(self, word: str) -> None:
+    def _begin_fault(self, word: str) -> None:
         kind, *numbers = word.split()
         if kind == "wild":
             self._off_rad = np.zeros(N_JOINTS)
@@ -165,5 +165,5 @@ def jump_clock() -> None:
 
 def tell_twin(folder: Path, word: str) -> None:
     """Tell the twin of a rig to fail."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as mouth:
-        mouth.sendto(word.encode(), str(folder / SOCKET))
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
+        sender.sendto(word.encode(), str(folder / SOCKET))

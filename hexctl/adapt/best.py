@@ -158,7 +158,10 @@ def _of_session(
 
 
 def _with_trim(found: BestGait, slots: Sequence[int], session: Session) -> BestGait:
-    """A walk with what a session learned for its gait: under the hold `heading` a trim, else a turn."""
+    """A walk with what a session learned for its gait: a trim under the hold `heading`, a turn under `none`.
+
+    A turn goes with a heading, which is that of the session unless the walk has one.
+    """
     spec = found.spec
     trim_rad, turn_rad_s = session.trim_rad(slots), session.turn_trim_rad_s(slots)
     if spec.hold == "heading" and spec.trim_rad is None and trim_rad is not None:
@@ -166,7 +169,8 @@ def _with_trim(found: BestGait, slots: Sequence[int], session: Session) -> BestG
         return BestGait(spec=replace(spec, trim_rad=trim_rad), source=text)
     if spec.hold == "none" and spec.turn_rate_rad_s is None and turn_rad_s is not None:
         text = f"{found.source}, with its turn of {math.degrees(turn_rad_s):.3f} degrees/s"
-        turned = replace(spec, turn_rate_rad_s=turn_rad_s, heading_rad=spec.heading_rad or 0.0)
+        heading_rad = math.radians(session.spec.heading_deg) if spec.heading_rad is None else spec.heading_rad
+        turned = replace(spec, turn_rate_rad_s=turn_rad_s, heading_rad=heading_rad)
         return BestGait(spec=turned, source=text)
     return found
 

@@ -180,6 +180,7 @@ def test_by_a_session_that_learned_a_turn_it_walks_in_open_loop_with_the_turn(tm
         budget=2,
         duration_s=4.0,
         hold="none",
+        heading_deg=90.0,
         optimizer="trim",
         target_m=1e-9,
         baseline=False,
@@ -192,10 +193,10 @@ def test_by_a_session_that_learned_a_turn_it_walks_in_open_loop_with_the_turn(tm
     asked = spec(gait=f"best:{session.name}", failure=Failure(leg=2), hold="none")
     found = best_gait(asked, tmp_path)
     assert Run(found.spec).plan.turn_rate_rad_s == turn_rad_s
-    assert Run(found.spec).plan.travel == 1.0
+    assert (found.spec.heading_rad, Run(found.spec).plan.travel) == (pytest.approx(np.pi / 2), 1.0)
     rate = f"{np.degrees(turn_rad_s):.3f}"
     assert found.source.endswith(f"with its turn of {rate} degrees/s")
-    assert f"--hold none --heading 0 --turn {rate}" in closing_lines(session, "budget")
+    assert f"--hold none --heading 90 --turn {rate}" in closing_lines(session, "budget")
     assert best_gait(replace(asked, hold="line"), tmp_path).spec.turn_rate_rad_s is None
     given = best_gait(replace(asked, turn_rate_rad_s=0.01, heading_rad=0.1), tmp_path).spec
     assert (given.turn_rate_rad_s, given.heading_rad) == (0.01, 0.1)

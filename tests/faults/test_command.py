@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from faults.__main__ import main
-from faults.measurement import Outcome
+from faults.measurement import MOST_REST_S, Outcome
 from faults.results import Results
 
 #: How often a cell is looked at again for which the machine had no time.
@@ -26,15 +26,15 @@ CELLS = (
 
 
 def measured(cell: str, folder: Path) -> Outcome:
-    """Outcome of a cell, and once more where the machine kept the robot waiting."""
+    """Outcome of a cell; it is measured again where the machine kept the robot waiting."""
     path = folder / "results.jsonl"
     for repetitions in range(1, ATTEMPTS + 1):
         assert main(["--only", cell, "--repetitions", str(repetitions), "--results", str(path)]) == 0
         outcomes = Results(path).read()
         assert len(outcomes) == repetitions, "not measured"
-        if outcomes[-1].punctual and not outcomes[-1].unneeded:
-            break
-    return outcomes[-1]
+        if outcomes[-1].punctual:
+            return outcomes[-1]
+    pytest.skip(f"the machine was too busy {ATTEMPTS} times")
 
 
 @pytest.mark.parametrize("cell", CELLS)
@@ -46,4 +46,5 @@ def test_a_fault_ends_the_motion_or_does_not_as_is_safe(cell: str, tmp_path: Pat
     assert not outcome.unneeded
     if outcome.timed and outcome.safe == "rests":
         assert outcome.rest_s is not None, "it still moves"
+        assert outcome.rest_s <= MOST_REST_S
     assert json.loads((tmp_path / "results.jsonl").read_text().splitlines()[-1])["phase"] == outcome.phase

@@ -1,5 +1,6 @@
 """Which cells are run, which are not and why, and how a run goes on."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -8,12 +9,12 @@ import pytest
 from faults.__main__ import main
 from faults.backend import BACKENDS
 from faults.fault import FAULTS
-from faults.matrix import Matrix, jobs
+from faults.matrix import Matrix, commit, jobs
 from faults.measurement import Outcome
 from faults.phase import PHASES
 from faults.results import Results
 from faults.sense import cells, left_out, why_not
-from faults.table import bars, page_part
+from faults.table import FAILS, HOLDS, UNMEASURED, bars, page_part
 
 
 def an_outcome(fault: str = "none", repetition: int = 0, **given: Any) -> Outcome:
@@ -84,10 +85,51 @@ def test_the_tables_say_what_was_found_and_what_was_not_run() -> None:
     assert "| one wild reading | goes on | 1 | - | - | 0.90, 0.00 | 0 | - | 1 of 1 |" in text
     assert "controller and simulation are one process, without a link" in text
     held = bars(outcomes)
-    assert not held["at rest within 0.25 s in 99.9 %"]
-    assert held["at rest within 0.5 s at most"]
-    assert not held["no stop for one wild reading"]
-    assert held["without a fault no stop"]
+    assert held["at rest within 0.25 s in 99.9 %"].startswith(f"{FAILS} (1 of 2,")
+    assert held["at rest within 0.5 s at most"] == HOLDS
+    assert held["no trial lost"] == UNMEASURED
+    assert held["no stop for one wild reading"] == FAILS
+    assert held["without a fault no stop"] == HOLDS
+
+
+def test_a_share_holds_only_with_as_many_injections_as_show_it() -> None:
+    good = an_outcome("controller-killed", rest_s=0.04, stops=("expired",), goes_on=False)
+    name = "at rest within 0.25 s in 99.9 %"
+    assert bars([])[name] == UNMEASURED
+    assert (
+        bars([good] * 100)[name] == "not shown yet (100 of 100, so in more than 97.05 % with 95 % confidence)"
+    )
+    assert bars([good] * 2994)[name].startswith("not shown yet (2994 of 2994")
+    assert bars([good] * 2996)[name].startswith(f"{HOLDS} (2996 of 2996")
+
+
+def test_tries_that_end_before_their_fault_are_counted(tmp_path: Path) -> None:
+    results = Results(tmp_path / "results.jsonl")
+    results.add_not_measured("flood", "sim", "walking", "LostError: server: ended")
+    results.add(an_outcome())
+    results.add_not_measured("flood", "sim", "walking", "TooLateError: frozen for 0.2 s")
+    assert results.read() == [an_outcome()]
+    text = page_part(results.read(), results.not_measured())
+    assert "2 tries ended before their fault, 1 of them as the machine was too busy for it" in text
+    assert "before their fault" not in page_part(results.read())
+
+
+def test_a_line_behind_one_that_was_cut_off_is_kept_and_one_of_another_version_is_named(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "results.jsonl"
+    path.write_text('{"fault": "none", "backe', encoding="utf-8")
+    results = Results(path)
+    results.add(an_outcome())
+    assert results.read() == [an_outcome()]
+    with path.open("a") as file:
+        file.write('{"flavour": 1}\n')
+    with pytest.raises(ValueError, match=r"results.jsonl, line 3: .*flavour"):
+        results.read()
+
+
+def test_outcomes_name_the_code_that_was_measured() -> None:
+    assert re.fullmatch(r"[0-9a-f]{8,}\+?|", commit())
 
 
 def test_unknown_cells_are_refused(tmp_path: Path) -> None:

@@ -36,13 +36,13 @@ def truth_of(angle_rad: FloatArray, *, cos_tilt: FloatArray | None = None) -> Tr
 
 def test_a_joint_rests_once_it_stays_where_it_is() -> None:
     moves = 2 * np.where(TIMES_S < 0.7, TIMES_S, 0.7)
-    assert rest_after_s(truth_of(moves), 0.5) == pytest.approx(0.18)
+    assert rest_after_s(truth_of(moves), 0.5) == pytest.approx(0.2)
     assert told_after_s(truth_of(moves), 0.5) == pytest.approx(0.2)
 
 
 def test_a_foot_that_creeps_under_load_is_at_rest_however_long_it_is_watched() -> None:
     moves = np.minimum(TIMES_S, 0.6) + 0.06 * np.maximum(TIMES_S - 0.6, 0.0)
-    assert rest_after_s(truth_of(moves), 0.5) == pytest.approx(0.08)
+    assert rest_after_s(truth_of(moves), 0.5) == pytest.approx(0.1)
     assert rest_after_s(truth_of(2 * moves), 0.5) is None
 
 
@@ -62,6 +62,28 @@ def test_steps_count_across_the_fault_in_limits_of_a_control_period() -> None:
     assert largest_steps(truth_of(angle_rad), 1.0, np.full(18, 2.0), told_every=2) == pytest.approx(
         (step, 1.25)
     )
+
+
+def test_a_servo_that_gets_its_torque_is_told_a_step_from_where_its_joint_is() -> None:
+    truth = truth_of(0 * TIMES_S)
+    told_rad = np.where(TIMES_S[:, np.newaxis] < 1.0, np.nan, np.full((1, 18), 0.1))
+    limp = Truth(truth.at_s, truth.joints_rad, truth.cos_tilt, truth.told_at_s, told_rad, truth.fault_at_s)
+    assert largest_steps(limp, 0.5, np.full(18, 2.0)) == pytest.approx((2.5, 2.0))
+    here = Truth(
+        truth.at_s, truth.joints_rad + 0.1, truth.cos_tilt, truth.told_at_s, told_rad, truth.fault_at_s
+    )
+    assert largest_steps(here, 0.5, np.full(18, 2.0)) == pytest.approx((0.0, 0.0))
+
+
+def test_a_truth_that_is_full_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("faults.programs.truth.CAPACITY", 2)
+    monkeypatch.setattr("faults.programs.truth._SIZE", 8 + 2 * 21 * 8)
+    writer = TruthWriter(tmp_path / "truth")
+    writer.add(STATE)
+    assert Truth.read(tmp_path / "truth").at_s.size == 1
+    writer.add(STATE)
+    with pytest.raises(ValueError, match="is full"):
+        Truth.read(tmp_path / "truth")
 
 
 def test_a_body_that_leans_for_as_long_as_a_fall_takes_has_fallen() -> None:
@@ -114,6 +136,7 @@ def test_an_outcome_is_the_same_from_its_line() -> None:
     for one in (
         outcome(),
         outcome(rest_s=0.1, fell=True, stops=("fell",), ended="EStopError", trials=2, lost=0, late_s=0.1),
+        outcome(commit="0123abcd"),
     ):
         assert Outcome.from_json(one.as_json()) == one
 
