@@ -1,5 +1,6 @@
 """The tables of the documentation: what became of robots, by fault, and what was not run and why."""
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -43,6 +44,8 @@ def page_part(outcomes: Iterable[Outcome], not_measured: Sequence[str] = ()) -> 
         f"{len(every)} injections, {len(measured)} of {len(cells())} cells; {late} more in which the machine "
         "kept the twin waiting for more than 0.02 s are not counted." + _ended_before(not_measured),
         "",
+        f"Commits that were measured: {_commits(every)}.",
+        "",
         *(f"- {bar}: {verdict}" for bar, verdict in bars(every).items()),
         "",
         *HEADING,
@@ -53,6 +56,12 @@ def page_part(outcomes: Iterable[Outcome], not_measured: Sequence[str] = ()) -> 
         *(f"| {'; '.join(what)} | {why} |" for why, what in left_out().items()),
     ]
     return "\n".join(lines)
+
+
+def _commits(outcomes: Iterable[Outcome]) -> str:
+    """Commits, each with the number of its injections, the newest last."""
+    counts = Counter(one.commit or "earlier ones, by the history of this page," for one in outcomes)
+    return ", ".join(f"{commit} {count}" for commit, count in counts.items())
 
 
 def _ended_before(reasons: Sequence[str]) -> str:
@@ -121,7 +130,7 @@ def bars(outcomes: Iterable[Outcome]) -> dict[str, str]:
     stopped = [one for one in null if one.stopped or (PHASES[one.phase].moves and not one.goes_on)]
     return {
         f"at rest within {REST_S} s in 99.9 %": _share_verdict(int(np.sum(rest <= REST_S)), rest.size),
-        f"at rest within {MOST_REST_S} s at most": _verdict(rest.size, np.sum(rest > MOST_REST_S)),
+        f"at rest within {MOST_REST_S} s at most": _verdict(rest.size, int(np.sum(rest > MOST_REST_S))),
         "no target farther than a joint may have turned since the one before": _verdict(
             len(every), sum(one.jumped for one in every)
         ),

@@ -193,7 +193,8 @@ def test_by_a_session_that_learned_a_turn_it_walks_in_open_loop_with_the_turn(tm
     asked = spec(gait=f"best:{session.name}", failure=Failure(leg=2), hold="none")
     found = best_gait(asked, tmp_path)
     assert Run(found.spec).plan.turn_rate_rad_s == turn_rad_s
-    assert (found.spec.heading_rad, Run(found.spec).plan.travel) == (pytest.approx(np.pi / 2), 1.0)
+    assert found.spec.heading_rad == pytest.approx(np.pi / 2)
+    assert Run(found.spec).plan.travel == 1.0
     rate = f"{np.degrees(turn_rad_s):.3f}"
     assert found.source.endswith(f"with its turn of {rate} degrees/s")
     assert f"--hold none --heading 90 --turn {rate}" in closing_lines(session, "budget")

@@ -84,6 +84,8 @@ def test_the_tables_say_what_was_found_and_what_was_not_run() -> None:
     assert "| controller killed | rests | 2 | 0.04, 0.30, 0.30 | 1 of 2 | 0.90, 0.00 | 0 | - | - |" in text
     assert "| one wild reading | goes on | 1 | - | - | 0.90, 0.00 | 0 | - | 1 of 1 |" in text
     assert "controller and simulation are one process, without a link" in text
+    some = [an_outcome(commit="0123abcd"), an_outcome(repetition=1, commit="0123abcd"), an_outcome("flood")]
+    assert "measured: 0123abcd 2, earlier ones, by the history of this page, 1." in page_part(some)
     held = bars(outcomes)
     assert held["at rest within 0.25 s in 99.9 %"].startswith(f"{FAILS} (1 of 2,")
     assert held["at rest within 0.5 s at most"] == HOLDS
