@@ -49,12 +49,12 @@ class BusThread(PortThread[ServoBus]):
         self._held = np.isfinite(self._readings.positions)
         super().start(on=on)
 
-    def newest(self) -> tuple[FloatArray, ServoReadings, float]:
-        """Newest positions in counts, what the servos report, and the age of the newest report in s."""
+    def newest(self) -> tuple[FloatArray, ServoReadings, FloatArray]:
+        """Newest positions in counts, what the servos report, and how long each was silent in s, (18,)."""
         with self._lock:
             now_s = time.monotonic()
             readings = self._readings
-            return readings.positions.copy(), readings.servos(now_s), now_s - readings.newest_at_s
+            return readings.positions.copy(), readings.servos(now_s), now_s - readings.heard_at_s
 
     def _follow(self, targets: FloatArray) -> FloatArray:
         if not self.on:

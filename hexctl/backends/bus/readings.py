@@ -43,7 +43,8 @@ class BelievedReadings:
     def __init__(self, speeds: FloatArray, counts_per_deg: FloatArray) -> None:
         self._speeds, self._jump = SPEED_TIMES * speeds, JUMP_DEG * counts_per_deg
         self.positions: FloatArray = np.full(N_JOINTS, np.nan)
-        self._at_s: FloatArray = np.full(N_JOINTS, -np.inf)
+        self._heard_at_s: FloatArray = np.full(N_JOINTS, -np.inf)
+        self._measured_at_s: FloatArray = np.full(N_JOINTS, -np.inf)  # when a position was believed
         self._efforts, self._currents = np.full(N_JOINTS, np.nan), np.full(N_JOINTS, np.nan)
         self._voltages, self._temperatures = np.full(N_JOINTS, np.nan), np.full(N_JOINTS, np.nan)
         self._errors = [""] * N_JOINTS
@@ -52,29 +53,27 @@ class BelievedReadings:
         self.implausible = 0
 
     @property
-    def newest_at_s(self) -> float:
-        """Time of the newest reading, on time.monotonic."""
-        return float(self._at_s.max())
-
-    @property
     def heard_at_s(self) -> "NDArray[np.float64]":
-        """Times of the newest reading of each joint."""
-        return self._at_s
+        """Times of the newest reading of each joint, believed or not, on time.monotonic."""
+        return self._heard_at_s
 
     def take(self, reports: Sequence[Report]) -> None:
         """Take reports of some servos."""
         for report in reports:
             joint = report.joint
-            reach = self._jump[joint] + self._speeds[joint] * (report.at_s - self._at_s[joint])
+            # Since the last reading, not the last that was believed: after a while any would be in reach.
+            reach = self._jump[joint] + self._speeds[joint] * (report.at_s - self._heard_at_s[joint])
             follows = bool(self.trusted[joint])
             taken = self._believe("position", self.positions, joint, report.position, reach, follows=follows)
             self.trusted[joint] = follows or taken
+            if taken:
+                self._measured_at_s[joint] = report.at_s
             for name, values, value, near in (
                 ("voltage", self._voltages, report.voltage_v, VOLTAGE_V),
                 ("temperature", self._temperatures, report.temperature_c, TEMPERATURE_C),
             ):
                 self._believe(name, values, joint, value, near, follows=bool(np.isfinite(values[joint])))
-            self._at_s[joint] = report.at_s
+            self._heard_at_s[joint] = report.at_s
             self._efforts[joint], self._currents[joint] = report.effort, report.current_a
             self._errors[joint] = report.error
 
@@ -84,9 +83,9 @@ class BelievedReadings:
         self._doubts.clear()
 
     def servos(self, now_s: float | None = None) -> ServoReadings:
-        """Readings with their ages at a time on time.monotonic."""
+        """Readings with the ages of the positions, which are believed ones, at a time on time.monotonic."""
         return ServoReadings(
-            ages_s=(time.monotonic() if now_s is None else now_s) - self._at_s,
+            ages_s=(time.monotonic() if now_s is None else now_s) - self._measured_at_s,
             efforts=self._efforts.copy(),
             currents_a=self._currents.copy(),
             voltages_v=self._voltages.copy(),

@@ -19,6 +19,10 @@ ALL = tuple(range(N_JOINTS))
 #: Tries of what must arrive.
 TRIES = 4
 
+#: A joint that stands beyond the limits stored in its servo by no more than this holds at the limit; one that
+#: is farther away would be driven there at full speed, and gets no torque.
+BEYOND_DEG = 2.0
+
 
 @dataclass(frozen=True, slots=True)
 class Report:
@@ -76,7 +80,7 @@ class ServoBus(ABC):
 
     Attributes:
         mute_s: a joint whose servo was not heard for this long is mute.
-        stale_s: a joint that was not heard for this long was not measured with the others.
+        stale_s: a joint without a believed position for this long was not measured with the others.
         reports_limp: whether its reports complain of servos that have lost their torque.
     """
 
@@ -124,7 +128,8 @@ class ServoBus(ABC):
     def hold(self, counts: FloatArray, joints: BoolArray) -> BoolArray:
         """Switch the torque of some joints on, (18,), each with its goal where it is, counts (18,).
 
-        Which joints hold then, (18,), as they say.
+        One that stands beyond the limits stored in its servo by more than `BEYOND_DEG` gets no goal and no
+        torque, and its reports complain of that. Which joints hold then, (18,), as they say.
         """
 
     @abstractmethod
@@ -150,6 +155,26 @@ class ServoBus(ABC):
     @abstractmethod
     def close(self) -> None:
         """Close the line."""
+
+
+def far_beyond(servos: BusMap, counts: FloatArray, lowest: FloatArray, highest: FloatArray) -> BoolArray:
+    """Which joints stand so far beyond the limits stored in their servos that they may not hold, (18,).
+
+    Args:
+        servos: which servo moves which joint.
+        counts: where the joints are, (18,).
+        lowest: stored limits in counts, (18,).
+        highest: the others.
+    """
+    return np.asarray(np.abs(counts - np.clip(counts, lowest, highest)) > BEYOND_DEG * servos.per_deg)
+
+
+def complaint_of_limits(lowest: float, highest: float, *, stands: bool, goal: bool) -> str:
+    """What is said of a joint that stands, or whose goal is, beyond its stored limits in counts, or ""."""
+    limits = f"beyond the limits {lowest:.0f} to {highest:.0f} stored in the servo"
+    if stands:
+        return f"stands {limits}"
+    return f"goal {limits}" if goal else ""
 
 
 def beyond_stored_limits(

@@ -195,20 +195,21 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
 
     def _state(self, thread: BusThread) -> RobotState:
         """State put together from the newest readings."""
-        counts, servos, age_s = thread.newest()
+        counts, servos, silences_s = thread.newest()
+        age_s = float(servos.ages_s.min())
         heard: BoolArray = np.isfinite(counts)
         positions = np.where(heard, self._map.angles_rad(np.where(heard, counts, 0.0)), self._sent_rad)
         stale = servos.ages_s > BUSES[self._map.driver].stale_s
         efforts = self._map.signs * servos.efforts
         torques = None if np.isnan(efforts).any() else efforts * self._robot.joint_max_torque_nm
-        warnings = self._warnings(servos, thread.limp)
+        warnings = self._warnings(servos, silences_s, thread.limp)
         return RobotState(
             positions,
             stamp_s=max(0.0, self._clock.now_s - age_s),
             measured=True,
             age_s=age_s,
             healthy=thread.gone is None,
-            fault=self._fault(thread.gone, age_s),
+            fault=self._fault(thread.gone, float(silences_s.min())),
             battery_v=_median(servos.voltages_v),
             joint_torques_nm=torques,
             servos=servos,
@@ -216,28 +217,31 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
             stale_joints=stale if stale.any() else None,
         )
 
-    def _fault(self, gone: str | None, age_s: float) -> str | None:
+    def _fault(self, gone: str | None, silence_s: float) -> str | None:
         """Why the robot cannot be walked, or why nothing new is heard, or None."""
         if gone is not None:
             return self._gone(gone)
-        if age_s > SILENT_S:
+        if silence_s > SILENT_S:
             return (
                 f"no servo answers on {self._place} any more; is the cable in, have they power, or is this "
                 "computer too busy?"
             )
         return None
 
-    def _warnings(self, servos: ServoReadings, limp: BoolArray) -> tuple[str, ...]:
-        """What is wrong with single servos."""
+    def _warnings(self, servos: ServoReadings, silences_s: FloatArray, limp: BoolArray) -> tuple[str, ...]:
+        """What is wrong with single servos, by how long each was silent, (18,), and which are limp, (18,)."""
         warnings = [*self._notes]
         if limp.any():
             warnings.append(f"no torque: {self._map.names(limp)}")
-        mute = servos.ages_s > BUSES[self._map.driver].mute_s
+        mute_s = BUSES[self._map.driver].mute_s
+        mute = silences_s > mute_s
         warnings += self._condition.warnings(servos, limp, mute)
         if np.count_nonzero(mute) > MOST_MUTE:
             warnings.append("mute: servos of more than two legs")  # the same words while they come and go
         elif mute.any():
             warnings.append(f"mute: {self._map.names(mute)}")
+        if (wild := (servos.ages_s > mute_s) & ~mute).any():
+            warnings.append(f"answers, but its positions jump: {self._map.names(wild)}")
         if (hot := servos.temperatures_c > HOT_C).any():
             warnings.append(f"hot, {np.nanmax(servos.temperatures_c):.0f} degrees C: {self._map.names(hot)}")
         for error in dict.fromkeys(filter(None, servos.errors)):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from hexctl.backends.bus.readings import BelievedReadings
-from hexctl.backends.bus.servo_bus import Report
+from hexctl.backends.bus.servo_bus import Report, ServoBus
 
 
 def _report(at_s: float, position: float, *, joint: int = 4, temperature_c: float = 40.0) -> Report:
@@ -74,6 +74,24 @@ def test_wild_positions_that_differ_are_never_believed() -> None:
         assert readings.positions[4] == 100
 
 
+def test_a_position_that_is_never_believed_again_becomes_stale_while_its_servo_is_heard() -> None:
+    """Its last believed position was taken for one of now."""
+    readings = _readings(250)
+    for tick in range(round(ServoBus.stale_s / 0.02) + 1):
+        at_s = 0.02 * tick
+        readings.take([_report(at_s, 500.0 * (tick % 2))])
+    assert readings.positions[4] == 250
+    assert readings.heard_at_s[4] == at_s
+    assert readings.servos(at_s).ages_s[4] > ServoBus.stale_s
+
+
+def test_one_wild_position_makes_no_joint_stale() -> None:
+    readings = _readings(2000)
+    for tick, position in enumerate((2000, 4000, 2000, 2000, 4000, 2000)):
+        readings.take([_report(0.02 * tick, position)])
+        assert readings.servos(0.02 * tick).ages_s[4] < ServoBus.stale_s / 4
+
+
 def test_a_joint_that_was_not_heard_for_long_may_be_anywhere() -> None:
     readings = _readings(100)
     readings.take([_report(1.0, 2000)])
@@ -100,7 +118,8 @@ def test_a_first_temperature_that_is_wrong_makes_no_servo_hot() -> None:
 
 def test_every_joint_has_an_age_of_its_own() -> None:
     readings = _new()
-    readings.take([_report(1.0, 100, joint=0), _report(1.5, 100, joint=7)])
+    for at_s in (-0.5, 0.0):  # the first is not believed
+        readings.take([_report(1.0 + at_s, 100, joint=0), _report(1.5 + at_s, 100, joint=7)])
     ages = readings.servos(2.0).ages_s
     assert (ages[0], ages[7]) == (1.0, 0.5)
     assert np.isinf(ages[1])

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -229,6 +230,30 @@ def test_a_servo_that_falls_silent_is_named_and_the_others_walk_on() -> None:
         assert state.servos.ages_s[13] > 0.4
         assert np.delete(state.servos.ages_s, 13).max() < 0.4
         assert np.isfinite(state.joint_positions_rad).all()
+        assert state.stale_joints is not None
+        assert np.flatnonzero(state.stale_joints).tolist() == [13]
+
+
+def test_a_servo_whose_positions_jump_is_stale_and_named_and_not_mute(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Its last believed position was taken for one of now as long as it answered."""
+    with bus_board(a_map()) as board, servos_on(board, a_map()) as servos:
+        _walks(servos, 0.3)
+        thread, polls = servos._thread, 0
+        assert thread is not None
+        poll = thread._device.poll
+
+        def jumping(until: Callable[[], bool]) -> list[Report]:
+            nonlocal polls
+            polls += 1
+            wild = 500.0 * (1 + polls % 2)
+            reports = poll(until)
+            return [replace(each, position=wild) if each.joint == 13 else each for each in reports]
+
+        monkeypatch.setattr(thread._device, "poll", jumping)
+        state = _until(servos, lambda state: any("jump" in each for each in state.warnings))
+        assert state.warnings == ("answers, but its positions jump: leg 5 femur (id 14)",)
         assert state.stale_joints is not None
         assert np.flatnonzero(state.stale_joints).tolist() == [13]
 

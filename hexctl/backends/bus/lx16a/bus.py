@@ -20,7 +20,16 @@ from hexctl.backends.bus.packet_line import (
 )
 from hexctl.backends.bus.packets import PacketStream
 from hexctl.backends.bus.serial_line import UNUSED_ID, SerialLine
-from hexctl.backends.bus.servo_bus import ALL, TRIES, BusCounters, Report, ServoBus, beyond_stored_limits
+from hexctl.backends.bus.servo_bus import (
+    ALL,
+    TRIES,
+    BusCounters,
+    Report,
+    ServoBus,
+    beyond_stored_limits,
+    complaint_of_limits,
+    far_beyond,
+)
 from hexctl.robot.servos.bus_map import BusMap
 from hexctl.robot.servos.servo_models import ServoType
 from hexctl.types import N_JOINTS, BoolArray, FloatArray
@@ -75,6 +84,7 @@ class Lx16aBus(ServoBus):
         self._on: BoolArray = np.zeros(N_JOINTS, dtype=bool)
         self._limp: BoolArray = np.zeros(N_JOINTS, dtype=bool)
         self._clipped: BoolArray = np.zeros(N_JOINTS, dtype=bool)
+        self._beyond: BoolArray = np.zeros(N_JOINTS, dtype=bool)  # joints that may not hold where they are
         self._goals: FloatArray | None = None
         self._sent, self._sent_at_s = np.full(N_JOINTS, np.nan), np.full(N_JOINTS, -np.inf)
         self._waited: set[int] = set()  # joints whose goals had changed and were not sent
@@ -151,7 +161,7 @@ class Lx16aBus(ServoBus):
         if not on:
             self._goals = None
         self._on[list(joints)] = on
-        self._limp[list(joints)] = False
+        self._limp[list(joints)] = self._beyond[list(joints)] = False
         left = list(joints)
         for _ in range(TRIES):
             self._tell(b"".join(lx.load(self._ids[joint], on=on) for joint in left))
@@ -163,15 +173,18 @@ class Lx16aBus(ServoBus):
         """Switch the torque of some joints on, (18,), each with its goal where it is; which joints hold.
 
         The goal is sent in front of the torque and behind it: whether an unloaded servo takes moves differs.
+        A servo moves to its limit from beyond it as fast as it can: one that is far beyond is left limp.
         """
-        chosen = np.flatnonzero(joints).tolist()
-        here = self._within_limits(counts)
+        here, beyond = self._within_limits(counts), far_beyond(self._map, counts, self._lowest, self._highest)
+        self._beyond, holding = joints & beyond, joints & ~beyond
+        self._on[self._beyond] = False
+        chosen = np.flatnonzero(holding).tolist()
         for joint in chosen:
             to_here = lx.move(self._ids[joint], int(here[joint]), PERIOD_MS)
             self._tell(to_here + lx.load(self._ids[joint], on=True) + to_here)
         self._sent[:] = np.nan
         self.set_torque(True, chosen)
-        return np.array([bool(joints[joint] and self.torque(joint)) for joint in ALL])
+        return np.array([bool(holding[joint] and self.torque(joint)) for joint in ALL])
 
     def write_goals(self, counts: FloatArray) -> None:
         """Take goals in counts, (18,): those that changed are sent now, or half of them a period later.
@@ -267,10 +280,9 @@ class Lx16aBus(ServoBus):
         ]
 
     def _complaint(self, joint: int) -> str:
-        lowest, highest = self._lowest[joint], self._highest[joint]
-        words = ("limp", f"goal beyond the limits {lowest:.0f} to {highest:.0f} stored in the servo")
-        said = (self._limp[joint], self._clipped[joint])
-        return ", ".join(word for word, holds in zip(words, said, strict=True) if holds)
+        stands, goal = bool(self._beyond[joint]), bool(self._clipped[joint])
+        limits = complaint_of_limits(self._lowest[joint], self._highest[joint], stands=stands, goal=goal)
+        return ", ".join(filter(None, ("limp" if self._limp[joint] else "", limits)))
 
     def _read_next_other(self) -> None:
         """Read voltage, temperature or torque of the next servo."""

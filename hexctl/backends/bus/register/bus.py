@@ -18,7 +18,16 @@ from hexctl.backends.bus.register.registers import Register, RegisterTable, tabl
 from hexctl.backends.bus.register.servo import RegisterServo, place
 from hexctl.backends.bus.register.settings import hardware_error, renew_torque_limit, set_up, settings_of
 from hexctl.backends.bus.serial_line import SerialLine
-from hexctl.backends.bus.servo_bus import ALL, TRIES, BusCounters, Report, ServoBus, beyond_stored_limits
+from hexctl.backends.bus.servo_bus import (
+    ALL,
+    TRIES,
+    BusCounters,
+    Report,
+    ServoBus,
+    beyond_stored_limits,
+    complaint_of_limits,
+    far_beyond,
+)
 from hexctl.errors import RobotFaultError
 from hexctl.robot.servos.bus_map import BusMap
 from hexctl.robot.servos.servo_models import ServoType
@@ -29,9 +38,6 @@ ONE_BY_ONE = 5
 
 #: Time of the servos' own watchdog, in 20 ms.
 WATCHDOG_20MS = 10
-
-#: A joint that stands beyond the limits stored in its servo by no more than this holds at the limit.
-BEYOND_DEG = 2.0
 
 #: How often a servo that raises its alert is asked why.
 ALERT_S = 1.0
@@ -55,6 +61,7 @@ class RegisterBus(ServoBus):
         self._servos = [RegisterServo(self._packets, self.table, servo_id) for servo_id in self._ids]
         self._lowest, self._highest = np.full(N_JOINTS, -np.inf), np.full(N_JOINTS, np.inf)
         self._clipped: BoolArray = np.zeros(N_JOINTS, dtype=bool)
+        self._beyond: BoolArray = np.zeros(N_JOINTS, dtype=bool)  # joints that may not hold where they are
         self._errors = [0] * N_JOINTS  # the error bytes of the newest reports
         self._notes: list[str] = []
         self._alerts: dict[int, tuple[float, str]] = {}  # why joints raise their alert, and since when known
@@ -120,6 +127,7 @@ class RegisterBus(ServoBus):
         if on:
             self.renew_watchdog(joints)
             return
+        self._beyond[list(joints)] = False
         self.end_watchdog(joints)
         left = list(joints)
         for _ in range(TRIES - 1):
@@ -132,16 +140,17 @@ class RegisterBus(ServoBus):
         """Switch the torque of some joints on, (18,), each with its goal where it is, counts (18,).
 
         Goals and torques are read back, and written again where they did not arrive; which joints hold. A
-        limit of the torque that an overload has left at 0 is renewed.
+        limit of the torque that an overload has left at 0 is renewed. A joint far beyond its stored limits is
+        left limp: goals end there, so that it would move to the limit at full speed.
         """
         holds: BoolArray = np.zeros(N_JOINTS, dtype=bool)
-        beyond = BEYOND_DEG * self._map.per_deg
+        beyond = far_beyond(self._map, counts, self._lowest, self._highest)
+        self._beyond, holding = joints & beyond, joints & ~beyond
         goals = np.rint(np.clip(counts, self._lowest, self._highest))
-        goals = np.where(np.abs(goals - counts) <= beyond, goals, np.rint(counts))
-        for joint in np.flatnonzero(joints).tolist():
+        for joint in np.flatnonzero(holding).tolist():
             renew_torque_limit(self._servos[joint])
         for _ in range(TRIES):
-            left = np.flatnonzero(joints & ~holds).tolist()
+            left = np.flatnonzero(holding & ~holds).tolist()
             if not left:
                 break
             self.end_watchdog(left)  # an expired one refuses goals
@@ -258,11 +267,9 @@ class RegisterBus(ServoBus):
             self._alerts.pop(joint, None)
         else:  # why it raises its alert is asked later
             words = self._alerts.setdefault(joint, (-np.inf, words))[1]
-        if not self._clipped[joint]:
-            return words
-        lowest, highest = self._lowest[joint], self._highest[joint]
-        beyond = f"goal beyond the limits {lowest:.0f} to {highest:.0f} stored in the servo"
-        return f"{words}, {beyond}" if words else beyond
+        stands, goal = bool(self._beyond[joint]), bool(self._clipped[joint])
+        limits = complaint_of_limits(self._lowest[joint], self._highest[joint], stands=stands, goal=goal)
+        return ", ".join(filter(None, (words, limits)))
 
     def _ask_for_an_alert(self) -> None:
         """Ask one of the servos that raise their alert for the reason, each once in a while."""

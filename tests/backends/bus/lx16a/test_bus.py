@@ -167,6 +167,40 @@ def test_goals_end_at_the_limits_stored_in_a_servo_which_is_said() -> None:
         assert _servo(board, 4).holds
 
 
+def test_a_joint_far_beyond_the_limits_stored_in_its_servo_gets_no_goal_and_no_torque() -> None:
+    """It was driven to the limit, 12 degrees away, in 20 ms as the torque was switched on."""
+    with _bus() as (bus, board, _):
+        here = stance_counts(MAP)
+        here[4] = 400
+        board._robot._positions_rad = MAP.angles_rad(here)  # type: ignore[attr-defined]  # moved by hand
+        _servo(board, 4).limits = (330, 350)
+        bus.find()
+        assert _within(lambda: _positions(bus) == here.tolist())
+        holds = bus.hold(here, EVERY)
+        assert np.flatnonzero(~holds).tolist() == [4]
+        bus.write_goals(stance_counts(MAP))
+        assert bus.poll_all()[4].error == "stands beyond the limits 330 to 350 stored in the servo"
+        assert not _servo(board, 4).loaded
+        assert _servo(board, 4)._time_s == 0, "no move came"
+        assert _positions(bus)[4] == 400
+        bus.set_torque(False)
+        assert bus.poll_all()[4].error == ""
+
+
+def test_a_joint_a_little_beyond_a_stored_limit_moves_to_it() -> None:
+    with _bus() as (bus, board, _):
+        here = stance_counts(MAP)
+        here[4] = 355
+        board._robot._positions_rad = MAP.angles_rad(here)  # type: ignore[attr-defined]  # moved by hand
+        _servo(board, 4).limits = (330, 350)
+        bus.find()
+        assert _within(lambda: _positions(bus) == here.tolist())
+        bus.hold(here, EVERY)
+        bus.poll_all()
+        assert _servo(board, 4).end == 350
+        assert "stands" not in bus._complaint(4)
+
+
 def test_stored_limits_that_no_servo_has_are_not_believed() -> None:
     """As what a servo answers whose memory is damaged: they would end every goal at one count."""
     with _bus() as (bus, board, _):

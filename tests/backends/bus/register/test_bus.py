@@ -12,6 +12,7 @@ from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.bus.servo_bus import BusCounters
 from hexctl.errors import RobotFaultError
 from hexctl.robot.servos.bus_map import BusMap
+from hexctl.serve.boards.register_servos import BusServo
 from tests.backends.bus.boards import MODELS, a_map, bus_board, stance_counts
 
 EVERY = np.ones(18, dtype=bool)
@@ -56,6 +57,36 @@ def test_servos_are_found_read_and_moved(driver: str, model: str) -> None:
         assert _within(
             lambda: sorted((r.joint, r.position) for r in bus.poll_all()) == list(enumerate(goals))
         )
+
+
+@pytest.mark.parametrize(("driver", "model"), [("dynamixel", "xl430-w250"), ("feetech", "sts3215")])
+def test_a_joint_far_beyond_the_limits_stored_in_its_servo_gets_no_goal_and_no_torque(
+    driver: str, model: str
+) -> None:
+    """It was driven to the limit at full speed: Feetech's at once, Dynamixel's with the next goal."""
+    bus_map = a_map(driver, model)
+    here = stance_counts(bus_map)
+    far, near = np.ceil(20 * bus_map.per_deg[4]), np.floor(1.5 * bus_map.per_deg[5])
+    with bus_board(bus_map) as board:
+        servos = board._servos
+        assert isinstance(servos[4], BusServo)
+        assert isinstance(servos[5], BusServo)
+        bus = RegisterBus(SerialLine(board.path, 1_000_000), bus_map, BusCounters())
+        servos[4].set(bus.table.most, here[4] - far)
+        servos[5].set(bus.table.most, here[5] - near)
+        before = servos[4].number(bus.table.goal)
+        bus.find()
+        bus.check(EVERY, here, here)
+        holds = bus.hold(here, EVERY)
+        assert np.flatnonzero(~holds).tolist() == [4]
+        assert not servos[4].holds
+        assert servos[4].number(bus.table.goal) == before
+        assert servos[5].holds
+        error = {report.joint: report.error for report in bus.poll_all()}[4]
+        assert error.startswith("stands beyond the limits ")
+        bus.set_torque(False)
+        assert {report.joint: report.error for report in bus.poll_all()}[4] == ""
+        bus.close()
 
 
 def test_an_adapter_that_echoes_is_noticed() -> None:
