@@ -245,7 +245,7 @@ class RobotServer:
         self._note_standstill()
         self._ticked_s = time.monotonic()
         self._ticks += 1
-        if (event := self._on_tick()) is not None:
+        if (event := self._on_tick() or self._stop_socket.take_event()) is not None:
             self._event_log.add(event)
         state = self._guard.read()
         self._check_expiry()

@@ -77,7 +77,7 @@ class DatagramWay:
         self._asked: deque[bytes] = deque(maxlen=MOST_ASKED)  # nonces without an answer
         self._secret = b""
         self._ended = False
-        self._bell_read, self._bell_write = socket.socketpair()
+        self._wake_read, self._wake_write = socket.socketpair()
         self._sockets: dict[socket.socket, list[tuple[object, ...]]] = {}
         self._heard_s = self._looked_up_s = -math.inf
         self._looking_up: threading.Thread | None = None
@@ -103,29 +103,37 @@ class DatagramWay:
             self._secret = secret
             self._thread.start()
 
-    def ring(self) -> None:
+    def wake(self) -> None:
         """Look at once whether the robot is to stop."""
         with suppress(OSError):
-            self._bell_write.send(b".")
+            self._wake_write.send(b".")
 
     def end(self) -> None:
         """End the thread and close everything."""
         self._ended = True
-        self.ring()
+        self.wake()
         if self._thread.ident is not None:
             self._thread.join()
-        for one in (*self._sockets, self._bell_read, self._bell_write):
+        for one in (*self._sockets, self._wake_read, self._wake_write):
             one.close()
 
     def _run(self) -> None:
         while not self._ended:
-            period_s = STOP_PERIOD_S if self._pressed.is_set() else ASK_PERIOD_S
-            self._follow_host()
-            self._send()
-            until_s = time.monotonic() + period_s
-            while not self._ended and (left_s := until_s - time.monotonic()) > 0:
-                if self._wait(left_s):
-                    break
+            try:
+                self._ask_once()
+            except Exception as error:  # noqa: BLE001  the stop must go on asking
+                self.trouble = f"datagrams fail here ({type(error).__name__}: {error})"
+                time.sleep(STOP_PERIOD_S)
+
+    def _ask_once(self) -> None:
+        """Send one datagram, and take what comes until the next one is due."""
+        period_s = STOP_PERIOD_S if self._pressed.is_set() else ASK_PERIOD_S
+        self._follow_host()
+        self._send()
+        until_s = time.monotonic() + period_s
+        while not self._ended and (left_s := until_s - time.monotonic()) > 0:
+            if self._wait(left_s):
+                break
 
     def _follow_host(self) -> None:
         """Look up where the host is, again while it is silent, and send there."""
@@ -151,7 +159,7 @@ class DatagramWay:
             return
         self._found = [(family, address) for family, _, _, _, address in found[:MOST_ADDRESSES]]
         self.trouble = None
-        self.ring()
+        self.wake()
 
     def _open(self, addresses: Addresses) -> None:
         """Sockets to some addresses, in place of those to others."""
@@ -182,7 +190,7 @@ class DatagramWay:
     def _wait(self, timeout_s: float) -> bool:
         """Take what comes within a time; whether something has to be sent at once."""
         poll = select.poll()  # unlike select, also in a program with thousands of open files
-        sockets = {one.fileno(): one for one in (*self._sockets, self._bell_read)}
+        sockets = {one.fileno(): one for one in (*self._sockets, self._wake_read)}
         for number in sockets:
             poll.register(number, select.POLLIN)
         at_once = False
@@ -190,7 +198,7 @@ class DatagramWay:
             one = sockets[number]
             with suppress(OSError):
                 data = one.recv(DATAGRAM_BYTES + 1)
-                at_once = (True if one is self._bell_read else self._take(data)) or at_once
+                at_once = (True if one is self._wake_read else self._take(data)) or at_once
         return at_once
 
     def _take(self, data: bytes) -> bool:

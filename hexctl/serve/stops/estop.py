@@ -83,7 +83,7 @@ class Reach:
 
 
 class ReadyStop:
-    """A stop that is connected beforehand: `press` stops the robot, whatever else knocks at its port.
+    """A stop that is connected beforehand: `press` stops the robot, also while strangers fill its port.
 
         with ReadyStop(connect="tls/robot.local:7447", credentials=Path("keys")) as ready:
             ready.press()
@@ -139,12 +139,15 @@ class ReadyStop:
         return self._link
 
     def press(self) -> None:
-        """Stop the robot now, by all ways; may be called from any thread."""
+        """Stop the robot now, by all ways; may be called from any thread.
+
+        As long as the block runs it is stopped again where that was cleared.
+        """
         if not self._pressed.is_set():
             self._pressed_s = time.monotonic()
             self._pressed.set()
-        self._datagrams.ring()
-        self._session.ring()
+        self._datagrams.wake()
+        self._session.wake()
 
     @property
     def reach(self) -> Reach:
@@ -240,7 +243,7 @@ def estop(
     insecure: bool = False,
     link: str | None = None,
 ) -> StopResult:
-    """Stop a robot on the network and see it come to rest, whoever commands it.
+    """Stop a robot on the network and see it come to rest, whichever client commands it.
 
     Args:
         connect: Zenoh endpoint of the robot; None is that of the link, or the default.

@@ -23,7 +23,7 @@ class StopLatch:
     """Stops a guard and lets it go again; its methods may be called from any thread.
 
     The guard itself latches the reason; this adds what the reason lacks: an id by which a stop is cleared, so
-    that nobody clears one that they have not seen, and an epoch, which ends when a stop is cleared: what was
+    that no client clears one that it has not seen, and an epoch, which ends when a stop is cleared: what was
     valid in one is worth nothing in the next.
 
     Args:
@@ -74,7 +74,8 @@ class StopLatch:
     def stop(self, request: str | None = None, *, by: str = UNNAMED) -> Stop:
         """Stop the robot now, on request of a client.
 
-        A stop that is in force already gets a new id and a new time: whoever asks again has seen something.
+        A stop that is in force already gets a new id and a new time: a client that asks again has seen
+        something.
 
         Args:
             request: name that the client gave its request; one that is repeated renews nothing.
@@ -120,12 +121,12 @@ class StopLatch:
             return refusal
 
     def _stopped_by(self, request: str | None, by: str) -> Stop:
-        before = self._noticed()
+        self._guard.stop(ESTOP)  # first: whatever fails below, the robot has stopped
+        before = self._stop
         last = self._requests[-1] if self._requests else None
         repeated = request is not None and request in self._requests
         if request is not None and not repeated:
             self._requests.append(request)
-        self._guard.stop(ESTOP)
         stop = self._noticed(by)
         assert stop is not None  # noqa: S101  only `clear` ends a stop, and it waits for the lock
         if stop is before and not repeated:

@@ -29,7 +29,7 @@ class SessionWay:
 
     Attributes:
         error: why there is no session now, or why a robot has not stopped; None while all is well.
-        answers: of the robots to the stop.
+        answers: of the robots to the stop, the last of each.
         opened: whether there is a session.
         ended: whether the thread does no more.
     """
@@ -46,7 +46,8 @@ class SessionWay:
         self._link, self._request, self._pressed, self._see = link, request, pressed, see
         self._again = again
         self._due = threading.Event()
-        self._ends = False
+        self._ends = self._all_stay = False
+        self._known: set[str] = set()  # robots that have to stop: of the last look before, and all since
         self.error: HexctlError | None = None
         self.answers: list[dict[str, Any]] = []
         self.opened = self.ended = False
@@ -57,7 +58,7 @@ class SessionWay:
         """Begin to open a session."""
         self._thread.start()
 
-    def ring(self) -> None:
+    def wake(self) -> None:
         """Look at once whether the robots are to stop."""
         self._due.set()
 
@@ -97,23 +98,36 @@ class SessionWay:
         keys = KeyMap.of("*").renamed(dict(self._link.names))
         with open_session(self._link, Role.CONTROLLER, keys) as session:
             robots = RemoteRobots(session, self._link)
-            self.opened, self.error = True, None
+            self.opened, self.error, self._all_stay = True, None, False
             while not self._ends:
-                if self._pressed.is_set() and not self.answers:
-                    self.answers = robots.stop(self._request.hex())
+                if self._pressed.is_set() and not self._all_stay:
+                    self._stop(robots)
                 self._look(robots)
                 self._pause(WATCH_PERIOD_S if self._pressed.is_set() else ASK_PERIOD_S)
 
+    def _stop(self, robots: "RemoteRobots") -> None:
+        """Ask all robots to stop; under the same name it renews nothing of those that have stopped."""
+        answers = robots.stop(self._request.hex())
+        names = _names(answers)
+        self._known |= names
+        self.answers = [one for one in self.answers if not _names([one]) & names] + answers
+
     def _look(self, robots: "RemoteRobots") -> None:
         """Ask all robots, and tell what they are together."""
-        asked_s = time.monotonic()
+        asked_s, pressed = time.monotonic(), self._pressed.is_set()
+        self._all_stay = False
         statuses = robots.statuses()
         if not statuses:
             self.error = RobotFaultError(f"no robot answers at {self._link.endpoint}; is hexctl serve there?")
             return
-        self.error = None
+        self._known = self._known | _names(statuses) if pressed else _names(statuses)
         stopped = [status.get("stopped") for status in statuses]
-        stays = all(reason not in (None, LIFTED_BY_LEASE) for reason in stopped)
+        left = self._known - _names(statuses) | _names([one for one in statuses if not _stays(one)])
+        stays = not left
+        self._all_stay = stays and bool(self.answers) and self._known <= _names(self.answers)
+        self.error = None
+        if self.answers and left:
+            self.error = RobotFaultError(f"asked to stop, and not seen stopped: {', '.join(sorted(left))}")
         stops = [one for status in statuses if isinstance(one := status.get("stop"), dict)]
         rests = [status.get("at_rest") for status in statuses]
         self._see(
@@ -121,7 +135,7 @@ class SessionWay:
                 at_s=asked_s,
                 stopped=str(stopped[0]) if stays else None,
                 stop_id=str(stops[0].get("id")) if stays and stops else None,
-                at_rest=None if None in rests else all(rests),
+                at_rest=False if False in rests else None if None in rests else True,
                 kept=bool(stops) and all(one.get("kept") for one in stops),
                 robot=str(statuses[0].get("robot", "?")),
                 echoed=any(status.get("joints") == "echoed" for status in statuses),
@@ -131,3 +145,13 @@ class SessionWay:
     def _pause(self, duration_s: float) -> None:
         self._due.wait(duration_s)
         self._due.clear()
+
+
+def _stays(status: dict[str, Any]) -> bool:
+    """Whether the robot of a status is stopped by a stop that stays."""
+    return status.get("stopped") not in (None, LIFTED_BY_LEASE)
+
+
+def _names(messages: list[dict[str, Any]]) -> set[str]:
+    """Names of the robots that sent messages."""
+    return {str(one.get("robot", "?")) for one in messages}

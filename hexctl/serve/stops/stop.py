@@ -14,10 +14,10 @@ LIFTED_BY_LEASE = "expired"
 #: A stop is not cleared before this time has passed since it was asked for last.
 HOLD_S = 1.0
 
-#: Who asked, where nobody says a name; before the address that a datagram came from; and by ROS 2.
+#: Who asked, where the client says no name; before the address that a datagram came from; and by ROS 2.
 UNNAMED, DATAGRAM_FROM, OVER_ROS = "an unnamed client", "a datagram from ", "ROS 2"
 
-#: Longest name of whoever asked.
+#: Longest name of the client that asked.
 MAX_BY = 80
 
 #: Bytes of the id of a stop.
@@ -33,7 +33,7 @@ class Stop:
         reason: as `Guard.stopped` has it.
         since_s: when it was asked for last, or noticed, on time.monotonic.
         by: who asked for it last, also where the robot had stopped for another reason before; None where
-            nobody did. A client says its name itself.
+            no client did. A client says its name itself.
     """
 
     stop_id: str

@@ -21,7 +21,7 @@ from hexctl.wire.links import CLEAR_COMMAND
 #: How long closing waits for the last stop to be written.
 WRITE_TIMEOUT_S = 2.0
 
-#: Pause between two writes: whoever stops again and again does not wear the disk out.
+#: Pause between two writes: a client that stops again and again does not wear the disk out.
 PAUSE_S = 0.1
 
 #: Pause before a write that failed is tried again, as on a disk that was full.
@@ -52,7 +52,7 @@ class KeptStop(BaseModel):
         where: port of the servos, or endpoint of the server.
         serial_number: of the adapter at that port.
         location: of that adapter.
-        by: who asked for it, None where nobody did.
+        by: who asked for it, None where no client did.
         cleared: marks of the places at which it was taken over from here, and cleared since.
     """
 
@@ -115,7 +115,7 @@ class StopFile:
         robot: name of the robot.
         place: what tells robots of one name apart.
         folder: where the file lies; None is `state_folder()`.
-        asked_only: keep only stops that somebody asked for, as of a simulation, which stands up anew.
+        asked_only: keep only stops that a client asked for, as of a simulation, which stands after a restart.
         clear: command that ends a stop of this robot, for the warning.
 
     Attributes:
@@ -188,8 +188,7 @@ class StopFile:
         self._wanted = stop if kept else None
         on_disk = self._on_disk is not None or bool(self._taken_over)
         if self._writer is None and (self._wanted is not None or on_disk):
-            self._writer = threading.Thread(target=self._write, name="stop file", daemon=True)
-            self._writer.start()
+            self._begin_to_write()
         self._due.set()
 
     def keeps(self, stop: Stop) -> bool:
@@ -202,6 +201,16 @@ class StopFile:
         self._due.set()
         if self._writer is not None:
             self._writer.join(WRITE_TIMEOUT_S)
+
+    def _begin_to_write(self) -> None:
+        """Start the thread that writes; one that cannot be started is trouble, and keeps no stop back."""
+        writer = threading.Thread(target=self._write, name="stop file", daemon=True)
+        try:
+            writer.start()
+        except RuntimeError as error:  # the computer has no thread left
+            self.trouble = f"{self.path} cannot be written ({error})"
+        else:
+            self._writer = writer
 
     def _of_this_robot_elsewhere(self) -> list[KeptStop]:
         """Stops that were kept for a robot of this name, and may be this one; notes those that are not."""
@@ -271,7 +280,7 @@ class StopFile:
 
     def _put(self, wanted: Stop | None) -> None:
         if wanted is not None:
-            reason = ESTOP if self._asked_only else wanted.reason  # what has fallen stands up anew
+            reason = ESTOP if self._asked_only else wanted.reason  # what has fallen stands after a restart
             content = self._content(reason, wanted.stop_id, wanted.by)
             atomic_write(self.path, content.model_dump_json() + "\n")
             return

@@ -48,7 +48,7 @@ class StopSocket:
         echoes: whether the joint angles by which that is known are only targets.
 
     Attributes:
-        trouble: why there is no datagram stop, or None.
+        trouble: why there is no datagram stop, or why the last datagram had no answer, or None.
         answered: datagrams answered so far.
         dropped: datagrams so far that were not ours; what the kernel drops is not counted.
     """
@@ -67,6 +67,8 @@ class StopSocket:
         self._secret = b""
         self._thread: threading.Thread | None = None
         self._ended = False
+        self._told = ""
+        self._event: str | None = None
         self.trouble: str | None = None
         self.answered = self.dropped = 0
 
@@ -74,6 +76,11 @@ class StopSocket:
     def port(self) -> int | None:
         """Its UDP port while it is open, or None."""
         return None if self._socket is None else int(self._socket.getsockname()[1])
+
+    def take_event(self) -> str | None:
+        """A line on trouble that has come since the last call, or None."""
+        event, self._event = self._event, None
+        return event
 
     def __enter__(self) -> Self:
         """Open it.
@@ -121,7 +128,7 @@ class StopSocket:
             except OSError:  # nothing came, or an earlier answer did not arrive
                 in_a_row = 0
                 continue
-            answer = self.answer(data, str(sender[0]).removeprefix("::ffff:"))
+            answer = self._answer_or_tell(data, str(sender[0]).removeprefix("::ffff:"))
             if answer is not None:
                 with suppress(OSError):
                     self._socket.sendto(answer, sender)
@@ -129,6 +136,19 @@ class StopSocket:
             if in_a_row >= MOST_IN_A_ROW:
                 in_a_row = 0
                 time.sleep(REST_S)
+
+    def _answer_or_tell(self, data: bytes, host: str) -> bytes | None:
+        """Answer a datagram; what fails is trouble, and the next one is answered."""
+        try:
+            answer = self.answer(data, host)
+        except Exception as error:  # noqa: BLE001  the stop must go on answering
+            self.trouble = f"a datagram to the stop could not be answered ({type(error).__name__}: {error})"
+            if self.trouble != self._told:
+                self._told = self._event = self.trouble
+            return None
+        if answer is not None:
+            self.trouble = None
+        return answer
 
     def answer(self, data: bytes, host: str = "an unknown host") -> bytes | None:
         """Do what a datagram from a host asks for; the answer, or None for one that is not ours."""

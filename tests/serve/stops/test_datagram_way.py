@@ -53,8 +53,30 @@ def test_a_robot_that_has_another_address_now_is_found_again(monkeypatch: pytest
             assert comes_true(lambda: bool(seen), 10.0)
             assert len(asked) >= 3
             pressed.set()
-            way.ring()
+            way.wake()
             assert comes_true(lambda: way.obeyed, 10.0)
+        finally:
+            way.end()
+    assert bench.guard.stopped == "estop"
+
+
+def test_an_error_of_any_kind_is_trouble_and_the_robot_is_asked_again() -> None:
+    bench, pressed = Bench(), threading.Event()
+    seen: list[Sighting] = []
+
+    def see(sighting: Sighting) -> None:
+        seen.append(sighting)
+        if len(seen) == 1:
+            raise RuntimeError("can't start new thread")
+
+    with bench.stop_socket:
+        way = DatagramWay(bench.link, b"mine    ", pressed, see)
+        way.begin()
+        try:
+            assert comes_true(lambda: bool(seen), 10.0)
+            pressed.set()
+            assert comes_true(lambda: way.obeyed, 10.0)
+            assert "can't start new thread" in (way.trouble or "")
         finally:
             way.end()
     assert bench.guard.stopped == "estop"

@@ -101,3 +101,19 @@ def test_a_stop_is_there_or_made(guard: Guard, latch: StopLatch) -> None:
     stop = latch.ensure()
     assert stop.reason == guard.stopped == "estop"
     assert latch.ensure() == stop
+
+
+def test_the_robot_is_stopped_before_anything_that_may_fail(
+    guard: Guard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = StopFile("ant", StopPlace(backend="mock", where="tcp/127.0.0.1:7447"), folder=tmp_path)
+
+    def fail(_: Stop | None) -> None:
+        raise RuntimeError("no memory")
+
+    monkeypatch.setattr(file, "keep", fail)
+    latch = StopLatch(guard, file)
+    guard.stop("expired")
+    with pytest.raises(RuntimeError, match="no memory"):
+        latch.stop("mine")
+    assert guard.stopped == "estop"

@@ -1,11 +1,14 @@
 """A stop on the disk: what is found after a restart, whatever has become of the file."""
 
 import json
+import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from hexctl.control.guard import Guard
+from hexctl.serve.stops import stop_file
 from hexctl.serve.stops.latch import StopLatch
 from hexctl.serve.stops.stop import HOLD_S
 from hexctl.serve.stops.stop_file import StopFile, state_folder
@@ -70,7 +73,7 @@ def test_a_stop_is_there_after_a_restart_with_its_id_until_it_is_cleared(tmp_pat
     assert status is not None
     assert status["kept"] is True
 
-    guard, latch, file = begun(tmp_path / "state")  # as after a kill: nobody closed the first
+    guard, latch, file = begun(tmp_path / "state")  # as after a kill: the first was not closed
     assert guard.stopped == reason
     again = latch.current()
     assert again is not None
@@ -104,7 +107,7 @@ def test_silence_is_not_kept(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_of_a_simulation_only_what_somebody_asked_for_is_kept(tmp_path: Path) -> None:
+def test_of_a_simulation_only_what_a_client_asked_for_is_kept(tmp_path: Path) -> None:
     guard, latch, _ = begun(tmp_path, asked_only=True)
     guard.stop("fell")
     assert latch.current() is not None
@@ -116,7 +119,7 @@ def test_of_a_simulation_only_what_somebody_asked_for_is_kept(tmp_path: Path) ->
     assert begun(tmp_path, asked_only=True)[0].stopped == "estop"
 
 
-def test_a_stop_that_somebody_asks_for_once_a_simulation_has_fallen_is_kept(tmp_path: Path) -> None:
+def test_a_stop_that_a_client_asks_for_once_a_simulation_has_fallen_is_kept(tmp_path: Path) -> None:
     guard, latch, file = begun(tmp_path, asked_only=True)
     guard.stop("fell")
     assert latch.current() is not None
@@ -124,7 +127,7 @@ def test_a_stop_that_somebody_asks_for_once_a_simulation_has_fallen_is_kept(tmp_
     assert stop.reason == "fell"
     assert comes_true(lambda: file.keeps(stop), 10.0)
     guard, latch, _ = begun(tmp_path, asked_only=True)
-    assert guard.stopped == "estop", "it stands up anew, and somebody has stopped it"
+    assert guard.stopped == "estop", "it stands again, and a client has stopped it"
     again = latch.current()
     assert again is not None
     assert again.stop_id == stop.stop_id
@@ -323,3 +326,26 @@ def test_the_folder_is_systemds_or_the_users(monkeypatch: pytest.MonkeyPatch, tm
     monkeypatch.delenv("XDG_STATE_HOME")
     monkeypatch.setenv("HOME", str(tmp_path))
     assert state_folder() == tmp_path / ".local" / "state" / "hexctl"
+
+
+class NoThread(threading.Thread):
+    """A thread on a computer that has none left."""
+
+    def start(self) -> None:
+        raise RuntimeError("can't start new thread")
+
+
+def test_a_computer_without_a_thread_left_stops_the_robot_and_the_next_stop_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    guard, latch, file = begun(tmp_path / "state")
+    with monkeypatch.context() as without:
+        without.setattr(stop_file, "threading", SimpleNamespace(Thread=NoThread))
+        stop = latch.stop()
+    assert guard.stopped == "estop"
+    assert not file.keeps(stop)
+    assert "can't start new thread" in (file.trouble or "")
+    again = latch.stop()
+    assert comes_true(lambda: file.keeps(again), 10.0)
+    assert file.trouble is None
+    latch.close()

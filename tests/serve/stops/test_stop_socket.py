@@ -17,6 +17,7 @@ from hexctl.serve.stops import stop_socket
 from hexctl.serve.stops.latch import StopLatch
 from hexctl.serve.stops.stop import HOLD_S
 from hexctl.serve.stops.stop_socket import StopSocket
+from hexctl.waiting import comes_true
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import Link, Role
 from hexctl.wire.stop_datagram import DATAGRAM_BYTES, Kind, StopDatagram, mark_of
@@ -224,6 +225,29 @@ def test_a_port_that_is_taken_no_name_and_quic_leave_it_without_and_it_is_said(t
     quic = Link(endpoint=f"quic/127.0.0.1:{free_port()}", credentials=tmp_path)
     with Bench(quic).stop_socket as none:
         assert "quic" in (none.trouble or "")
+
+
+def test_an_error_of_any_kind_is_told_once_and_the_next_datagram_is_answered() -> None:
+    bench, broken = Bench(), [True]
+
+    def at_rest() -> bool:
+        if broken:
+            raise RuntimeError("can't start new thread")
+        return True
+
+    bench.stop_socket = StopSocket(bench.link, "ant", bench.latch, at_rest)
+    with opened(bench) as client:
+        for _ in range(2):
+            client.send(bench.datagram(Kind.STOP, epoch=bench.latch.epoch, request=b"mine    "))
+        assert comes_true(lambda: bench.stop_socket.answered == 2, 10.0)
+        assert bench.guard.stopped == "estop"
+        assert comes_true(lambda: "can't start new thread" in (bench.stop_socket.trouble or ""), 10.0)
+        assert "RuntimeError" in (bench.stop_socket.take_event() or "")
+        assert bench.stop_socket.take_event() is None
+        broken.clear()
+        client.send(bench.datagram())
+        assert StopDatagram.unpacked(client.recv(DATAGRAM_BYTES), b"").stopped
+        assert comes_true(lambda: bench.stop_socket.trouble is None, 10.0)
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "[::]", "[::1]"])  # noqa: S104
