@@ -18,12 +18,7 @@ SELECTABLE = 1024
 
 def comes_true(condition: Callable[[], bool], timeout_s: float, *, poll_s: float = POLL_S) -> bool:
     """Whether a condition comes true in time; it is tested at least once and then every `poll_s`."""
-    deadline_s = time.monotonic() + timeout_s
-    while not condition():
-        if time.monotonic() >= deadline_s:
-            return False
-        time.sleep(poll_s)
-    return True
+    return _first_true(condition, timeout_s, poll_s) is not None
 
 
 def wait_for(
@@ -43,10 +38,18 @@ def wait_for(
 
     Raises RobotFaultError with the message when the condition is still false after the timeout.
     """
+    value = _first_true(condition, timeout_s, poll_s)
+    if value is None:
+        raise RobotFaultError(message if isinstance(message, str) else message())
+    return value
+
+
+def _first_true(condition: Callable[[], Value | None], timeout_s: float, poll_s: float) -> Value | None:
+    """First true value of a condition, or None when it is still false after the timeout."""
     deadline_s = time.monotonic() + timeout_s
     while not (value := condition()):
-        if time.monotonic() > deadline_s:
-            raise RobotFaultError(message if isinstance(message, str) else message())
+        if time.monotonic() >= deadline_s:
+            return None
         time.sleep(poll_s)
     return value
 

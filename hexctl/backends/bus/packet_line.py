@@ -9,12 +9,12 @@ from hexctl.backends.bus.serial_line import UNUSED_ID, SerialLine
 
 #: How long an answer may take beside its time on the wire: least, and at first. Adapters deliver late, FTDI's
 #: by 16 ms where their timer cannot be set.
-LEAST_PATIENCE_S, FIRST_PATIENCE_S = 0.004, 0.034
+LEAST_TIMEOUT_S, FIRST_TIMEOUT_S = 0.004, 0.034
 
 #: How many times the delay of the answers so far is waited for, and the share of each answer in that.
-PATIENCE_TIMES, PATIENCE_SHARE = 4.0, 0.1
+TIMEOUT_TIMES, TIMEOUT_SHARE = 4.0, 0.1
 
-#: How many times the longest patience an answer may take that was given up.
+#: How many times the longest timeout an answer may take that was given up.
 LATEST_TIMES = 2.0
 
 #: Parameters of most answers at the most.
@@ -27,7 +27,7 @@ class _Missed:
 
     request: bytes
     size: int | None
-    until_s: float
+    deadline_s: float
 
 
 class PacketLine:
@@ -36,8 +36,8 @@ class PacketLine:
     Args:
         line: open.
         packets: format of the servos' packets.
-        patience_s: how long an answer may take at first.
-        adapts: whether the patience follows how long answers take.
+        timeout_s: how long an answer may take at first.
+        adapts: whether the timeout follows how late the last answer that came to each packet is.
     """
 
     def __init__(
@@ -45,12 +45,12 @@ class PacketLine:
         line: SerialLine,
         packets: PacketFormat,
         *,
-        patience_s: float = FIRST_PATIENCE_S,
+        timeout_s: float = FIRST_TIMEOUT_S,
         adapts: bool = True,
     ) -> None:
         self.line, self.packets = line, packets
         self._stream = PacketStream(self.packets)
-        self._patience_s = self._most_patience_s = patience_s
+        self._timeout_s = self._most_timeout_s = timeout_s
         self._adapts = adapts
         self._missed: dict[int, _Missed] = {}
 
@@ -76,11 +76,11 @@ class PacketLine:
         wire_s = self.line.wire_s(len(request) + self.packets.status_size(ANSWER_BYTES))
         self._wait_for_late(servo_id, request, size)
         for attempt in range(tries):
-            late_until_s = time.monotonic() + wire_s + LATEST_TIMES * self._most_patience_s
+            late_deadline_s = time.monotonic() + wire_s + LATEST_TIMES * self._most_timeout_s
             answers = self.transact(request, (servo_id,), wire_s)
             fitting = [each for each in answers if size in (None, len(each.parameters)) or each.error]
             if attempt or not fitting:
-                self._missed[servo_id] = _Missed(request, size, late_until_s)
+                self._missed[servo_id] = _Missed(request, size, late_deadline_s)
             if fitting:
                 return fitting[0]
         return None
@@ -92,8 +92,8 @@ class PacketLine:
             return
         if None not in (size, missed.size) and size != missed.size:
             return
-        while time.monotonic() < missed.until_s:
-            self.line.read(missed.until_s)
+        while time.monotonic() < missed.deadline_s:
+            self.line.read(missed.deadline_s)
         del self._missed[servo_id]
 
     def transact(self, request: bytes, asked: Collection[int], wire_s: float) -> list[StatusPacket]:
@@ -111,7 +111,7 @@ class PacketLine:
         line.write(request)
         answers: dict[int, StatusPacket] = {}
         begin_s = answered_s = time.monotonic()
-        deadline_s = begin_s + wire_s + self._patience_s
+        deadline_s = begin_s + wire_s + self._timeout_s
         while len(answers) < len(asked):
             data = line.read(deadline_s)
             came = stream.feed(data)
@@ -125,18 +125,19 @@ class PacketLine:
                 break
         if not answers and len(asked) > 1:  # as if there were none: they may all be late
             self._wait_longer()
-        if self._adapts and answers:  # servos that are missing are waited for as long as others take
-            delay_s = PATIENCE_TIMES * (answered_s - begin_s - wire_s)
-            self._patience_s += PATIENCE_SHARE * (max(delay_s, LEAST_PATIENCE_S) - self._patience_s)
-            self._patience_s = min(self._patience_s, self._most_patience_s)
+        # Learned from the last answer that came: servos that are missing are waited for no longer than that.
+        if self._adapts and answers:
+            delay_s = TIMEOUT_TIMES * (answered_s - begin_s - wire_s)
+            self._timeout_s += TIMEOUT_SHARE * (max(delay_s, LEAST_TIMEOUT_S) - self._timeout_s)
+            self._timeout_s = min(self._timeout_s, self._most_timeout_s)
         return list(answers.values())
 
     def _wait_longer(self) -> None:
-        self._patience_s = min(2 * self._patience_s, self._most_patience_s)
+        self._timeout_s = min(2 * self._timeout_s, self._most_timeout_s)
 
     def outwait(self) -> None:
         """Drop an answer that is late: it does not say to which question it belongs."""
-        deadline_s = time.monotonic() + self._most_patience_s
+        deadline_s = time.monotonic() + self._most_timeout_s
         while time.monotonic() < deadline_s:
             self.line.read(deadline_s)
         self._stream.finish()
@@ -146,4 +147,4 @@ class PacketLine:
 
         The answer of a servo may be the same bytes as its ping, with an error in place of the instruction.
         """
-        self.line.learn_echo(self.packets.instruction(UNUSED_ID, instruction), FIRST_PATIENCE_S)
+        self.line.learn_echo(self.packets.instruction(UNUSED_ID, instruction), FIRST_TIMEOUT_S)

@@ -25,7 +25,7 @@ from hexctl.robot.servos.servo_models import SERVO_TYPES
 IDS = tuple(range(253))
 
 #: How long an answer may take beside its time on the wire; 16 ms of it may be the adapter's.
-PATIENCE_S = 0.02
+TIMEOUT_S = 0.02
 
 #: How often a broadcast is repeated that only a servo alone on its bus answers whole.
 BROADCASTS = 3
@@ -55,7 +55,7 @@ def opened_line(path: str, baud: int) -> Iterator[SerialLine]:
 
 def packet_line(line: SerialLine, driver: str, protocol: int) -> PacketLine:
     """Packets of a driver's protocol on a line whose servos are not known; learns whether it echoes."""
-    packets = PacketLine(line, packets_of(driver, protocol), patience_s=PATIENCE_S, adapts=False)
+    packets = PacketLine(line, packets_of(driver, protocol), timeout_s=TIMEOUT_S, adapts=False)
     packets.learn_echo(harmless_instruction(driver))
     return packets
 
@@ -183,7 +183,7 @@ def _ids_by_broadcast(path: str, baud: int) -> list[int]:
             wire_s = line.wire_s(len(request) + lx.LX16A.status_size(1))
             answers = packets.transact(request, range(BROADCAST + 1), wire_s)
             ids |= {answer.parameters[0] for answer in answers if lx.answers(answer, lx.READ_ID)}
-            time.sleep(PATIENCE_S)
+            time.sleep(TIMEOUT_S)
         if not ids and packets.garbled:
             raise InputError("servos that answer: got several at once; allowed: exactly one on the bus")
     return sorted(ids)

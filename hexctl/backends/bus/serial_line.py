@@ -103,20 +103,20 @@ class SerialLine:
             came = bool(self.read(0.0)) or came
         return came
 
-    def learn_echo(self, ping: bytes, patience_s: float) -> None:
+    def learn_echo(self, ping: bytes, timeout_s: float) -> None:
         """Send a packet that no servo answers, and see whether it comes back.
 
         The answer of a servo may be the same bytes as its ping, with an error in place of the instruction.
 
         Args:
             ping: the packet.
-            patience_s: how late it may come back.
+            timeout_s: how late it may come back.
         """
         self.echoes = False
         for _ in range(ECHO_TRIES):
             self.discard()
             self.write(ping)
-            deadline_s, seen = time.monotonic() + self.wire_s(2 * len(ping)) + patience_s, b""
+            deadline_s, seen = time.monotonic() + self.wire_s(2 * len(ping)) + timeout_s, b""
             while time.monotonic() < deadline_s and len(seen) < len(ping):
                 seen += self.read(deadline_s)
             time.sleep(ANSWERED_S)

@@ -51,7 +51,7 @@ def parse_bus_port(
         baud: of the robot file, or None.
         driver: whose usual baud it is where neither says one.
 
-    Raises InputError without a port, and for a baud that is none.
+    Raises InputError without a port, and for an invalid baud.
     """
     if not text:
         raise InputError(

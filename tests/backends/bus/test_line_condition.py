@@ -137,8 +137,8 @@ def test_servos_that_say_why_they_let_go_have_not_restarted() -> None:
 
 def _until(servos: BusServos, holds: Callable[[str], bool]) -> str:
     """Warnings of the first tick in which a condition holds, while the stance is commanded."""
-    until_s, said = time.monotonic() + 20.0, ""
-    while time.monotonic() < until_s:
+    deadline_s, said = time.monotonic() + 20.0, ""
+    while time.monotonic() < deadline_s:
         servos.clock.tick()
         said = "\n".join(servos.read().warnings)
         if holds(said):

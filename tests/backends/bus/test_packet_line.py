@@ -1,5 +1,7 @@
 """Questions and answers on a line whose answers come late."""
 
+import os
+import threading
 import time
 from collections.abc import Iterator
 
@@ -8,12 +10,13 @@ import pytest
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import PING, PROTOCOLS, READ, WRITE
 from hexctl.backends.bus.serial_line import SerialLine
+from hexctl.waiting import wait_for
 from tests.backends.bus.late_servo import LateServo
 
 PACKETS = PROTOCOLS[1]
 
 #: How long the line waits, and answers that come later than that, and not much.
-PATIENCE_S, LATE_S = 0.15, 0.22
+TIMEOUT_S, LATE_S = 0.15, 0.22
 
 #: What registers hold: 3 is an operating mode, at 11.
 MEMORY = {10: 0, 11: 3, 12: 9, 30: 100, 31: 2}
@@ -32,7 +35,7 @@ def servo() -> Iterator[LateServo]:
 
 
 def _line(servo: LateServo) -> PacketLine:
-    return PacketLine(SerialLine(servo.path, 1_000_000), PACKETS, patience_s=PATIENCE_S, adapts=False)
+    return PacketLine(SerialLine(servo.path, 1_000_000), PACKETS, timeout_s=TIMEOUT_S, adapts=False)
 
 
 def _read(line: PacketLine, address: int, size: int = 1, *, tries: int = 2) -> bytes | None:
@@ -55,7 +58,7 @@ def test_answers_of_other_sizes_are_not_waited_for_and_not_taken(servo: LateServ
     line = _line(servo)
     servo.delays_s = [LATE_S]
     assert _read(line, 11, tries=1) is None
-    time.sleep(LATE_S - PATIENCE_S)
+    time.sleep(LATE_S - TIMEOUT_S)
     assert _read(line, 30, size=2, tries=1) in (b"\x64\x02", None), "never the one byte"
     assert _read(line, 30, size=2) == b"\x64\x02"
 
@@ -67,9 +70,23 @@ def test_the_same_question_takes_the_answer_that_comes_first(servo: LateServo) -
     assert _read(line, 11) == b"\x03"
 
 
+def test_a_late_servo_that_is_closed_leaves_no_thread_and_no_descriptor() -> None:
+    """What it left wrote into the line of another test, which had the same descriptor by then."""
+    threads, descriptors = set(threading.enumerate()), set(os.listdir("/dev/fd"))
+    servo = LateServo(PACKETS, _answer)
+    servo.delays_s = [60.0]
+    line = SerialLine(servo.path, 1_000_000)
+    line.write(PACKETS.instruction(7, READ, bytes([11, 1])))
+    wait_for(lambda: not servo.delays_s, 10.0, "the question does not come")
+    line.close()
+    servo.close()
+    assert set(threading.enumerate()) <= threads
+    assert set(os.listdir("/dev/fd")) <= descriptors
+
+
 def test_servos_that_begin_to_answer_late_are_heard_again(servo: LateServo) -> None:
     """The line had learned to wait for a few ms only, and dropped what came later for good."""
-    line = PacketLine(SerialLine(servo.path, 1_000_000), PACKETS, patience_s=PATIENCE_S)
+    line = PacketLine(SerialLine(servo.path, 1_000_000), PACKETS, timeout_s=TIMEOUT_S)
     for _ in range(80):
         assert _read(line, 11) == b"\x03"
     servo.delays_s = [0.04] * 12
@@ -84,11 +101,11 @@ def test_servos_that_are_missing_are_not_waited_for_much_longer_than_the_others_
     servo: LateServo,
 ) -> None:
     """Where any was missing the line waited for 34 ms in each round, for good."""
-    line = PacketLine(SerialLine(servo.path, 1_000_000), PACKETS, patience_s=PATIENCE_S)
+    line = PacketLine(SerialLine(servo.path, 1_000_000), PACKETS, timeout_s=TIMEOUT_S)
     request = PACKETS.instruction(7, READ, bytes([11, 1]))
     for _ in range(60):
         assert len(line.transact(request, (7, 8), 0.001)) == 1
-    assert line._patience_s < PATIENCE_S / 5
+    assert line._timeout_s < TIMEOUT_S / 5
 
 
 @pytest.mark.parametrize(

@@ -87,9 +87,9 @@ GOALS, REQUEST, ANSWER = b"\xff\xffgoals of many", b"\xff\xff\x01\x04\x02\x38\x0
 
 
 def _heard(line: SerialLine) -> bytes:
-    data, until_s = b"", time.monotonic() + 0.1
-    while time.monotonic() < until_s:  # a read that brings an echo only is empty, and not the last one
-        data += line.read(until_s)
+    data, deadline_s = b"", time.monotonic() + 0.1
+    while time.monotonic() < deadline_s:  # a read that brings an echo only is empty, and not the last one
+        data += line.read(deadline_s)
     return data
 
 

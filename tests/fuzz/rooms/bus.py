@@ -121,7 +121,7 @@ def _registers(data: bytes) -> None:
     with suppress(RobotFaultError):
         if data[0] & 0x80:
             servo = single_servo(
-                PacketLine(line, packets, patience_s=0.0, adapts=False), driver, table.protocol, 1
+                PacketLine(line, packets, timeout_s=0.0, adapts=False), driver, table.protocol, 1
             )
             str(servo.look().to_json())
             servo.limits()
@@ -129,7 +129,7 @@ def _registers(data: bytes) -> None:
             servo.position()
         else:
             bus = RegisterBus(line, _map(driver, model), BusCounters())
-            bus._packets._most_patience_s = 0.0
+            bus._packets._most_timeout_s = 0.0
             bus.prepare(FIRST)
             least, most = (np.full(N_JOINTS, number) for number in (100.0, 900.0))
             bus.check(FIRST, least, most)
@@ -144,7 +144,7 @@ def _lx16a(data: bytes) -> None:
     line: Any = FuzzedLine(data[1:], LX16A)
     with suppress(RobotFaultError):
         if sum(data[:1]) & 0x80:
-            servo = single_servo(PacketLine(line, LX16A, patience_s=0.0, adapts=False), "lx16a", 1, 1)
+            servo = single_servo(PacketLine(line, LX16A, timeout_s=0.0, adapts=False), "lx16a", 1, 1)
             str(servo.look().to_json())
             servo.limits()
             servo.refusal()

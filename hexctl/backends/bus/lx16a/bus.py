@@ -13,10 +13,10 @@ import numpy as np
 
 from hexctl.backends.bus.lx16a import packets as lx
 from hexctl.backends.bus.packet_line import (
-    FIRST_PATIENCE_S,
-    LEAST_PATIENCE_S,
-    PATIENCE_SHARE,
-    PATIENCE_TIMES,
+    FIRST_TIMEOUT_S,
+    LEAST_TIMEOUT_S,
+    TIMEOUT_SHARE,
+    TIMEOUT_TIMES,
 )
 from hexctl.backends.bus.packets import PacketStream
 from hexctl.backends.bus.serial_line import UNUSED_ID, SerialLine
@@ -78,7 +78,7 @@ class Lx16aBus(ServoBus):
         self._line, self._map, self._counters = line, servos, counters
         self._ids: list[int] = servos.ids.tolist()
         self._stream = PacketStream(lx.LX16A)
-        self._patience_s = FIRST_PATIENCE_S
+        self._timeout_s = FIRST_TIMEOUT_S
         self._free_s = self._began_s = 0.0  # when the line has sent all, and when the period began
         self._lowest, self._highest = np.full(N_JOINTS, float(LOWEST)), np.full(N_JOINTS, float(HIGHEST))
         self._on: BoolArray = np.zeros(N_JOINTS, dtype=bool)
@@ -94,7 +94,7 @@ class Lx16aBus(ServoBus):
 
     def find(self) -> BoolArray:
         """Which joints have a servo that answers, (18,); learns whether the adapter echoes."""
-        self._line.learn_echo(lx.LX16A.instruction(UNUSED_ID, lx.READ_POSITION), FIRST_PATIENCE_S)
+        self._line.learn_echo(lx.LX16A.instruction(UNUSED_ID, lx.READ_POSITION), FIRST_TIMEOUT_S)
         found: BoolArray = np.zeros(N_JOINTS, dtype=bool)
         for joint in ALL:
             if self._ask(joint, lx.READ_POSITION, tries=TRIES) is None:
@@ -212,7 +212,7 @@ class Lx16aBus(ServoBus):
                 reports += self._report(self._next, tries=1)
                 self._next, asked = (self._next + 1) % N_JOINTS, asked + 1
             begin_s = max(self._free_s, time.monotonic())
-            late = begin_s + wire_s + self._patience_s / PATIENCE_TIMES > self._began_s + SPAN_S
+            late = begin_s + wire_s + self._timeout_s / TIMEOUT_TIMES > self._began_s + SPAN_S
             if asked and (late or asked == N_JOINTS or until()):
                 return reports
 
@@ -336,7 +336,7 @@ class Lx16aBus(ServoBus):
     def _await(self, servo_id: int, command: int, size: int) -> bytes | None:
         """Answer of a servo to what was sent last; its delay is learned."""
         soonest_s = self._free_s + self._line.wire_s(lx.LX16A.status_size(size))
-        deadline_s = soonest_s + self._patience_s
+        deadline_s = soonest_s + self._timeout_s
         while True:
             data = self._line.read(deadline_s)
             came = self._stream.feed(data)
@@ -351,8 +351,8 @@ class Lx16aBus(ServoBus):
                 return None
 
     def _wait_longer(self) -> None:
-        self._patience_s = min(2 * self._patience_s, FIRST_PATIENCE_S)
+        self._timeout_s = min(2 * self._timeout_s, FIRST_TIMEOUT_S)
 
     def _learn_delay(self, delay_s: float) -> None:
-        wanted_s = min(max(PATIENCE_TIMES * delay_s, LEAST_PATIENCE_S), FIRST_PATIENCE_S)
-        self._patience_s += PATIENCE_SHARE * (wanted_s - self._patience_s)
+        wanted_s = min(max(TIMEOUT_TIMES * delay_s, LEAST_TIMEOUT_S), FIRST_TIMEOUT_S)
+        self._timeout_s += TIMEOUT_SHARE * (wanted_s - self._timeout_s)

@@ -31,9 +31,9 @@ def _bus(*faults: str) -> Iterator[tuple[Lx16aBus, BusBoard, BusCounters]]:
 
 
 def _within(condition: Callable[[], bool], seconds: float = 5.0) -> bool:
-    until_s = time.monotonic() + seconds
+    deadline_s = time.monotonic() + seconds
     while not condition():
-        if time.monotonic() > until_s:
+        if time.monotonic() > deadline_s:
             return False
     return True
 

@@ -43,10 +43,10 @@ def _walks(servos: BusServos, seconds: float, angle_rad: float = 0.0) -> RobotSt
 
 def _within(condition: Callable[[], bool], servos: BusServos, angle_rad: float = 0.0) -> bool:
     """Whether a condition comes to hold while the stance, off by an angle, is commanded."""
-    until_s = time.monotonic() + 6.0
+    deadline_s = time.monotonic() + 6.0
     while not condition():
         _walks(servos, 0.02, angle_rad)
-        if time.monotonic() > until_s:
+        if time.monotonic() > deadline_s:
             return False
     return True
 
