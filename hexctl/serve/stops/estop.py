@@ -198,11 +198,21 @@ class ReadyStop:
             self._rested[way] = sighting.at_s
 
     def _rested_since_s(self) -> float | None:
-        """Since when the robot has been at rest, once that was long enough; None before."""
+        """Since when the robot has been at rest, once that was long enough; None before.
+
+        What one way has seen does not count where the other has seen since that a robot is not at rest.
+        """
         for way, since_s in self._rested.items():
-            if self._seen[way].at_s - since_s >= RESTS_S:
+            if self._seen[way].at_s - since_s >= RESTS_S and not self._moved_since(since_s):
                 return since_s
         return None
+
+    def _moved_since(self, at_s: float) -> bool:
+        """Whether a robot was seen to move, by the newest answer of a way: of after a time, and fresh."""
+        from_s = max(at_s, time.monotonic() - SILENCE_S)
+        return any(
+            one.at_s > from_s and (one.stopped is None or one.at_rest is False) for one in self._seen.values()
+        )
 
     def _raise_if_late(self) -> None:
         passed_s = time.monotonic() - self._pressed_s

@@ -11,6 +11,7 @@ import pytest
 
 import hexctl
 from hexctl.errors import InputError, RobotFaultError
+from hexctl.serve.stops.datagram_way import Sighting
 from hexctl.serve.stops.estop import ReadyStop, clear_stop, estop
 from tests.cli.terminals import OnTerminal
 from tests.serve.cable import Cable
@@ -95,6 +96,28 @@ def test_a_stop_that_is_ready_says_when_the_robot_is_out_of_reach_and_back(tmp_p
         assert "NOT REACHABLE" in str(ready.reach)
         with served(tmp_path, port=port, name="back"):
             wait_until(lambda: ready.reach.ways == ("datagram", "session"), "its return")
+
+
+def seen(at_s: float, stopped: str | None = "estop") -> Sighting:
+    """What a robot at rest says at a time."""
+    return Sighting(at_s=at_s, stopped=stopped, stop_id="00" * 8, at_rest=True, kept=True, robot="ant")
+
+
+def test_what_one_way_sees_is_no_rest_while_the_other_sees_a_robot_that_is_not_stopped() -> None:
+    ready, now_s = ReadyStop(connect=f"tcp/127.0.0.1:{free_port()}"), time.monotonic()
+    try:
+        ready.press()
+        ready._datagrams.obeyed = True
+        for later_s in (0.0, 0.3, 0.6):
+            ready._see("datagram", seen(now_s + later_s))
+        ready._see("session", seen(now_s + 0.4, None))
+        assert ready._rested_since_s() is None, "of several robots one has not stopped"
+        ready._see("session", seen(now_s + 0.5))
+        assert ready._rested_since_s() == now_s
+        ready._see("session", seen(now_s - 0.1, None))
+        assert ready._rested_since_s() == now_s, "asked for before the robot was at rest"
+    finally:
+        ready._datagrams.end()
 
 
 def test_a_robot_that_is_not_there_is_an_error_and_no_success() -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 import zenoh
 
+import hexctl.serve.remote  # noqa: F401  it keeps the session's opener that it finds when it is first imported
 from hexctl.serve.stops import session_way
 from hexctl.serve.stops.datagram_way import Sighting
 from hexctl.serve.stops.session_way import SessionWay
