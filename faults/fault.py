@@ -69,7 +69,7 @@ FAULTS = {
             relayed=True,
             breaks="rig",
         ),
-        Fault(name="clock-jump", words="the clock of the day jumps by a day", safe="goes on", breaks="rig"),
+        Fault(name="clock-jump", words="the clock jumps by a day", safe="goes on", breaks="rig"),
         Fault(name="mute-servo", words="a servo is dead", safe="either", breaks="rig", detected=True),
         Fault(
             name="garbled",
