@@ -354,17 +354,19 @@ def _baseline_lines(session: Session) -> list[str]:
 
 
 def _compared(session: Session) -> str:
-    """Gaits of the baseline that no trial is better than, or that the best trial cannot be told from."""
+    """Gaits of the baseline that no trial is better than, that the best trial is or cannot be told from."""
     spec, best_m = session.spec, INVALID_SCORE if session.best is None else session.best.score
     valid = [walk for walk in session.baseline if walk.valid and session.trials]
     better = {walk.gait for walk in session.better_baseline}
     unbeaten = [walk.gait for walk in valid if walk.gait in better]
-    alike = (
-        [walk.gait for walk in valid if not spec.distinct(walk.score, best_m)]
-        if spec.uncertainty_text
-        else []
-    )
+    same = [walk.gait for walk in valid if session.best is not None and walk.slots == session.best.slots]
+    alike = [
+        walk.gait
+        for walk in valid
+        if spec.uncertainty_text and walk.gait not in same and not spec.distinct(walk.score, best_m)
+    ]
     text = f"; no trial is better than {_listed(unbeaten)}" if unbeaten else ""
+    text += f"; the best trial walks the gait {_listed(same)}" if same else ""
     return text + (f"; the best trial is not distinguishable from {_listed(alike)}" if alike else "")
 
 

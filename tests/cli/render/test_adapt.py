@@ -68,6 +68,12 @@ def test_a_gait_within_the_uncertainty_of_the_best_trial_is_not_called_better_or
         text = closing_lines(with_tripod(tripod, uncertainty_m=0.0213), "budget")
         said = f"without a search: tripod {tripod:.3f} m ± 0.021 m"
         assert f"{said}; the best trial is not distinguishable from tripod" in text.splitlines()
+    whole = with_tripod(0.001, uncertainty_m=0.0213)
+    assert whole.best is not None
+    whole.baseline[0] = replace(whole.baseline[0], gait="auto", slots=whole.best.slots)
+    text = closing_lines(whole, "budget")
+    assert "; the best trial walks the gait auto" in text
+    assert "not distinguishable from auto" not in text
     text = closing_lines(with_tripod(0.08, uncertainty_m=0.0213), "budget")  # 7.4 cm: 3.5 times 2.1 cm
     assert "without a search: tripod 0.080 m ± 0.021 m" in text.splitlines()
     text = closing_lines(with_tripod(0.001, uncertainty_m=0.0013), "budget")
