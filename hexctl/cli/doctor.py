@@ -84,7 +84,12 @@ def _devices(devices: "tuple[Device, ...]") -> str:
     """Devices, with the group of those that may not be used."""
     texts = [
         " ".join(filter(None, (device.path, device.name and f"({device.name})")))
-        + ("" if device.usable else f" not allowed, group {device.group}")
+        + ("" if device.usable else f" not allowed, {_whose(device)}")
         for device in devices
     ]
     return ", ".join(texts) or "none"
+
+
+def _whose(device: "Device") -> str:
+    """Who may use a device."""
+    return f"group {device.group}" if device.group else "for root alone"

@@ -131,6 +131,9 @@ def _unusable(devices: tuple[Device, ...], none: str) -> str | None:
     if any(device.usable for device in devices):
         return None
     groups = ",".join(sorted({device.group for device in devices if device.group}))
+    if not groups:
+        paths = ", ".join(device.path for device in devices)
+        return f"{paths} {'is' if len(devices) == 1 else 'are'} for root alone (a console?)"
     return f"not allowed for you: sudo usermod -aG {groups} $USER, then log in again"
 
 

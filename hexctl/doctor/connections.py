@@ -3,6 +3,7 @@
 import grp
 import os
 import socket
+import stat
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,7 +25,7 @@ class Device:
     Attributes:
         path: such as `/dev/ttyUSB0`.
         name: what its adapter calls itself; empty where nothing tells.
-        group: group that may use it.
+        group: group that may read and write it; empty where root alone may.
         usable: whether this process may read and write it.
     """
 
@@ -76,10 +77,20 @@ def read_connections() -> Connections:
 
 def _device(path: str, name: str = "") -> Device:
     try:
-        group = grp.getgrgid(os.stat(path).st_gid).gr_name
+        group = _group_of(os.stat(path))
     except (KeyError, OSError):
         group = ""
     return Device(path=path, name=name, group=group, usable=os.access(path, os.R_OK | os.W_OK))
+
+
+def _group_of(found: os.stat_result) -> str:
+    """Group that may read and write a device; empty for root, which nobody is to join, and where it may not.
+
+    Raises KeyError for a group without a name.
+    """
+    shared = stat.S_IRGRP | stat.S_IWGRP
+    may = found.st_mode & shared == shared and found.st_gid != 0
+    return grp.getgrgid(found.st_gid).gr_name if may else ""
 
 
 def _is_free(number: int, protocol: str = "tcp") -> bool:

@@ -1,10 +1,12 @@
 """What works on a computer, by what it has."""
 
 import json
+import os
 import socket
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -76,6 +78,35 @@ def test_a_port_that_is_not_allowed_says_which_group(here: hexctl.Checkup, monke
     none = works(monkeypatch, read_connections=replace(found, serial=()))["servos on a serial port"]
     assert none is not None
     assert "plugged in" in none
+
+
+def test_a_port_for_root_alone_proposes_no_group(here: hexctl.Checkup, monkeypatch: Any) -> None:
+    console = Device(path="/dev/ttyS0", name="", group="", usable=False)
+    found = replace(here.connections, serial=(console,))
+    told = works(monkeypatch, read_connections=found)["servos on a serial port"]
+    assert told == "/dev/ttyS0 is for root alone (a console?)"
+    both = replace(found, serial=(console, replace(FORBIDDEN)))
+    assert "-aG dialout $USER" in str(works(monkeypatch, read_connections=both)["servos on a serial port"])
+
+
+@pytest.mark.parametrize(
+    ("mode", "gid", "group"),
+    [(0o660, 4242, "dialout"), (0o600, 4242, ""), (0o640, 4242, ""), (0o660, 0, ""), (0o660, 4243, "")],
+)
+def test_the_group_of_a_device_is_one_that_may_use_it(
+    mode: int, gid: int, group: str, monkeypatch: Any
+) -> None:
+    def named(asked: int) -> Any:
+        return SimpleNamespace(gr_name={0: "root", 4242: "dialout"}[asked])
+
+    found = os.stat_result((mode, 0, 0, 1, 0, gid, 0, 0, 0, 0))
+    monkeypatch.setattr(connections, "grp", SimpleNamespace(getgrgid=named))
+    monkeypatch.setattr(
+        connections,
+        "os",
+        SimpleNamespace(stat=lambda _: found, access=lambda *_: False, R_OK=os.R_OK, W_OK=os.W_OK),
+    )
+    assert connections._device("/dev/ttyS0").group == group
 
 
 def test_a_taken_port_no_renderer_and_a_full_disk(here: hexctl.Checkup, monkeypatch: Any) -> None:

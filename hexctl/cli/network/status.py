@@ -124,10 +124,10 @@ def status_rows(status: Status, clear: str) -> list[tuple[str, str]]:
         ("joints", _joints),
         ("position", lambda told: "known" if told.get("pose") else "not known, so no trial can be scored"),
         ("commands", lambda told: _commands(told.get("commands", {}))),
-        ("guard", lambda told: f"{told.get('clipped', 0)} targets limited to what the joints can do"),
+        ("guard", _guard),
         ("dropped", _dropped),
         ("servo link", lambda told: link_in_words(told.get("servo_link"))),
-        ("loop", lambda told: f"{told.get('ticks', 0)} ticks of 20 ms, {told.get('overruns', 0)} skipped"),
+        ("loop", _loop),
         ("link", _link),
         ("ROS", lambda told: _ros(told.get("ros"))),
     )
@@ -243,6 +243,20 @@ def _commands(counts: Mapping[str, int]) -> str:
 
     dropped = in_words({name: n for name, n in counts.items() if name != "accepted"})
     return f"{counts.get('accepted', 0)} executed; {dropped or 'none dropped'}"
+
+
+def _guard(status: Status) -> str:
+    """What the robot's own guard did to targets that had passed the controller's."""
+    from hexctl.cli.render.words import counted
+
+    limited = counted(status.get("clipped", 0), "targets limited to what the joints can do")
+    return f"{limited}, by the robot's own guard, behind the controller's"
+
+
+def _loop(status: Status) -> str:
+    from hexctl.cli.render.words import counted
+
+    return f"{counted(status.get('ticks', 0), 'ticks of 20 ms')}, {status.get('overruns', 0)} skipped"
 
 
 def _dropped(status: Status) -> str:

@@ -36,8 +36,15 @@ def why_in_words(
 
 
 def in_words(counts: Mapping[str, int]) -> str:
-    """Counts above zero: `2 late, 1 stale owner`."""
-    return ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in counts.items() if n)
+    """Counts above zero: `2 late, 1 stale owner, 3 leases refused`."""
+    return ", ".join(counted(n, name.replace("_", " ")) for name, n in counts.items() if n)
+
+
+def counted(number: int, name: str) -> str:
+    """A number of things by the name of several, such as `leases refused`: of one, `1 lease refused`."""
+    thing, space, rest = name.partition(" ")
+    one = number == 1 and thing.endswith("s") and not thing.endswith("ss")
+    return f"{number} {thing[:-1] if one else thing}{space}{rest}"
 
 
 def link_in_words(counts: Mapping[str, int] | None) -> str:
@@ -47,4 +54,4 @@ def link_in_words(counts: Mapping[str, int] | None) -> str:
     troubles = in_words({name: n for name, n in counts.items() if name != "received"})
     if "received" not in counts:  # a bus counts what it asks for
         return troubles or "nothing yet"
-    return f"{counts['received']} messages came; {troubles or 'none lost'}"
+    return f"{counted(counts['received'], 'messages')} came; {troubles or 'none lost'}"

@@ -56,7 +56,8 @@ def test_a_calm_robot() -> None:
         "joints": "measured, 2 ms old",
         "position": "known",
         "commands": "7 executed; none dropped",
-        "guard": "2 targets limited to what the joints can do",
+        "guard": "2 targets limited to what the joints can do, by the robot's own guard, behind the "
+        "controller's",
         "loop": "100 ticks of 20 ms, 0 skipped",
         "link": "tcp/127.0.0.1:7447, no certificates",
     }
@@ -131,8 +132,10 @@ def test_a_calm_robot() -> None:
         (
             {"malformed": {"requests": 4, "poses": 0}, "leases_refused": 1},
             "dropped",
-            "4 requests, 1 leases refused",
+            "4 requests, 1 lease refused",
         ),
+        ({"malformed": {"requests": 1}, "leases_refused": 2}, "dropped", "1 request, 2 leases refused"),
+        ({"ticks": 1, "overruns": 1}, "loop", "1 tick of 20 ms, 1 skipped"),
         (
             {"insecure": True},
             "link",
