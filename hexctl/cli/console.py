@@ -12,6 +12,8 @@ import typer
 from hexctl.errors import HexctlError, RobotFaultError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from rich.console import RenderableType
     from rich.progress import Progress
 
@@ -44,6 +46,16 @@ def code_of(result: "TrialResult") -> int:
     if result.status == "diverged" or code_of_stop(result.stopped or "") == FAULT:
         return FAULT
     return ABORTED if result.status in ("fell", "aborted") else DONE
+
+
+def never_commanded(outcome: "Mapping[str, Any]") -> bool:
+    """Whether a walk or a diagnosis was interrupted before the robot was told anything."""
+    return outcome["stopped"] == "requested" and not outcome["ticks"]
+
+
+def note_never_commanded() -> None:
+    """Say that a command was interrupted before the robot was told anything."""
+    print_note("hexctl: interrupted before the robot was commanded")
 
 
 def print_result(*parts: "RenderableType") -> None:

@@ -113,7 +113,8 @@ def run_trial(
     """Run a plan on connected servos and return the result.
 
     A fall, a latched stop, a diverged simulation or a requested stop is a status of the result; so is
-    `cut_short`, when `should_stop` ends the walk. Where the clock waits for the time, this thread has
+    `cut_short`, when `should_stop` ends the walk. A stop that is requested from the start commands nothing: a
+    limp robot stays limp. Where the clock waits for the time, this thread has
     real-time priority meanwhile, if it may.
 
     Args:
@@ -123,7 +124,7 @@ def run_trial(
             `WalkStart`. Its `done` may end the walk.
         recorders: take the ticks in blocks, each failing alone. Given as `Recorders`, failures stay there;
             otherwise each is a warning.
-        stop_requested: asked every tick; True ends the trial as `aborted`.
+        stop_requested: asked before the first tick and at every tick; True ends the trial as `aborted`.
         should_stop: asked every `LOOK_TICKS` of the walk.
         soft_stop: False leaves out the stop after the walk, which is never scored.
 
@@ -213,10 +214,12 @@ class _Trial:
         """Settle, turn, walk and stop."""
         servos, trace, recorders = self._servos, self.trace, self._recorders
         try:
-            start = Preparation(servos, self._plan, trace, recorders, self._stop_requested).run()
-            self.turned_rad = start.turned_rad
+            # The first command would power up a robot that lies limp.
             if not self._stop_requested():
-                self._walk(start, soft_stop=soft_stop)
+                start = Preparation(servos, self._plan, trace, recorders, self._stop_requested).run()
+                self.turned_rad = start.turned_rad
+                if not self._stop_requested():
+                    self._walk(start, soft_stop=soft_stop)
         except EStopError:
             self.status = "fell" if servos.stopped == "fell" else "aborted"
         except CommandRefusedError as error:

@@ -176,6 +176,12 @@ class Recording:
             stream, self._stream = self._stream, None
             disconnect(stream)
 
+    def discard(self) -> None:
+        """Close the file and delete it: nothing was done that it could show."""
+        self._sound = False
+        self.close()
+        self.path.unlink(missing_ok=True)
+
     @property
     def index_due(self) -> bool:
         """Whether `write_index` has something to do, once the file is closed."""

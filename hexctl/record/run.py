@@ -206,7 +206,8 @@ class Run:
         Args:
             controller: walks instead of the plan's own walk, as in `run_trial`.
             recorders: take the ticks in blocks beside the recording; each fails alone.
-            stop_requested: asked every tick; True ends the walk with a soft stop.
+            stop_requested: asked every tick; True ends the walk with a soft stop, without a recording where
+                nothing was commanded before.
             should_stop: looks at the walk once a second, as in `run_trial`, such as a `Geofence`.
 
         Raises RobotFaultError when the robot or its link fails. A fall, a stop or an incomplete recording is
@@ -226,6 +227,9 @@ class Run:
         trial = run_trial(
             self._guard, self.plan, walk, kept, stop_requested=stop_requested, should_stop=should_stop
         )
+        if trial.stopped == "requested" and not len(log) and recording is not None:
+            recording.discard()
+            recording = self._recording = None
         outcome = self._outcome(trial, log, time.perf_counter() - began_s)
         error = kept.error_of(recording)
         if recording is not None and error is None:

@@ -1,5 +1,8 @@
 """LegServos of one's own, as modules named on the command line: each has a trouble of its own."""
 
+import os
+import signal
+
 from hexctl.robot.model import Robot
 from hexctl.types import JointTargets, RobotState
 from tests.control.posed import PosedMock
@@ -67,6 +70,15 @@ class PortBreaks(_Breaking):
     """A serial port is pulled out."""
 
     error = OSError(5, "Input/output error")
+
+
+class Interrupting(Kit):
+    """Ctrl-C comes while it connects."""
+
+    def connect(self) -> None:
+        """Connect, and be interrupted."""
+        super().connect()
+        os.kill(os.getpid(), signal.SIGINT)
 
 
 class NoPipe(Kit):

@@ -137,6 +137,16 @@ def test_a_stop_in_the_turn_ends_softly_in_the_stance_without_a_walk() -> None:
     np.testing.assert_allclose(log["sent_rad"][-1], shipped().stance_angles_rad, atol=1e-9)
 
 
+def test_a_stop_asked_for_from_the_start_commands_nothing() -> None:
+    servos, log = PosedMock(), TickLog()
+    with Guard(servos) as guard:
+        plan = TrialPlan(gait=gait_of(shipped()), belief=Failure(leg=2))
+        result = run_trial(guard, plan, recorders=(log,), stop_requested=lambda: True)
+    assert (result.status, result.stopped, result.duration_s) == ("aborted", "requested", 0)
+    assert (len(log), len(servos.sent)) == (0, 0)
+    assert _all_finite(result)
+
+
 def test_a_stop_before_the_walk_never_walks() -> None:
     result, log, _ = _stopped("settle", 10, duration_s=30)
     assert result.status == "aborted"

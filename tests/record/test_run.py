@@ -95,8 +95,17 @@ def test_a_recorder_that_fails_costs_neither_walk_nor_recording_nor_other_record
 
 
 def test_it_stops_on_request() -> None:
-    done = run(stop_requested=lambda: True, duration_s=60)
+    asked = iter(range(1000))
+    done = run(stop_requested=lambda: next(asked) > 10, duration_s=60)
     assert (done.trial.status, done.trial.stopped) == ("aborted", "requested")
+    assert len(done.log) > 0
+
+
+def test_a_stop_from_the_start_moves_nothing_and_leaves_no_recording(tmp_path: Path) -> None:
+    done = run(stop_requested=lambda: True, record=tmp_path / "walk.rrd")
+    assert (done.trial.status, done.trial.stopped, len(done.log)) == ("aborted", "requested", 0)
+    assert (done.recording, done.outcome["recording"], done.recording_error) == (None, None, None)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_another_controller_may_walk() -> None:

@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
-from hexctl.cli.console import DONE, INTERRUPTED, StopOnInterrupt, code_of, print_note, print_result
+from hexctl.cli.console import (
+    DONE,
+    INTERRUPTED,
+    StopOnInterrupt,
+    code_of,
+    never_commanded,
+    note_never_commanded,
+    print_note,
+    print_result,
+)
 from hexctl.cli.options.connection import ConnectOption, InsecureOption, KeysOption, LinkOption
 from hexctl.cli.options.failure import SimFailedLegOption, SimFailureOption
 from hexctl.cli.options.output import JsonOption, NoRecordOption, RecordOption
@@ -89,11 +98,15 @@ def diagnosed(spec: "RunSpec") -> "tuple[DiagnosisResult | None, int]":
             stack.enter_context(run)
         except RobotFaultError:
             if interrupt.requested():
+                note_never_commanded()
                 return None, INTERRUPTED
             raise
         for note in run.notes:
             print_note(f"hexctl: {note}")
         done = run.diagnose(ask=_operator(), stop_requested=interrupt.requested)
+        if never_commanded(done.outcome):
+            note_never_commanded()
+            return None, INTERRUPTED
         return done, INTERRUPTED if interrupt.requested() else code_of(done.trial)
 
 

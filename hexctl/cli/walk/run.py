@@ -14,7 +14,10 @@ from hexctl.cli.console import (
     StopOnInterrupt,
     code_of,
     make_bar,
+    never_commanded,
+    note_never_commanded,
     note_no_window,
+    print_above,
     print_note,
     print_result,
 )
@@ -233,18 +236,24 @@ def _walk(
             stack.enter_context(run)
         except RobotFaultError:
             if interrupt.requested():
+                note_never_commanded()
                 return INTERRUPTED
             raise
         for note in run.notes:
             print_note(f"hexctl: {note}")
-        live = _open_live(run) if view and spec.paced else None
+        live = _open_live(run) if view and spec.paced and not interrupt.requested() else None
         if live is not None:
             stack.enter_context(live)
         quiet = as_json or (not spec.paced and spec.duration_s < SHORT_S)
-        progress = stack.enter_context(_WalkProgress(spec.duration_s, quiet=quiet))
+        progress = stack.enter_context(
+            _WalkProgress(spec.duration_s, quiet=quiet, of_turn=_turn_note(run) if spec.paced else "")
+        )
         recorders: list[Recorder] = [progress] if live is None else [progress, live]
         done = _walked(run, recorders, interrupt, fence)
         if done is None:
+            return INTERRUPTED
+        if never_commanded(done.outcome):
+            note_never_commanded()
             return INTERRUPTED
         if run.index_due and not as_json:
             print_note(f"hexctl: the walk is done; writing the index of {run.recording_path}")
@@ -324,20 +333,41 @@ def _clear_command(spec: "RunSpec") -> str:
     return load_link(spec.link, endpoint=spec.connect, credentials=keys, insecure=spec.insecure).clear_command
 
 
-class _WalkProgress(WithBar):
-    """Recorder that shows the progress of a walk on stderr, on a terminal and unless told to be quiet."""
+def _turn_note(run: "Run") -> str:
+    """Line about the self-rotation before a walk; empty where it is short or none."""
+    from hexctl.control.walks.turning import SMALL_TURN_RAD, turn_needed_rad
 
-    def __init__(self, total_s: float, *, quiet: bool) -> None:
+    plan = run.plan
+    if plan.belief is None or abs(turn_needed_rad(run.robot, plan)) <= SMALL_TURN_RAD:
+        return ""
+    points = "trails" if plan.self_rotation == "rear" else "leads"
+    first = f"turns until leg {plan.belief.leg} {points}"
+    return f"hexctl: {first}, then walks {plan.duration_s:g} s; Ctrl-C stops it"
+
+
+class _WalkProgress(WithBar):
+    """Recorder that shows the progress of a walk on stderr, on a terminal and unless told to be quiet.
+
+    Args:
+        total_s: duration of the walk.
+        quiet: True for no bar.
+        of_turn: line that is printed once where the robot begins to turn before the walk; empty for none.
+    """
+
+    def __init__(self, total_s: float, *, quiet: bool, of_turn: str = "") -> None:
         from hexctl.backends.clock import PERIOD_S
         from hexctl.control.log import BLOCK_TICKS
 
         self.block_ticks: int | None = BLOCK_TICKS
-        self._total_s, self._period_s = total_s, PERIOD_S
+        self._total_s, self._period_s, self._of_turn = total_s, PERIOD_S, of_turn
         self._bar = make_bar("{task.completed:.0f} of {task.total:.0f} s", quiet=quiet)
         self._task = self._bar.add_task(_doing("settle"), total=total_s)
 
     def write_block(self, log: "TickLog", start: int, stop: int) -> None:
         """Move the bar to where the log is."""
+        if self._of_turn and log.phase == "turn":
+            print_above(self._bar, self._of_turn, err=True)
+            self._of_turn = ""
         walked_s = min(self._total_s, log.walked_ticks * self._period_s)
         self._bar.update(self._task, completed=walked_s, description=_doing(log.phase))
 

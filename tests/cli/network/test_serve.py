@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from hexctl import run
 from hexctl.backends.mock import MockServos
 from hexctl.cli.main import exit_code
 from hexctl.wire.certificates import make_certificates
@@ -111,6 +112,15 @@ def test_servos_of_a_robot_file_that_are_only_simulated_are_mentioned(tmp_path: 
         robot.wait_for("simulated; its servos are served with --backend feetech")
     with served(tmp_path, "--robot", "lukas", backend="sim") as asked:
         assert "its servos are served with" not in asked.said()
+
+
+def test_a_walk_that_is_stopped_before_it_begins_leaves_the_robot_as_it_is(tmp_path: Path) -> None:
+    with served(tmp_path) as robot:
+        done = run(backend="zenoh", connect=robot.endpoint, stop_requested=lambda: True)
+        assert (done.trial.stopped, len(done.log)) == ("requested", 0)
+        status = robot.status()
+        assert (status["posture"], status["commands"]["accepted"]) == ("idle", 0)
+        assert not len(robot.log().positions_rad)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

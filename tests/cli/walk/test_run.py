@@ -303,6 +303,25 @@ def test_a_robot_that_cannot_be_reached_is_one_line_and_leaves_nothing(
     assert [made.closed for made in Kit.made] == [1]
 
 
+@pytest.mark.parametrize("command", ["run", "diagnose"])
+def test_ctrl_c_before_the_first_command_commands_nothing_and_leaves_nothing(
+    command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "walk.rrd"
+    assert exit_code([command, "--backend", f"{KITS}:Interrupting", "--record", str(path)]) == 130
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert _one_line(printed.err) == "hexctl: interrupted before the robot was commanded"
+    assert [(made.closed, len(made.sent)) for made in Kit.made] == [(1, 0)]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_robot_that_turns_before_it_walks_says_so_first(capsys: pytest.CaptureFixture[str]) -> None:
+    assert _run("Kit", "--no-record", "--failed-leg", "5", "--self-rotation", "rear", "--json") == 0
+    line = _one_line(capsys.readouterr().err)
+    assert line == "hexctl: turns until leg 5 trails, then walks 3 s; Ctrl-C stops it"
+
+
 def test_a_kit_in_good_health_walks(capsys: pytest.CaptureFixture[str]) -> None:
     assert _run("Kit", "--no-record", "--gait", "tripod", "--turn", "5", "--json") == 0
     assert _strict(capsys.readouterr().out)["stopped"] is None
