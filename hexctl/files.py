@@ -43,7 +43,7 @@ def is_file(path: Path) -> bool:
 
 
 def read_file(path: Path, most_bytes: int) -> bytes:
-    """Content of a file that somebody else has named.
+    """Content of a file that another person has named.
 
     Raises OSError for one that cannot be read, is larger than `most_bytes`, or is none: a pipe without a
     writer and a device without an end would be read for ever.
@@ -62,7 +62,7 @@ def read_file(path: Path, most_bytes: int) -> bytes:
 
 
 def open_archive(path: Path | str) -> Any:
-    """The archive (.npz) of a file that somebody else has made, to be used in `with`.
+    """The archive (.npz) of a file that another person has made, to be used in `with`.
 
     Raises OSError as `read_file` does, and one of `ARCHIVE_DAMAGE`, as reading its arrays does.
     """

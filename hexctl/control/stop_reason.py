@@ -10,7 +10,7 @@ MEANINGS = {
     "expired": "no command came in time",
     "pose lost": "its position or orientation, known before, stayed away",
     "fell": "its body leant too far",
-    "estop": "somebody stopped it",
+    "estop": "a stop was asked for",
     "hot": "a servo is too hot",
 }
 

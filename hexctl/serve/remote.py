@@ -48,7 +48,7 @@ class RemoteRobots:
         return [status_of(answer) for answer in self._ask(self._keys.describe)]
 
     def stop(self, request: str | None = None) -> list[dict[str, Any]]:
-        """Stop every robot, whoever started it; `stopped` of each answer is its reason.
+        """Stop every robot, also those that others started; `stopped` of each answer is its reason.
 
         A request with a name is one stop, however often and by whatever way it comes.
 

@@ -83,7 +83,7 @@ class RequestHandler:
     def urgent(self, payload: bytes, *, by: str | None = None) -> None:
         """Stop the robot unless a payload at `estop` asks for a clear. Safe on any thread.
 
-        One that is not understood stops too: whoever wrote there wanted something of the stop.
+        One that is not understood stops too: a client that writes there is about to stop.
 
         Args:
             payload: of the request.

@@ -101,8 +101,8 @@ def user_name() -> str:
 def check_may_command(identity: RobotIdentity, link: Link) -> None:
     """Refuse to command a robot of another user that was reached by default, not by name.
 
-    A robot on an endpoint or a link that the operator named is meant, whoever started it. So is one whose
-    server does not say who started it.
+    A robot on an endpoint or a link that the operator named is meant, whichever user started it. So is one
+    whose server does not say who started it.
     Raises InputError that says how to name it.
     """
     if link.named or identity.is_ours or not identity.known:

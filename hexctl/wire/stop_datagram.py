@@ -46,7 +46,7 @@ class StopDatagram:
 
     Attributes:
         kind: what it is.
-        nonce: random bytes of whoever asks, others in each datagram; an answer repeats them.
+        nonce: random bytes of the client, others in each datagram; an answer repeats them.
         epoch: of the robot: in an answer the one of now, in a stop the one in which it is good.
         request: name of a stop; an answer repeats it if the stop was obeyed, and has none otherwise.
         stop_id: of an answer: id of the stop in force; none where there is none.

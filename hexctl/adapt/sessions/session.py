@@ -220,7 +220,7 @@ class WalkRecord:
     def recording_in(self, folder: Path) -> Path | None:
         """Its recording in the folder of its session, there or not; None where it was not recorded.
 
-        A store may have been moved since, or be somebody else's: of the stored path only the name counts.
+        A store may have been moved since, or be another person's: of the stored path only the name counts.
         """
         return folder / Path(self.recording).name if self.recording else None
 

@@ -4,7 +4,7 @@ A session stores what its optimizer was told, not what it believed. `bayes` deci
 beliefs are computed again: from the prior of the session, with the trials up to a moment. They are shown only
 where they are those of the session: each prediction that was stored with a trial has to come out again. The
 other optimizers expect nothing of gaits that they did not walk, and no optimizer of one's own is imported to
-look at a session, which may be somebody else's.
+look at a session, which may be another person's.
 """
 
 from collections.abc import Iterator

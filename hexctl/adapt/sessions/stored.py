@@ -1,6 +1,6 @@
 """Rows of the session store become a session, or are refused with what is wrong with them.
 
-A row may come from another version, a disk that lost a page, or somebody else: what it holds is checked
+A row may come from another version, a disk that lost a page, or another person: what it holds is checked
 before any of it is believed.
 """
 

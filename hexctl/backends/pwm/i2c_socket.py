@@ -19,7 +19,7 @@ READS = 0x0001
 HEAD = struct.Struct("<HHH")
 
 #: How long an answer may take, in s: simulated boards answer between two control periods.
-PATIENCE_S = 1.0
+TIMEOUT_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ class I2cSocket:
 
     def __init__(self, path: str) -> None:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self._socket.settimeout(PATIENCE_S)
+        self._socket.settimeout(TIMEOUT_S)
         try:
             self._socket.connect(path)
         except BaseException:

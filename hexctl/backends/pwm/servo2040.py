@@ -41,7 +41,7 @@ FORK_COUNTS = 100.0
 TOUCHED, MOST_TOUCH = 512, 1100
 
 #: How long a reply may take, and how long the checksum of the fork may be behind the rest of it.
-PATIENCE_S, CHECKSUM_S = 0.05, 0.02
+REPLY_TIMEOUT_S, CHECKSUM_S = 0.05, 0.02
 
 #: How often a board is asked before it is taken for mute.
 TRIES = 4
@@ -210,8 +210,8 @@ class Servo2040:
         return None
 
     def _gather(self, start: int, count: int, *, checked: bool) -> bytes:
-        """What comes until a reply is whole, or the patience is over."""
-        deadline_s, data = time.monotonic() + PATIENCE_S, b""
+        """What comes until a reply is whole, or the time is over."""
+        deadline_s, data = time.monotonic() + REPLY_TIMEOUT_S, b""
         while find_reply(data, start, count, checked=checked) is None:
             more = self._line.read(deadline_s)
             if not more:

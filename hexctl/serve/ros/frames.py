@@ -14,7 +14,7 @@ class Frames:
 
     A robot with a pose of its own has no `map`: that pose is the one in `odom`. A pose from outside is the
     one in `map`, and the one in `odom` is dead reckoning, which goes on where the robot's own pose ended. It
-    begins once somebody wants it, as it takes half a millisecond of each control period, and then never
+    begins with the first subscriber, as it takes half a millisecond of each control period, and then never
     pauses: who subscribes again finds the frame where it was.
 
     Args:

@@ -72,7 +72,7 @@ def test_boards_outlive_clients_that_leave_in_the_middle_or_talk_nonsense() -> N
 def test_an_answer_that_does_not_come_ends_the_connection(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hexctl.backends.pwm.i2c_socket.PATIENCE_S", 0.05)
+    monkeypatch.setattr("hexctl.backends.pwm.i2c_socket.TIMEOUT_S", 0.05)
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     listener.bind(str(tmp_path / "i2c"))
     listener.listen()
