@@ -17,6 +17,12 @@ _ARGUMENT = re.compile("\0([a-z0-9_.]+)\0")
 #: An argument, or what no line of text has: ends of lines, control codes, bytes that are no UTF-8.
 _UNPRINTABLE = re.compile(_ARGUMENT.pattern + "|[\0-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
 
+#: A very long value in a message: one word, or what is quoted; paths and commands to be typed are shorter.
+_LONG = re.compile("(?<=got ')[^'\0]{401,}(?=')|[^\\s'\"\0]{401,}")
+
+#: Characters that are left of such a value.
+_LONG_SHOWN = 200
+
 
 def argument(name: str) -> str:
     """Name of an argument in the message of a `HexctlError`: in Python itself, on the command line its flag.
@@ -35,11 +41,19 @@ def printable(text: str) -> str:
     )
 
 
+def shortened(text: str) -> str:
+    """A message in which a value that is very long is cut: `got 'aaaa... (5000 characters)'`."""
+    return _LONG.sub(lambda found: f"{found[0][:_LONG_SHOWN]}... ({len(found[0])} characters)", text)
+
+
 class HexctlError(Exception):
-    """Base class of hexctl's errors; the text is one line, in which what is unprintable is escaped."""
+    """Base class of hexctl's errors.
+
+    The text is one line, in which what is unprintable is escaped and a very long value is cut.
+    """
 
     def __init__(self, message: str = "") -> None:
-        self._message = printable(str(message))
+        self._message = shortened(printable(str(message)))
         super().__init__(_ARGUMENT.sub(r"\1", self._message))
 
     def worded(self, name: Callable[[str], str]) -> str:

@@ -42,6 +42,23 @@ def is_file(path: Path) -> bool:
         return False
 
 
+def is_folder(path: Path) -> bool:
+    """Whether a path names a folder; False also for one that no system can look up."""
+    try:
+        return path.is_dir()
+    except (OSError, ValueError):
+        return False
+
+
+def folder_trouble(folder: Path, error: OSError) -> str:
+    """Why a folder cannot be made or used: `runs is a file, not a folder`."""
+    if isinstance(error, FileExistsError | NotADirectoryError):
+        file = next((one for one in (folder, *folder.parents) if is_file(one)), None)
+        if file is not None:
+            return f"{file} is a file, not a folder"
+    return f"{folder}/: cannot be used ({error.strerror})"
+
+
 def read_file(path: Path, most_bytes: int) -> bytes:
     """Content of a file that another person has named.
 

@@ -5,7 +5,16 @@ from pathlib import Path
 
 import pytest
 
-from hexctl.files import atomic_write, open_archive, read_file, read_secret, replacing
+from hexctl.files import (
+    atomic_write,
+    folder_trouble,
+    is_file,
+    is_folder,
+    open_archive,
+    read_file,
+    read_secret,
+    replacing,
+)
 
 
 def test_a_file_is_made_and_replaced(tmp_path: Path) -> None:
@@ -15,6 +24,23 @@ def test_a_file_is_made_and_replaced(tmp_path: Path) -> None:
     atomic_write(path, b"\x00\xff")
     assert path.read_bytes() == b"\x00\xff"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_file_in_the_place_of_a_folder_is_told_as_that(tmp_path: Path) -> None:
+    (tmp_path / "runs").touch()
+    for folder in (tmp_path / "runs", tmp_path / "runs" / "a"):
+        with pytest.raises(OSError, match=r"File exists|Not a directory") as raised:
+            folder.mkdir()
+        assert folder_trouble(folder, raised.value) == f"{tmp_path}/runs is a file, not a folder"
+    refused = PermissionError(13, "Permission denied")
+    assert folder_trouble(Path("runs"), refused) == "runs/: cannot be used (Permission denied)"
+
+
+def test_a_path_that_no_system_can_look_up_is_neither_file_nor_folder(tmp_path: Path) -> None:
+    assert is_folder(tmp_path)
+    for path in (tmp_path / ("a" * 5000), Path("a\0b")):
+        assert not is_folder(path)
+        assert not is_file(path)
 
 
 def test_an_open_reader_keeps_the_old_file(tmp_path: Path) -> None:

@@ -242,7 +242,9 @@ def _make_own(name: str, options: BackendOptions) -> LegServos:
     except (AttributeError, TypeError, ValueError) as error:
         raise _not_loaded(name, error) from error
     if not isinstance(made, LegServos):
-        raise InputError(f"backend: {name!r} made a {type(made).__name__}; allowed: a subclass of LegServos")
+        raise InputError(
+            f"{argument('backend')}: {name!r} made a {type(made).__name__}; allowed: a subclass of LegServos"
+        )
     return made
 
 
@@ -250,7 +252,7 @@ def _own_class(name: str) -> Any:
     """The class of `package.module:Class`; raises InputError for one that cannot be loaded."""
     if ":" not in name:
         raise InputError(
-            f"backend: got {name!r}; allowed: {', '.join(BACKENDS)}, "
+            f"{argument('backend')}: got {name!r}; allowed: {', '.join(BACKENDS)}, "
             f"or package.module:Class for your own LegServos{nearest(name, BACKENDS)}"
         )
     try:
@@ -271,7 +273,8 @@ def _arguments(own: Any) -> frozenset[str]:
 
 def _not_loaded(name: str, error: Exception) -> InputError:
     return InputError(
-        f"backend: {name!r} cannot be loaded ({error}); allowed: a LegServos class that takes the robot"
+        f"{argument('backend')}: {name!r} cannot be loaded ({error}); "
+        "allowed: a LegServos class that takes the robot"
     )
 
 

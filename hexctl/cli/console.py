@@ -100,6 +100,7 @@ FLAGS = {
     "fov_deg": "--fov-deg",
     "page_port": "--page",
     "captions": "--caption",
+    "session": "session",
 }
 
 #: Units at the end of an argument's name, which its flag leaves out.

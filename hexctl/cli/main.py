@@ -42,6 +42,7 @@ from hexctl.errors import (
     ReachError,
     is_of_disk,
     printable,
+    shortened,
 )
 
 
@@ -128,6 +129,8 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
     except typer.BadParameter as error:
         return _print_error(_bad_value(error), BAD_INPUT)
     except TyperException as error:
+        if near := getattr(error, "possibilities", None):
+            vars(error)["possibilities"] = near[:1]  # best first, where the message would sort them by name
         return _print_error(error.format_message(), error.exit_code)
     except (InputError, LimitError, ReachError, MissingExtraError) as error:
         return _print_error(in_flags(error), FAULT if is_of_disk(error.__cause__) else BAD_INPUT)
@@ -162,6 +165,8 @@ def _print_error(message: str, code: int) -> int:
     """Print an error as one line, a help text as it is; the exit code."""
     if not message.strip():
         return code
-    text = message if message.lstrip().startswith("Usage") else "hexctl: " + " ".join(message.split())
+    text = (
+        message if message.lstrip().startswith("Usage") else f"hexctl: {shortened(' '.join(message.split()))}"
+    )
     typer.echo("\n".join(map(printable, text.split("\n"))), err=True)
     return code

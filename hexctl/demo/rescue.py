@@ -24,6 +24,7 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.control.preparation import StopRequested, never
 from hexctl.errors import HexctlError, InputError
 from hexctl.export.export import export
+from hexctl.files import folder_trouble
 from hexctl.record.run import RunResult, run
 from hexctl.robot.failure_event import FailureEvent, parse_failure_event
 
@@ -200,6 +201,6 @@ def _new_folder(folder: Path) -> Path:
         except FileExistsError:
             number += 1
         except OSError as error:
-            raise InputError(f"{folder}/: cannot be used ({error.strerror}); allowed: a folder") from error
+            raise InputError(f"{folder_trouble(folder, error)}; allowed: a folder") from error
         else:
             return path

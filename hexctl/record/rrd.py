@@ -1,5 +1,6 @@
 """Rerun's SDK, imported when a recording needs it, and its files (.rrd)."""
 
+import errno
 import os
 import struct
 import sys
@@ -12,7 +13,7 @@ from threading import Thread
 from types import TracebackType
 from typing import Any, BinaryIO, Self
 
-from hexctl.errors import InputError, MissingExtraError, RecordingError
+from hexctl.errors import InputError, MissingExtraError, RecordingError, argument
 
 #: Bound on a flush: a disk that hangs must not hang the program.
 FLUSH_TIMEOUT_S = 30.0
@@ -203,6 +204,11 @@ def create_folders(path: Path) -> None:
 
 
 def _unwritable(path: Path, error: OSError) -> InputError:
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return InputError(
+            f"recording: {path} cannot be written: the disk is full; free some space, record elsewhere "
+            f"({argument('record')}), or not at all ({argument('no_record')})"
+        )
     return InputError(f"recording: {path} cannot be written ({error.strerror}); allowed: a new file")
 
 
@@ -246,15 +252,15 @@ def check_messages(path: Path, start: int) -> None:
         raise RecordingError(f"{path}: the recording is incomplete; is the disk full?")
 
 
-def check_name(path: Path) -> None:
-    """Raise InputError for a name that Rerun would not open."""
+def check_name(path: Path, what: str = "recording") -> None:
+    """Raise InputError for a name that Rerun would not open; `what` is the argument that it was given as."""
     if path.suffix != SUFFIX:
-        raise InputError(f"recording: got {path}; allowed: a name that ends in {SUFFIX}")
+        raise InputError(f"{what}: got {path}; allowed: a name that ends in {SUFFIX}")
 
 
 def probe_file(path: Path) -> None:
     """Raise InputError unless `create_file` can make the file; it and its new folders are removed again."""
-    check_name(path)
+    check_name(path, argument("record"))
     new = list(takewhile(lambda folder: not folder.exists(), path.parents))
     try:
         create_file(path)

@@ -35,6 +35,7 @@ from hexctl.control.result import TrialResult
 from hexctl.control.trial import ShouldStop, run_trial
 from hexctl.control.walks.turning import check_plan, turn_needed_rad
 from hexctl.errors import InputError, MissingExtraError, argument, check_type
+from hexctl.files import folder_trouble
 from hexctl.record.run_spec import RunSpec, plan_of, spec_of
 from hexctl.robot.configs import shipped_text
 from hexctl.robot.failure import each_failure
@@ -322,8 +323,7 @@ class Run:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(
-                f"{folder}/: cannot be used ({error.strerror}); allowed: a folder, or {argument('record')} "
-                "FILE"
+                f"{folder_trouble(folder, error)}; allowed: a folder, or {argument('record')} FILE"
             ) from error
         path, number = folder / f"{stem}.rrd", 2
         while path.exists():

@@ -10,7 +10,7 @@ from pydantic import BaseModel, BeforeValidator, ValidationError
 from pydantic_core import ErrorDetails
 
 from hexctl.errors import InputError, check_type, shown
-from hexctl.files import is_file, read_file
+from hexctl.files import is_file, is_folder, read_file
 from hexctl.names import known_name, nearest
 from hexctl.robot.yaml_text import yaml_content
 
@@ -53,9 +53,12 @@ def find_config(kind: str, name_or_path: str | Path) -> Path:
     if Path(text).suffix or "/" in text:
         if is_file(Path(text)):
             return Path(text)
-        raise InputError(f"no {kind[:-1]} file at {text!r}; allowed: a YAML file, or one of {_listed(kind)}")
+        what = f"{text!r} is a folder" if is_folder(Path(text)) else f"no {kind[:-1]} file at {text!r}"
+        raise InputError(f"{what}; allowed: a YAML file, or one of {_listed(kind)}")
     if (name := known_name(text, config_names(kind))) is not None:
         return config_root() / kind / f"{name}.yaml"
+    if text and is_folder(Path(text)):
+        raise InputError(f"{text!r} is a folder; allowed: a YAML file, or one of {_listed(kind)}")
     near = nearest(text, config_names(kind))
     raise InputError(
         f"unknown {kind[:-1]} {text!r}; allowed: {_listed(kind)}, or a path to a YAML file{near}"

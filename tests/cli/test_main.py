@@ -211,6 +211,41 @@ def test_a_bad_value_names_option_value_and_range(
     assert capsys.readouterr().err.splitlines()[0].startswith(line.partition(" (")[0])
 
 
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["run", "--record", "x.txt"], "hexctl: --record: got x.txt; allowed: a name that ends in .rrd"),
+        (["run", "--backend", "foo"], "hexctl: --backend: got 'foo'; allowed: sim, zenoh,"),
+        (["run", "--world", "transfer:-1"], "hexctl: --world: got 'transfer:-1'; allowed: the number of"),
+        (["adapt", "--failed-leg", "5", "--optimizer", "bays"], "hexctl: --optimizer: got 'bays'; allowed:"),
+        (["adapt", "--resume", "nosuch"], "hexctl: --resume: got 'nosuch'; allowed: none yet, "),
+        (["export", "nosuch", "--to", "csv"], "hexctl: session: got 'nosuch'; allowed: none yet, "),
+        (["run", "--robot", "/dev"], "hexctl: '/dev' is a folder; allowed: a YAML file, or one of ant,"),
+        (["run", "--world", "kept"], "hexctl: 'kept' is a folder; allowed: a YAML file, or one of failing,"),
+        (
+            ["run", "--robot", "r" * 5001],
+            f"hexctl: unknown robot '{'r' * 200}... (5001 characters)'; allowed:",
+        ),
+        (["run", "--seed", "s" * 5001], f"hexctl: --seed: got '{'s' * 200}... (5001 characters)'; allowed:"),
+        (["run", "--world", "w" * 5001 + ":7"], f"hexctl: unknown world '{'w' * 200}... (5001 characters)'"),
+        (["run", "--duraton", "5"], "hexctl: No such option: --duraton (Possible options: --duration)"),
+    ],
+    ids=lambda value: " ".join(value)[:40],
+)
+def test_a_message_names_the_option_and_shows_no_long_value(
+    arguments: list[str],
+    line: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / "kept").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert exit_code(arguments) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert said.startswith(line)
+
+
 #: A command that has ended, in a process that takes its time to end; another Ctrl-C comes at some point.
 ENDED = """
 import atexit, os, signal, threading, time

@@ -97,5 +97,5 @@ def test_what_cannot_be_is_refused_before_anything_walks(tmp_path: Path) -> None
     assert not list(tmp_path.iterdir())
     taken = tmp_path / "taken"
     taken.touch()
-    with pytest.raises(InputError, match="cannot be used"):
+    with pytest.raises(InputError, match="taken is a file, not a folder; allowed: a folder"):
         hexctl.demo(folder=taken)

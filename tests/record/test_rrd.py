@@ -1,10 +1,13 @@
 """Rerun's files: whole, cut off, and in the hands of Rerun's own tools."""
 
+import errno
+import os
 import subprocess
 from pathlib import Path
 
 import pytest
 
+from hexctl.cli.console import in_flags
 from hexctl.errors import InputError, RecordingError
 from hexctl.record.rerun_program import viewer_binary
 from hexctl.record.rrd import END_PADDING, check_whole, probe_file
@@ -66,6 +69,20 @@ def test_what_was_cut_off_in_mid_message_can_be_repaired(cut_off: Path, trial_fi
     assert len(read.blueprints) == 1
     assert read.temporal()
     assert read.entities <= ReadBack(trial_file).entities
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])
+def test_a_full_disk_says_what_helps(number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr("hexctl.record.rrd.os.posix_fallocate", refuse)
+    with pytest.raises(InputError) as refused:
+        probe_file(tmp_path / "walk.rrd")
+    assert in_flags(refused.value).endswith(
+        ": the disk is full; free some space, record elsewhere (--record), or not at all (--no-record)"
+    )
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_probe_leaves_nothing_behind(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from hexctl.adapt.optimizer import Optimizer, OptimizerChoice, OptimizerClass
 from hexctl.adapt.optimizers.shipped import BAYES, OPTIMIZERS, TRIM
 from hexctl.adapt.space import GaitSpace
-from hexctl.errors import InputError, check_type
+from hexctl.errors import InputError, argument, check_type
 from hexctl.names import nearest
 from hexctl.robot.plugins import load_named
 
@@ -21,7 +21,9 @@ def name_of(optimizer: OptimizerChoice) -> str:
     if isinstance(optimizer, str):
         return optimizer
     if not (isinstance(optimizer, type) and issubclass(optimizer, Optimizer)):
-        raise InputError(f"optimizer: got {optimizer!r}; allowed: a name, or a subclass of Optimizer")
+        raise InputError(
+            f"{argument('optimizer')}: got {optimizer!r}; allowed: a name, or a subclass of Optimizer"
+        )
     place = f"{optimizer.__module__}:{optimizer.__qualname__}"
     if place in _CLASSES:
         return _CLASSES[place]
@@ -43,18 +45,18 @@ def make_optimizer(name: OptimizerChoice | OptimizerClass, space: GaitSpace, see
         return OPTIMIZERS[name](space, seed)
     if name == BAYES:
         raise InputError(
-            f"optimizer: got {BAYES} without a prior; allowed: {', '.join(OPTIMIZERS)} "
+            f"{argument('optimizer')}: got {BAYES} without a prior; allowed: {', '.join(OPTIMIZERS)} "
             f"({BAYES} with hexctl adapt and hexctl study --transfer)"
         )
     if name == TRIM:
         raise InputError(
-            f"optimizer: got {TRIM} outside of a session; allowed: {', '.join(OPTIMIZERS)} "
+            f"{argument('optimizer')}: got {TRIM} outside of a session; allowed: {', '.join(OPTIMIZERS)} "
             f"({TRIM} with hexctl adapt)"
         )
     if ":" in name:
         return _own(name)(space, seed)
     raise InputError(
-        f"optimizer: got {name!r}; allowed: {BAYES} (with a prior), {', '.join(OPTIMIZERS)}, "
+        f"{argument('optimizer')}: got {name!r}; allowed: {BAYES} (with a prior), {', '.join(OPTIMIZERS)}, "
         f"{TRIM} (with hexctl adapt), "
         f"or package.module:Class for your own Optimizer{nearest(name, (BAYES, *OPTIMIZERS, TRIM))}"
     )
@@ -72,9 +74,9 @@ def _own(name: str) -> type[Optimizer]:
         found = load_named(_place_now(name), "optimizer")
     except (ImportError, AttributeError, ValueError) as error:
         raise InputError(
-            f"optimizer: {name!r} cannot be loaded ({error}); allowed: an Optimizer class "
+            f"{argument('optimizer')}: {name!r} cannot be loaded ({error}); allowed: an Optimizer class "
             "in a file that can be imported"
         ) from error
     if not (isinstance(found, type) and issubclass(found, Optimizer)):
-        raise InputError(f"optimizer: {name!r} is {found!r}; allowed: a subclass of Optimizer")
+        raise InputError(f"{argument('optimizer')}: {name!r} is {found!r}; allowed: a subclass of Optimizer")
     return found

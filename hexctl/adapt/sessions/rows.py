@@ -9,7 +9,7 @@ from typing import Any
 
 from hexctl.adapt.sessions.session import Session
 from hexctl.adapt.sessions.stored import stored_session
-from hexctl.errors import HexctlError, InputError
+from hexctl.errors import HexctlError, InputError, argument
 from hexctl.scratch import scratch_folder
 
 SCHEMA_VERSION = 1
@@ -105,7 +105,8 @@ class SessionRows:
         names = self.names()
         known = ", ".join(names[-5:]) or "none yet"
         earlier = f"{len(names) - 5} earlier ones, " if len(names) > 5 else ""
-        return InputError(f"session: got {name!r}; allowed, of {self.path.parent}/: {earlier}{known}")
+        where = f"allowed, of {self.path.parent}/"
+        return InputError(f"{argument('session')}: got {name!r}; {where}: {earlier}{known}")
 
     def _found(self) -> list[tuple[int, str]]:
         """Rows and names of all sessions, newest last; those of lost pages are left out."""

@@ -17,7 +17,8 @@ from typing import Any, Self
 from hexctl.adapt.sessions.rows import FILE_NAME, SCHEMA_VERSION, SessionRows, StoreError, is_store, reading
 from hexctl.adapt.sessions.session import BaselineRecord, Session, SessionSpec, TrialRecord
 from hexctl.adapt.sessions.stored import is_folder_name, is_made_by_hexctl
-from hexctl.errors import InputError, check_type
+from hexctl.errors import InputError, argument, check_type
+from hexctl.files import folder_trouble
 
 _LOG = logging.getLogger(__name__)
 
@@ -76,9 +77,7 @@ class SessionStore(SessionRows):
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise InputError(
-                f"sessions: {folder} cannot be used ({error.strerror}); allowed: a folder"
-            ) from error
+            raise InputError(f"sessions: {folder_trouble(folder, error)}; allowed: a folder") from error
         is_store(folder)
         try:
             connection = sqlite3.connect(path, timeout=BUSY_TIMEOUT_S, isolation_level=None)
@@ -182,7 +181,9 @@ class SessionStore(SessionRows):
         Raises InputError for a name that leads anywhere else.
         """
         if not is_folder_name(name):
-            raise InputError(f"session: got {name!r}; allowed: the name of a folder in {self.folder}/")
+            raise InputError(
+                f"{argument('session')}: got {name!r}; allowed: the name of a folder in {self.folder}/"
+            )
         return self.folder / name
 
     @contextmanager
@@ -322,4 +323,6 @@ def delete_session(name: str, folder: Path | str = RUNS) -> None:
 def _check_there(folder: Path, name: str) -> None:
     """Raise InputError where there is no store, which is not made for that."""
     if not is_store(folder):
-        raise InputError(f"session: got {name!r}; allowed: none yet, hexctl adapt makes one under {folder}/")
+        raise InputError(
+            f"{argument('session')}: got {name!r}; allowed: none yet, hexctl adapt makes one under {folder}/"
+        )

@@ -19,7 +19,8 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.distribution import Distribution
 from hexctl.backends.sim.failure_draws import COLUMNS, DrawnFailure, draw_failures
 from hexctl.backends.sim.flaws import Section, SensorFaults, SensorNoise
-from hexctl.errors import InputError, check_type, shown
+from hexctl.errors import InputError, argument, check_type, shown
+from hexctl.files import is_file
 from hexctl.robot.configs import Number, find_config, read_mapping, validate
 from hexctl.robot.failure_event import FailureEvent, parse_failure_event, parse_healing
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_JOINTS, N_LEGS, FloatArray
@@ -354,7 +355,7 @@ class DomainRandomization(BaseModel):
 
     def _shares(self, first: int, count: int) -> FloatArray:
         if not (count >= 1 and first >= 0 and first + count <= MAX_MEMBERS):
-            raise InputError(f"world: got member {first}; allowed: 0..{MAX_MEMBERS - 1}")
+            raise InputError(f"{argument('world')}: got member {first}; allowed: 0..{MAX_MEMBERS - 1}")
         from scipy.stats.qmc import Sobol
 
         sequence = Sobol(self._dimensions, scramble=True, rng=np.random.default_rng(self.seed))
@@ -401,11 +402,11 @@ def load_world(name_or_path: str | Path = "flat") -> World:
     check_type(name_or_path, (str, Path), "world", allowed)
     text = str(name_or_path)
     family, colon, number = text.rpartition(":")
-    if colon and not Path(text).is_file():
+    if colon and not is_file(Path(text)):
         if not (number.isdecimal() and len(number) <= len(str(MAX_MEMBERS))):
             raise InputError(
-                f"world: got {text!r}; allowed: the number of a member, 0..{MAX_MEMBERS - 1}, as in "
-                f"{family}:7"
+                f"{argument('world')}: got {text!r}; allowed: the number of a member, 0..{MAX_MEMBERS - 1}, "
+                f"as in {family}:7"
             )
         return load_randomization(family).members(int(number), 1)[0]
     path = find_config("worlds", text)

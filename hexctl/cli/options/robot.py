@@ -15,10 +15,9 @@ WORLD_HELP = (
 
 SEED_HELP = f"Seed of everything random, a whole number, {SEED}: the same seed gives the same result."
 
-ROBOT_HELP = (
-    "Robot: ant, phantomx, pexod, phantomx-ax, makeyourpet, freenove-big, jethexa, lukas, or a path to a "
-    "YAML file."
-)
+ROBOTS = "ant, phantomx, pexod, phantomx-ax, makeyourpet, freenove-big, jethexa, lukas"
+
+ROBOT_HELP = f"Robot: {ROBOTS}, or a path to a YAML file."
 
 BackendOption = Annotated[
     str,

@@ -400,13 +400,14 @@ def _indistinct_lines(session: Session) -> list[str]:
 
 def _why_none(session: Session) -> str:
     """Statuses of the trials of a session without a valid one."""
-    ends = dict.fromkeys(_status(trial) for trial in session.trials)
-    return ", ".join(ends) if ends else "none has been walked"
+    return ", ".join(dict.fromkeys(_status(trial) for trial in session.trials))
 
 
 def _milestone_lines(session: Session) -> list[str]:
     """Best trial, and the number of trials to each milestone."""
     best = session.best
+    if not session.trials:
+        return ["no valid trial yet: none has been walked"]
     if best is None:
         lines = [f"no valid trial yet: {_why_none(session)}"]
     else:

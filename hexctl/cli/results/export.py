@@ -7,7 +7,7 @@ import typer
 
 from hexctl.cli import completion
 from hexctl.cli.console import make_bar, print_result
-from hexctl.cli.options.robot import robot_option
+from hexctl.cli.options.robot import ROBOTS, robot_option
 from hexctl.cli.progress import WithBar
 from hexctl.cli.results.left_out import LeftOut
 from hexctl.cli.settings import runs_folder
@@ -31,7 +31,7 @@ def export(
         typer.Argument(
             metavar="ROBOT|RECORDING|SESSION...",
             autocompletion=completion.exportable,
-            help="A robot (ant, phantomx, pexod, or a YAML file), recordings (.rrd), or the name of a "
+            help=f"A robot ({ROBOTS}, or a YAML file), recordings (.rrd), or the name of a "
             "session. Two recordings stand side by side in a GIF or MP4; several make one LeRobot dataset.",
         ),
     ],

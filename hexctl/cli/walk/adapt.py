@@ -36,7 +36,7 @@ from hexctl.cli.see.arena import ArenaOption, arena_fields
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.values import Range, choice, given, number, with_values
 from hexctl.cli.walk.diagnose import found_failure
-from hexctl.errors import HexctlError, InputError, RecordingError
+from hexctl.errors import HexctlError, InputError, RecordingError, argument
 
 if TYPE_CHECKING:
     from hexctl.adapt.adaptation import Adaptation
@@ -60,6 +60,7 @@ def adapt(
         typer.Option(
             "--failed-leg",
             parser=leg_or_auto,
+            metavar="LEG|auto",
             autocompletion=complete_leg,
             help=f"{AUTO_LEG_HELP} Needed, unless --resume. (default: none)",
         ),
@@ -320,7 +321,11 @@ def _resume(name: str, budget: int | None, *, record: bool, **shown: bool) -> in
         from hexctl.adapt.adaptation import Adaptation
         from hexctl.adapt.sessions.store import load_session
 
-        session = load_session(name, folder=runs_folder())
+        try:
+            session = load_session(name, folder=runs_folder())
+        except InputError as error:
+            named = error.worded(lambda what: "--resume" if what == "session" else argument(what))
+            raise InputError(named) from error.__cause__
         make = partial(Adaptation.resume, session, budget=budget)
         searched = _search(make, session.spec, interrupt, record=record, **shown)
     return searched if isinstance(searched, int) else _end(searched, resumed=True, **shown)
