@@ -145,6 +145,11 @@ def note_no_window(error: Exception) -> None:
     print_note(f"hexctl: {error}; continuing without a window")
 
 
+def note_refusal(why: str) -> None:
+    """Say that nothing listens where a robot should be, while it is still tried."""
+    print_note(f"hexctl: {why}; trying for some seconds more")
+
+
 def make_bar(counter: str | None = None, *, quiet: bool = False) -> "Progress":
     """Progress bar on stderr with the time left, not yet started; it disappears when it stops.
 

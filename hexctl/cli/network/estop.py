@@ -56,12 +56,21 @@ def estop(
         return
     with _told_if_not_confirmed(ready=ready):
         from hexctl.serve.stops.estop import ReadyStop
+        from hexctl.wire.refusal import RefusalWatch
 
         with ReadyStop(**place, again=ready) as stop:
             if ready:
                 _wait_for_a_press(stop)
-            result = stop.wait_for_rest()
+            with RefusalWatch(stop.link.endpoint, _note_refusal, answered=lambda: bool(stop.reach.ways)):
+                result = stop.wait_for_rest()
     _print(result, stop.link, as_json=as_json)
+
+
+def _note_refusal(why: str) -> None:
+    """Say that nothing listens where the robot should be, while it is still tried."""
+    from hexctl.cli.console import print_note
+
+    print_note(f"hexctl: {why}; trying for some seconds more. {NOT_CONFIRMED}")
 
 
 @contextmanager

@@ -50,16 +50,19 @@ def status(
     """Show who commands a robot on the network, why it is stopped, what was dropped."""
     from rich.console import Console
 
-    from hexctl.cli.console import print_result
+    from hexctl.cli.console import note_refusal, print_result
     from hexctl.errors import InputError
     from hexctl.serve.remote import remote_robots
-    from hexctl.wire.links import Role
+    from hexctl.wire.links import Role, load_link
+    from hexctl.wire.refusal import RefusalWatch
 
     if watch and as_json:
         raise InputError("--watch: got --json too; allowed: one or the other")
-    with remote_robots(
-        Role.VIEWER, connect=connect, credentials=keys, insecure=insecure, link=link
-    ) as robots:
+    endpoint = load_link(link, endpoint=connect, credentials=keys, insecure=insecure).endpoint
+    with (
+        RefusalWatch(endpoint, note_refusal),
+        remote_robots(Role.VIEWER, connect=connect, credentials=keys, insecure=insecure, link=link) as robots,
+    ):
         statuses = robots.await_statuses()
         if watch:
             _watch(robots)

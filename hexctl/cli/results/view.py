@@ -5,7 +5,7 @@ from typing import Annotated, Any
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.console import DONE, StopOnInterrupt, print_note
+from hexctl.cli.console import DONE, StopOnInterrupt, note_refusal, print_note
 from hexctl.cli.options.connection import InsecureOption, KeysOption, LinkOption, WatchedOption
 from hexctl.cli.results.left_out import LeftOut
 from hexctl.cli.settings import runs_folder
@@ -66,9 +66,11 @@ def _watch(*, web: bool, link: str | None, **options: Any) -> int:
     from hexctl.record.live import LiveView, watch_states
     from hexctl.record.viewer import check_display
     from hexctl.wire.links import load_link
+    from hexctl.wire.refusal import RefusalWatch
 
     loaded = load_link(link, **options)
-    with subscribe_states(loaded) as (robot, states), StopOnInterrupt() as interrupt:
+    watch = RefusalWatch(loaded.endpoint, note_refusal)
+    with watch, subscribe_states(loaded) as (robot, states), StopOnInterrupt() as interrupt:
         if not web:
             check_display()
         with LiveView(web=web) as live:

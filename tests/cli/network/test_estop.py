@@ -15,6 +15,7 @@ from hexctl.cli.network import estop
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.serve.stops.estop import ReadyStop, StopResult
 from hexctl.wire.links import load_link
+from tests.serve.processes import free_port
 
 
 class StoppedRobot:
@@ -133,6 +134,26 @@ def test_a_link_file_that_has_gone_meanwhile_is_no_error_of_a_stop(
     monkeypatch.setattr(StoppedRobot, "wait_for_rest", remove)
     assert exit_code(["estop", "--link", str(file)]) == 0
     assert "hexctl estop --clear --connect tcp/127.0.0.1:7448 when" in capsys.readouterr().out
+
+
+def test_that_nothing_listens_is_said_while_the_robot_is_still_tried(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    assert exit_code(["estop", "--connect", endpoint]) == 3
+    early, last = capsys.readouterr().err.splitlines()
+    assert early.startswith(f"hexctl: nothing listens at {endpoint}; trying for some seconds more")
+    assert last.startswith(f"hexctl: nothing listens at {endpoint}; is hexctl serve running there?")
+    assert early.endswith(NOT_CONFIRMED)
+    assert last.endswith(NOT_CONFIRMED)
+
+
+@pytest.mark.parametrize("command", ["status", "view"])
+def test_others_say_it_too(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    assert exit_code([command, "--connect", endpoint]) == 3
+    early, _ = capsys.readouterr().err.splitlines()
+    assert early == f"hexctl: nothing listens at {endpoint}; trying for some seconds more"
 
 
 def test_the_link_of_a_stop_is_that_of_its_file(tmp_path: Path) -> None:
