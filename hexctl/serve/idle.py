@@ -34,6 +34,16 @@ class IdleSupervisor:
         """Note that a command reached the servos, at a time on their clock."""
         self.name, self._commanded_at_s, self._held = "commanded", now_s, False
 
+    def controlled(self, now_s: float) -> None:
+        """Note that a client has got the right to command: it does not find a robot that begins to sit.
+
+        A robot that is sitting down stops at that. Without a command it sits down after the same time, from
+        now on.
+        """
+        self._commanded_at_s = now_s
+        if self.name == "sitting" and not self._guard.hot:
+            self.name = "holding"
+
     def tick(self, now_s: float) -> None:
         """Advance by one tick; `now_s` is on the clock of the servos."""
         if self.name in ("idle", "limp"):

@@ -128,9 +128,18 @@ class RobotServer:
                 while not until():
                     self._listen()
                     self._tick()
+                self._note_end()
         finally:
             self._event_log.close()
             self._latch.close()
+
+    def _note_end(self) -> None:
+        """Tell the operator that a client loses the robot."""
+        lease = self._leases.holder(time.monotonic())
+        if lease is not None:
+            left = "its servos are left with their last targets"
+            rest = left if self._simulated is None else "the simulation ends with it"
+            self._event_log.add(f"ended while {lease.owner} commanded it; {rest}")
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -171,11 +180,15 @@ class RobotServer:
             answer = self._requests.lease(payload_of(item), arrival.at_s)
             if "lease" in answer:  # states up to this one are of before, and may come after the answer
                 answer["state"] = self._sequence
+                self._idle.controlled(self._guard.clock.now_s)
             self._transport.reply(arrival.kind, item, answer)
         elif arrival.kind == "failure":
             answer = self._requests.failure(payload_of(item), arrival.at_s)
             if "failures" in answer and self._simulated is not None:
                 self._simulated["failure"] = ", ".join(answer["failures"]) or "none"
+                self._event_log.add(
+                    f"told to break legs: now {', '.join(answer['failures']) or 'all are whole'}"
+                )
             self._transport.reply(arrival.kind, item, {**answer, **self._who})
             if "failures" in answer:
                 self._publish_status()

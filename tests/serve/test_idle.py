@@ -52,6 +52,40 @@ def test_after_any_other_stop_it_holds_for_good() -> None:
     assert not servos.limp
 
 
+def test_a_controller_that_comes_is_given_as_long_as_a_command() -> None:
+    (guard, servos), posture = commanded_once()
+    guard.pause_watchdog()
+    let_pass((guard, servos), posture, 0.9)
+    posture.controlled(guard.clock.now_s)
+    let_pass((guard, servos), posture, 0.9)
+    assert posture.name == "commanded"
+    let_pass((guard, servos), posture, 0.2)
+    assert posture.name == "sitting"
+
+
+def test_a_robot_that_sits_down_stops_at_that_when_a_controller_comes() -> None:
+    (guard, servos), posture = commanded_once()
+    guard.pause_watchdog()
+    let_pass((guard, servos), posture, 1.5)
+    assert posture.name == "sitting"
+    posture.controlled(guard.clock.now_s)
+    n_before = len(servos.sent)
+    let_pass((guard, servos), posture, 0.9)
+    assert (posture.name, len(servos.sent)) == ("holding", n_before)
+    let_pass((guard, servos), posture, SITTING_S + 0.3)
+    assert posture.name == "limp"
+
+
+def test_a_controller_that_comes_moves_no_limp_robot() -> None:
+    (guard, servos), posture = commanded_once()
+    guard.pause_watchdog()
+    let_pass((guard, servos), posture, 1.5 + SITTING_S)
+    n_before = len(servos.sent)
+    posture.controlled(guard.clock.now_s)
+    let_pass((guard, servos), posture, 3.0)
+    assert (posture.name, len(servos.sent)) == ("limp", n_before)
+
+
 def test_a_stop_while_sitting_down_ends_the_motion() -> None:
     (guard, servos), posture = commanded_once()
     let_pass((guard, servos), posture, 1.5)

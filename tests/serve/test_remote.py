@@ -1,5 +1,7 @@
 """Robots on a link seen from outside: a stop is never refused, clearing a neighbour's is."""
 
+import re
+import signal
 from pathlib import Path
 
 import pytest
@@ -8,7 +10,7 @@ from hexctl.errors import InputError, RobotFaultError
 from hexctl.serve.remote import RemoteRobots, remote_robots
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.session import open_session
-from tests.serve.processes import hexctl, served, stopped_by_session
+from tests.serve.processes import controlling, hexctl, served, stopped_by_session
 
 
 def test_a_neighbours_robot_may_be_stopped_by_default_and_cleared_only_by_its_name(
@@ -82,6 +84,20 @@ def test_legs_of_a_served_simulation_fail_and_heal_on_request(tmp_path: Path) ->
     assert told[4].stderr == "hexctl: leg 5 was whole already\n"
     assert "LEG:FAILURE: got 'limp'; allowed: LEG:FAILURE, such as 5:limp" in told[5].stderr
     assert "leg 2 femur stuck" in shown.stdout
+
+
+def test_the_log_of_a_robot_tells_what_was_broken_and_who_lost_it(tmp_path: Path) -> None:
+    with served(tmp_path, backend="sim") as robot:
+        for words in (("fail", "5:limp"), ("heal", "5")):
+            assert hexctl("twin", *words, "--connect", robot.endpoint).returncode == 0
+        robot.wait_for("told to break legs: now leg 5 limp")
+        robot.wait_for("told to break legs: now all are whole")
+        with controlling(tmp_path, robot.endpoint):
+            robot.wait_for("commanded by")
+            robot.signal(signal.SIGINT)
+            assert robot.wait() == 0
+    *_, last = robot.said().splitlines()
+    assert re.search(r" ended while hexctl on .* commanded it; the simulation ends with it$", last)
 
 
 def test_a_real_robot_lets_no_leg_fail(tmp_path: Path) -> None:

@@ -99,6 +99,31 @@ def test_a_command_reaches_the_servos_at_once_and_comes_back_as_a_state(bench: B
     assert bench.last_state()[1].command_sequence == 1
 
 
+def test_no_sitting_down_is_told_of_a_robot_that_somebody_has_just_taken(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bench, told = Bench(monkeypatch, sit_after_s=1.0), list[str]()
+    monkeypatch.setattr(bench.server._event_log, "add", told.append)
+    bench.acquire()
+    bench.command(bench.servos.robot.stance_angles_rad)
+    bench.ask("lease", {"op": "release", "lease": bench.lease["lease"]})
+    bench.ticks(45)
+    told.clear()
+    bench.acquire()
+    bench.ticks(20)
+    assert told == ["commanded by test"]
+
+
+def test_its_end_says_who_commanded_it(monkeypatch: pytest.MonkeyPatch, bench: Bench) -> None:
+    told: list[str] = []
+    monkeypatch.setattr(bench.server._event_log, "add", told.append)
+    bench.server._note_end()
+    assert told == []
+    bench.acquire()
+    bench.server._note_end()
+    assert told == ["ended while test commanded it; its servos are left with their last targets"]
+
+
 def test_a_command_of_a_stranger_does_not_even_wait(bench: Bench) -> None:
     """Sorted out on Zenoh's thread, however many there are."""
     lease = bench.acquire()
