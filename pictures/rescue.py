@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from hexctl.demo.rescue import RECOVER, WALK_ON, speed_kept, walk_and_fail
+from hexctl.demo.rescue import RECOVER, WALK_ON, caption_of, walk_and_fail
 from hexctl.export.export import export
 
 #: A world that no prior and no threshold was made with; its floor is even.
@@ -17,10 +17,10 @@ WIDTH_PX, FPS = 720, 12.5
 def draw_rescue(folder: Path) -> Path:
     """Walk twice, and draw both walks side by side, each above the share of its speed that it keeps."""
     recordings, captions = [], []
-    for name, policy in (("without recovery", WALK_ON), ("with recovery", RECOVER)):
+    for policy in (WALK_ON, RECOVER):
         recordings.append(folder / f"{policy}.rrd")
         walk = walk_and_fail(policy, recordings[-1], world=WORLD)
-        captions.append(f"{name}: {100 * speed_kept(walk):.0f} % of its speed")
+        captions.append(caption_of(walk, recovered=policy == RECOVER))
     return export(
         *recordings,
         output=folder / "rescue.gif",

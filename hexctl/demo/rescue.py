@@ -7,6 +7,7 @@ The walk is made twice, once without recovery, and the search is `hexctl.adapt(f
 of it in one simulated world that no prior and no threshold of hexctl was made with.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime
@@ -42,10 +43,9 @@ SPEED_S = 10 / 3
 
 #: The picture begins a little before the failure, and is small enough to be sent around.
 PICTURE: dict[str, Any] = {
-    "captions": ("without recovery", "with recovery"),
     "from_s": 6.5,
     "duration_s": 10.0,
-    "width_px": 640,
+    "width_px": 720,
     "fps": 12.5,
 }
 
@@ -151,12 +151,20 @@ def demo(
 
 
 def speed_kept(walk: RunResult) -> float:
-    """Mean speed along the line at the end of a walk, over that before the failure."""
+    """Mean speed along the line at the end of a walk, over that before the failure; nan if it was short."""
     rows = walk.log.rows_of("walk")
     way_m = walk.log["base_position_world"][rows][:, 0]  # the line is the x axis
     ticks, fails = round(SPEED_S / PERIOD_S), round(EVENT.at_s / PERIOD_S)
+    if len(way_m) <= fails + ticks:
+        return math.nan
     before_m = way_m[fails] - way_m[max(0, fails - ticks)]
-    return float((way_m[-1] - way_m[-1 - ticks]) / before_m) if len(way_m) > fails + ticks else float("nan")
+    return float((way_m[-1] - way_m[-1 - ticks]) / before_m)
+
+
+def caption_of(walk: RunResult, *, recovered: bool) -> str:
+    """Line below a walk in the picture: `without recovery: 47 % of its speed`; its name if it was short."""
+    name, kept = "with recovery" if recovered else "without recovery", speed_kept(walk)
+    return f"{name}: {100 * kept:.0f} % of its speed" if math.isfinite(kept) else name
 
 
 def walk_and_fail(
@@ -186,7 +194,8 @@ def _draw(walks: list[RunResult], into: Path) -> dict[str, Any]:
     path = into / "rescue.gif"
     try:
         recordings = [walk.recording for walk in walks if walk.recording is not None]
-        return {"picture": export(*recordings, output=path, **PICTURE)}
+        captions = tuple(caption_of(walk, recovered=walk is not walks[0]) for walk in walks)
+        return {"picture": export(*recordings, output=path, captions=captions, **PICTURE)}
     except HexctlError as error:
         return {"no_picture": str(error)}
 

@@ -66,13 +66,33 @@ def demo(
 
 def _what_is_left(result: "DemoResult") -> str:
     """What an interrupted demo leaves behind, and how its search goes on."""
+    walks = " ".join(shlex.quote(str(path)) for path in result.recordings)
+    if not walks:
+        return "interrupted before the search: nothing was recorded"
+    seen = f"; look at it with: {_view_command()} {walks}"
     if result.adaptation is None:
-        return f"interrupted before the search; what was walked is under {result.folder}/"
+        return f"interrupted before the search; what was walked is under {result.folder}/{seen}"
     name = result.adaptation.session.name
     return (
         f"interrupted; continue the search with: hexctl adapt --resume {name}; both walks are under "
-        f"{result.folder}/"
+        f"{result.folder}/{seen}"
     )
+
+
+def _view_command() -> str:
+    """Command that shows recordings: in a window, or in a browser where there is no screen."""
+    return "hexctl view" if _has_display() else "hexctl view --web"
+
+
+def _has_display() -> bool:
+    from hexctl.errors import RecordingError
+    from hexctl.record.viewer import check_display
+
+    try:
+        check_display()
+    except RecordingError:
+        return False
+    return True
 
 
 def _run(budget: int, interrupt: StopOnInterrupt, begun: list[str], *, as_json: bool) -> "DemoResult":
@@ -151,10 +171,18 @@ def _ending(result: "DemoResult") -> list[str]:
         "",
         "next:",
         *([f"  source {_activate()}"] if _activate() else []),
-        f"  hexctl view --web {walks} {shlex.quote(search.session.name)}",
-        "  hexctl run --fail 2:limp@4 --recover --realtime --view",
+        f"  {_view_command()} {walks} {shlex.quote(search.session.name)}",
+        *_another_walk(),
         "  hexctl check phantomx --gait wave",
     ]
+
+
+def _another_walk() -> list[str]:
+    """Commands for a walk of one's own, seen as it goes, or afterwards in a browser without a screen."""
+    walk = "  hexctl run --fail 2:limp@4 --recover"
+    if _has_display():
+        return [f"{walk} --realtime --view"]
+    return [f"{walk} --record leg2.rrd", "  hexctl view --web leg2.rrd"]
 
 
 def _activate() -> str | None:

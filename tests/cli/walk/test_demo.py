@@ -9,7 +9,7 @@ import pytest
 
 from hexctl.cli.console import StopOnInterrupt
 from hexctl.cli.main import exit_code
-from hexctl.cli.walk.demo import _activate
+from hexctl.cli.walk.demo import _activate, _another_walk, _view_command
 from hexctl.demo import rescue
 
 
@@ -35,8 +35,11 @@ def test_it_says_what_happens_and_what_to_do_next(tmp_path: Path, capsys: Any, m
     assert [line.split()[:2] for line in following] == [
         ["hexctl", "view"],
         ["hexctl", "run"],
+        ["hexctl", "view"],
         ["hexctl", "check"],
     ]
+    assert not any(line.endswith(" --view") for line in following)  # there is no screen
+    assert following[2].split()[2:] == ["--web", following[1].split()[-1]]
     for word in following[0].split()[3:-1]:
         assert (tmp_path / word).is_file()
     assert "finds no display; hexctl view --web" in printed.err
@@ -53,7 +56,15 @@ def test_json_is_the_result_alone(capsys: Any, monkeypatch: Any) -> None:
 def test_ctrl_c_ends_it(capsys: Any, monkeypatch: Any) -> None:
     monkeypatch.setattr(StopOnInterrupt, "requested", lambda _: True)
     assert exit_code(["demo"]) == 130
-    assert "with recovery" not in capsys.readouterr().out
+    printed = capsys.readouterr()
+    assert "with recovery" not in printed.out
+    assert printed.err.splitlines()[-1] == "hexctl: interrupted before the search: nothing was recorded"
+
+
+def test_with_a_screen_the_walks_are_shown_in_a_window(monkeypatch: Any) -> None:
+    monkeypatch.setenv("DISPLAY", ":0")
+    assert _view_command() == "hexctl view"
+    assert _another_walk() == ["  hexctl run --fail 2:limp@4 --recover --realtime --view"]
 
 
 def test_ctrl_c_in_the_search_names_the_session(capsys: Any, monkeypatch: Any) -> None:
@@ -62,7 +73,10 @@ def test_ctrl_c_in_the_search_names_the_session(capsys: Any, monkeypatch: Any) -
     assert exit_code(["demo", "--budget", "1"]) == 130
     (session,) = Path("runs").glob("*-leg5-*")
     said = f"hexctl: interrupted; continue the search with: hexctl adapt --resume {session.name}; "
-    assert capsys.readouterr().err.splitlines()[-1].startswith(said)
+    line = capsys.readouterr().err.splitlines()[-1]
+    assert line.startswith(said)
+    seen = line.partition("; look at it with: hexctl view --web ")[2].split()
+    assert [Path(path).name for path in seen if Path(path).is_file()] == ["walked-on.rrd", "recovered.rrd"]
 
 
 def test_a_folder_that_cannot_be_used_is_one_line(tmp_path: Path, capsys: Any) -> None:
