@@ -189,7 +189,11 @@ class RobotService:
         With ROS, the port of the ROS router is left to it (`RosOptions.link_beside`).
         """
         link = load_link(
-            self.link, endpoint=self.listen, credentials=self.credentials, insecure=self.insecure
+            self.link,
+            endpoint=self.listen,
+            credentials=self.credentials,
+            insecure=self.insecure,
+            given_as="listen",
         )
         return link if self.ros is None else self.ros.link_beside(link)
 

@@ -11,7 +11,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from hexctl.errors import InputError
+from hexctl.errors import InputError, argument
 from hexctl.robot.configs import find_config, read_mapping, validate
 
 
@@ -123,8 +123,8 @@ class Endpoint:
     port: int
 
     @classmethod
-    def parse(cls, text: str) -> "Endpoint":
-        """Endpoint that a text such as `tcp/127.0.0.1:7447` names.
+    def parse(cls, text: str, what: str = "endpoint") -> "Endpoint":
+        """Endpoint that a text such as `tcp/127.0.0.1:7447` names; `what` is what the text was given as.
 
         Raises InputError for anything else.
         """
@@ -136,7 +136,7 @@ class Endpoint:
             or not _is_host(match["host"])
         ):
             raise InputError(
-                f"endpoint: got {text!r}; allowed: PROTOCOL/HOST:PORT with tcp, tls or quic, "
+                f"{what}: got {text!r}; allowed: PROTOCOL/HOST:PORT with tcp, tls or quic, "
                 "such as tcp/127.0.0.1:7447 or tls/robot.local:7447"
             )
         return cls(match["protocol"], match["host"].strip("[]"), int(match["port"]))
@@ -252,12 +252,16 @@ def load_link(
     endpoint: str | None = None,
     credentials: Path | None = None,
     insecure: bool = False,
+    given_as: str = "connect",
 ) -> Link:
     """Link of a file, or the default one; the other arguments override it.
 
+    `given_as` is the argument that has the endpoint, for messages: a server's is `listen`.
     A relative folder of credentials in a file starts at the file's folder. Raises InputError that says file,
     key, value and what is allowed.
     """
+    if endpoint:
+        Endpoint.parse(endpoint, argument(given_as))
     schema, folder = LinkSchema(), Path()
     if name_or_path is not None:
         path = find_config("links", name_or_path)

@@ -216,6 +216,12 @@ def test_a_bad_value_names_option_value_and_range(
     [
         (["run", "--record", "x.txt"], "hexctl: --record: got x.txt; allowed: a name that ends in .rrd"),
         (["run", "--backend", "foo"], "hexctl: --backend: got 'foo'; allowed: sim, zenoh,"),
+        (
+            ["run", "--backend", "zenoh", "--connect", "banana"],
+            "hexctl: --connect: got 'banana'; allowed: PROTO",
+        ),
+        (["status", "--connect", "banana"], "hexctl: --connect: got 'banana'; allowed: PROTOCOL/HOST:PORT"),
+        (["serve", "--listen", "banana"], "hexctl: --listen: got 'banana'; allowed: PROTOCOL/HOST:PORT"),
         (["run", "--world", "transfer:-1"], "hexctl: --world: got 'transfer:-1'; allowed: the number of"),
         (["adapt", "--failed-leg", "5", "--optimizer", "bays"], "hexctl: --optimizer: got 'bays'; allowed:"),
         (["adapt", "--resume", "nosuch"], "hexctl: --resume: got 'nosuch'; allowed: none yet, "),

@@ -124,7 +124,7 @@ def test_a_robot_that_is_not_there_is_an_error_and_no_success() -> None:
     port = free_port()
     with pytest.raises(RobotFaultError, match=f"nothing listens at tcp/127.0.0.1:{port}"):
         estop(connect=f"tcp/127.0.0.1:{port}")
-    with pytest.raises(InputError, match="endpoint"):
+    with pytest.raises(InputError, match="connect: got"):
         estop(connect="somewhere")
 
 
