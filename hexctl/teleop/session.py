@@ -48,12 +48,14 @@ class DriveSession:
 
     Attributes:
         ended: why the session has ended, or None.
+        commanded: whether the robot was told anything.
         said: what the robot said last.
     """
 
     def __init__(self, drive: Drive) -> None:
         self.drive = drive
         self.ended: str | None = None
+        self.commanded = False
         self.said = ""
         self._asked: SimpleQueue[tuple[str, str]] = SimpleQueue()
         self._noticed = 0
@@ -73,9 +75,14 @@ class DriveSession:
     def run(self, devices: Sequence[Device] = (), stop_requested: Callable[[], bool] = lambda: False) -> str:
         """Drive until a device asks to quit; why it has ended. The robot stands then.
 
+        A stop that is requested from the start commands nothing: a limp robot stays limp.
+
         Raises EStopError when the guard has stopped the robot, RobotFaultError when it or its link fails.
         """
-        ticks = 0
+        if self.ended is None and stop_requested():
+            self.ended = "interrupted"
+            return self.ended
+        ticks, self.commanded = 0, True
         while self.ended is None:
             if stop_requested():
                 self.ended = "interrupted"

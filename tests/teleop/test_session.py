@@ -229,6 +229,16 @@ def test_a_robot_that_is_told_to_stand_does_not_walk_off_at_the_speed_of_before(
         assert typed.speeds_m_s["www"] > 0.08
 
 
+def test_an_interrupt_before_the_first_command_commands_nothing() -> None:
+    guard = Guard(SimServos("ant"))
+    with Drive(servos=guard) as drive:
+        begun_s = guard.clock.now_s
+        session = DriveSession(drive)
+        assert session.run(stop_requested=lambda: True) == "interrupted"
+        assert not session.commanded
+        assert guard.clock.now_s == begun_s
+
+
 def test_an_interrupt_ends_at_a_stand() -> None:
     with Drive("ant") as drive:
         drive.command(forward_m_s=0.1)

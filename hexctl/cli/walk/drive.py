@@ -291,7 +291,8 @@ def _drive(stack: ExitStack, drive: "Drive", wanted: _Wanted, keep: Callable[[],
         why = drive.guard.stopped or "stopped"
         _say(f"\nhexctl: the robot has stopped{_why(drive, why)}")
         return code_of_stop(why)
-    _say(f"\nhexctl: {'ended' if why == 'q' else why}; the robot stands")
+    rest = "the robot stands" if session.commanded else "the robot was not commanded"
+    _say(f"\nhexctl: {'ended' if why == 'q' else why}; {rest}")
     return INTERRUPTED if why == "interrupted" else DONE
 
 
