@@ -1,15 +1,18 @@
 """A rig: a simulated robot, a board or bus before it, a server, a link and a controller, all as processes."""
 
+import os
 import random
 import re
+import signal
 import time
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from faults.backend import Backend
 from faults.phase import Phase
-from faults.process import LostError, Program, free_port
+from faults.process import LostError, Program, children_of, free_port
 from faults.programs.truth import Truth
 from faults.programs.twin import FOLDER_VARIABLE, TRUTH, tell_twin
 
@@ -48,6 +51,7 @@ class Rig:
         self.controller: Program | None = None
         self.endpoint = self._link = self.device = ""
         self._trials = 0
+        self._keepers: list[int] = []
         self.store = folder
 
     def __enter__(self) -> Self:
@@ -136,6 +140,7 @@ class Rig:
             **{FOLDER_VARIABLE: str(self.folder)},
         )
         self.server.wait_for("serving")
+        self._keepers = children_of(self.server.pid)
         if self._relayed and name == TWIN:
             self._link = f"tcp/127.0.0.1:{self._relay_to(str(port), 'tcp')}"
 
@@ -191,3 +196,8 @@ class Rig:
             if program is not None:
                 program.end(softly=program is not self.relay)
         self.relay = self.server = self.board = None
+        # A keeper outlives its server, and would open the port of the next rig where it has the same name.
+        for keeper in self._keepers:
+            with suppress(ProcessLookupError):
+                os.kill(keeper, signal.SIGKILL)
+        self._keepers = []

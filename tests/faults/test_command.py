@@ -1,13 +1,18 @@
 """`python -m faults`: a short form of the matrix, with real processes."""
 
 import json
+import signal
 from pathlib import Path
 
 import pytest
 
 from faults.__main__ import main
+from faults.backend import BACKENDS
 from faults.measurement import MOST_REST_S, Outcome
+from faults.process import children_of
 from faults.results import Results
+from faults.rig import Rig
+from hexctl.waiting import wait_for
 
 #: How often a cell is looked at again for which the machine had no time.
 ATTEMPTS = 4
@@ -48,3 +53,12 @@ def test_a_fault_ends_the_motion_or_does_not_as_is_safe(cell: str, tmp_path: Pat
         assert outcome.rest_s is not None, "it still moves"
         assert outcome.rest_s <= MOST_REST_S
     assert json.loads((tmp_path / "results.jsonl").read_text().splitlines()[-1])["phase"] == outcome.phase
+
+
+def test_a_rig_leaves_no_process_behind(tmp_path: Path) -> None:
+    with Rig(BACKENDS["feetech"], tmp_path) as rig:
+        assert rig.server is not None
+        keepers = children_of(rig.server.pid)
+        assert len(keepers) == 1
+        rig.server.signal(signal.SIGKILL)
+    wait_for(lambda: not Path(f"/proc/{keepers[0]}").exists(), 20, "the keeper ends")
