@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -61,9 +62,24 @@ def estop(
         with ReadyStop(**place, again=ready) as stop:
             if ready:
                 _wait_for_a_press(stop)
-            with RefusalWatch(stop.link.endpoint, _note_refusal, answered=lambda: bool(stop.reach.ways)):
+            # What is asked is asked on the watch's thread: nothing may come before the stop.
+            known = partial(_is_known, stop)
+            with RefusalWatch(stop.link.endpoint, _note_refusal, answered=known):
                 result = stop.wait_for_rest()
     _print(result, stop.link, as_json=as_json)
+
+
+def _is_known(stop: "ReadyStop") -> bool:
+    """Whether more is known than that nothing listens: the robot answers, or the certificates are wrong."""
+    from hexctl.wire.certificates import find_credentials
+    from hexctl.wire.links import Role
+
+    try:
+        if stop.link.credentials is not None:
+            find_credentials(stop.link.credentials, Role.CONTROLLER)
+    except InputError:
+        return True
+    return bool(stop.reach.ways)
 
 
 def _note_refusal(why: str) -> None:
