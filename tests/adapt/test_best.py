@@ -11,6 +11,7 @@ from hexctl.adapt.adaptation import adapt
 from hexctl.adapt.best import best_gait
 from hexctl.adapt.prior.prior import load_prior, save_prior
 from hexctl.adapt.prior.samples import ranked_codes
+from hexctl.adapt.sessions.session import Session
 from hexctl.adapt.sessions.store import load_session
 from hexctl.adapt.space import GaitSpace
 from hexctl.cli.render.adapt import closing_lines
@@ -29,6 +30,11 @@ LIMP = Failure(leg=2, kind="limp")
 
 def spec(**options: Any) -> RunSpec:
     return RunSpec(**{"gait": "best", "failure": Failure(leg=2, kind="limp"), **options})
+
+
+def short_session(folder: Path, **options: Any) -> Session:
+    """A session of walks of 4 s without leg 2, with neither baseline nor recordings."""
+    return adapt(2, duration_s=4.0, baseline=False, record=False, folder=folder, **options).session
 
 
 @pytest.fixture
@@ -153,16 +159,7 @@ def test_by_a_session_it_is_that_of_the_baseline_where_no_trial_is_better(
 
 
 def test_by_a_session_that_learned_a_trim_it_walks_with_the_trim(tmp_path: Path) -> None:
-    session = adapt(
-        2,
-        budget=1,
-        duration_s=4.0,
-        hold="heading",
-        target_m=1.0,
-        baseline=False,
-        record=False,
-        folder=tmp_path,
-    ).session
+    session = short_session(tmp_path, budget=1, hold="heading", target_m=1.0)
     assert session.best is not None
     trim_rad = session.trim_rad(session.best.slots)
     assert trim_rad
@@ -175,18 +172,9 @@ def test_by_a_session_that_learned_a_trim_it_walks_with_the_trim(tmp_path: Path)
 
 
 def test_by_a_session_that_learned_a_turn_it_walks_in_open_loop_with_the_turn(tmp_path: Path) -> None:
-    session = adapt(
-        2,
-        budget=2,
-        duration_s=4.0,
-        hold="none",
-        heading_deg=90.0,
-        optimizer="trim",
-        target_m=1e-9,
-        baseline=False,
-        record=False,
-        folder=tmp_path,
-    ).session
+    session = short_session(
+        tmp_path, budget=2, hold="none", heading_deg=90.0, optimizer="trim", target_m=1e-9
+    )
     assert session.best is not None
     turn_rad_s = session.turn_trim_rad_s(session.best.slots)
     assert turn_rad_s
@@ -230,10 +218,7 @@ def test_a_walk_may_change_to_the_best_gait(built: Path) -> None:
 
 
 def test_a_change_to_the_gait_of_a_session_brings_no_trim(tmp_path: Path) -> None:
-    session = adapt(
-        2, budget=1, duration_s=4.0, hold="heading", target_m=1.0, baseline=False, record=False,
-        folder=tmp_path,
-    ).session  # fmt: skip
+    session = short_session(tmp_path, budget=1, hold="heading", target_m=1.0)
     asked = spec(gait="wave", then=(f"best:{session.name}@2",), failure=Failure(leg=2), hold="heading")
     found = best_gait(asked, tmp_path)
     assert found.spec.trim_rad is None
