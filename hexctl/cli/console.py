@@ -145,9 +145,9 @@ def note_no_window(error: Exception) -> None:
     print_note(f"hexctl: {error}; continuing without a window")
 
 
-def note_refusal(why: str) -> None:
-    """Say that nothing listens where a robot should be, while it is still tried."""
-    print_note(f"hexctl: {why}; trying for some seconds more")
+def note_refusal(why: str, *, then: str = "") -> None:
+    """Say that nothing listens where a robot should be, while it is still tried; `then` is said behind."""
+    print_note(f"hexctl: {why}; trying for some seconds more{then}")
 
 
 def make_bar(counter: str | None = None, *, quiet: bool = False) -> "Progress":

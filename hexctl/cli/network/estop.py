@@ -56,6 +56,7 @@ def estop(
         _clear(place, as_json=as_json)
         return
     with _told_if_not_confirmed(ready=ready):
+        from hexctl.cli.console import note_refusal
         from hexctl.serve.stops.estop import ReadyStop
         from hexctl.wire.refusal import RefusalWatch
 
@@ -63,8 +64,8 @@ def estop(
             if ready:
                 _wait_for_a_press(stop)
             # What is asked is asked on the watch's thread: nothing may come before the stop.
-            known = partial(_is_known, stop)
-            with RefusalWatch(stop.link.endpoint, _note_refusal, answered=known):
+            known, note = partial(_is_known, stop), partial(note_refusal, then=f". {NOT_CONFIRMED}")
+            with RefusalWatch(stop.link.endpoint, note, answered=known):
                 result = stop.wait_for_rest()
     _print(result, stop.link, as_json=as_json)
 
@@ -80,13 +81,6 @@ def _is_known(stop: "ReadyStop") -> bool:
     except InputError:
         return True
     return bool(stop.reach.ways)
-
-
-def _note_refusal(why: str) -> None:
-    """Say that nothing listens where the robot should be, while it is still tried."""
-    from hexctl.cli.console import print_note
-
-    print_note(f"hexctl: {why}; trying for some seconds more. {NOT_CONFIRMED}")
 
 
 @contextmanager
