@@ -26,13 +26,13 @@ class Backend:
             `zenoh` a served simulation.
         base: the shipped robot.
         servos: the section `servos` of its file.
-        told_every: control periods from one target of a servo to its next, by which its move lasts longer.
+        moves_take_time: whether a servo is told how long to take, and what it steers for changes meanwhile.
     """
 
     name: str
     base: str = "ant"
     servos: dict[str, Any] = field(default_factory=dict)
-    told_every: int = 1
+    moves_take_time: bool = False
 
     @property
     def served(self) -> bool:
@@ -71,7 +71,7 @@ BACKENDS = {
         Backend(name="mavlink", servos={"tibia": {"offset_deg": 75}}),
         Backend(name="dynamixel", base="phantomx", servos={**ON_A_BUS, "model": "xl430-w250"}),
         Backend(name="feetech", base="phantomx", servos={**ON_A_BUS, "model": "sts3215"}),
-        Backend(name="lx16a", base="phantomx", servos={**ON_A_BUS, "model": "lx16a"}, told_every=2),
+        Backend(name="lx16a", base="phantomx", servos={**ON_A_BUS, "model": "lx16a"}, moves_take_time=True),
         Backend(name="servo2040", servos={"tibia": {"offset_deg": 40}}),
         Backend(name="pca9685", servos={"tibia": {"offset_deg": 40}, "if_computer_dies": "hold"}),
     )

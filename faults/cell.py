@@ -62,7 +62,7 @@ def _measured(
     # A twin that was told fails at its next control period.
     began_s = float(truth.fault_at_s[-1]) if truth.fault_at_s.size else at_s
     speeds_rad_s = load_robot_file(rig.robot_file).robot.joint_max_speed_rad_s
-    step, pace = largest_steps(truth, began_s, speeds_rad_s, told_every=rig.backend.told_every)
+    step, pace = largest_steps(truth, began_s, speeds_rad_s, continuous=rig.backend.moves_take_time)
     trials, lost, came = _trials(rig, fault) if PHASES[phase].motion is None else (None, None, True)
     server = "" if rig.server is None else rig.server.said(heard[rig.server])
     controller = "" if rig.controller is None else rig.controller.said(heard[rig.controller])

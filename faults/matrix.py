@@ -16,6 +16,7 @@ from faults.cell import inject
 from faults.fault import FAULTS
 from faults.injection import TooLateError
 from faults.measurement import Outcome
+from faults.phase import PHASES
 from faults.process import ROOT, LostError
 from faults.results import Results, done
 from faults.rig import Rig
@@ -75,7 +76,11 @@ def jobs(only: Iterable[str], repetitions: int, outcomes: Iterable[Outcome]) -> 
                 continue
             if (*names, repetition) not in have:
                 wanted.setdefault((backend, fault), []).append((phase, repetition))
-    return [Job(backend, fault, tuple(each)) for (backend, fault), each in wanted.items()]
+    # A motion that goes on after one injection is met by the next one.
+    return [
+        Job(backend, fault, tuple(sorted(each, key=lambda one: list(PHASES).index(one[0]))))
+        for (backend, fault), each in wanted.items()
+    ]
 
 
 def _matches(pattern: list[str], names: tuple[str, str, str]) -> bool:
@@ -161,9 +166,10 @@ class Matrix:
         self._say(f"{job.fault}/{job.backend}/{phase} {repetition}: not measured: {trouble}")
 
     def _clean(self, holder: "_RigHolder", outcome: Outcome) -> None:
-        """Leave a rig as the next injection needs it, or none."""
+        """Leave a rig in which the next injection can begin, or none."""
         fault = FAULTS[outcome.fault]
-        latched = any(stop != "expired" for stop in outcome.stops)
+        # The next controller takes over a robot whose commands expired.
+        latched = any(not stop.startswith("expired") for stop in outcome.stops)
         if fault.breaks == "rig" or latched or outcome.fell:
             holder.drop()
             return
@@ -172,11 +178,6 @@ class Matrix:
             return
         if fault.breaks == "controller" or outcome.ended:
             rig.drop_controller()
-            return
-        try:
-            rig.end()
-        except LostError:
-            holder.drop()
 
 
 class _RigHolder:

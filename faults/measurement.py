@@ -158,12 +158,13 @@ def told_after_s(truth: Truth, at_s: float) -> float:
 
 
 def largest_steps(
-    truth: Truth, at_s: float, max_speed_rad_s: FloatArray, *, told_every: int = 1
+    truth: Truth, at_s: float, max_speed_rad_s: FloatArray, *, continuous: bool = False
 ) -> tuple[float, float]:
     """Largest step that a servo was told since a moment, and pace of it.
 
     The step is in slew limits of a control period, the pace in those of the time since the servos were told
-    something else, up to `SILENCE_S`, plus `JITTER_S`; of `told_every` control periods at the least. A servo
+    something else, up to `SILENCE_S`, plus `JITTER_S`; of a control period at the least. Targets that are
+    `continuous`, as they change while moves go on, come at no time of their own: no jitter is added. A servo
     that had no torque is told a step from where its joint is.
     """
     rows = np.flatnonzero(truth.told_at_s >= at_s)
@@ -175,8 +176,8 @@ def largest_steps(
         return 0.0, 0.0
     before = np.where(np.isnan(told[:-1]), _joints_rad(truth, times_s[1:]), told[:-1])
     steps = np.abs(told[1:] - before) / (max_speed_rad_s * PERIOD_S)
-    passed_s = np.minimum(np.diff(times_s) + JITTER_S, SILENCE_S)
-    periods = np.maximum(told_every, passed_s / PERIOD_S)[:, np.newaxis]
+    passed_s = np.minimum(np.diff(times_s) + (0.0 if continuous else JITTER_S), SILENCE_S)
+    periods = np.maximum(1.0, passed_s / PERIOD_S)[:, np.newaxis]
     return float(np.nanmax(steps, initial=0.0)), float(np.nanmax(steps / periods, initial=0.0))
 
 

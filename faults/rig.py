@@ -51,6 +51,7 @@ class Rig:
         self.controller: Program | None = None
         self.endpoint = self._link = self.device = ""
         self._trials = 0
+        self._drives = False  # whether the controller is in a drive that may go on with another motion
         self._keepers: list[int] = []
         self.store = folder
 
@@ -78,20 +79,21 @@ class Rig:
             time.sleep(chance.uniform(0.0, 0.6))
             assert self.controller is not None
             self.controller.tell(phase.word)
+            self._drives = self._drives and phase.word != "sit"
         time.sleep(chance.uniform(*phase.wait_s))
 
     def end(self) -> None:
         """Let the controller end its drive, so that the next one may begin."""
+        self._drives = False
         if self.controller is None or not self.controller.alive:
             self.controller = None
             return
         if self._trials:
             self._replace_controller()
             return
-        since = len(self.controller.said())
-        said = self.controller.said().splitlines()
-        if said and said[-1].startswith("ended"):
+        if self._said_last().startswith(("ended", "done")) or not self._said_last():
             return
+        since = len(self.controller.said())
         self.controller.tell("end")
         self.controller.wait_for("done", since, or_text="ended")
 
@@ -149,16 +151,24 @@ class Rig:
         return self._found(self.relay, r"relay at (\d+)")
 
     def _drive(self, motion: str, *, record: bool) -> None:
-        if self._trials:
-            self._replace_controller()
+        going_on = self._drives and not record and self._said_last() == "ready"
+        if not going_on:
+            self.end()
         if self.controller is None or not self.controller.alive:
             place = self._link or "-"
             name = "zenoh" if self.backend.served else "sim"
             words = ("controller", name, place, str(self.robot_file), str(self.folder))
             self.controller = self._program("controller", *words)
         since = len(self.controller.said())
-        self.controller.tell(f"go {motion}{' record' if record else ''}")
+        self.controller.tell(f"{'again' if going_on else 'go'} {motion}{' record' if record else ''}")
         self.controller.wait_for("ready", since, but="ended")
+        self._drives = not record
+
+    def _said_last(self) -> str:
+        """Last line of the controller; empty without one that runs."""
+        if self.controller is None or not self.controller.alive:
+            return ""
+        return (self.controller.said().splitlines() or [""])[-1]
 
     def _begin_trials(self) -> None:
         self._replace_controller()
@@ -172,7 +182,7 @@ class Rig:
     def _replace_controller(self) -> None:
         if self.controller is not None:
             self.controller.end()
-        self.controller, self._trials = None, 0
+        self.controller, self._trials, self._drives = None, 0, False
 
     def _program(self, name: str, module: str, *arguments: str) -> Program:
         return Program(

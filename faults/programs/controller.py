@@ -1,8 +1,8 @@
 """A controller of a rig: `python -m faults.programs.controller BACKEND PLACE ROBOT FOLDER`.
 
 BACKEND is `zenoh`, to a robot served at PLACE, or `sim`, a twin in this process. Takes lines on stdin:
-`go walking` (or `turning`, `standing`), then `release`, `sit`, `jump`, `end`; says `ready` once the motion
-goes on, and `ended: ...` for what ends it. `go walking record` records meanwhile.
+`go walking` (or `turning`, `standing`), then `again walking`, `release`, `sit`, `jump`, `end`; says `ready`
+once the motion goes on, and `ended: ...` for what ends it. `go walking record` records meanwhile.
 """
 
 import os
@@ -64,22 +64,36 @@ def made_drive(backend: str, place: str, robot: str, folder: Path, *, record: bo
     return Drive(robot, backend="zenoh", connect=place, recorders=recorders)
 
 
+def begin(drive: Drive, motion: str) -> None:
+    """Command a motion, by its name."""
+    forward, turn = SHARES[motion]
+    velocity = drive.share(forward=forward, turn=turn)
+    drive.command(velocity.forward_m_s, velocity.left_m_s, velocity.turn_rad_s)
+
+
 def drive(drive: Drive, motion: str, lines: Lines) -> bool:
     """Drive until told to end; whether to go on afterwards. Raises what the drive raises."""
     with drive, realtime_priority():
         drive.reset()
-        forward, turn = SHARES[motion]
-        velocity = drive.share(forward=forward, turn=turn)
-        drive.command(velocity.forward_m_s, velocity.left_m_s, velocity.turn_rad_s)
-        step = 0
+        begin(drive, motion)
+        step, stopped = 0, None
         while True:
             drive.step()
             step += 1
             if step == STEPS:
                 say("ready")
+            if drive.stopped != stopped:
+                stopped = drive.stopped
+                say(f"ended: the drive stopped: {stopped}")
             line = lines.next()
-            if line == "release":
-                drive.command()
+            if line == f"again {motion}":  # it goes on, and is at its speed
+                say("ready")
+            elif line is not None and line.startswith("again "):
+                motion, step = line.partition(" ")[2], 0
+                begin(drive, motion)
+            elif line == "release":
+                motion = "standing"
+                begin(drive, motion)
             elif line == "sit":
                 drive.sit()
             elif line == "jump":

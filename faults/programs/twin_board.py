@@ -4,11 +4,13 @@ BACKEND is mavlink or a bus. Prints where it is reached. Words that are not the 
 such as `mute:2:femur`, or `loss 0.1` of its line.
 """
 
+import math
 import random
 import signal
 import socket
 import sys
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,7 @@ import numpy as np
 from faults.process import free_port
 from faults.programs.truth import TOLD
 from faults.programs.twin import TwinServos
-from hexctl.backends.clock import request_realtime_priority
+from hexctl.backends.clock import PERIOD_S, request_realtime_priority
 from hexctl.backends.mavlink.transport import open_port, parse_port
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.bus_map import bus_map_of
@@ -26,12 +28,11 @@ from hexctl.robot.servos.pwm_map import pwm_map_of
 from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
 from hexctl.serve.boards.bus_board import BusBoard
 from hexctl.serve.boards.bus_faults import parse_bus_fault
-from hexctl.serve.boards.lx16a_servos import Lx16aServo
+from hexctl.serve.boards.lx16a_servos import Lx16aServos
 from hexctl.serve.boards.pca9685_board import Pca9685Board, parse_pca9685_fault
 from hexctl.serve.boards.servo2040_board import Servo2040Board, parse_servo2040_fault
 from hexctl.serve.boards.servo_board import ServoBoard
 from hexctl.serve.boards.simulated_board import PseudoTerminal, SimulatedBoard
-from hexctl.types import FloatArray
 
 
 class LossyLine:
@@ -67,22 +68,27 @@ class LossyLine:
 
 
 class Told(SimulatedBoard):
-    """What a board of the matrix has besides: it notes what its servos are told, and takes words."""
+    """What a board of the matrix has besides: it notes what its servos steer for, and takes words.
+
+    It does so when they are told something, and once in a control period for moves that take a time.
+    """
 
     def observe(self, twin: TwinServos) -> None:
         """Write into the truth of a twin, and take its words."""
-        self._twin, self._goals = twin, 0
+        self._twin, self._goals, self._noted_s = twin, 0, -math.inf
         twin.others = self._fail
 
     def _serve(self, timeout_s: float) -> None:
         super()._serve(timeout_s)  # type: ignore[safe-super]  # behind it is a board
-        if (goals := int(getattr(self._counted, "goals", 0))) != self._goals:
-            self._goals = goals
-            self._twin.truth.add(TOLD, self._goal_angles_rad())
-
-    def _goal_angles_rad(self) -> FloatArray:
+        goals, now_s = int(getattr(self._counted, "goals", 0)), time.monotonic()
+        if goals == self._goals and (not self._moves_take_time() or now_s < self._noted_s + PERIOD_S):
+            return
+        self._goals, self._noted_s = goals, now_s
         holds, angles_rad = self._told()
-        return np.where(holds, angles_rad, np.nan)
+        self._twin.truth.add(TOLD, np.where(holds, angles_rad, np.nan))
+
+    def _moves_take_time(self) -> bool:
+        return False
 
     def _fail(self, word: str) -> None:
         """Begin a fault."""
@@ -97,12 +103,8 @@ class ToldBus(Told, BusBoard):
         super().observe(twin)
         self._line: Any = LossyLine(self._line, seed=1)
 
-    def _goal_angles_rad(self) -> FloatArray:
-        servos = [servo for servo in self._servos if isinstance(servo, Lx16aServo)]
-        if not servos:
-            return super()._goal_angles_rad()
-        # Where each move ends, not how far it has come.
-        return self._map.angles_rad(np.array([servo.end if servo.holds else np.nan for servo in servos]))
+    def _moves_take_time(self) -> bool:
+        return isinstance(self._family, Lx16aServos)
 
     def _fail(self, word: str) -> None:
         if word.startswith("loss "):

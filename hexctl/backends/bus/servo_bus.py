@@ -82,11 +82,14 @@ class ServoBus(ABC):
         mute_s: a joint whose servo was not heard for this long is mute.
         stale_s: a joint without a believed position for this long was not measured with the others.
         reports_limp: whether its reports complain of servos that have lost their torque.
+        speeds: greatest of the joints, (18,), in counts per second, for goals that are sent with a time; no
+            limit until they are set.
     """
 
     mute_s: ClassVar[float] = 0.5
     stale_s: ClassVar[float] = 0.17  # twice the age of a reading where joints are asked in turn
     reports_limp: ClassVar[bool] = False
+    speeds: FloatArray = np.full(N_JOINTS, np.inf)
 
     @abstractmethod
     def find(self) -> BoolArray:

@@ -103,6 +103,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         super().__init__(robot, servo_map=bus_map, place=port, counters=BusCounters(), clock=clock)
         self._baud = baud or DEFAULT_BAUDS[bus_map.driver]
         self._held = False
+        self._speeds = np.degrees(self._robot.joint_max_speed_rad_s) * bus_map.per_deg
         self._notes: tuple[str, ...] = ()
         self._condition = LineCondition(bus_map, self.counters.shares)
 
@@ -123,8 +124,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         missing; OSError when the port has gone.
         """
         bus = self._open(first=True)
-        speeds = np.degrees(self._robot.joint_max_speed_rad_s) * self._map.per_deg
-        readings = BelievedReadings(speeds, self._map.per_deg)
+        readings = BelievedReadings(self._speeds, self._map.per_deg)
         try:
             for reports in polls(bus, readings):
                 readings.take(reports)
@@ -134,7 +134,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
             bus.close()
             raise
         self._held = bool(on.any())
-        thread = BusThread(self._open, bus, readings, self.counters, speeds)
+        thread = BusThread(self._open, bus, readings, self.counters, self._speeds)
         thread.start(on=bool(heard.any() and on[heard].all()))
         return thread
 
@@ -143,6 +143,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         line = SerialLine(self._place, self._baud)
         try:
             bus = BUSES[self._map.driver](line, self._map, self.counters)
+            bus.speeds = self._speeds
             found = bus.find()
             self._check_found(found)
             if first:

@@ -5,6 +5,7 @@ whose goals changed, at most `MOST_MOVES` in a period and those first that wait 
 one by one in the time that is left.
 """
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from typing import ClassVar
@@ -43,6 +44,9 @@ PERIOD_MS = 20
 #: A goal is sent again after this time, as moves are not acknowledged.
 REPEAT_S = 0.25
 
+#: For this long after an answer that did not come moves may be lost too, as many of a joint in a row.
+LOSSY_S, LOST_MOVES = 0.5, 2
+
 #: Time since the goals of a control period in which positions are asked.
 SPAN_S = 0.0175
 
@@ -62,7 +66,8 @@ class Lx16aBus(ServoBus):
     """LX-16A, LX-224 and HTS-35H servos on one line.
 
     Goals are clipped to the limits that are stored in each servo, beyond which it would unload. A servo that
-    unloads by itself gets no goals any more, and its reports say that it is limp.
+    unloads by itself gets no goals any more, and its reports say that it is limp. No servo confirms a move:
+    while answers are lost, one has the time that its joint needs if the moves before were lost too.
 
     Args:
         line: open.
@@ -87,6 +92,9 @@ class Lx16aBus(ServoBus):
         self._beyond: BoolArray = np.zeros(N_JOINTS, dtype=bool)  # joints that may not hold where they are
         self._goals: FloatArray | None = None
         self._sent, self._sent_at_s = np.full(N_JOINTS, np.nan), np.full(N_JOINTS, -np.inf)
+        self._earlier = np.full((LOST_MOVES, N_JOINTS), np.nan)  # goals sent before those, the newest first
+        self._missed_at_s = -np.inf  # when an answer was lost last
+        self._silent: set[int] = set()  # ids whose last answer did not come
         self._waited: set[int] = set()  # joints whose goals had changed and were not sent
         self._wrote = False
         self._readings = self._next = self._next_other = 0
@@ -182,7 +190,7 @@ class Lx16aBus(ServoBus):
         for joint in chosen:
             to_here = lx.move(self._ids[joint], int(here[joint]), PERIOD_MS)
             self._tell(to_here + lx.load(self._ids[joint], on=True) + to_here)
-        self._sent[:] = np.nan
+        self._sent[:] = self._earlier[:] = np.nan
         self.set_torque(True, chosen)
         return np.array([bool(holding[joint] and self.torque(joint)) for joint in ALL])
 
@@ -252,10 +260,26 @@ class Lx16aBus(ServoBus):
         # Goals that waited, or will, are two periods from the one before or to the next.
         slow = set(due) if len(due) > MOST_MOVES else self._waited
         self._waited = set(due) - set(chosen)
+        moves = [
+            lx.move(
+                self._ids[joint],
+                int(self._goals[joint]),
+                max(2 * PERIOD_MS if joint in slow else PERIOD_MS, self._needed_ms(joint, now_s)),
+            )
+            for joint in chosen
+        ]
+        new = [joint for joint in chosen if joint in due]
+        self._earlier[:, new] = np.vstack([self._sent[new], self._earlier[:-1, new]])
         self._sent[chosen], self._sent_at_s[chosen] = self._goals[chosen], now_s
-        times_ms = {joint: 2 * PERIOD_MS if joint in slow else PERIOD_MS for joint in chosen}
-        moves = [lx.move(self._ids[joint], int(self._goals[joint]), times_ms[joint]) for joint in chosen]
         self._tell(b"".join(moves))
+
+    def _needed_ms(self, joint: int, now_s: float) -> int:
+        """Time that a joint needs to its goal if the moves before were lost; 0 on a line that loses none."""
+        if now_s - self._missed_at_s > LOSSY_S or self._goals is None:
+            return 0
+        maybe_at = np.append(self._earlier[:, joint], self._sent[joint])
+        farthest = float(np.abs(np.nan_to_num(self._goals[joint] - maybe_at)).max())
+        return math.ceil(1000 * farthest / float(self.speeds[joint]))
 
     def _report(self, joint: int, *, tries: int) -> list[Report]:
         """Report of a joint, or none where its servo does not answer."""
@@ -330,7 +354,11 @@ class Lx16aBus(ServoBus):
             answer = self._await(servo_id, command, size)
             self._counters.garbled = self._stream.garbled
             if answer is not None:
+                self._silent.discard(servo_id)
                 return answer
+            if servo_id not in self._silent:  # one that is dead loses nothing
+                self._silent.add(servo_id)
+                self._missed_at_s = time.monotonic()
         return None
 
     def _await(self, servo_id: int, command: int, size: int) -> bytes | None:

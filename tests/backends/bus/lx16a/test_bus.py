@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hexctl.backends.bus.lx16a import packets as lx
-from hexctl.backends.bus.lx16a.bus import MOST_MOVES, Lx16aBus
+from hexctl.backends.bus.lx16a.bus import LOSSY_S, LOST_MOVES, MOST_MOVES, Lx16aBus
 from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.bus.servo_bus import BusCounters
 from hexctl.serve.boards.bus_board import BusBoard
@@ -118,6 +118,26 @@ def test_a_joint_whose_goal_had_to_wait_has_two_periods_for_it() -> None:
         bus.write_goals(goals)
         bus.poll_all()
         assert _servo(board, 4)._time_s == 0.02
+
+
+def test_a_move_behind_lost_answers_has_the_time_of_a_joint_that_missed_the_moves_before() -> None:
+    with _bus() as (bus, board, _):
+        _hold_stance(bus)
+        bus.speeds = np.full(18, 5 / 0.02)  # counts per second: five in a control period
+        goals = stance_counts(MAP)
+
+        def time_of_next_move_s() -> float:
+            goals[4] += 5
+            bus.write_goals(goals.copy())
+            bus.poll_all()
+            return _servo(board, 4)._time_s
+
+        assert [time_of_next_move_s() for _ in range(3)] == [0.02] * 3
+        board._faults.mute[9] = True
+        bus.poll_all()
+        assert time_of_next_move_s() == 0.02 * (1 + LOST_MOVES)
+        bus._missed_at_s -= 2 * LOSSY_S
+        assert time_of_next_move_s() == 0.02, "a dead servo is no line that loses packets"
 
 
 def test_an_adapter_that_echoes_is_noticed() -> None:
