@@ -29,7 +29,7 @@ from hexctl.serve.transport import Transport, attachment_of, payload_of
 from hexctl.types import FloatArray, JointTargets, RobotState
 from hexctl.wire.description import RobotIdentity, describe, encode_json
 from hexctl.wire.links import CLEAR_COMMAND, Link
-from hexctl.wire.messages import encode_battery, encode_positions, tag_of
+from hexctl.wire.messages import SERVER_ENDED, encode_battery, encode_positions, tag_of
 from hexctl.wire.pose import decode_pose, encode_pose
 
 if TYPE_CHECKING:
@@ -134,7 +134,9 @@ class RobotServer:
             self._latch.close()
 
     def _note_end(self) -> None:
-        """Tell the operator that a client loses the robot."""
+        """Tell clients that nothing follows, and the operator that one loses the robot."""
+        if self._state is not None:
+            self._publish(replace(self._state, healthy=False, fault=SERVER_ENDED))
         lease = self._leases.holder(time.monotonic())
         if lease is not None:
             left = "its servos are left with their last targets"

@@ -36,6 +36,9 @@ MAX_TEXT_BYTES = 120
 #: End of a text that was cut.
 CUT = "..."
 
+#: Fault of the last state of a server that ends: clients would have to guess why no other follows.
+SERVER_ENDED = "hexctl serve has ended"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommandTag:

@@ -20,6 +20,7 @@ from hexctl.serve.transport import Transport
 from hexctl.wire.description import user_name
 from hexctl.wire.links import KeyMap, Link
 from hexctl.wire.messages import (
+    SERVER_ENDED,
     CommandTag,
     StateTag,
     decode_positions,
@@ -119,9 +120,12 @@ def test_its_end_says_who_commanded_it(monkeypatch: pytest.MonkeyPatch, bench: B
     monkeypatch.setattr(bench.server._event_log, "add", told.append)
     bench.server._note_end()
     assert told == []
+    bench.ticks(1)
     bench.acquire()
     bench.server._note_end()
     assert told == ["ended while test commanded it; its servos are left with their last targets"]
+    tag = bench.last_state()[1]
+    assert (tag.healthy, tag.fault) == (False, SERVER_ENDED)
 
 
 def test_a_command_of_a_stranger_does_not_even_wait(bench: Bench) -> None:

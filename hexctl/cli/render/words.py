@@ -4,8 +4,10 @@ from collections.abc import Mapping
 
 from hexctl.backends.clock import Standstill
 from hexctl.wire.links import CLEAR_COMMAND
+from hexctl.wire.messages import SERVER_ENDED
 
-#: Where to look after a stop that the user did not request; {} is the command that ends it.
+#: Where to look after a stop that the user did not request, by its reason or what stands before the colon of
+#: that; {} is the command that ends it.
 HINTS = {
     "state": "the robot's state did not come in time: the link, or the program that serves it, was silent",
     "expired": "commands did not reach the robot in time; a busy computer, or a bad link",
@@ -14,6 +16,7 @@ HINTS = {
     "no position": "--arena needs a robot that knows where it is",
     "estop": "{} when it may move again",
     "fault": "see to it, then {}",
+    f"fault: {SERVER_ENDED}": "start it again",
 }
 
 
@@ -31,7 +34,7 @@ def why_in_words(
         return ""
     if standstill_s is not None:
         return f" ({stopped}): {Standstill(standstill_s)}"
-    hint = HINTS.get(stopped.partition(":")[0])
+    hint = HINTS.get(stopped, HINTS.get(stopped.partition(":")[0]))
     return f" ({stopped})" if hint is None else f" ({stopped}): {hint.format(clear)}"
 
 

@@ -6,7 +6,8 @@ import pytest
 
 from hexctl.cli.console import print_result
 from hexctl.cli.render.run import summary
-from hexctl.cli.render.words import in_words, link_in_words
+from hexctl.cli.render.words import in_words, link_in_words, why_in_words
+from hexctl.wire.messages import SERVER_ENDED
 
 OUTCOME: dict[str, Any] = {
     "gait": {"name": "57", "slots": [4, 2, 3, 5, 1, 6], "code": 57},
@@ -89,6 +90,10 @@ def test_a_robot_that_was_stopped_says_why_and_what_to_do(capsys: pytest.Capture
     assert "status     aborted (fault: battery): see to it, then hexctl estop --clear" in lines
     assert "link       90 messages came; 2 lost" in lines
     assert any(line.startswith("guard      clipped 7 commands") for line in lines)
+
+
+def test_a_server_that_has_ended_is_started_and_not_cleared() -> None:
+    assert why_in_words(f"fault: {SERVER_ENDED}") == " (fault: hexctl serve has ended): start it again"
 
 
 #: What was lost on the way: nothing.
