@@ -69,16 +69,9 @@ FAULTS = {
             relayed=True,
             breaks="rig",
         ),
-        Fault(name="clock-jump", words="the clock jumps by a day", safe="goes on", breaks="rig"),
+        Fault(name="clock-jump", words="the clock jumps by a day", safe="goes on"),
         Fault(name="mute-servo", words="a servo is dead", safe="either", breaks="rig", detected=True),
-        Fault(
-            name="garbled",
-            words="5 % of the messages garbled",
-            safe="goes on",
-            lasts_s=1.0,
-            relayed=True,
-            breaks="rig",
-        ),
+        Fault(name="garbled", words="5 % of the messages garbled", safe="goes on", lasts_s=1.0, relayed=True),
         Fault(
             name="brown-out",
             words="servos lose their supply",

@@ -69,10 +69,12 @@ class Injection:
         """Undo what is not over, where it can be undone."""
         if self._bystander is not None:
             self._bystander.end()
+        lossy, garbled = self._fault.name.startswith("loss"), self._fault.name == "garbled"
         if self._rig.relay is not None:
             self._rig.relay.tell("clear")
-        elif self._fault.name.startswith("loss") and self._rig.backend.boarded:
-            self._rig.tell_twin("nack:0" if self._rig.backend.name == "pca9685" else "loss 0")
+        elif (lossy or garbled) and self._rig.backend.boarded:
+            nothing = "loss 0" if lossy else "garble:0"
+            self._rig.tell_twin("nack:0" if self._rig.backend.name == "pca9685" else nothing)
 
     def _kinds(self) -> dict[str, Callable[[], float]]:
         """What makes a fault, by the beginning of its name, the longer ones first."""
