@@ -5,7 +5,6 @@ whose goals changed, at most `MOST_MOVES` in a period and those first that wait 
 one by one in the time that is left.
 """
 
-import math
 import time
 from collections.abc import Callable, Sequence
 from typing import ClassVar
@@ -66,8 +65,9 @@ class Lx16aBus(ServoBus):
     """LX-16A, LX-224 and HTS-35H servos on one line.
 
     Goals are clipped to the limits that are stored in each servo, beyond which it would unload. A servo that
-    unloads by itself gets no goals any more, and its reports say that it is limp. No servo confirms a move:
-    while answers are lost, one has the time that its joint needs if the moves before were lost too.
+    unloads by itself gets no goals any more, and its reports say that it is limp. A move has the time that
+    its joint needs from where the move before has come to; while answers are lost also from where it is if
+    the moves before were lost too, as no servo confirms one.
 
     Args:
         line: open.
@@ -93,6 +93,7 @@ class Lx16aBus(ServoBus):
         self._goals: FloatArray | None = None
         self._sent, self._sent_at_s = np.full(N_JOINTS, np.nan), np.full(N_JOINTS, -np.inf)
         self._earlier = np.full((LOST_MOVES, N_JOINTS), np.nan)  # goals sent before those, the newest first
+        self._from, self._takes_s = np.full(N_JOINTS, np.nan), np.full(N_JOINTS, PERIOD_MS / 1000)
         self._missed_at_s = -np.inf  # when an answer was lost last
         self._silent: set[int] = set()  # ids whose last answer did not come
         self._waited: set[int] = set()  # joints whose goals had changed and were not sent
@@ -191,6 +192,7 @@ class Lx16aBus(ServoBus):
             to_here = lx.move(self._ids[joint], int(here[joint]), PERIOD_MS)
             self._tell(to_here + lx.load(self._ids[joint], on=True) + to_here)
         self._sent[:] = self._earlier[:] = np.nan
+        self._from[:] = np.where(holding, here, np.nan)
         self.set_torque(True, chosen)
         return np.array([bool(holding[joint] and self.torque(joint)) for joint in ALL])
 
@@ -260,26 +262,34 @@ class Lx16aBus(ServoBus):
         # Goals that waited, or will, are two periods from the one before or to the next.
         slow = set(due) if len(due) > MOST_MOVES else self._waited
         self._waited = set(due) - set(chosen)
-        moves = [
-            lx.move(
-                self._ids[joint],
-                int(self._goals[joint]),
-                max(2 * PERIOD_MS if joint in slow else PERIOD_MS, self._needed_ms(joint, now_s)),
-            )
-            for joint in chosen
-        ]
-        new = [joint for joint in chosen if joint in due]
-        self._earlier[:, new] = np.vstack([self._sent[new], self._earlier[:-1, new]])
-        self._sent[chosen], self._sent_at_s[chosen] = self._goals[chosen], now_s
+        planned_ms = np.array([2 * PERIOD_MS if joint in slow else PERIOD_MS for joint in ALL])
+        times_ms = np.maximum(planned_ms, self._needed_ms(now_s))
+        self._note_moves(chosen, times_ms, now_s)
+        moves = [lx.move(self._ids[joint], int(self._sent[joint]), int(times_ms[joint])) for joint in chosen]
         self._tell(b"".join(moves))
 
-    def _needed_ms(self, joint: int, now_s: float) -> int:
-        """Time that a joint needs to its goal if the moves before were lost; 0 on a line that loses none."""
-        if now_s - self._missed_at_s > LOSSY_S or self._goals is None:
-            return 0
-        maybe_at = np.append(self._earlier[:, joint], self._sent[joint])
-        farthest = float(np.abs(np.nan_to_num(self._goals[joint] - maybe_at)).max())
-        return math.ceil(1000 * farthest / float(self.speeds[joint]))
+    def _needed_ms(self, now_s: float) -> FloatArray:
+        """Time that each joint needs to its goal at its greatest speed, (18,), wherever it may be now."""
+        lossy = now_s - self._missed_at_s <= LOSSY_S
+        maybe_at = [self._come_to(now_s), *((self._sent, *self._earlier) if lossy else ())]
+        farthest = np.abs(np.nan_to_num(self._goals - np.array(maybe_at))).max(axis=0)
+        return np.asarray(np.ceil(np.round(1000 * farthest / self.speeds, 6)))
+
+    def _come_to(self, now_s: float) -> FloatArray:
+        """How far the moves have come, (18,), in counts; NaN where none is known."""
+        done = np.clip((now_s - self._sent_at_s) / self._takes_s, 0.0, 1.0)
+        return np.asarray(
+            np.where(np.isnan(self._sent), self._from, self._from + done * (self._sent - self._from))
+        )
+
+    def _note_moves(self, chosen: list[int], times_ms: FloatArray, now_s: float) -> None:
+        """Note that some joints are told to move to their goals now."""
+        goals, here = self._goals, self._come_to(now_s)
+        assert goals is not None  # noqa: S101  nothing is sent without
+        new = [joint for joint in chosen if goals[joint] != self._sent[joint]]
+        self._earlier[:, new] = np.vstack([self._sent[new], self._earlier[:-1, new]])
+        self._from[chosen], self._takes_s[chosen] = here[chosen], times_ms[chosen] / 1000
+        self._sent[chosen], self._sent_at_s[chosen] = goals[chosen], now_s
 
     def _report(self, joint: int, *, tries: int) -> list[Report]:
         """Report of a joint, or none where its servo does not answer."""

@@ -120,6 +120,21 @@ def test_a_joint_whose_goal_had_to_wait_has_two_periods_for_it() -> None:
         assert _servo(board, 4)._time_s == 0.02
 
 
+def test_a_move_begins_where_the_one_before_has_come_to() -> None:
+    """One of two periods was followed by one of a period, for the half that was left and its own way."""
+    with _bus() as (bus, board, _):
+        _hold_stance(bus)
+        bus.speeds = np.full(18, 10 / 0.02)  # counts per second: ten in a control period
+        bus.write_goals(stance_counts(MAP) + 20)  # half of the joints, in two periods
+        moved = next(joint for joint in range(18) if bus._sent[joint] == stance_counts(MAP)[joint] + 20)
+        bus._sent_at_s[moved] = time.monotonic() + 10  # as if no time had passed
+        goals = bus._sent.copy()
+        goals[moved] += 10  # and this joint alone goes on
+        bus.write_goals(goals)
+        bus.poll_all()
+        assert _servo(board, moved)._time_s == 0.06
+
+
 def test_a_move_behind_lost_answers_has_the_time_of_a_joint_that_missed_the_moves_before() -> None:
     with _bus() as (bus, board, _):
         _hold_stance(bus)
@@ -137,6 +152,7 @@ def test_a_move_behind_lost_answers_has_the_time_of_a_joint_that_missed_the_move
         bus.poll_all()
         assert time_of_next_move_s() == 0.02 * (1 + LOST_MOVES)
         bus._missed_at_s -= 2 * LOSSY_S
+        time.sleep(0.06)  # until that move has ended
         assert time_of_next_move_s() == 0.02, "a dead servo is no line that loses packets"
 
 
