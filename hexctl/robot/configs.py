@@ -161,7 +161,10 @@ def first_problem(schema: type[BaseModel], error: ValidationError) -> str:
 def _described(schema: type[BaseModel], problem: ErrorDetails) -> str:
     key, kind = _dotted(problem["loc"]), problem["type"]
     if kind == "extra_forbidden":
-        return f"unknown key {key}; allowed here: {', '.join(_keys_beside(schema, problem['loc']))}"
+        beside = _keys_beside(schema, problem["loc"])
+        return (
+            f"unknown key {key}{nearest(str(problem['loc'][-1]), beside)}; allowed here: {', '.join(beside)}"
+        )
     if kind == "missing" and isinstance(problem["loc"][-1], int):
         return f"{_dotted(problem['loc'][:-1])}: got {shown(problem['input'])}; allowed: a longer list"
     if kind == "missing":

@@ -17,6 +17,9 @@ WAITING_LINES = 256
 #: How long closing waits for the last lines to be read.
 END_TIMEOUT_S = 0.5
 
+#: Begin of the warning that servos are silent; with more of them another one takes its place.
+MUTE = "mute: "
+
 #: Lines for postures; `commanded` has none, as its controller is reported.
 POSTURES = {
     "holding": "holds its pose",
@@ -85,8 +88,9 @@ class EventLog:
         for warning in warnings:
             if warning not in self._warnings:
                 self.add(f"servos: {warning}")
+        more_mute = any(new.startswith(MUTE) and new not in self._warnings for new in warnings)
         for warning in self._warnings:
-            if warning not in warnings:
+            if warning not in warnings and not (more_mute and warning.startswith(MUTE)):
                 self.add(f"servos: no longer {warning}")
         self._warnings = warnings
         if controller != self._controller:

@@ -43,6 +43,9 @@ SPARE_S = 0.0003
 STATUS_TICKS = 10
 BATTERY_TICKS = 50
 
+#: Posture in the status of a robot whose servos cannot be reached.
+UNREACHED = "unreached"
+
 
 class RobotServer:
     """Serves one robot's servos on a link.
@@ -148,6 +151,11 @@ class RobotServer:
         """What an operator must know once clients can connect."""
         trouble = self._stop_socket.trouble
         return () if trouble is None else (f"it can only be stopped over a session: {trouble}",)
+
+    @property
+    def reaches_servos(self) -> bool:
+        """Whether the newest state says something of its servos as they are now."""
+        return self._state is None or _is_reached(self._state)
 
     def _echoes(self) -> bool:
         """Whether the joint angles of the newest state are only targets."""
@@ -266,7 +274,7 @@ class RobotServer:
         self._check_expiry()
         if (stop := self._latch.current()) is not None and stop.reason == ESTOP:
             self._leases.revoke()  # a stop by datagram comes past the requests
-        self._rest.note(state.joint_positions_rad, time.monotonic())
+        self._rest.note(state.joint_positions_rad, time.monotonic(), reached=_is_reached(state))
         if self._driver is not None:
             self._driver.tick(index, state)
         self._idle.tick(self._guard.clock.now_s)
@@ -368,7 +376,7 @@ class RobotServer:
             "stop": self._latch.status(),
             "cleared": None if cleared is None else cleared.to_json(now_s),
             "at_rest": self._rest.at_rest,
-            "posture": self._idle.name,
+            "posture": self._idle.name if state is None or _is_reached(state) else UNREACHED,
             "controller": None if lease is None else lease.owner,
             "controller_since_s": None if lease is None else round(now_s - lease.since_s, 1),
             "leases_refused": self._leases.refused,
@@ -398,6 +406,10 @@ class RobotServer:
         """What ROS lets the robot do."""
         driver = self._driver
         return {} if driver is None else {"motion": driver.motion, "refused": driver.refused}
+
+
+def _is_reached(state: RobotState) -> bool:
+    return state.age_s <= EXPIRY_S
 
 
 def _number(value: float | None) -> float | None:

@@ -41,6 +41,9 @@ KEEPER_LOST = "the keeper has ended: nothing lets the robot down if this process
 #: What is said at the end where servos go on by themselves.
 STILL_HOLDS = "the robot holds its pose; its servos keep their torque"
 
+#: The same where they could not be reached at the end.
+NOT_KNOWN = "its servos cannot be reached, and what they do is not known: use the switch of their supply"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServosSpec:
@@ -256,7 +259,7 @@ class RobotService:
 
         _run_kept(server, stop, keeper, ready=ready)
         if held:
-            on_event(STILL_HOLDS)
+            on_event(STILL_HOLDS if server.reaches_servos else NOT_KNOWN)
 
     def _stop_place(self, options: BackendOptions, link: Link) -> StopPlace:
         """Where the robot is, for the file of its stop."""

@@ -159,7 +159,7 @@ def _why_refused_openly(endpoint: Endpoint, link: socket.socket) -> str:
 
 def _bind_problem(endpoint: Endpoint, error: OSError) -> str:
     if error.errno == errno.EADDRINUSE:
-        return "already in use; is another robot served there? --listen gives each an address of its own"
+        return "already in use; by another robot or a ROS router? --listen gives each an address of its own"
     if error.errno == errno.EADDRNOTAVAIL or isinstance(error, socket.gaierror):
         return f"{endpoint.host} is none of this computer's addresses; 0.0.0.0 stands for all of them"
     return _cause(error)

@@ -324,6 +324,17 @@ def test_a_fault_stops_the_robot_and_is_said_in_words(bench: Bench, fault: str |
     assert bench.clear()["stopped"] is None
 
 
+def test_servos_that_cannot_be_reached_neither_rest_nor_hold(bench: Bench) -> None:
+    bench.ticks(20)
+    assert (bench.server.status()["at_rest"], bench.server.reaches_servos) == (True, True)
+    bench.servos.age_s, bench.servos.healthy, bench.servos.fault = 0.5, False, "the port has gone"
+    bench.ticks(20)
+    status = bench.server.status()
+    assert (status["at_rest"], status["posture"]) == (False, "unreached")
+    assert status["stopped"] == "fault: the port has gone"
+    assert not bench.server.reaches_servos
+
+
 def test_a_command_that_waited_while_the_robot_was_held_up_is_late(bench: Bench) -> None:
     bench.acquire()
     bench.command(bench.servos.robot.stance_angles_rad)

@@ -163,7 +163,7 @@ def test_where_no_robot_is(endpoint: str, words: str, authority: Path) -> None:
 
 def test_where_a_robot_cannot_listen(robot: ListeningRobot) -> None:
     for link, words in (
-        (robot.link, "already in use; is another robot served there? --listen gives each"),
+        (robot.link, "already in use; by another robot or a ROS router? --listen gives each"),
         (
             Link(endpoint="tcp/192.0.2.1:7447", insecure=True),
             "192.0.2.1 is none of this computer's addresses",

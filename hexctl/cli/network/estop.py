@@ -134,7 +134,7 @@ def _print(result: "StopResult", link: "Link", *, as_json: bool) -> None:
     for answer in result.answers:
         print_note(f"hexctl: the robot is {RobotIdentity.of_answer(answer)}")
     if not result.answers:
-        print_note(f"hexctl: the robot is {result.robot}; no session has reached it before the datagram did")
+        print_note(f"hexctl: the robot is {result.robot}; the datagram was faster than any session")
 
 
 def _rest_in_words(result: "StopResult") -> str:

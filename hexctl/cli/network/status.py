@@ -36,6 +36,7 @@ POSTURES = {
     "holding": "holding its pose",
     "sitting": "sitting down: commands have stopped",
     "limp": "sitting, joints limp",
+    "unreached": "not known: its servos cannot be reached",
 }
 
 

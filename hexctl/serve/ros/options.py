@@ -40,7 +40,7 @@ class RosOptions:
 
     def __post_init__(self) -> None:
         check_type(self.router, str, "ros", "the address of a ROS router, as tcp/localhost:7447")
-        Endpoint.parse(self.router)
+        Endpoint.parse(self.router, argument("ros"))
         check_type(self.humble, bool, "ros_humble")
         check_type(self.drive, bool, "ros_drive")
         self.node  # noqa: B018  raises

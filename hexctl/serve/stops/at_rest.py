@@ -15,15 +15,20 @@ class RestWatch:
     """Looks at the joint angles of each control period.
 
     Attributes:
-        at_rest: whether no joint has moved of late; False while too little was seen, and for unknown angles.
+        at_rest: whether no joint has moved of late; False while too little was seen, for unknown angles, and
+            for those of servos that cannot be reached.
     """
 
     def __init__(self) -> None:
         self.at_rest = False
         self._seen: deque[tuple[float, FloatArray]] = deque()
 
-    def note(self, positions_rad: FloatArray, at_s: float) -> None:
-        """Take joint angles, (18,), read at a time on any monotonic clock."""
+    def note(self, positions_rad: FloatArray, at_s: float, *, reached: bool = True) -> None:
+        """Take joint angles, (18,), of a time on any monotonic clock, and whether servos were reached."""
+        if not reached:
+            self._seen.clear()
+            self.at_rest = False
+            return
         self._seen.append((at_s, positions_rad.copy()))  # own servos may use one array again and again
         while len(self._seen) > 1 and self._seen[1][0] <= at_s - STILL_S:
             self._seen.popleft()

@@ -293,6 +293,7 @@ def test_a_board_that_falls_mute_is_a_fault() -> None:
         state = _until(servos, lambda state: not state.healthy)
         assert state.fault == f"the board on {board.path} does not answer any more"
         assert state.foot_contacts is None
+        assert state.age_s > 0.2, "what it was told is not what it does"
 
 
 def test_a_mute_board_is_a_fault_in_one_line() -> None:

@@ -37,3 +37,11 @@ def test_unknown_angles_are_not_at_rest() -> None:
     for tick in range(20):
         watch.note(np.full(18, np.nan), 0.02 * tick)
     assert not watch.at_rest
+
+
+def test_servos_that_cannot_be_reached_are_not_at_rest() -> None:
+    """What is told of them is of before, and does not change however they move."""
+    watch = RestWatch()
+    for index in range(20):
+        watch.note(np.zeros(18), 0.02 * index, reached=index < 15)
+        assert watch.at_rest == (10 <= index < 15)
