@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hexctl.backends.base import LegServos
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.port_servos import PortServos
 from hexctl.backends.registry import BackendOptions, check_options, make_servos
@@ -221,7 +222,7 @@ class RobotService:
         options = self.servos.options(
             connect=self.device, credentials=self.device_keys, insecure=self.insecure
         )
-        servos = make_servos(self.servos.backend, options)
+        servos = _made_servos(self.servos.backend, options)
         keeper = self._keeper(options)
         simulated = self.servos.simulated is not None
         place, clear = self._stop_place(options, link), _clear_command(link)
@@ -288,6 +289,15 @@ class RobotService:
                 sits=options.robot_file.content.servos.if_computer_dies == "sit",
             )
         )
+
+
+def _made_servos(backend: str, options: BackendOptions) -> LegServos:
+    """Servos of a backend; messages name the port as it was given here, as `device`."""
+    try:
+        return make_servos(backend, options)
+    except InputError as error:
+        given_as = {"connect": "device"}
+        raise type(error)(error.worded(lambda name: argument(given_as.get(name, name)))) from error.__cause__
 
 
 def _clear_command(link: Link) -> str:

@@ -1,13 +1,16 @@
 """Services as library calls: checked when they are made, no output, callbacks instead."""
 
+import re
 import threading
 import time
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from hexctl.backends.bus.register.registers import table_of
 from hexctl.errors import InputError
+from hexctl.robot.configs import config_root
 from hexctl.robot.failure import Failure
 from hexctl.serve.boards.register_servos import BusServo
 from hexctl.serve.keeper import Keeper, KeeperSpec
@@ -41,6 +44,14 @@ from tests.serve.processes import free_port
 def test_what_cannot_be_served_is_refused_when_it_is_described(make: object, message: str) -> None:
     with pytest.raises(InputError, match=message.replace("(", r"\(")):
         make()  # type: ignore[operator]
+
+
+def test_a_port_that_is_missing_is_named_as_a_server_is_given_it(tmp_path: Path) -> None:
+    file = tmp_path / "jethexa.yaml"
+    shipped = (config_root() / "robots" / "jethexa.yaml").read_text(encoding="utf-8")
+    file.write_text(re.sub(r"\n  port: .*", "", shipped), encoding="utf-8")
+    with pytest.raises(InputError, match=r"^device: got none; allowed: the port of the bus"):
+        RobotService(servos=ServosSpec(backend="lx16a", robot=str(file))).run(lambda: True)
 
 
 def test_a_robot_is_served_by_a_library_call(capsys: pytest.CaptureFixture[str]) -> None:

@@ -45,8 +45,13 @@ class SerialLine:
         try:
             self._device: Any = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
         except (OSError, ValueError, OverflowError, termios.error) as error:
-            reason = getattr(error, "strerror", None) or str(error)
-            if getattr(error, "errno", None) == errno.EAGAIN:  # locked: another program has it exclusively
+            number = getattr(error, "errno", None)
+            if number == errno.ENOENT:
+                raise RobotFaultError(
+                    f"there is no port {path}; is the cable in? `hexctl ports` lists those that there are"
+                ) from error
+            reason = os.strerror(number) if number else str(error)  # pyserial's own has the name once more
+            if number == errno.EAGAIN:  # locked: another program has it exclusively
                 program = holder_of(path) or "another program"
                 raise RobotFaultError(
                     f"the port {path} is in use by {program}; `hexctl serve` and its keeper hold their port, "
