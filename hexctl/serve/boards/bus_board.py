@@ -85,7 +85,8 @@ class BusBoard(SimulatedBoard):
             self._data = self._data[done:]
             if packet is None:
                 return
-            self._answer(self._family.obey(*packet, self._robot.clock.now_s))
+            # Servos move on between two control periods of the simulation, whose clock stands meanwhile.
+            self._answer(self._family.obey(*packet, time.monotonic()))
 
     def _understands(self) -> bool:
         """Whether the controller has opened the line at the servos' baud, where that can be told."""
@@ -125,7 +126,7 @@ class BusBoard(SimulatedBoard):
 
     def _told(self) -> tuple[BoolArray, FloatArray]:
         holds: BoolArray = self._family.holds() & ~self._faults.dead
-        goals = self._family.goals(self._robot.clock.now_s) if holds.any() else self._map.centre
+        goals = self._family.goals(time.monotonic()) if holds.any() else self._map.centre
         return holds, self._map.angles_rad(goals)
 
     def _show(self, state: RobotState) -> None:
