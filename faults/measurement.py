@@ -29,6 +29,9 @@ ROUNDING = 1.05
 #: Longest time in which a joint goes on with a command, and by how much a message may come early.
 SILENCE_S, JITTER_S = 0.2, 0.005
 
+#: How well the moment is known at which it is noted what servos steer for.
+NOTED_S = 0.0005
+
 #: Bars: at rest within, for 99.9 %, and at most.
 REST_S, MOST_REST_S, SHARE = 0.25, 0.5, 0.999
 
@@ -164,7 +167,7 @@ def largest_steps(
 
     The step is in slew limits of a control period, the pace in those of the time since the servos were told
     something else, up to `SILENCE_S`, plus `JITTER_S`; of a control period at the least. Targets that are
-    `continuous`, as they change while moves go on, come at no time of their own: no jitter is added. A servo
+    `continuous`, as they change while moves go on, come at no time of their own: `NOTED_S` is added. A servo
     that had no torque is told a step from where its joint is.
     """
     rows = np.flatnonzero(truth.told_at_s >= at_s)
@@ -176,7 +179,7 @@ def largest_steps(
         return 0.0, 0.0
     before = np.where(np.isnan(told[:-1]), _joints_rad(truth, times_s[1:]), told[:-1])
     steps = np.abs(told[1:] - before) / (max_speed_rad_s * PERIOD_S)
-    passed_s = np.minimum(np.diff(times_s) + (0.0 if continuous else JITTER_S), SILENCE_S)
+    passed_s = np.minimum(np.diff(times_s) + (NOTED_S if continuous else JITTER_S), SILENCE_S)
     periods = np.maximum(1.0, passed_s / PERIOD_S)[:, np.newaxis]
     return float(np.nanmax(steps, initial=0.0)), float(np.nanmax(steps / periods, initial=0.0))
 

@@ -51,7 +51,7 @@ def test_with_more_servos_no_id_is_changed() -> None:
 
 
 def test_what_cannot_be_scanned_is_said_in_one_line() -> None:
-    with pytest.raises(RobotFaultError, match="/dev/nothing cannot be opened"):
+    with pytest.raises(RobotFaultError, match="there is no port /dev/nothing"):
         scan_bus("/dev/nothing", "feetech", 1_000_000)
     with pytest.raises(InputError, match="driver: got 'hitec'; allowed: dynamixel, feetech, lx16a"):
         scan_bus("/dev/nothing", "hitec", 1_000_000)

@@ -226,9 +226,9 @@ def test_driver_and_port_come_from_the_robot_file(tmp_path: Path, capsys: pytest
     )
     before = file.read_text()
     assert exit_code(["calibrate", str(file)]) == 3
-    assert "the port /dev/nothing cannot be opened" in capsys.readouterr().err
+    assert "there is no port /dev/nothing" in capsys.readouterr().err
     assert exit_code(["calibrate", str(file), "--connect", "/dev/nowhere"]) == 3
-    assert "the port /dev/nowhere cannot be opened" in capsys.readouterr().err
+    assert "there is no port /dev/nowhere" in capsys.readouterr().err
     assert exit_code(["calibrate", str(file), "--backend", "dynamixel"]) == 2
     assert "--backend: got dynamixel for a file whose servos.driver is feetech" in capsys.readouterr().err
     assert file.read_text() == before

@@ -185,7 +185,7 @@ def _says(monkeypatch: pytest.MonkeyPatch, text: str) -> None:
         (["scan", "--port", "x"], "--driver: got none; allowed: dynamixel, feetech, lx16a"),
         (["scan", "--driver", "feetech"], "--port: got none; allowed: the port of the bus"),
         (["scan", "--driver", "feetech", "--port", "x", "--baud", "9"], "9600 to 4500000 baud, or all"),
-        (["scan", "--driver", "feetech", "--port", "/dev/nothing"], "cannot be opened"),
+        (["scan", "--driver", "feetech", "--port", "/dev/nothing"], "there is no port"),
         (["set-id", "300", "--driver", "feetech", "--port", "x"], "got 300; allowed: 0..252"),
         (["adopt", "--robot", "phantomx", "--port", "x"], "--driver: got none"),
     ],
