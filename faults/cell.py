@@ -44,6 +44,7 @@ def inject(rig: Rig, fault: Fault, phase: str, repetition: int) -> Outcome:
     try:
         injection.prepare()
         rig.begin(PHASES[phase], chance, record=fault.records and PHASES[phase].motion is not None)
+        rig.check_ready(PHASES[phase])
         heard = {program: len(program.said()) for program in (rig.server, rig.controller) if program}
         with Punctual():
             at_s = injection.begin()
@@ -66,7 +67,7 @@ def _measured(
     trials, lost, came = _trials(rig, fault) if PHASES[phase].motion is None else (None, None, True)
     server = "" if rig.server is None else rig.server.said(heard[rig.server])
     controller = "" if rig.controller is None else rig.controller.said(heard[rig.controller])
-    ended = re.search(r"^ended: (.*)$", controller, re.MULTILINE)
+    ended = re.search(r"^(?:ended|halted): (.*)$", controller, re.MULTILINE)
     return Outcome(
         fault=fault.name,
         backend=rig.backend.name,

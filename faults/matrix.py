@@ -176,7 +176,7 @@ class Matrix:
         rig = holder.current
         if rig is None:
             return
-        if fault.breaks == "controller" or outcome.ended:
+        if fault.breaks == "controller" or outcome.ended or outcome.unneeded:
             rig.drop_controller()
 
 

@@ -177,9 +177,13 @@ def largest_steps(
     told, times_s = truth.told_rad[first:], truth.told_at_s[first:]
     if len(told) < 2:
         return 0.0, 0.0
-    before = np.where(np.isnan(told[:-1]), _joints_rad(truth, times_s[1:]), told[:-1])
+    earlier = np.arange(len(told) - 1)
+    if continuous:  # what is noted oftener than once in a control period says little of the speed
+        earlier = np.minimum(earlier, np.searchsorted(times_s, times_s[1:] - PERIOD_S, side="right") - 1)
+        earlier = np.maximum(earlier, 0)
+    before = np.where(np.isnan(told[earlier]), _joints_rad(truth, times_s[1:]), told[earlier])
     steps = np.abs(told[1:] - before) / (max_speed_rad_s * PERIOD_S)
-    passed_s = np.minimum(np.diff(times_s) + (NOTED_S if continuous else JITTER_S), SILENCE_S)
+    passed_s = np.minimum(times_s[1:] - times_s[earlier] + (NOTED_S if continuous else JITTER_S), SILENCE_S)
     periods = np.maximum(1.0, passed_s / PERIOD_S)[:, np.newaxis]
     return float(np.nanmax(steps, initial=0.0)), float(np.nanmax(steps / periods, initial=0.0))
 

@@ -21,6 +21,9 @@ TWIN = "faults.programs.twin:TwinServos"
 #: A served robot that is left alone between two faults does not sit down meanwhile.
 SIT_AFTER_S = 600
 
+#: How long a motion goes on after the end of a fault before the next one may come.
+SETTLES_S = 1.0
+
 
 class Rig:
     """Processes of one backend, for one fault after another.
@@ -81,6 +84,11 @@ class Rig:
             self.controller.tell(phase.word)
             self._drives = self._drives and phase.word != "sit"
         time.sleep(chance.uniform(*phase.wait_s))
+
+    def check_ready(self, phase: Phase) -> None:
+        """Raise LostError for a robot that has stopped, or lost a leg as it believes, before the fault."""
+        if phase.motion is not None and self._said_last() != "ready":
+            raise LostError(f"before the fault: {self._said_last() or 'the controller has gone'}")
 
     def end(self) -> None:
         """Let the controller end its drive, so that the next one may begin."""
@@ -154,6 +162,8 @@ class Rig:
         going_on = self._drives and not record and self._said_last() == "ready"
         if not going_on:
             self.end()
+        else:  # what the fault before has left behind is over, such as what a bus remembers of lost answers
+            time.sleep(SETTLES_S)
         if self.controller is None or not self.controller.alive:
             place = self._link or "-"
             name = "zenoh" if self.backend.served else "sim"

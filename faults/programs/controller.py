@@ -2,7 +2,8 @@
 
 BACKEND is `zenoh`, to a robot served at PLACE, or `sim`, a twin in this process. Takes lines on stdin:
 `go walking` (or `turning`, `standing`), then `again walking`, `release`, `sit`, `jump`, `end`; says `ready`
-once the motion goes on, and `ended: ...` for what ends it. `go walking record` records meanwhile.
+once the motion goes on, `halted: ...` of a robot that stopped by itself or believes that a leg has failed,
+and `ended: ...` for what ends the drive. `go walking record` records meanwhile.
 """
 
 import os
@@ -71,20 +72,27 @@ def begin(drive: Drive, motion: str) -> None:
     drive.command(velocity.forward_m_s, velocity.left_m_s, velocity.turn_rad_s)
 
 
+def _trouble(drive: Drive) -> str:
+    """Why it no longer does what it is told, or not with all legs; empty where it does."""
+    if drive.stopped is not None:
+        return f"the drive stopped: {drive.stopped}"
+    return ", ".join(f"leg {failure.leg} is believed to have failed" for failure in drive.failures)
+
+
 def drive(drive: Drive, motion: str, lines: Lines) -> bool:
     """Drive until told to end; whether to go on afterwards. Raises what the drive raises."""
     with drive, realtime_priority():
         drive.reset()
         begin(drive, motion)
-        step, stopped = 0, None
+        step, said = 0, ""
         while True:
             drive.step()
             step += 1
             if step == STEPS:
                 say("ready")
-            if drive.stopped != stopped:
-                stopped = drive.stopped
-                say(f"ended: the drive stopped: {stopped}")
+            if (trouble := _trouble(drive)) and trouble != said:
+                said = trouble
+                say(f"halted: {said}")
             line = lines.next()
             if line == f"again {motion}":  # it goes on, and is at its speed
                 say("ready")

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 
+from hexctl.backends.bus.servo_bus import MANY_MUTE
 from hexctl.backends.clock import Standstill
 from hexctl.control.stop_reason import reason_in_words
 from hexctl.serve.stops.stop import ESTOP, Clear, Stop
@@ -17,14 +18,12 @@ WAITING_LINES = 256
 #: How long closing waits for the last lines to be read.
 END_TIMEOUT_S = 0.5
 
-#: Begin of the warning that servos are silent; with more of them another one takes its place.
-MUTE = "mute: "
-
 #: Lines for postures; `commanded` has none, as its controller is reported.
 POSTURES = {
     "holding": "holds its pose",
     "sitting": "sits down: commands have stopped",
     "limp": "sits, joints limp",
+    "unreached": "its servos cannot be reached: what they do is not known",
 }
 
 
@@ -88,9 +87,9 @@ class EventLog:
         for warning in warnings:
             if warning not in self._warnings:
                 self.add(f"servos: {warning}")
-        more_mute = any(new.startswith(MUTE) and new not in self._warnings for new in warnings)
         for warning in self._warnings:
-            if warning not in warnings and not (more_mute and warning.startswith(MUTE)):
+            more_mute = MANY_MUTE in warnings and warning.startswith("mute: ")
+            if warning not in warnings and not more_mute:
                 self.add(f"servos: no longer {warning}")
         self._warnings = warnings
         if controller != self._controller:

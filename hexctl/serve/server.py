@@ -128,10 +128,12 @@ class RobotServer:
                 self._guard.clock.tick()
                 ready()
                 self._ticked_s = time.monotonic()
-                while not until():
-                    self._listen()
-                    self._tick()
-                self._note_end()
+                try:
+                    while not until():
+                        self._listen()
+                        self._tick()
+                finally:
+                    self._note_end()
         finally:
             self._event_log.close()
             self._latch.close()
@@ -151,6 +153,10 @@ class RobotServer:
         """What an operator must know once clients can connect."""
         trouble = self._stop_socket.trouble
         return () if trouble is None else (f"it can only be stopped over a session: {trouble}",)
+
+    @property
+    def _posture(self) -> str:
+        return self._idle.name if self.reaches_servos else UNREACHED
 
     @property
     def reaches_servos(self) -> bool:
@@ -313,7 +319,7 @@ class RobotServer:
             stopped=self._guard.stopped,
             stop=self._latch.current(),
             cleared=self._latch.cleared,
-            posture=self._idle.name,
+            posture=self._posture,
             fault=None if self._state is None else self._state.fault,
             warnings=() if self._state is None else self._state.warnings,
             ros=None if self._ros is None else self._ros.condition,
@@ -353,7 +359,7 @@ class RobotServer:
                 state,
                 orientation=self._servos.own_orientation,
                 stopped=self._guard.stopped,
-                posture=self._idle.name,
+                posture=self._posture,
                 controller=None if lease is None else lease.owner,
                 posed_at_s=self._servos.posed_at_s,
             )
@@ -376,7 +382,7 @@ class RobotServer:
             "stop": self._latch.status(),
             "cleared": None if cleared is None else cleared.to_json(now_s),
             "at_rest": self._rest.at_rest,
-            "posture": self._idle.name if state is None or _is_reached(state) else UNREACHED,
+            "posture": self._posture,
             "controller": None if lease is None else lease.owner,
             "controller_since_s": None if lease is None else round(now_s - lease.since_s, 1),
             "leases_refused": self._leases.refused,

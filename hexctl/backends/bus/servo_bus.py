@@ -16,6 +16,9 @@ from hexctl.types import N_JOINTS, BoolArray, FloatArray
 #: All joints, by index.
 ALL = tuple(range(N_JOINTS))
 
+#: Warning in place of one that names them.
+MANY_MUTE = "mute: servos of more than two legs"
+
 #: Tries of what must arrive.
 TRIES = 4
 

@@ -12,7 +12,7 @@ from hexctl.backends.bus.lx16a.bus import Lx16aBus
 from hexctl.backends.bus.readings import BelievedReadings, polls
 from hexctl.backends.bus.register.bus import RegisterBus
 from hexctl.backends.bus.serial_line import SerialLine
-from hexctl.backends.bus.servo_bus import BusCounters, ServoBus, needed_counts
+from hexctl.backends.bus.servo_bus import MANY_MUTE, BusCounters, ServoBus, needed_counts
 from hexctl.backends.bus.unexpected_ids import check_no_unexpected_ids
 from hexctl.backends.clock import Clock
 from hexctl.backends.port_servos import PortServos
@@ -238,7 +238,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         mute = silences_s > mute_s
         warnings += self._condition.warnings(servos, limp, mute)
         if np.count_nonzero(mute) > MOST_MUTE:
-            warnings.append("mute: servos of more than two legs")  # the same words while they come and go
+            warnings.append(MANY_MUTE)  # the same words while they come and go
         elif mute.any():
             warnings.append(f"mute: {self._map.names(mute)}")
         if (wild := (servos.ages_s > mute_s) & ~mute).any():

@@ -63,13 +63,13 @@ class PwmServos(PortServos[PwmMap, BoardThread, PwmCounters]):
         told = np.isfinite(told_us)
         told_rad = self._map.angles_rad(np.where(told, told_us, self._map.centre))
         fault = self._fault(thread.gone, report)
-        silent = fault is not None and fault != report.fault
-        age_s = max(0.0, time.monotonic() - report.at_s) if silent else 0.0
+        silent_s = max(0.0, time.monotonic() - report.at_s)
+        age_s = silent_s if thread.gone is not None or silent_s > MUTE_S else 0.0
         if fault is not None:
             report = BoardReport(at_s=report.at_s)
         return RobotState(
             np.where(told, told_rad, self._sent_rad),
-            stamp_s=self._clock.now_s,
+            stamp_s=max(0.0, self._clock.now_s - age_s),
             measured=False,
             age_s=age_s,
             foot_contacts=None if report.contacts is None else report.contacts.copy(),

@@ -73,11 +73,11 @@ class SimulatedServos(ABC):
 
     @abstractmethod
     def obey(self, servo_id: int, instruction: int, parameters: bytes, now_s: float) -> list[bytes]:
-        """Do what an instruction says at a time of the robot's clock; the answers to it."""
+        """Do what an instruction says at a time on time.monotonic; the answers to it."""
 
     @abstractmethod
     def goals(self, now_s: float) -> FloatArray:
-        """Counts, (18,), that the servos steer for at a time of the robot's clock."""
+        """Counts, (18,), that the servos steer for at a time on time.monotonic."""
 
     @abstractmethod
     def show(self, counts: FloatArray, efforts: FloatArray) -> None:

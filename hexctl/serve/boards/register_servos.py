@@ -1,5 +1,7 @@
 """Simulated servos with registers on a bus, Dynamixel and Feetech: what they understand and answer."""
 
+import math
+
 import numpy as np
 
 from hexctl.backends.bus.packets import (
@@ -223,7 +225,7 @@ class RegisterServos(SimulatedServos):
         super().__init__(bus_map, stance, faults, counters)
         self._table = table_of(bus_map.models[0].name)
         self.packets = PROTOCOLS[self._table.protocol]
-        self._heard_s = 0.0
+        self._heard_s = -math.inf
         self.servos: list[BusServo] = [
             BusServo(int(servo_id), self._table, model, count)
             for servo_id, model, count in zip(bus_map.ids, bus_map.models, stance, strict=True)

@@ -46,6 +46,9 @@ REPEAT_S = 0.25
 #: For this long after an answer that did not come moves may be lost too, as many of a joint in a row.
 LOSSY_S, LOST_MOVES = 0.5, 2
 
+#: Length of a move.
+MOVE_BYTES = 10
+
 #: Time since the goals of a control period in which positions are asked.
 SPAN_S = 0.0175
 
@@ -94,6 +97,7 @@ class Lx16aBus(ServoBus):
         self._sent, self._sent_at_s = np.full(N_JOINTS, np.nan), np.full(N_JOINTS, -np.inf)
         self._earlier = np.full((LOST_MOVES, N_JOINTS), np.nan)  # goals sent before those, the newest first
         self._from, self._takes_s = np.full(N_JOINTS, np.nan), np.full(N_JOINTS, PERIOD_MS / 1000)
+        self._read = np.full(N_JOINTS, np.nan)  # newest positions that were answered
         self._missed_at_s = -np.inf  # when an answer was lost last
         self._silent: set[int] = set()  # ids whose last answer did not come
         self._waited: set[int] = set()  # joints whose goals had changed and were not sent
@@ -263,33 +267,41 @@ class Lx16aBus(ServoBus):
         slow = set(due) if len(due) > MOST_MOVES else self._waited
         self._waited = set(due) - set(chosen)
         planned_ms = np.array([2 * PERIOD_MS if joint in slow else PERIOD_MS for joint in ALL])
-        times_ms = np.maximum(planned_ms, self._needed_ms(now_s))
-        self._note_moves(chosen, times_ms, now_s)
+        arrive_s = np.full(N_JOINTS, now_s)  # at its servo, one move behind the other
+        arrive_s[chosen] = max(self._free_s, now_s) + self._line.wire_s(MOVE_BYTES) * np.arange(
+            1, len(chosen) + 1
+        )
+        times_ms = np.maximum(planned_ms, self._needed_ms(self._goals, arrive_s))
+        self._note_moves(chosen, self._goals, times_ms, arrive_s)
         moves = [lx.move(self._ids[joint], int(self._sent[joint]), int(times_ms[joint])) for joint in chosen]
         self._tell(b"".join(moves))
 
-    def _needed_ms(self, now_s: float) -> FloatArray:
-        """Time that each joint needs to its goal at its greatest speed, (18,), wherever it may be now."""
-        lossy = now_s - self._missed_at_s <= LOSSY_S
-        maybe_at = [self._come_to(now_s), *((self._sent, *self._earlier) if lossy else ())]
-        farthest = np.abs(np.nan_to_num(self._goals - np.array(maybe_at))).max(axis=0)
+    def _needed_ms(self, goals: FloatArray, at_s: FloatArray) -> FloatArray:
+        """Time that each joint needs to its goal at its greatest speed, wherever it is at a time, (18,)."""
+        silent = np.array([servo_id in self._silent for servo_id in self._ids])
+        lossy = silent | (at_s - self._missed_at_s <= LOSSY_S)
+        if_lost = np.where(lossy, [self._sent, self._from, self._read, *self._earlier], np.nan)
+        maybe_at = np.vstack([self._come_to(at_s), if_lost])
+        farthest = np.abs(np.nan_to_num(goals - maybe_at)).max(axis=0)
         return np.asarray(np.ceil(np.round(1000 * farthest / self.speeds, 6)))
 
-    def _come_to(self, now_s: float) -> FloatArray:
-        """How far the moves have come, (18,), in counts; NaN where none is known."""
-        done = np.clip((now_s - self._sent_at_s) / self._takes_s, 0.0, 1.0)
+    def _come_to(self, at_s: FloatArray) -> FloatArray:
+        """How far the moves have come at times, (18,), in counts; NaN where none is known."""
+        done = np.clip((at_s - self._sent_at_s) / self._takes_s, 0.0, 1.0)
         return np.asarray(
             np.where(np.isnan(self._sent), self._from, self._from + done * (self._sent - self._from))
         )
 
-    def _note_moves(self, chosen: list[int], times_ms: FloatArray, now_s: float) -> None:
-        """Note that some joints are told to move to their goals now."""
-        goals, here = self._goals, self._come_to(now_s)
-        assert goals is not None  # noqa: S101  nothing is sent without
+    def _note_moves(
+        self, chosen: list[int], goals: FloatArray, times_ms: FloatArray, at_s: FloatArray
+    ) -> None:
+        """Note that some joints are told to move to their goals; of a move that is not known, that it ended."""
+        here = self._come_to(at_s)
+        here = np.where(np.isnan(here), goals, here)
         new = [joint for joint in chosen if goals[joint] != self._sent[joint]]
         self._earlier[:, new] = np.vstack([self._sent[new], self._earlier[:-1, new]])
         self._from[chosen], self._takes_s[chosen] = here[chosen], times_ms[chosen] / 1000
-        self._sent[chosen], self._sent_at_s[chosen] = goals[chosen], now_s
+        self._sent[chosen], self._sent_at_s[chosen] = goals[chosen], at_s[chosen]
 
     def _report(self, joint: int, *, tries: int) -> list[Report]:
         """Report of a joint, or none where its servo does not answer."""
@@ -299,6 +311,7 @@ class Lx16aBus(ServoBus):
             self._counters.missed += 1
             return []
         self._counters.reports += 1
+        self._read[joint] = lx.number(answer)
         millivolts = self._others.pop((joint, lx.READ_VOLTAGE), np.nan)
         return [
             Report(
@@ -366,7 +379,7 @@ class Lx16aBus(ServoBus):
             if answer is not None:
                 self._silent.discard(servo_id)
                 return answer
-            if servo_id not in self._silent:  # one that is dead loses nothing
+            if servo_id not in self._silent:  # one that is dead says nothing of the others' moves
                 self._silent.add(servo_id)
                 self._missed_at_s = time.monotonic()
         return None
