@@ -295,7 +295,7 @@ class Lx16aBus(ServoBus):
     def _note_moves(
         self, chosen: list[int], goals: FloatArray, times_ms: FloatArray, at_s: FloatArray
     ) -> None:
-        """Note that some joints are told to move to their goals; of a move that is not known, that it ended."""
+        """Note that some joints are told to move to their goals; what is not known of before has ended."""
         here = self._come_to(at_s)
         here = np.where(np.isnan(here), goals, here)
         new = [joint for joint in chosen if goals[joint] != self._sent[joint]]
