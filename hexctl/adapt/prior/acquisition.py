@@ -70,7 +70,7 @@ def expected_gain_m(mean_m: FloatArray, sd_m: FloatArray, best_m: FloatArray | f
 def most_promising(forecast: Forecast, chance_valid: FloatArray, tried: BoolArray, best_m: float) -> int:
     """Row of the untried gait with the greatest gain over one trial; arguments as of `most_useful`."""
     gain = expected_gain_m(forecast.mean_m, forecast.sd_m, min(best_m, WORST_M)) * chance_valid
-    return int(np.argmax(np.where(tried, -np.inf, gain)))
+    return int(np.argmax(np.where(tried, -np.inf, _rounded(gain))))
 
 
 def most_useful(forecast: Forecast, chance_valid: FloatArray, tried: BoolArray, best_m: float) -> int:
@@ -101,10 +101,16 @@ def most_useful(forecast: Forecast, chance_valid: FloatArray, tried: BoolArray, 
     second = expected_gain_m(then_mean, then_sd, then_best) * allowed[:, np.newaxis, np.newaxis]
     second[rows, np.arange(rows.size)] = 0.0
     gain = now[rows] + LATER * (second.max(axis=0) @ _WEIGHTS)
-    return int(rows[np.argmax(gain)])
+    return int(rows[np.argmax(_rounded(gain))])
 
 
 def _candidates(gain: FloatArray, sd_m: FloatArray, tried: BoolArray) -> NDArray[np.int64]:
     """Rows of the candidates, all untried."""
-    rows = np.union1d(np.argsort(-gain, kind="stable")[:PROMISING], np.argsort(-sd_m)[:LEAST_KNOWN])
+    promising = np.argsort(-_rounded(gain), kind="stable")[:PROMISING]
+    rows = np.union1d(promising, np.argsort(-_rounded(sd_m), kind="stable")[:LEAST_KNOWN])
     return rows[~tried[rows]]
+
+
+def _rounded(values_m: FloatArray) -> FloatArray:
+    """Values to the nanometre: gaits that mirror each other are alike but for bits that differ by processor."""
+    return np.asarray(np.round(values_m, 9))

@@ -98,8 +98,11 @@ def test_it_changes_neither_the_robot_nor_its_fingerprint(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("section", "message"),
     [
-        ({"leg7_coxa": {}}, "unknown key servos.leg7_coxa; allowed here: .*leg6_tibia"),
-        ({"leg1_coxa": {"chanel": 1}}, "unknown key servos.leg1_coxa.chanel; allowed here: channel"),
+        ({"leg7_coxa": {}}, "unknown key servos.leg7_coxa; did you mean .*; allowed here: .*leg6_tibia"),
+        (
+            {"leg1_coxa": {"chanel": 1}},
+            r"unknown key servos.leg1_coxa.chanel; did you mean 'channel'\?; allowed here: channel",
+        ),
         ({"coxa": {"channel": 1}}, "unknown key servos.coxa.channel"),
         ({"leg1_coxa": {"channel": 19}}, r"servos.leg1_coxa.channel: got 19; allowed: 18 or less"),
         ({"leg1_coxa": {"channel": 1.5}}, r"servos.leg1_coxa.channel: got 1.5; allowed: a whole number"),

@@ -26,7 +26,7 @@ def test_other_ports_and_other_computers_do_not_clash() -> None:
 def test_options_are_checked_when_they_are_given() -> None:
     with pytest.raises(InputError, match="ros_domain"):
         RosOptions(domain=999)
-    with pytest.raises(InputError, match="endpoint"):
+    with pytest.raises(InputError, match=r"^ros: got"):
         RosOptions(router="7447")
 
 
