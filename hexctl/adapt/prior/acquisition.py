@@ -112,5 +112,5 @@ def _candidates(gain: FloatArray, sd_m: FloatArray, tried: BoolArray) -> NDArray
 
 
 def _rounded(values_m: FloatArray) -> FloatArray:
-    """Values to the nanometre: gaits that mirror each other are alike but for bits that differ by processor."""
+    """Values to the nanometre: gaits that mirror each other are alike but for last bits, by processor."""
     return np.asarray(np.round(values_m, 9))
