@@ -123,13 +123,18 @@ def test_a_fault_that_is_over_is_told_while_its_stop_is_latched() -> None:
     ]
 
 
-def test_silent_servos_of_which_there_are_more_are_not_told_to_be_heard_again() -> None:
-    lines: list[str] = []
-    log = EventLog(lines.append)
-    for warnings in ((), ("mute: leg 5 femur (id 14)",), ("mute: servos of more than two legs",), ()):
-        log.note(controller=None, stopped=None, posture="idle", warnings=warnings)
+def told_of(*warnings: str) -> list[str]:
+    """What is told, without the time, of warnings that come one after the other, an empty one for none."""
+    told: list[str] = []
+    log = EventLog(told.append)
+    for warning in warnings:
+        log.note(controller=None, stopped=None, posture="idle", warnings=(warning,) if warning else ())
     log.close()
-    assert [line.partition(" ")[2] for line in lines] == [
+    return [line[9:] for line in told]
+
+
+def test_silent_servos_of_which_there_are_more_are_not_told_to_be_heard_again() -> None:
+    assert told_of("", "mute: leg 5 femur (id 14)", "mute: servos of more than two legs", "") == [
         "servos: mute: leg 5 femur (id 14)",
         "servos: mute: servos of more than two legs",
         "servos: no longer mute: servos of more than two legs",
@@ -137,12 +142,7 @@ def test_silent_servos_of_which_there_are_more_are_not_told_to_be_heard_again() 
 
 
 def test_warnings_are_told_when_they_come_and_go() -> None:
-    told: list[str] = []
-    log = EventLog(told.append)
-    for warnings in ((), ("mute: leg 5 femur (id 14)",), ("mute: leg 5 femur (id 14)",), ()):
-        log.note(controller=None, stopped=None, posture="idle", warnings=warnings)
-    log.close()
-    assert [line[9:] for line in told] == [
+    assert told_of("", "mute: leg 5 femur (id 14)", "mute: leg 5 femur (id 14)", "") == [
         "servos: mute: leg 5 femur (id 14)",
         "servos: no longer mute: leg 5 femur (id 14)",
     ]

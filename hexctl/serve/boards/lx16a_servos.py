@@ -36,11 +36,6 @@ class Lx16aServo(SimulatedServo):
         """Whether it holds its goal."""
         return self.loaded
 
-    @property
-    def end(self) -> float:
-        """Count at which its move ends."""
-        return self._goal
-
     def move(self, count: int, time_ms: int, now_s: float) -> None:
         """Begin a move, from where the one before has come to."""
         self._from = self.goal(now_s) if self.loaded else self.position

@@ -233,7 +233,7 @@ def test_a_joint_a_little_beyond_a_stored_limit_moves_to_it() -> None:
         assert _within(lambda: _positions(bus) == here.tolist())
         bus.hold(here, EVERY)
         bus.poll_all()
-        assert _servo(board, 4).end == 350
+        assert _servo(board, 4)._goal == 350
         assert "stands" not in bus._complaint(4)
 
 
