@@ -1,52 +1,77 @@
 """The outcome of a run as text and a table."""
 
+import math
 import shlex
 from typing import Any
 
 from rich.console import RenderableType
+from rich.text import Text
 
 from hexctl.cli.render.tables import label_table
-from hexctl.cli.render.words import link_in_words, why_in_words
+from hexctl.cli.render.words import clearing_in_words, link_in_words, why_in_words
 from hexctl.wire.links import CLEAR_COMMAND
 
 #: Misses of a self-rotation up to this are usual.
 NOTED_MISS_DEG = 0.15
 
-#: The true deviation of a simulation is told where the measured one is further off than this.
+#: The true deviation of a simulation is printed if the measured one is further off than this.
 NOTED_ERROR_M = 0.02
+
+#: Lengths below this are printed in cm.
+ONE_M = 1.0
+
+#: Colours of a status; any other one is red.
+STATUS_STYLES = {"ok": "bold green", "no_progress": "bold yellow"}
 
 
 def summary(outcome: dict[str, Any], clear: str = CLEAR_COMMAND) -> list[RenderableType]:
-    """Outcome of a run, the object of `hexctl run --json`, as text and a table.
+    """Outcome of a run as a table of about ten rows, and the next command.
 
-    `clear` is the command that ends a stop of the robot.
+    Args:
+        outcome: the object of `hexctl run --json`.
+        clear: command that ends a stop of the robot.
     """
     where = f"in world {outcome['world']}" if outcome["world"] else f"on {outcome['backend']}"
     failed = f", leg {outcome['failed_leg']} {outcome['failure']}" if outcome["failed_leg"] else ""
     failed += "".join(f", leg {leg} {how}" for leg, how in outcome.get("further_failures", {}).items())
-    link = link_in_words(outcome["servo_link"])
     rows = [
         ("gait", _gait_text(outcome["gait"])),
         *_posture_rows(outcome["gait"]),
         *_distance_rows(outcome),
         *_failure_rows(outcome),
         ("status", _status(outcome, clear)),
-        ("guard", _clipped(outcome["clipped_ticks"]) + _doubted(outcome.get("positions_doubted", 0))),
-        *([("link", link)] if link else []),
-        (
-            "ticks",
-            f"{outcome['ticks']}, {outcome['overruns']} overruns, {outcome['realtime_factor']:g} x real time",
-        ),
+        *_trouble_rows(outcome),
+        *([("recording", outcome["recording"])] if outcome["recording"] else []),
     ]
-    recording = outcome["recording"]
-    if recording:
-        rows.append(("recording", recording))
-    view = [f"look at it with: hexctl view {shlex.quote(recording)}"] if recording else []
-    return [f"{outcome['robot']} {where}{failed}", label_table(rows), *view]
+    return [f"{outcome['robot']} {where}{failed}", label_table(rows), *_next_command(outcome, clear)]
+
+
+def _next_command(outcome: dict[str, Any], clear: str) -> list[str]:
+    """The command to type next: ends the stop of a robot, or shows the recording."""
+    if clearing := clearing_in_words(outcome["stopped"], clear=clear):
+        return [f"next: {clearing}"]
+    return [f"next: hexctl view {shlex.quote(outcome['recording'])}"] if outcome["recording"] else []
+
+
+def _trouble_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
+    """Rows for commands that were clipped, measurements that were ignored, and what came late or never."""
+    clipped, doubted = outcome["clipped_ticks"], outcome.get("positions_doubted", 0)
+    guarded = [
+        *([f"{clipped} commands clipped, too fast for the joints: lower --pace"] if clipped else []),
+        *([f"{doubted} impossible joint angles ignored"] if doubted else []),
+    ]
+    link = outcome["servo_link"]
+    lost = bool(link) and any(n for name, n in link.items() if name != "received")
+    late = outcome["overruns"]
+    return [
+        *([("guard", "; ".join(guarded))] if guarded else []),
+        *([("link", link_in_words(link))] if lost else []),
+        *([("late", f"{late} of {outcome['ticks']} ticks")] if late else []),
+    ]
 
 
 def _failure_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
-    """What failed on the way, and what the controller noticed of it."""
+    """What failed during the walk, and what the controller detected."""
     from hexctl.robot.failure_event import NoticedFailure
 
     noticed = [str(NoticedFailure.from_dict(each)) for each in outcome.get("noticed", ())]
@@ -54,17 +79,29 @@ def _failure_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
     rows = [
         (word, ", ".join(texts))
         for word, colons in (("failed", True), ("healed", False))
-        if (texts := [event for event in events if (":" in event) is colons])  # 5:limp@8 fails, 5@20 heals
+        if (texts := [_event_text(event) for event in events if (":" in event) is colons])
     ]
     if events or noticed:
-        rows.append(("noticed", "; ".join(noticed) or "nothing"))
+        rows.append(("detected", "; ".join(noticed) or "nothing"))
     return rows
 
 
-def _status(outcome: dict[str, Any], clear: str) -> str:
+def _event_text(event: str) -> str:
+    """An event in words: `5:limp@8` fails, `5@20` heals."""
+    what, _, at_s = event.partition("@")
+    return f"leg {what.replace(':', ' ', 1)} at {at_s} s"
+
+
+def _status(outcome: dict[str, Any], clear: str) -> Text:
     """How the walk ended, and why."""
-    why = why_in_words(outcome["stopped"], outcome.get("standstill_s"), clear=clear)
-    return f"{outcome['status']}{why}{_cause(outcome.get('cause'))}"
+    status, stopped = outcome["status"], outcome["stopped"]
+    why = (
+        f" ({stopped})"
+        if clearing_in_words(stopped)
+        else why_in_words(stopped, outcome.get("standstill_s"), clear=clear)
+    )
+    text = Text(status.replace("_", " "), style=STATUS_STYLES.get(status, "bold red"))
+    return Text.assemble(text, f"{why}{_cause(outcome.get('cause'))}")
 
 
 def _cause(cause: str | None) -> str:
@@ -96,21 +133,46 @@ def _posture_rows(gait: dict[str, Any]) -> list[tuple[str, str]]:
 
 def _distance_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
     """Distance, deviation and turn, as far as the robot knows them."""
-    duration, held = f"{outcome['duration_s']:.1f} s", _hold_rows(outcome)
     ideal, turn = outcome["ideal_distance_m"], outcome["ideal_yaw_change_deg"]
     turned_deg = outcome["yaw_change_deg"]
     of_turn = f" of {turn:.1f} asked for" if turn else ""
     turned = [] if turned_deg is None else [("turned", f"{turned_deg + 0.0:.1f} degrees{of_turn}")]
-    if outcome["distance_m"] is None:
-        return [("walked", f"{duration}; {_why_no_distance(outcome)}"), *_true_rows(outcome), *turned, *held]
-    distance, side = f"{outcome['distance_m']:.3f} m", _side(outcome["deviation_m"]["signed"])
     if turn and ideal:
-        return [("walked", f"{duration} in an arc, ended {distance} ahead and {side}"), *turned, *held]
+        return [*_turn_rows(outcome), *turned, *_hold_rows(outcome)]
     missed = _turn_missed(outcome.get("turn_miss_deg"))
-    share = f" of {ideal:.3f} m ideal ({100 * outcome['distance_m'] / ideal:.0f} %)" if ideal else ""
-    mean = f"{outcome['deviation_m']['mean']:.3f} m on average"
-    rows = [("walked", f"{duration}, {distance}{share}"), ("deviation", f"{side} at the end, {mean}")]
-    return [*rows, *_true_rows(outcome), *turned, *missed, *held, *_cost(outcome)]
+    moved = _turn_rows(outcome) if turn else _line_rows(outcome)
+    return [*moved, *turned, *missed, *_hold_rows(outcome), *_cost(outcome)]
+
+
+def _turn_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
+    """Where a walk ended that turned, on the spot or in an arc."""
+    if outcome["distance_m"] is None:
+        return _unmeasured_rows(outcome)
+    seconds, ahead_m, left_m = (
+        f"{outcome['duration_s']:.1f} s",
+        outcome["distance_m"],
+        outcome["deviation_m"]["signed"],
+    )
+    if outcome["ideal_distance_m"]:
+        return [("walked", f"{seconds} in an arc, ended {ahead_m:.2f} m ahead and {_side(left_m)}")]
+    return [("walked", f"{seconds} on the spot, ended {_length(math.hypot(ahead_m, left_m))} from the start")]
+
+
+def _line_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
+    """Distance along the line, and how far off it the walk was."""
+    if outcome["distance_m"] is None:
+        return _unmeasured_rows(outcome)
+    distance, ideal = outcome["distance_m"], outcome["ideal_distance_m"]
+    share = (
+        f"{100 * distance / ideal:.0f} % of ideal ({ideal:.2f} m without slip or soft start)" if ideal else ""
+    )
+    walked = f"{distance:.2f} m in {outcome['duration_s']:.1f} s{', ' if share else ''}{share}"
+    return [("walked", walked), ("off line", _deviation(outcome["deviation_m"])), *_true_rows(outcome)]
+
+
+def _unmeasured_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
+    """How long a robot walked that does not know where it is."""
+    return [("walked", f"{outcome['duration_s']:.1f} s; {_why_no_distance(outcome)}"), *_true_rows(outcome)]
 
 
 def _why_no_distance(outcome: dict[str, Any]) -> str:
@@ -126,16 +188,15 @@ def _why_no_distance(outcome: dict[str, Any]) -> str:
 
 
 def _true_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
-    """A row for where a simulated robot truly was, if its sensors told otherwise or nothing."""
+    """A row for where a simulated robot was, if its sensors measured something else or nothing."""
     true, measured = outcome.get("true_deviation_m"), outcome["deviation_m"]
     if not true or any(true.get(name) is None for name in ("signed", "mean")):
         return []
-    said = f"{_side(true['signed'])} at the end, {true['mean']:.3f} m on average"
     if outcome["distance_m"] is None:
-        return [("truly", said)]
+        return [("in truth", _deviation(true))]
     if max(abs(true[name] - measured[name]) for name in ("signed", "mean")) <= NOTED_ERROR_M:
         return []
-    return [("truly", f"{said}: the sensors told otherwise")]
+    return [("in truth", f"{_deviation(true)} (the sensors were wrong)")]
 
 
 def _hold_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
@@ -146,11 +207,11 @@ def _hold_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _cost(outcome: dict[str, Any]) -> list[tuple[str, str]]:
-    """A row for what the walk cost, where the robot tells its torques."""
+    """A row for the energy of the walk, if the robot reports its torques."""
     cost, energy_j = outcome.get("cost_of_transport"), outcome.get("energy_j")
     if cost is None or energy_j is None:
         return []
-    return [("cost", f"{energy_j:.1f} J of mechanical energy, {cost:.2f} per weight and metre")]
+    return [("energy", f"{energy_j:.1f} J mechanical, cost of transport {cost:.2f}")]
 
 
 def _turn_missed(miss_deg: float | None) -> list[tuple[str, str]]:
@@ -160,17 +221,15 @@ def _turn_missed(miss_deg: float | None) -> list[tuple[str, str]]:
     return [("turn", f"the self-rotation missed its goal by {miss_deg:+.1f} degrees")]
 
 
+def _deviation(deviation_m: dict[str, Any]) -> str:
+    return f"{_side(deviation_m['signed'])} at the end, {_length(deviation_m['mean'])} on average"
+
+
 def _side(signed_m: float) -> str:
-    return f"{abs(signed_m):.3f} m to the {'left' if signed_m > 0 else 'right'}"
+    """Length to one side; without a side if it rounds to zero."""
+    length = _length(abs(signed_m))
+    return length if length == _length(0.0) else f"{length} to the {'left' if signed_m > 0 else 'right'}"
 
 
-def _clipped(clipped: int) -> str:
-    """How often the guard limited the walk, and what to do about it."""
-    if not clipped:
-        return "let every command pass"
-    return f"clipped {clipped} commands of the walk: too fast for the joints, see hexctl check"
-
-
-def _doubted(positions: int) -> str:
-    """How many positions the robot cannot have had."""
-    return f"; {positions} positions jumped and were not believed" if positions else ""
+def _length(length_m: float) -> str:
+    return f"{100 * length_m:.1f} cm" if length_m < ONE_M else f"{length_m:.2f} m"

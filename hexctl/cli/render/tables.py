@@ -18,11 +18,11 @@ def plain_table(*columns: str) -> Table:
     return table
 
 
-def label_table(rows: Iterable[tuple[str, str]]) -> Table:
+def label_table(rows: Iterable[tuple[str, str | Text]]) -> Table:
     """Two columns, labels and texts; a long text is wrapped beside its label."""
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=False)
     table.add_column(no_wrap=True, min_width=LABEL_WIDTH)
     table.add_column(overflow="fold")
     for label, text in rows:
-        table.add_row(Text(label), Text(text))
+        table.add_row(Text(label), Text(text) if isinstance(text, str) else text)
     return table

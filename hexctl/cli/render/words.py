@@ -34,8 +34,23 @@ def why_in_words(
         return ""
     if standstill_s is not None:
         return f" ({stopped}): {Standstill(standstill_s)}"
-    hint = HINTS.get(stopped, HINTS.get(stopped.partition(":")[0]))
+    hint = _hint(stopped)
     return f" ({stopped})" if hint is None else f" ({stopped}): {hint.format(clear)}"
+
+
+def clearing_in_words(stopped: str | None, *, clear: str = CLEAR_COMMAND) -> str:
+    """The command that ends a stop, in words; empty if nothing has to be cleared.
+
+    Args:
+        stopped: why the robot was stopped.
+        clear: command that ends a stop of that robot.
+    """
+    hint = "" if stopped is None else _hint(stopped) or ""
+    return hint.format(clear) if "{}" in hint else ""
+
+
+def _hint(stopped: str) -> str | None:
+    return HINTS.get(stopped, HINTS.get(stopped.partition(":")[0]))
 
 
 def in_words(counts: Mapping[str, int]) -> str:

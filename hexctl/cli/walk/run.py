@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hexctl.backends.clock import PERIOD_S
 from hexctl.cli.console import (
     INTERRUPTED,
     StopOnInterrupt,
@@ -69,8 +70,13 @@ if TYPE_CHECKING:
     from hexctl.record.run_spec import RunSpec
     from hexctl.robot.failure_event import FailureEvent
 
-#: A simulated walk shorter than this has no progress bar.
-SHORT_S = 120.0
+#: What a robot does, by the phase of its walk.
+DOING = {
+    "settle": "standing up (Ctrl-C stops)",
+    "turn": "turning the failed leg away (Ctrl-C stops)",
+    "walk": "walking (Ctrl-C stops)",
+    "stop": "stopping",
+}
 
 
 def run(
@@ -130,56 +136,60 @@ def run(
     Ctrl-C stops softly and keeps the recording. Exit codes: 0 done, 2 bad input, 3 fault of robot or link,
     4 fell or was stopped, 130 interrupted.
     """
-    from hexctl.record.run_spec import RunSpec
-    from hexctl.robot.failure import failure_of, failures_of
-    from hexctl.robot.failure_event import parse_failure_event, parse_healing
-
     if no_record and (record is not None or view):
         raise InputError("--no-record: got --record or --view too; allowed: one or the other")
-    diagnosed = failed_leg == (AUTO_LEG,)
-    failures = () if diagnosed else failures_of(failed_leg, failure) if failed_leg else ()
-    spec = RunSpec(
-        backend=backend,
-        robot=robot,
-        world=world,
-        gait=gait,
-        pace_hz=pace,
-        amplitude=amplitude,
-        height=height,
-        body_raise=body_raise,
-        stance_shift=_shift_of(stance_shift),
-        tucked_legs=() if tuck is None else listed_legs(tuck, "--tuck"),
-        swing_share=swing_share,
-        then=tuple(then or ()),
-        heading_rad=None if heading is None else radians(heading),
-        turn_rate_rad_s=None if turn is None else radians(turn),
-        duration_s=duration,
-        failure=None if diagnosed else failures[0] if failures else failure_of(None, failure),
-        further_failures=failures[1:],
-        events=(
-            *_events("--fail", parse_failure_event, fail),
-            *_events("--heal", parse_healing, heal),
-        ),
-        policy=recovery_policy(recover=recover, policy=policy),
-        self_rotation=self_rotation,
-        hold=hold,
-        trim_rad=None if trim is None else radians(trim),
-        seed=seed,
-        realtime=realtime,
-        record=record,
-        record_folder=None if no_record or record is not None else runs_folder(),
-        connect=connect,
-        credentials=keys,
-        insecure=insecure,
-        link=link,
-    )
-    fence = None if arena is None else geofence(arena, robot, simulated=spec.simulated)
-    if not diagnosed:
-        raise typer.Exit(_walk(_with_best(spec), view=view, as_json=as_json, fence=fence))
-    spec.check()
-    found = found_failure(spec, failure)
-    told = replace(spec, failure=found.failure)
-    raise typer.Exit(_walk(_with_best(told), view=view, as_json=as_json, found=found, fence=fence))
+    with _WalkProgress(duration, quiet=as_json) as progress:
+        from hexctl.record.run_spec import RunSpec
+        from hexctl.robot.failure import failure_of, failures_of
+        from hexctl.robot.failure_event import parse_failure_event, parse_healing
+
+        diagnosed = failed_leg == (AUTO_LEG,)
+        failures = () if diagnosed else failures_of(failed_leg, failure) if failed_leg else ()
+        spec = RunSpec(
+            backend=backend,
+            robot=robot,
+            world=world,
+            gait=gait,
+            pace_hz=pace,
+            amplitude=amplitude,
+            height=height,
+            body_raise=body_raise,
+            stance_shift=_shift_of(stance_shift),
+            tucked_legs=() if tuck is None else listed_legs(tuck, "--tuck"),
+            swing_share=swing_share,
+            then=tuple(then or ()),
+            heading_rad=None if heading is None else radians(heading),
+            turn_rate_rad_s=None if turn is None else radians(turn),
+            duration_s=duration,
+            failure=None if diagnosed else failures[0] if failures else failure_of(None, failure),
+            further_failures=failures[1:],
+            events=(
+                *_events("--fail", parse_failure_event, fail),
+                *_events("--heal", parse_healing, heal),
+            ),
+            policy=recovery_policy(recover=recover, policy=policy),
+            self_rotation=self_rotation,
+            hold=hold,
+            trim_rad=None if trim is None else radians(trim),
+            seed=seed,
+            realtime=realtime,
+            record=record,
+            record_folder=None if no_record or record is not None else runs_folder(),
+            connect=connect,
+            credentials=keys,
+            insecure=insecure,
+            link=link,
+        )
+        fence = None if arena is None else geofence(arena, robot, simulated=spec.simulated)
+        found = None
+        if diagnosed:
+            spec.check()
+            progress.pause()
+            found = found_failure(spec, failure)
+            spec = replace(spec, failure=found.failure)
+        raise typer.Exit(
+            _walk(_with_best(spec), progress, view=view, as_json=as_json, found=found, fence=fence)
+        )
 
 
 def _with_best(spec: "RunSpec") -> "RunSpec":
@@ -218,13 +228,14 @@ def _shift_of(text: str | None) -> tuple[float, float] | None:
 
 def _walk(
     spec: "RunSpec",
+    progress: "_WalkProgress",
     *,
     view: bool,
     as_json: bool,
     found: "Found | None" = None,
     fence: "ShouldStop | None" = None,
 ) -> int:
-    """Walk, print the outcome, show it; the exit code."""
+    """Walk, print the outcome, show it; the exit code. The progress ends with the walk."""
     from hexctl.cli.render.run import summary
 
     run, clear = _checked(spec), _clear_command(spec)
@@ -232,6 +243,7 @@ def _walk(
         run.broken = found.broken
     with ExitStack() as stack:
         interrupt = stack.enter_context(StopOnInterrupt())
+        stack.enter_context(progress)
         try:
             stack.enter_context(run)
         except RobotFaultError:
@@ -244,10 +256,7 @@ def _walk(
         live = _open_live(run) if view and spec.paced and not interrupt.requested() else None
         if live is not None:
             stack.enter_context(live)
-        quiet = as_json or (not spec.paced and spec.duration_s < SHORT_S)
-        progress = stack.enter_context(
-            _WalkProgress(spec.duration_s, quiet=quiet, of_turn=_turn_note(run) if spec.paced else "")
-        )
+        progress.of_turn = _turn_note(run) if spec.paced else ""
         recorders: list[Recorder] = [progress] if live is None else [progress, live]
         done = _walked(run, recorders, interrupt, fence)
         if done is None:
@@ -346,37 +355,39 @@ def _turn_note(run: "Run") -> str:
 
 
 class _WalkProgress(WithBar):
-    """Recorder that shows the progress of a walk on stderr, on a terminal and unless told to be quiet.
+    """Recorder that shows the progress of a run on a terminal (stderr), while it loads and while it walks.
 
     Args:
         total_s: duration of the walk.
         quiet: True for no bar.
-        of_turn: line that is printed once where the robot begins to turn before the walk; empty for none.
+
+    Attributes:
+        of_turn: line that is printed once if the robot begins to turn before the walk; empty for none.
     """
 
-    def __init__(self, total_s: float, *, quiet: bool, of_turn: str = "") -> None:
-        from hexctl.backends.clock import PERIOD_S
-        from hexctl.control.log import BLOCK_TICKS
+    #: A second: drawing must not delay the ticks.
+    block_ticks: int | None = 50
 
-        self.block_ticks: int | None = BLOCK_TICKS
-        self._total_s, self._period_s, self._of_turn = total_s, PERIOD_S, of_turn
-        self._bar = make_bar("{task.completed:.0f} of {task.total:.0f} s", quiet=quiet)
-        self._task = self._bar.add_task(_doing("settle"), total=total_s)
+    def __init__(self, total_s: float, *, quiet: bool) -> None:
+        self.of_turn = ""
+        self._total_s = total_s
+        self._bar = make_bar("{task.fields[walked]}", quiet=quiet)
+        self._task = self._bar.add_task("loading", total=None, walked="")
+
+    def pause(self) -> None:
+        """Hide the bar until it is entered again."""
+        self._bar.stop()
 
     def write_block(self, log: "TickLog", start: int, stop: int) -> None:
         """Move the bar to where the log is."""
-        if self._of_turn and log.phase == "turn":
-            print_above(self._bar, self._of_turn, err=True)
-            self._of_turn = ""
-        walked_s = min(self._total_s, log.walked_ticks * self._period_s)
-        self._bar.update(self._task, completed=walked_s, description=_doing(log.phase))
-
-
-def _doing(phase: str) -> str:
-    what = {
-        "settle": "standing up",
-        "turn": "turning the failed leg away",
-        "walk": "walking",
-        "stop": "stopping",
-    }
-    return f"{what[phase]} (Ctrl-C stops softly)"
+        if self.of_turn and log.phase == "turn":
+            print_above(self._bar, self.of_turn, err=True)
+            self.of_turn = ""
+        walked_s = min(self._total_s, log.walked_ticks * PERIOD_S)
+        self._bar.update(
+            self._task,
+            completed=walked_s,
+            total=self._total_s,
+            description=DOING[log.phase],
+            walked=f"{walked_s:.0f} of {self._total_s:.0f} s",
+        )

@@ -44,34 +44,32 @@ def test_a_walk(capsys: pytest.CaptureFixture[str]) -> None:
     assert shown(capsys) == [
         "ant in world flat",
         "gait       slots 4,2,3,5,1,6, code 57",
-        "walked     10.0 s, 1.200 m of 1.500 m ideal (80 %)",
-        "deviation  0.100 m to the right at the end, 0.050 m on average",
+        "walked     1.20 m in 10.0 s, 80 % of ideal (1.50 m without slip or soft start)",
+        "off line   10.0 cm to the right at the end, 5.0 cm on average",
         "turned     -3.0 degrees",
         "held       nothing",
         "status     ok",
-        "guard      let every command pass",
-        "ticks      500, 0 overruns, 20 x real time",
     ]
 
 
 def test_what_a_walk_cost_is_said_where_it_is_known(capsys: pytest.CaptureFixture[str]) -> None:
     lines = shown(capsys, energy_j=9.42, cost_of_transport=0.801)
-    assert "cost       9.4 J of mechanical energy, 0.80 per weight and metre" in lines
-    assert not [line for line in shown(capsys, energy_j=9.42, cost_of_transport=None) if "cost" in line]
+    assert "energy     9.4 J mechanical, cost of transport 0.80" in lines
+    assert not [line for line in shown(capsys, energy_j=9.42, cost_of_transport=None) if "energy" in line]
 
 
 def test_a_simulation_whose_sensors_were_far_off_says_where_the_robot_truly_was(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     true = {"final": 0.01, "mean": 0.003, "max": 0.01, "signed": 0.01}
-    line = "truly      0.010 m to the left at the end, 0.003 m on average: the sensors told otherwise"
+    line = "in truth   1.0 cm to the left at the end, 0.3 cm on average (the sensors were wrong)"
     assert line in shown(capsys, true_deviation_m=true)
     unmeasured = {"distance_m": None, "deviation_m": dict.fromkeys(true)}
-    assert line.partition(":")[0] in shown(capsys, true_deviation_m=true, **unmeasured)
+    assert line.partition(" (")[0] in shown(capsys, true_deviation_m=true, **unmeasured)
     near = {"final": 0.09, "mean": 0.05, "max": 0.1, "signed": -0.09}
     unknown = dict.fromkeys(near)
     for unsaid in (near, unknown, None):
-        assert not [line for line in shown(capsys, true_deviation_m=unsaid) if "truly" in line]
+        assert not [line for line in shown(capsys, true_deviation_m=unsaid) if "in truth" in line]
 
 
 def test_a_robot_that_was_stopped_says_why_and_what_to_do(capsys: pytest.CaptureFixture[str]) -> None:
@@ -85,11 +83,44 @@ def test_a_robot_that_was_stopped_says_why_and_what_to_do(capsys: pytest.Capture
         failure="locked",
         clipped_ticks=7,
         servo_link={"received": 90, "lost": 2, "late": 0},
+        recording="runs/walk.rrd",
     )
     assert lines[0] == "ant on zenoh, leg 5 locked"
-    assert "status     aborted (fault: battery): see to it, then hexctl estop --clear" in lines
+    assert "status     aborted (fault: battery)" in lines
     assert "link       90 messages came; 2 lost" in lines
-    assert any(line.startswith("guard      clipped 7 commands") for line in lines)
+    assert any(line.startswith("guard      7 commands clipped") for line in lines)
+    assert lines[-1].endswith("hexctl estop --clear")
+    assert len([line for line in lines if "hexctl " in line]) == 1, "one next command"
+
+
+def test_a_row_about_trouble_is_only_there_if_there_was_some(capsys: pytest.CaptureFixture[str]) -> None:
+    labels = {"guard", "link", "late"}
+    calm = shown(capsys, servo_link={"received": 90, "lost": 0})
+    assert not labels & {line.split()[0] for line in calm}
+    troubled = shown(capsys, servo_link={"lost": 2}, positions_doubted=3, overruns=4)
+    assert labels <= {line.split()[0] for line in troubled}
+
+
+@pytest.mark.parametrize(("status", "colour"), [("ok", "32"), ("no_progress", "33"), ("fell", "31")])
+def test_a_status_has_its_colour_on_a_terminal(
+    status: str, colour: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    (row,) = [line for line in shown(capsys, status=status) if line.startswith("status")]
+    assert f"{colour}m{status.replace('_', ' ')}" in row
+
+
+def test_a_turn_on_the_spot_is_not_measured_by_a_line(capsys: pytest.CaptureFixture[str]) -> None:
+    spot = {
+        "distance_m": 0.003,
+        "deviation_m": {"final": 0.004, "mean": 0.002, "max": 0.004, "signed": 0.004},
+    }
+    lines = shown(capsys, ideal_distance_m=0.0, ideal_yaw_change_deg=50.0, yaw_change_deg=37.4, **spot)
+    assert "walked     10.0 s on the spot, ended 0.5 cm from the start" in lines
+    assert "turned     37.4 degrees of 50.0 asked for" in lines
+    assert not any(line.startswith("off line") for line in lines)
 
 
 def test_a_server_that_has_ended_is_started_and_not_cleared() -> None:
@@ -116,13 +147,13 @@ def test_a_walk_without_a_position(
 ) -> None:
     lines = shown(capsys, distance_m=None, yaw_change_deg=None, duration_s=duration_s, **LOST | held)
     assert f"walked     {words}" in lines
-    assert not any(line.startswith(("deviation", "turned")) for line in lines)
+    assert not any(line.startswith(("off line", "turned")) for line in lines)
 
 
 def test_a_recording_is_named_with_the_command_that_shows_it(capsys: pytest.CaptureFixture[str]) -> None:
     assert shown(capsys, recording="runs/my walk.rrd")[-2:] == [
         "recording  runs/my walk.rrd",
-        "look at it with: hexctl view 'runs/my walk.rrd'",
+        "next: hexctl view 'runs/my walk.rrd'",
     ]
 
 
@@ -134,6 +165,6 @@ def test_counts_in_words() -> None:
 
 def test_legs_that_healed_have_a_word_of_their_own(capsys: pytest.CaptureFixture[str]) -> None:
     lines = shown(capsys, events=["2:limp@8", "5:missing@14", "2@18"])
-    assert "failed     2:limp@8, 5:missing@14" in lines
-    assert "healed     2@18" in lines
-    assert [line.split()[0] for line in lines].count("noticed") == 1
+    assert "failed     leg 2 limp at 8 s, leg 5 missing at 14 s" in lines
+    assert "healed     leg 2 at 18 s" in lines
+    assert [line.split()[0] for line in lines].count("detected") == 1

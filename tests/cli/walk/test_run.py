@@ -21,6 +21,7 @@ from hexctl.record.tracks.block_writer import BlockWriter
 from tests.adapt.walking import stored_session
 from tests.backends.fake_time import FakeTime
 from tests.cli.kits import Kit
+from tests.cli.terminals import OnTerminal
 
 SHORT = ["run", "--no-record", "--duration", "3"]
 
@@ -132,9 +133,22 @@ def test_the_summary_says_how_it_went_and_how_to_look(
     assert exit_code(["run", "--duration", "2", "--failed-leg", "4"]) == 0
     printed = capsys.readouterr().out
     (recording,) = (tmp_path / "runs").iterdir()
-    for word in ("slots 1,4,2,6,3,5", "deviation", "status     ok", f"hexctl view runs/{recording.name}"):
+    for word in ("slots 1,4,2,6,3,5", "off line", "status     ok", f"hexctl view runs/{recording.name}"):
         assert word in printed
     assert recording.stat().st_size > 10_000
+
+
+def test_a_terminal_shows_progress_before_the_robot_is_loaded_and_the_result_at_the_end(
+    tmp_path: Path,
+) -> None:
+    shown = OnTerminal(["--duration", "1"], tmp_path, command="run", variables={"TERM": "xterm"})
+    try:
+        shown.wait("loading")
+        assert shown.code() == 0
+        text = shown.wait("next: hexctl view")
+    finally:
+        shown.end()
+    assert text.index("loading") < text.index("1 of 1 s") < text.index("ant in world flat")
 
 
 def test_a_long_walk_says_that_it_writes_its_index(
@@ -565,8 +579,8 @@ def test_a_leg_dies_and_the_text_says_what_was_noticed_and_done(capsys: pytest.C
     walk = ["run", "--gait", "tripod", "--fail", "5:locked@3", "--duration", "5", "--no-record"]
     assert exit_code([*walk, "--recover"]) == 0
     said = capsys.readouterr().out
-    assert "failed     5:locked@3" in said
-    assert "noticed    leg 5 locked at 3." in said
+    assert "failed     leg 5 locked at 3 s" in said
+    assert "detected   leg 5 locked at 3." in said
     assert "glided to slots" in said
     assert exit_code([*walk, "--policy", "stop"]) == 4
     said = capsys.readouterr().out

@@ -30,7 +30,7 @@ def test_a_walk_ends_softly_inside_the_circle_around_its_start(capsys: pytest.Ca
 
 def test_why_it_ended_is_said(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code([*WALK[:-1], "--arena", "0.3"]) == 0
-    assert "cut_short (arena): the walk was ended before it left the circle" in capsys.readouterr().out
+    assert "cut short (arena): the walk was ended before it left the circle" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
