@@ -11,6 +11,9 @@ from hexctl.errors import RobotFaultError
 #: Folder with names of ports that stay, whichever socket an adapter is plugged into.
 BY_ID = Path("/dev/serial/by-id")
 
+#: Folder in which Linux describes terminals, by the names of their devices.
+TERMINALS = Path("/sys/class/tty")
+
 #: How often ports are listed while a cable is pulled, in s.
 POLL_S = 0.2
 
@@ -53,8 +56,16 @@ def listed_ports() -> list[Any]:
     return []
 
 
+def _has_device(name: str) -> bool:
+    """Whether there is hardware behind a port: Linux also lists UARTs that are not there, of type 0."""
+    try:
+        return (TERMINALS / name / "type").read_text().strip() != "0"
+    except OSError:
+        return True  # only UARTs have a type
+
+
 def serial_ports() -> list[SerialPort]:
-    """Ports with an adapter, and those of the computer itself that are called tty."""
+    """Ports with an adapter, and those of the computer itself that are called tty and have a device."""
     names = {link.resolve(): str(link) for link in BY_ID.glob("*")} if BY_ID.is_dir() else {}
     return [
         SerialPort(
@@ -65,7 +76,7 @@ def serial_ports() -> list[SerialPort]:
             serial_number=each.serial_number,
         )
         for each in sorted(listed_ports())
-        if each.vid is not None or "tty" in each.device
+        if each.vid is not None or ("tty" in each.device and _has_device(Path(each.device).name))
     ]
 
 

@@ -24,7 +24,9 @@ from hexctl.cli.values import number, refuse_given
 from hexctl.errors import InputError
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
     from rich.table import Table
+    from rich.text import Text
 
     from hexctl.control.assessment.feasibility import RobotCheck
     from hexctl.robot.model import Robot
@@ -92,6 +94,9 @@ def check(
             help="Print without which legs the robot can walk, one, two or three, by the static margin.",
         ),
     ] = False,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", help="Print every finding, and the demands on each joint.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Check a robot file: can the robot walk a gait, in reach, angles, speeds, torques and servo pulses."""
@@ -122,7 +127,7 @@ def check(
     if as_json:
         print_result(json.dumps(report))
     else:
-        print_result(*_heading(report), "", _joint_table(report), "", *_verdict(report), *_physics(report))
+        print_result(*_findings(report, verbose=verbose), *_physics(report))
         if envelope:
             print_result("", *ENVELOPE, _envelope_table(report["envelope"]))
         if leg_sets:
@@ -153,6 +158,21 @@ def _measured(robot: "Robot", world_name: str, duration_s: float) -> dict[str, A
     except InputError as error:
         print_note(f"hexctl: not kept: {error}")
     return found.to_dict()
+
+
+#: Most lines without --verbose.
+MOST_LINES = 12
+
+
+def _findings(report: dict[str, Any], *, verbose: bool) -> "list[RenderableType]":
+    """The verdict, the robot, and the findings by weight; all of them and the joints with `verbose`."""
+    first, findings = [_conclusion(report), *_heading(report)], _verdict(report)
+    if verbose:
+        return [*first, "", *findings, "", _joint_table(report)]
+    kept = findings[: MOST_LINES - len(first) - 1]
+    left = len(findings) - len(kept)
+    more = f"{left} more finding{'s' * (left > 1)} and the joints" if left else "the joints"
+    return [*first, *kept, f"{more}: add --verbose"]
 
 
 def _heading(report: dict[str, Any]) -> list[str]:
@@ -256,37 +276,48 @@ def _joint_table(report: dict[str, Any]) -> "Table":
 
 
 def _verdict(report: dict[str, Any]) -> list[str]:
+    """Findings, a line each, those first that say most."""
     legs = ", ".join(str(leg) for leg in report["unreachable_legs"])
     outside = ", ".join(report["joints_out_of_range"])
     pace = report["max_pace_hz"]
-    upto = "" if pace is None else f"; up to {pace:g} Hz it is kept"
+    upto = "" if pace is None else f" up to {pace:g} Hz"
     spacing = report["least_foot_spacing_m"]
     return [
         f"reach: out of reach for leg {legs}" if legs else "reach: every foot position is in reach",
-        f"range: exceeded by {outside}" if outside else "range: kept",
-        f"speed: kept{upto}" if report["speed_holds"] else f"speed: too fast, the guard will clip it{upto}",
+        f"range: exceeded by {outside}" if outside else "range: kept by every joint",
+        f"speed: kept{upto}"
+        if report["speed_holds"]
+        else f"speed: too fast, the guard clips it{upto and f'; kept{upto}'}",
+        _torque(report),
+        *(f"warning: {warning}" for warning in report["warnings"]),
+        *_servo_verdicts(report),
         f"feet: {spacing:g} m apart or more" + ("" if report["feet_stay_apart"] else ": they touch"),
         *_load_verdicts(report),
-        *_servo_verdicts(report),
-        *(f"warning: {warning}" for warning in report["warnings"]),
-        _conclusion(report),
     ]
 
 
+def _torque(report: dict[str, Any]) -> str:
+    """Share of the torque that standing takes, and the joints that are too weak for it."""
+    weak = [name for name, row in report["joints"].items() if row["static_torque_nm"] > row["max_torque_nm"]]
+    too_weak = f", too weak: {_joints(weak)}" if weak else ""
+    share, capacity = report["static_torque_share"], report["load_capacity"]
+    return (
+        f"torque: standing takes up to {100 * share:.0f} % of the limit; "
+        f"the legs carry {capacity:.3g} x the weight{too_weak}"
+    )
+
+
 def _load_verdicts(report: dict[str, Any]) -> list[str]:
-    """Figures of legs that come near, static torque, sag and heat, a line each."""
+    """Figures of legs that come near, of sag and of heat, a line each."""
     from hexctl.control.assessment.gait_load import CONTINUOUS_SHARE
 
     one, other = report["nearest_legs"]
     gap_mm = 1000 * report["least_leg_clearance_m"]
     near = f"overlap by {-gap_mm:.0f} mm" if report["legs_touch"] else f"come within {gap_mm:.0f} mm"
-    share, capacity = report["static_torque_share"], report["load_capacity"]
     return [
         f"legs: {one} and {other} {near}",
-        f"torque: standing on its feet takes up to {100 * share:.0f} % of a servo's; "
-        f"the legs carry {capacity:.3g} times the weight",
-        f"sag: joints give way by up to {report['sag_deg']:.1f} deg, the body sinks by up to "
-        f"{report['sag_mm']:.1f} mm of the {report['step_height_mm']:g} mm of a step",
+        f"sag: joints give way by up to {report['sag_deg']:.1f} deg, the body sinks "
+        f"{report['sag_mm']:.1f} of the {report['step_height_mm']:g} mm of a step",
         f"heat: more than {100 * CONTINUOUS_SHARE:.0f} % of the torque for "
         f"{100 * report['duty']:.0f} % of the cycle",
     ]
@@ -346,10 +377,14 @@ def _joints(names: list[str]) -> str:
     return ", ".join(texts)
 
 
-def _conclusion(report: dict[str, Any]) -> str:
+def _conclusion(report: dict[str, Any]) -> "Text":
+    from rich.text import Text
+
+    robot, warned = report["robot"], ", see the warnings" if report["warnings"] else ""
     if not report["possible"]:
-        return "this robot cannot walk this gait"
+        return Text(f"{robot} cannot walk this gait", style="bold red")
     if report["doubtful"]:
-        return "whether this robot walks this gait is open, see the warnings"
-    clipped = "" if report["speed_holds"] else ", clipped at its fastest"
-    return f"this robot can walk this gait{clipped}{', see the warnings' if report['warnings'] else ''}"
+        return Text(f"{robot} may not be able to walk this gait{warned}", style="bold yellow")
+    if not report["speed_holds"]:
+        return Text(f"{robot} can walk this gait, clipped at its fastest{warned}", style="bold yellow")
+    return Text(f"{robot} can walk this gait{warned}", style="bold green")

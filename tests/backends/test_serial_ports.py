@@ -23,6 +23,7 @@ def _port(device: str, vid: int | None = 0x0403) -> _Port:
 @pytest.fixture
 def plugged(monkeypatch: pytest.MonkeyPatch) -> list[_Port]:
     """Ports that a test plugs and pulls."""
+    monkeypatch.setattr(module, "TERMINALS", Path("/nowhere"))
     ports = [_port("/dev/ttyUSB1"), _port("/dev/ttyUSB0"), _port("/dev/ttyS0", None), _port("/dev/x", None)]
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: list(ports))
     monkeypatch.setattr(module, "POLL_S", 0.0)
@@ -41,6 +42,18 @@ def test_ports_have_their_adapter_and_a_name_that_stays(
     assert (second.port, second.vendor, second.stays) == ("/dev/ttyUSB0", "0403:6014", str(link))
     assert (third.port, third.stays) == ("/dev/ttyUSB1", None)
     assert len(serial_ports()) == 3, "what is no tty and has no adapter is left out"
+
+
+def test_a_port_of_the_computer_without_a_device_is_left_out(
+    plugged: list[_Port], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plugged += [_port("/dev/ttyS1", None), _port("/dev/ttyAMA0", None)]
+    for name, type_ in (("ttyS0", 4), ("ttyS1", 0), ("ttyUSB0", 0)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "type").write_text(f"{type_}\n")
+    monkeypatch.setattr(module, "TERMINALS", tmp_path)
+    names = [each.port.removeprefix("/dev/") for each in serial_ports()]
+    assert names == ["ttyAMA0", "ttyS0", "ttyUSB0", "ttyUSB1"]
 
 
 @pytest.mark.parametrize(

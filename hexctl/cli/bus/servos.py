@@ -130,7 +130,7 @@ def scan(
     if as_json:
         print_result(json.dumps(rows))
     elif found:
-        print_result(_table(rows, ""))
+        print_result(_table([_readable(row) for row in rows], ""))
     raise typer.Exit(DONE if found else FAULT)
 
 
@@ -149,7 +149,7 @@ def set_id(
     driver, path, speed = _bus(None, driver, port, baud)
     with _Bar("asking ids") as bar:
         servo = set_servo_id(path, driver, speed, int(new_id), progress=bar.told).to_json()
-    print_result(json.dumps(servo)) if as_json else print_result(_table([servo], ""))
+    print_result(json.dumps(servo)) if as_json else print_result(_table([_readable(servo)], ""))
 
 
 @servos.command()
@@ -279,7 +279,7 @@ def adopt(
     _ask_consent("The servo that has lost its id goes limp.", yes=yes)
     adoption = adopt_servo(load_robot_file(robot).robot, servo_map, path, speed)
     rows = {"joint": JOINT_NAMES[adoption.joint], "angle_deg": adoption.angle_deg, **adoption.servo.to_json()}
-    print_result(json.dumps(rows) if as_json else _column(rows))
+    print_result(json.dumps(rows) if as_json else _column(_readable(rows)))
 
 
 def ports(
@@ -288,16 +288,18 @@ def ports(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """List serial ports, with the adapters behind them."""
+    """List serial ports that have a device, with their adapters."""
     from hexctl.backends.serial_ports import serial_ports
-    from hexctl.cli.console import print_result
+    from hexctl.cli.console import print_note, print_result
 
     found = [_found_port()] if find else serial_ports()
     rows = [asdict(each) for each in found if each is not None]
     if as_json:
         print_result(json.dumps(rows))
         return
-    print_result(_table(rows, "no serial ports; is the adapter plugged in?"))
+    print_result(_table(rows, "no serial ports"))
+    if not any(row["vendor"] for row in rows):
+        print_note("hexctl: no USB serial adapter found: plug it in, with a cable that carries data")
 
 
 def _found_port() -> "SerialPort | None":
@@ -422,6 +424,22 @@ class _Bar:
             if self._bar.disable:
                 print_note(f"{self._text}: {of}, some seconds")
         self._bar.update(self._task, completed=asked)
+
+
+#: Units of what a servo reports; its position is raw.
+UNITS = {"position": "counts", "voltage": "V", "temperature": "°C"}
+
+
+def _readable(servo: dict[str, Any]) -> dict[str, Any]:
+    """What a servo reports, with units; its model's number only if the model has no name."""
+    row = {
+        name: value if value is None or name not in UNITS else f"{value} {UNITS[name]}"
+        for name, value in servo.items()
+        if name not in ("model_number", "protocol")
+    }
+    if servo["model"] is None and servo["model_number"] is not None:
+        row["model"] = f"number {servo['model_number']}"
+    return row
 
 
 def _column(rows: dict[str, Any]) -> "Table":

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from serial.tools.list_ports_common import ListPortInfo
 
 from hexctl.cli.main import exit_code
 from hexctl.robot.loader import load_robot_file
@@ -37,7 +38,10 @@ def test_a_scan_is_an_array_or_a_table(driver: str, model: str, capsys: pytest.C
         untold = "" if tells else "these servos tell no model\n"
         assert printed.err == f"asking ids: 253, some seconds\n{untold}"
         assert exit_code(words) == 0
-        assert (model in capsys.readouterr().out) is tells
+        table = capsys.readouterr().out
+        assert (model in table) is tells
+        assert all(unit in table for unit in (" counts", " V", " °C"))
+        assert max(map(len, table.splitlines())) <= 80
 
 
 def test_a_driver_that_knows_no_model_is_doubted(capsys: pytest.CaptureFixture[str]) -> None:
@@ -200,6 +204,19 @@ def test_bad_input_is_one_line(words: list[str], message: str, capsys: pytest.Ca
 def test_ports_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code(["ports", "--json"]) == 0
     assert all({"port", "adapter", "vendor"} <= each.keys() for each in json.loads(capsys.readouterr().out))
+
+
+@pytest.mark.parametrize("vendor", [None, 0x0403])
+def test_that_no_usb_adapter_is_there_is_noted(
+    vendor: int | None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    port = ListPortInfo("/dev/ttyAMA0")
+    port.vid = port.pid = vendor
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [port])
+    assert exit_code(["ports"]) == 0
+    printed = capsys.readouterr()
+    assert "/dev/ttyAMA0" in printed.out
+    assert ("no USB serial adapter" in printed.err) is (vendor is None)
 
 
 def test_a_scan_with_a_robot_file_says_which_joints_servos_are(
