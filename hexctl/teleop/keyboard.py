@@ -15,7 +15,7 @@ import termios
 import threading
 import time
 import tty
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from types import TracebackType
 from typing import Any, Self
@@ -187,20 +187,37 @@ class Keyboard:
 
 
 def line_of(status: dict[str, Any]) -> str:
-    """What a robot does, in a line of a terminal."""
-    forward, left, turn = status["velocity"]
-    battery = status["battery_v"]
+    """What a robot does, in a line of a terminal; messages take the place of the distance."""
+    battery, said = status["battery_v"], status["said"]
     parts = [
-        f"forward {_signed(forward, 3)} left {_signed(left, 3)} m/s "
-        f"turn {_signed(math.degrees(turn), 0)} deg/s",
+        _command_of(status["velocity"]),
         status["gait"],
         *([f"body {status['body_raise']:+.2f}"] if status["body_raise"] else []),
         status["mode"] if status["stopped"] is None else f"STOPPED: {status['stopped']} (1 goes on)",
-        *([] if status["source"] is None else [status["source"]]),
+        *([said] if said else _travel_of(status)),
         *([] if battery is None else [f"{battery:.1f} V"]),
-        *([status["said"]] if status["said"] else []),
+        *([] if status["source"] is None else [status["source"]]),
     ]
     return " · ".join(parts)
+
+
+def _command_of(velocity: Sequence[float]) -> str:
+    """The commanded velocity: forward always, left and turn unless they are zero."""
+    forward, left, turn = (
+        _signed(value, places)
+        for value, places in zip((*velocity[:2], math.degrees(velocity[2])), (3, 3, 0), strict=True)
+    )
+    sideways = "" if left == _signed(0.0, 3) else f" left {left}"
+    turning = "" if turn == _signed(0.0, 0) else f" turn {turn}°/s"
+    return f"forward {forward}{sideways} m/s{turning}"
+
+
+def _travel_of(status: dict[str, Any]) -> list[str]:
+    """Measured distance, speed and heading, as far as the robot knows them."""
+    distance, speed, heading = (status[name] for name in ("distance_m", "speed_m_s", "heading_deg"))
+    moved = [] if distance is None or speed is None else [f"{distance:.1f} m at {speed:.2f} m/s"]
+    turned = [] if heading is None else [f"yaw {_signed(heading, 0)}°"]
+    return [", ".join([*moved, *turned])] if moved or turned else []
 
 
 def _signed(value: float, places: int) -> str:

@@ -1,5 +1,7 @@
 """A session of driving by hand: devices are polled every tick, and what they ask for is done."""
 
+import math
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import takewhile
@@ -12,7 +14,8 @@ from hexctl.errors import HexctlError, InputError
 from hexctl.gait.gait import NAMED_SLOTS, Gait
 from hexctl.robot.failure_event import in_words
 from hexctl.robot.model import Robot
-from hexctl.types import RobotState
+from hexctl.robot.rotations import wrapped_rad, yaw_rad
+from hexctl.types import FloatArray, RobotState
 
 #: What devices ask for beside velocities.
 REQUESTS = ("stop", "stand", "sit", "gait", "up", "down", "quit")
@@ -25,6 +28,51 @@ REPORT_TICKS = 5
 
 #: Ticks in which a robot comes to a stand before the session ends, at most.
 LAST_TICKS = 50
+
+
+#: Reports over which the speed of the body is measured.
+SPEED_REPORTS = 10
+
+#: A body that moves by less than this has not travelled: measured positions are noisy.
+LEAST_TRAVEL_M = 0.01
+
+
+class Travel:
+    """Distance, speed and heading of a body, from the poses that it reports.
+
+    Attributes:
+        distance_m: travelled so far, along the path; None without positions.
+        speed_m_s: over the last second; None without positions.
+        heading_deg: counter-clockwise from the first orientation; None without one.
+    """
+
+    def __init__(self) -> None:
+        self.distance_m: float | None = None
+        self.speed_m_s: float | None = None
+        self.heading_deg: float | None = None
+        self._first_yaw_rad: float | None = None
+        self._counted_m: FloatArray | None = None
+        self._recent: deque[tuple[float, FloatArray]] = deque(maxlen=SPEED_REPORTS + 1)
+
+    def add(self, state: RobotState, now_s: float) -> None:
+        """Take a state, and when it was on the robot's clock."""
+        if state.base_position_world is not None:
+            self._add_position(state.base_position_world[:2].copy(), now_s)
+        if state.base_quaternion_world is not None:
+            yaw = float(yaw_rad(state.base_quaternion_world))
+            self._first_yaw_rad = yaw if self._first_yaw_rad is None else self._first_yaw_rad
+            self.heading_deg = math.degrees(wrapped_rad(yaw - self._first_yaw_rad))
+
+    def _add_position(self, position_m: FloatArray, now_s: float) -> None:
+        self._recent.append((now_s, position_m))
+        then_s, then_m = self._recent[0]
+        if now_s > then_s:
+            self.speed_m_s = math.dist(position_m, then_m) / (now_s - then_s)
+        if self._counted_m is None:
+            self.distance_m, self._counted_m = 0.0, position_m
+        moved_m = math.dist(position_m, self._counted_m)
+        if self.distance_m is not None and moved_m >= LEAST_TRAVEL_M:
+            self.distance_m, self._counted_m = self.distance_m + moved_m, position_m
 
 
 class Device(Protocol):
@@ -59,6 +107,7 @@ class DriveSession:
         self.said = ""
         self._asked: SimpleQueue[tuple[str, str]] = SimpleQueue()
         self._noticed = 0
+        self._travel = Travel()
         self._raises = walkable_raises(drive.robot, drive.gait)
 
     def ask(self, request: str, why: str = "") -> None:
@@ -89,6 +138,7 @@ class DriveSession:
             state = self.drive.step(lambda: self._poll(devices))
             self._listen()
             if ticks % REPORT_TICKS == 0:
+                self._travel.add(state, self.drive.guard.clock.now_s)
                 status = self.status(state)
                 for device in devices:
                     device.report(status)
@@ -111,6 +161,9 @@ class DriveSession:
             "stopped": drive.stopped,
             "source": decision.source,
             "velocity": [velocity.forward_m_s, velocity.left_m_s, velocity.turn_rad_s],
+            "distance_m": self._travel.distance_m,
+            "speed_m_s": self._travel.speed_m_s,
+            "heading_deg": self._travel.heading_deg,
             "gait": name_of(drive.gait_now.slots),
             "body_raise": round(drive.body_raise, 3),
             "battery_v": state.battery_v,

@@ -163,17 +163,27 @@ def status(**others: Any) -> dict[str, Any]:
     usual = {
         "velocity": [0.1, 0.0, -0.5], "gait": "tripod", "mode": "driving", "stopped": None,
         "source": "keyboard", "battery_v": 7.42, "said": "", "body_raise": 0.0,
+        "distance_m": None, "speed_m_s": None, "heading_deg": None,
     }  # fmt: skip
     return {**usual, **others}
 
 
 def test_what_the_robot_does_is_a_line() -> None:
-    assert line_of(status()) == (
-        "forward +0.100 left +0.000 m/s turn -29 deg/s · tripod · driving · keyboard · 7.4 V"
-    )
+    assert line_of(status()) == "forward +0.100 m/s turn -29°/s · tripod · driving · 7.4 V · keyboard"
     still = line_of(status(velocity=[-1e-5, -0.0, -1e-4], body_raise=-0.02))
-    assert still.startswith("forward +0.000 left +0.000 m/s turn +0 deg/s · tripod · body -0.02 · driving")
+    assert still.startswith("forward +0.000 m/s · tripod · body -0.02 · driving")
     assert "STOPPED: leg 3 limp (1 goes on)" in line_of(status(stopped="leg 3 limp"))
+
+
+def test_the_line_has_distance_speed_and_heading_in_80_columns_unless_there_is_a_message() -> None:
+    driven = {"distance_m": 12.34, "speed_m_s": 0.071, "heading_deg": -12.4}
+    line = line_of(status(velocity=[0.071, 0.0, 0.0], battery_v=None, **driven))
+    assert "12.3 m at 0.07 m/s, yaw -12°" in line
+    assert line.endswith("keyboard")
+    assert len(line) < 80
+    said = line_of(status(said="leg 3 limp", **driven))
+    assert "leg 3 limp" in said
+    assert "12.3 m" not in said
 
 
 def test_keys_come_one_by_one_without_echo_and_the_terminal_is_as_before_afterwards() -> None:

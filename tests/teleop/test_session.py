@@ -1,5 +1,6 @@
 """A session in simulation: what devices ask for is done, and release and silence end in a stand in time."""
 
+import math
 import os
 import sys
 from collections.abc import Iterator
@@ -17,7 +18,8 @@ from hexctl.errors import InputError
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.teleop.keyboard import Keyboard
-from hexctl.teleop.session import DriveSession, name_of
+from hexctl.teleop.session import DriveSession, Travel, name_of
+from hexctl.types import N_JOINTS, FloatArray, RobotState
 from tests.robots import ROBOT_NAMES
 
 #: A body slower than this is at rest: a thousandth of what `ant` walks.
@@ -257,3 +259,55 @@ def test_gaits_have_names_or_slots() -> None:
     with Drive("ant") as drive:
         assert name_of(make_gait(drive.robot, "wave").slots) == "wave"
         assert name_of((5, 1, 2, 4, 3, 6)) == "5,1,2,4,3,6"
+
+
+def test_travel_is_the_length_of_a_path_its_speed_and_the_turn() -> None:
+    travel = Travel()
+    assert (travel.distance_m, travel.speed_m_s, travel.heading_deg) == (None, None, None)
+    for tick in range(21):  # 0.3 m forward, then 1.2 m to the left, turning by 90 degrees
+        way = 0.075 * tick
+        position = np.array([min(way, 0.3), max(way - 0.3, 0.0), 0.1])
+        half = math.radians(170 + 4.5 * tick) / 2
+        travel.add(pose(position, np.array([math.cos(half), 0, 0, math.sin(half)])), 0.15 * tick)
+    assert travel.distance_m == pytest.approx(1.5, abs=0.03)
+    assert travel.speed_m_s == pytest.approx(0.5, rel=0.25)
+    assert travel.heading_deg == pytest.approx(90.0)
+
+
+def test_noise_of_a_standing_robot_is_no_travel() -> None:
+    travel, random = Travel(), np.random.default_rng(2)
+    for tick in range(500):
+        travel.add(pose(random.uniform(-0.002, 0.002, 3), None), 0.1 * tick)
+    assert travel.distance_m == 0.0
+    assert travel.heading_deg is None
+
+
+def pose(position: FloatArray, quaternion: FloatArray | None) -> RobotState:
+    """State of a robot that is somewhere."""
+    return RobotState(
+        joint_positions_rad=np.zeros(N_JOINTS),
+        stamp_s=0.0,
+        measured=True,
+        base_position_world=position,
+        base_quaternion_world=quaternion,
+    )
+
+
+def test_a_driven_robot_reports_its_travel() -> None:
+    with Drive("ant") as drive:
+        drive.reset()
+        session, seen = DriveSession(drive), list[dict[str, Any]]()
+        stick = drive.arbiter.source("page")
+
+        class Stick:
+            def poll(self) -> None:
+                stick.command(drive.share(1, 0, 0))
+
+            def report(self, status: dict[str, Any]) -> None:
+                seen.append(status)
+
+        session.run([Stick()], lambda: len(seen) > 30)
+    assert seen[0]["distance_m"] == 0.0
+    assert seen[-1]["distance_m"] > 0.1
+    assert seen[-1]["speed_m_s"] > 0.05
+    assert abs(seen[-1]["heading_deg"]) < 20

@@ -24,6 +24,7 @@ from hexctl.cli.console import (
 )
 from hexctl.cli.options.connection import ConnectOption, InsecureOption, KeysOption, LinkOption
 from hexctl.cli.options.failure import FAILED_LEG_HELP, LEG, FailureOption
+from hexctl.cli.options.output import NoRecordOption
 from hexctl.cli.options.robot import BackendOption, RobotOption, SeedOption, WorldOption
 from hexctl.cli.options.walk import POSTURE_FRACTION, gait_text
 from hexctl.cli.values import choice, number
@@ -189,6 +190,7 @@ def drive(
             "--record", help="Recording to write, a new .rrd file, whose folder is made. (default: none)"
         ),
     ] = None,
+    no_record: NoRecordOption = False,
     seed: SeedOption = 0,
     connect: ConnectOption = None,
     keys: KeysOption = None,
@@ -206,6 +208,8 @@ def drive(
     from hexctl.robot.failure import failure_of
     from hexctl.teleop.keyboard import has_keys
 
+    if no_record and record is not None:
+        raise InputError("--no-record: got --record too; allowed: one or the other")
     wanted = _Wanted(keyboard, has_keys(), gamepad, page, page_keys, page_view)
     wanted.check()
 

@@ -27,6 +27,7 @@ def test_keys_drive_until_q_and_the_drive_is_recorded(tmp_path: Path) -> None:
         terminal.wait("tripod · driving")
         terminal.type("ww")
         terminal.wait(r"forward \+0\.071 .* keyboard")
+        terminal.wait(r"\d\.\d m at \d\.\d\d m/s, yaw .*keyboard")
         terminal.type("g")
         terminal.wait("wave · driving")
         terminal.type(" ")
@@ -110,6 +111,7 @@ def test_the_page_drives_and_stops(tmp_path: Path) -> None:
         (["--page", "127.0.0.1:0", "--page-keys", "no"], "--page-keys: got no, which has no robot/certif"),
         (["--page-view", "http://camera/"], "--page-view: got it without --page; allowed: with --page HOST"),
         (["--page", "127.0.0.1:0", "--page-view", "camera"], "--page-view: got 'camera'; allowed: the URL"),
+        (["--no-record", "--record", "x.rrd"], "--no-record: got --record too; allowed: one or the other"),
         (["--page", "here"], "--page: got 'here'; allowed: HOST:PORT such as 127.0.0.1:8017"),
         (["--page", "127.0.0.1:0", "--gait", "trot"], "--gait: got 'trot'; allowed: demo, tripod"),
         (["--page", "127.0.0.1:0", "--backend", "mock", "--world", "rough"], "--world: got rough with"),
