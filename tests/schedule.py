@@ -57,6 +57,7 @@ REALTIME = (
     "tests/cli/walk/test_drive.py",
     "tests/cli/walk/test_drive_soak.py",
     "tests/teleop/test_page.py",
+    "tests/teleop/test_page_connection.py",
     "tests/teleop/test_picture_relay.py",
     "tests/serve/ros/test_bridge_drive.py",
     "tests/cli/network/test_status.py",

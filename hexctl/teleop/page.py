@@ -6,6 +6,9 @@ other requests. The robot sends its status ten times a second. What a camera see
 that a large picture holds up no status: any message asks for the next picture, which is one message, or JSON
 `{"trouble": why}` where none comes.
 
+A client may send 100 messages a second; the connection of one that sends more is closed. A stop is looked for
+before anything is parsed or counted.
+
 Every client that opens the page may drive. So it is served to this computer alone unless a token and TLS are
 asked for; requests for a name that is not this computer's, and sockets of pages from elsewhere, are refused.
 """
@@ -21,10 +24,11 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from http import HTTPStatus
 from importlib.resources import files
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, cast
 
 from websockets.asyncio.server import Server, ServerConnection, broadcast, serve
 from websockets.datastructures import Headers
@@ -35,6 +39,7 @@ from websockets.typing import Subprotocol
 from hexctl.control.drive.arbiter import COMMAND_EXPIRY_S, VelocitySource
 from hexctl.errors import HexctlError, InputError, RobotFaultError, argument
 from hexctl.teleop.keyboard import Share
+from hexctl.teleop.page_connection import Addresses, LimitedConnection
 from hexctl.teleop.picture_relay import PERIOD_S, Picture, PictureRelay
 from hexctl.wire.certificates import Credentials, hosts_of_this_computer
 
@@ -55,6 +60,12 @@ REPORT_S = 0.1
 
 #: Bytes of the longest message, and people who may look on.
 MOST_BYTES, MOST_CLIENTS = 256, 16
+
+#: Connections that wait to be accepted. All that wait are accepted before the next message is read.
+BACKLOG = 16
+
+#: The stop as clients send it, without spaces.
+STOP_MESSAGE = '{"do":"stop"}'
 
 #: How long the server may take to start and to end.
 START_S = 5.0
@@ -238,6 +249,8 @@ class DrivePage:
             self._address.port,
             ssl=context,
             process_request=self._answer,
+            create_connection=partial(LimitedConnection, addresses=Addresses()),
+            backlog=BACKLOG,
             subprotocols=[Subprotocol(PROTOCOL)],
             max_size=MOST_BYTES,
             compression=None,
@@ -307,7 +320,14 @@ class DrivePage:
             if connection.request is not None and connection.request.path == VIEW_PATH:
                 await self._show(connection)
             async for message in connection:
-                self._take(connection, message)
+                stops = _is_stop(message)
+                if stops:
+                    self._ask("stop")
+                if not cast(LimitedConnection, connection).may_send():
+                    break
+                if not stops:
+                    self._take(connection, message)
+                await asyncio.sleep(0)  # messages that wait are taken one by one, each client in turn
         except ConnectionClosed:
             pass
         finally:
@@ -317,6 +337,8 @@ class DrivePage:
         """Send one picture for each message, until the client goes."""
         shown = 0
         async for _ in connection:
+            if not cast(LimitedConnection, connection).may_send():
+                break
             picture = await self._picture_after(shown)
             if picture is None:
                 why = None if self._pictures is None else self._pictures.trouble
@@ -370,6 +392,11 @@ def _on(server: Server | None, path: str) -> list[ServerConnection]:
     """Open sockets at a path."""
     connections = () if server is None else server.connections
     return [one for one in connections if one.request is not None and one.request.path == path]
+
+
+def _is_stop(message: str | bytes) -> bool:
+    """Whether a message is a stop, written as the page writes it or with spaces."""
+    return isinstance(message, str) and "".join(message.split()) == STOP_MESSAGE
 
 
 def _one(headers: Headers, name: str) -> str:

@@ -5,7 +5,6 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import takewhile
-from queue import Empty, SimpleQueue
 from typing import Any, Protocol
 
 from hexctl.control.drive.drive import Drive
@@ -22,6 +21,9 @@ REQUESTS = ("stop", "stand", "sit", "gait", "up", "down", "quit")
 
 #: How much higher or lower the body gets with one request, and how far, of the robot's size.
 RAISE_STEP, MOST_RAISE = 0.01, 0.1
+
+#: Requests that wait; of more the newest count. One is done in each tick, because some take long.
+MOST_REQUESTS = 16
 
 #: Ticks between two reports to devices and people.
 REPORT_TICKS = 5
@@ -105,21 +107,27 @@ class DriveSession:
         self.ended: str | None = None
         self.commanded = False
         self.said = ""
-        self._asked: SimpleQueue[tuple[str, str]] = SimpleQueue()
+        self._asked: deque[str] = deque(maxlen=MOST_REQUESTS)
+        self._quit: str | None = None
         self._noticed = 0
         self._travel = Travel()
         self._raises = walkable_raises(drive.robot, drive.gait)
 
     def ask(self, request: str, why: str = "") -> None:
-        """Ask for one of `REQUESTS`, from any thread; it is done in the next tick.
+        """Ask for one of `REQUESTS`, from any thread; each tick does one of them.
 
-        Raises InputError for another.
+        A stop is in force immediately, and requests from before it are dropped. Raises InputError for another
+        request.
         """
         if request not in REQUESTS:
             raise InputError(f"request: got {request!r}; allowed: {', '.join(REQUESTS)}")
         if request == "stop":
             self.drive.stop("stop button")  # in force for this tick already
-        self._asked.put((request, why or request))
+            self._asked.clear()
+        elif request == "quit":
+            self._quit = why or request
+        else:
+            self._asked.append(request)
 
     def run(self, devices: Sequence[Device] = (), stop_requested: Callable[[], bool] = lambda: False) -> str:
         """Drive until a device asks to quit; why it has ended. The robot stands then.
@@ -193,17 +201,17 @@ class DriveSession:
         self._noticed = len(noticed)
 
     def _do_requests(self) -> None:
-        while True:
+        """Do the oldest request that waits."""
+        self.ended = self.ended or self._quit
+        if self._asked:
             try:
-                request, why = self._asked.get_nowait()
-            except Empty:
+                self._do(self._asked.popleft())
+            except IndexError:  # a stop has dropped it meanwhile
                 return
-            try:
-                self._do(request, why)
             except HexctlError as error:
                 self.said = str(error)
 
-    def _do(self, request: str, why: str) -> None:
+    def _do(self, request: str) -> None:
         drive = self.drive
         if request == "stand":
             drive.stand()
@@ -215,8 +223,6 @@ class DriveSession:
             drive.gait = names[(names.index(now) + 1) % len(names)] if now in names else names[0]
         elif request in ("up", "down"):
             self._raise_body(upward=request == "up")
-        elif request == "quit":
-            self.ended = why
 
     def _raise_body(self, *, upward: bool) -> None:
         """The next height at which the gait can walk."""
