@@ -1,7 +1,7 @@
 """Robots on a link, seen from outside: their status, and a stop for all of them."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,8 @@ import zenoh
 from hexctl.backends.zenoh.client import ask, ask_until, owner_name
 from hexctl.errors import RobotFaultError
 from hexctl.robot.failure_event import parse_failure_now, parse_healing
-from hexctl.serve.stops.stop import HOLD_S
+from hexctl.serve.stops.clear_keys import NewClaim, forget, keys_for
+from hexctl.serve.stops.stop import HOLD_S, MOST_CLAIMS, MOST_OTHERS_HOLD_S, MOST_UNCLAIMED_HOLD_S
 from hexctl.wire.description import RobotIdentity, check_may_command, status_of
 from hexctl.wire.links import KeyMap, Link, Role, load_link
 from hexctl.wire.session import open_session
@@ -50,22 +51,29 @@ class RemoteRobots:
     def stop(self, request: str | None = None) -> list[dict[str, Any]]:
         """Stop every robot, also those that others started; `stopped` of each answer is its reason.
 
-        A request with a name is one stop, however often and by whatever way it comes.
+        A request with a name is one stop, however often and by whatever way it comes. Without a name it is
+        claimed, and this user can clear it quickly.
 
         Raises RobotFaultError unless each robot that answers has stopped, and one has answered.
         """
-        named = {} if request is None else {"request": request}
-        answers = self._ask(self._keys.estop, {"op": "stop", "owner": owner_name(), **named})
+        if request is None:
+            claimed = NewClaim()
+            claimed.keep()
+            request = claimed.claim
+        answers = self._ask(self._keys.estop, {"op": "stop", "owner": owner_name(), "request": request})
         for answer in answers:
             if answer.get("stopped") is None:
                 raise RobotFaultError(f"a robot did not stop: {answer.get('error', answer)}")
         return answers
 
-    def clear(self) -> list[dict[str, Any]]:
+    def clear(self, *, waiting: Callable[[str, float], None] | None = None) -> list[dict[str, Any]]:
         """Clear the stop that each robot has now; `stopped` of each answer is None, or why it is stopped.
 
-        A stop of less than a second ago is cleared once it may be. `cleared` of each answer is the stop that
-        was meant, as the status has it, and `error` says why it was refused.
+        A stop is cleared once it may be: of this user after a second, of others after minutes. `cleared` of
+        each answer is the stop that was meant, as the status has it, and `error` says why it was refused.
+
+        Args:
+            waiting: called before a wait for a stop of others, with who asked for it and the wait in s.
 
         Raises InputError for a robot of another user on a link that was not named, and RobotFaultError unless
         each robot that answers has done it, and one has answered.
@@ -73,20 +81,23 @@ class RemoteRobots:
         statuses = self.await_statuses()
         for status in statuses:
             check_may_command(RobotIdentity.of_answer(status), self._link)
-        return [answer for status in statuses for answer in self._clear(status)]
+        return [answer for status in statuses for answer in self._clear(status, waiting)]
 
-    def _clear(self, status: dict[str, Any]) -> list[dict[str, Any]]:
+    def _clear(
+        self, status: dict[str, Any], waiting: Callable[[str, float], None] | None
+    ) -> list[dict[str, Any]]:
         """Clear the stop that a status tells of."""
         stop, asked = status.get("stop"), {"op": "clear", "owner": owner_name()}
         if isinstance(stop, dict):  # servers of earlier versions know no ids
             asked["id"] = str(stop.get("id"))
-            clear_in_s = stop.get("clear_in_s", 0.0)
-            time.sleep(min(HOLD_S, max(0.0, clear_in_s)) if isinstance(clear_in_s, float) else HOLD_S)
+            asked["keys"] = _wait_to_clear(stop, waiting)
         key = self._link.keys(str(status["robot"])).estop if "robot" in status else self._keys.estop
         answers = self._ask(key, asked)
         for answer in answers:
             if "stopped" not in answer:
                 raise RobotFaultError(f"a robot did not clear its stop: {answer.get('error', answer)}")
+        if isinstance(stop, dict) and all("error" not in answer for answer in answers):
+            forget(_claims_of(stop))
         return [{**answer, "cleared": stop} for answer in answers]
 
     def fail(self, text: str) -> list[dict[str, Any]]:
@@ -122,6 +133,30 @@ class RemoteRobots:
             f"no robot answers at {self._link.endpoint}; is hexctl serve running there, and may this end ask?"
         )
         return ask_until(self._session, key, content, timeout_s=ANSWER_TIMEOUT_S, silence=silence)
+
+
+def _wait_to_clear(stop: dict[str, Any], waiting: Callable[[str, float], None] | None) -> list[str]:
+    """Wait until a stop of a status may be cleared; the keys to show."""
+    claims = _claims_of(stop)
+    keys = keys_for(claims)
+    if not claims or len(keys) == len(claims):
+        time.sleep(_wait_s(stop.get("clear_in_s", 0.0), HOLD_S if claims else MOST_UNCLAIMED_HOLD_S))
+        return keys
+    wait_s = _wait_s(stop.get("others_in_s", 0.0), MOST_OTHERS_HOLD_S)
+    if wait_s > 0 and waiting is not None:
+        waiting(str(stop.get("by") or "another client"), wait_s)
+    time.sleep(wait_s)
+    return keys
+
+
+def _wait_s(told_s: object, most_s: float) -> float:
+    """How long to wait, by what a robot said, which may be anything."""
+    return min(most_s, max(0.0, told_s)) if isinstance(told_s, float) else HOLD_S
+
+
+def _claims_of(stop: dict[str, Any]) -> list[Any]:
+    claims = stop.get("claims")
+    return claims[:MOST_CLAIMS] if isinstance(claims, list) else []
 
 
 @contextmanager

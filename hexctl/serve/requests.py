@@ -11,7 +11,15 @@ from hexctl.errors import HexctlError, MessageError, RobotFaultError
 from hexctl.robot.failure_event import in_words_with_share, parse_failure_now, parse_healing
 from hexctl.serve.leases import Lease, LeaseManager, LeaseRefusedError
 from hexctl.serve.stops.latch import StopLatch
-from hexctl.serve.stops.stop import LIFTED_BY_LEASE, MAX_BY, UNNAMED, Stop
+from hexctl.serve.stops.stop import (
+    LIFTED_BY_LEASE,
+    MAX_BY,
+    MOST_CLAIMS,
+    UNNAMED,
+    Stop,
+    claim_of,
+    new_clear_key,
+)
 from hexctl.wire.description import decode_json
 from hexctl.wire.links import CLEAR_COMMAND
 
@@ -35,12 +43,14 @@ class StopRequest:
         request: name that the client gave its stop, or None.
         stop_id: of the stop that is to be cleared, or None.
         by: name of the client, as it says; one that is none stops nothing from being obeyed.
+        keys: clear keys that the client shows.
     """
 
     op: str
     request: str | None = None
     stop_id: str | None = None
     by: str = UNNAMED
+    keys: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, payload: bytes) -> "StopRequest":
@@ -56,6 +66,7 @@ class StopRequest:
             request=_name(content, "request"),
             stop_id=_name(content, "id"),
             by=_asker(content),
+            keys=_keys(content),
         )
 
 
@@ -72,15 +83,17 @@ class RequestHandler:
         latch: of its stops.
         malformed: requests so far that could not be decoded.
         rested_after: number of the last command before the lease's holder rested, as it said.
+        ros_key: clear key of stops that come over ROS.
     """
 
     def __init__(self, guard: Guard, leases: LeaseManager, latch: StopLatch | None = None) -> None:
         self._guard, self.leases = guard, leases
         self.latch = StopLatch(guard) if latch is None else latch
         self.malformed = self.rested_after = 0
+        self.ros_key = new_clear_key()
         self._changed_at_s: deque[float] = deque(maxlen=MOST_CHANGES)
 
-    def urgent(self, payload: bytes, *, by: str | None = None) -> None:
+    def urgent(self, payload: bytes, *, by: str | None = None, clear_key: str | None = None) -> None:
         """Stop the robot unless a payload at `estop` asks for a clear. Safe on any thread.
 
         One that is not understood stops too: a client that writes there is about to stop.
@@ -88,13 +101,15 @@ class RequestHandler:
         Args:
             payload: of the request.
             by: who asks, where the payload does not say it.
+            clear_key: of who asks, likewise.
         """
         try:
             wanted = StopRequest.of(payload)
         except MessageError:
             wanted = StopRequest(op="stop")
         if wanted.op == "stop":
-            self.latch.stop(wanted.request, by=by or wanted.by)
+            claim = None if clear_key is None else claim_of(clear_key)
+            self.latch.stop(wanted.request, by=by or wanted.by, claim=claim)
 
     def estop(self, payload: bytes, at_s: float) -> dict[str, Any]:
         """Answer to a request at `estop`: why the robot is stopped now, after a stop or a clear.
@@ -112,21 +127,24 @@ class RequestHandler:
             self.leases.revoke()
             return {**_told(self.latch.ensure()), **self._misunderstood(error)}
         if wanted.op == "clear":
-            return self.clear(wanted.stop_id, at_s, by=wanted.by)
+            return self.clear(wanted.stop_id, at_s, by=wanted.by, keys=wanted.keys)
         self.leases.revoke()
         return _told(self.latch.ensure(by=wanted.by))
 
-    def clear(self, stop_id: str | None, at_s: float, *, by: str = UNNAMED) -> dict[str, Any]:
+    def clear(
+        self, stop_id: str | None, at_s: float, *, by: str = UNNAMED, keys: tuple[str, ...] = ()
+    ) -> dict[str, Any]:
         """Clear a stop; what still stops the robot, such as a fault, stops it again before the answer.
 
         Args:
             stop_id: of the stop.
             at_s: when it was asked for, on time.monotonic.
             by: who asks.
+            keys: clear keys that the client shows.
         """
         if self._guard.stopped is None:
             return {"stopped": None}
-        refusal = self.latch.clear(stop_id, at_s, by=by)
+        refusal = self.latch.clear(stop_id, at_s, by=by, keys=keys)
         if refusal is not None:
             return {"stopped": self._guard.stopped, "error": refusal}
         self.leases.revoke()
@@ -248,6 +266,17 @@ def _name(content: dict[str, Any], key: str) -> str | None:
     if value is not None and not (isinstance(value, str) and len(value) <= MAX_NAME):
         raise MessageError(f"{key}: got {str(value)[:40]!r}; allowed: text of at most {MAX_NAME} characters")
     return value
+
+
+def _keys(content: dict[str, Any]) -> tuple[str, ...]:
+    keys = content.get("keys", [])
+    most = f"at most {MOST_CLAIMS} texts of at most {MAX_NAME} characters"
+    if not isinstance(keys, list) or len(keys) > MOST_CLAIMS:
+        raise MessageError(f"keys: got {str(keys)[:40]!r}; allowed: {most}")
+    for key in keys:
+        if not (isinstance(key, str) and len(key) <= MAX_NAME):
+            raise MessageError(f"keys: got {str(key)[:40]!r}; allowed: {most}")
+    return tuple(keys)
 
 
 def _asker(content: dict[str, Any]) -> str:

@@ -112,9 +112,7 @@ class RobotServer:
         self._standstill: Standstill | None = None
         self._ticked_s = math.inf
         self._malformed_poses = 0
-        self._ros = (
-            None if ros is None else ros.connect(self._inbox, lambda: self._requests.urgent(b"", by=OVER_ROS))
-        )
+        self._ros = None if ros is None else ros.connect(self._inbox, self._stop_over_ros)
         self._driver = None if ros is None or not ros.drive else self._made_driver()
 
     def run(self, until: Callable[[], bool], *, ready: Callable[[], None] = lambda: None) -> None:
@@ -137,6 +135,10 @@ class RobotServer:
         finally:
             self._event_log.close()
             self._latch.close()
+
+    def _stop_over_ros(self) -> None:
+        """Stop the robot, on the thread of ROS."""
+        self._requests.urgent(b"", by=OVER_ROS, clear_key=self._requests.ros_key)
 
     def _note_end(self) -> None:
         """Tell clients that nothing follows, and the operator that one loses the robot."""

@@ -17,6 +17,7 @@ import pytest
 
 from hexctl.backends.zenoh.client import ask
 from hexctl.errors import HexctlError
+from hexctl.serve.remote import RemoteRobots
 from hexctl.serve.stops.estop import ReadyStop, StopResult, estop
 from hexctl.serve.stops.stop import HOLD_S
 from hexctl.wire.certificates import make_certificates
@@ -143,12 +144,9 @@ class Stops:
         )
 
 
-def clear(session: Any) -> None:
-    """Clear the stop by its id, as soon as that is allowed."""
-    (described,) = ask(session, KEYS.describe)
-    stop = described["status"]["stop"]
-    time.sleep(stop["clear_in_s"])
-    (answer,) = ask(session, KEYS.estop, {"op": "clear", "id": stop["id"]})
+def clear(session: Any, link: Link) -> None:
+    """Clear the stop as the person who asked for it, as soon as that is allowed."""
+    (answer,) = RemoteRobots(session, link).clear()
     assert answer["stopped"] is None, answer
 
 
@@ -176,7 +174,7 @@ def stop_in_a_walk(
                 stops.results.append(estop(**place) if armed is None else armed.wait_for_rest())
             time.sleep(0.1)
             stops.motions_s.append(robot.log().moved_after(at_s))
-            clear(session)
+            clear(session, link)
     return stops
 
 
@@ -266,7 +264,7 @@ def test_commands_get_through_a_flood_of_foreign_ones(tmp_path: Path) -> None:
 
 
 class StubbornClient:
-    """Clears, takes the lease and commands, as fast as it is answered, until the block ends.
+    """Clears by the id of the status, takes the lease and commands, as fast as it is answered.
 
     Attributes:
         clears: answers to its clears so far.
@@ -287,6 +285,10 @@ class StubbornClient:
         """One turn."""
         wanted: list[dict[str, Any]] = [{}, {"id": ""}, {"id": self._chance.choice(self._old)}]
         with suppress(HexctlError):
+            for described in ask(self._session, KEYS.describe):
+                stop = described["status"]["stop"]
+                quoted = {} if stop is None else {"id": stop["id"], "keys": stop["claims"]}
+                wanted.append({**quoted, "owner": "somebody else"})
             for more in wanted:
                 self.clears += len(ask(self._session, KEYS.estop, {"op": "clear", **more}))
             (answer,) = ask(self._session, KEYS.lease, {"op": "acquire", "owner": "stubborn"})
@@ -316,8 +318,8 @@ def stays_stopped(folder: Path, *, times: int) -> None:
                 assert status["controller"] is None
             assert stubborn.leases == 0
             turns += stubborn.clears
-            clear(session)
-    sys.stderr.write(f"\n{times} stops stayed, against {turns} clears without the id\n")
+            clear(session, Link(endpoint=robot.endpoint))
+    sys.stderr.write(f"\n{times} stops stayed, against {turns} clears\n")
     assert turns > times
     assert max(moved_s) == 0
 

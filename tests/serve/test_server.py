@@ -202,7 +202,7 @@ def test_the_status_has_the_id_of_a_stop_and_says_whether_the_robot_is_at_rest(b
     assert bench.server.status()["at_rest"] is False
     answer = bench.ask("estop", {"op": "stop"})
     stop = bench.server.status()["stop"]
-    stopped_by = {"by": UNNAMED}
+    stopped_by = {"by": UNNAMED, "others_in_s": 1.0, "claims": []}
     assert stop == {"id": answer["stop_id"], "since_s": 0.0, "clear_in_s": 1.0, "kept": False, **stopped_by}
     bench.ticks(12)
     status = bench.server.status()

@@ -153,7 +153,7 @@ def _clear(place: dict[str, Any], *, as_json: bool) -> None:
     from hexctl.wire.links import Role
 
     with remote_robots(Role.CONTROLLER, **place) as robots:
-        answers, again = robots.clear(), robots.link.clear_command
+        answers, again = robots.clear(waiting=_note_wait), robots.link.clear_command
     refused = next((str(answer["error"]) for answer in answers if "error" in answer), None)
     stopped = next((str(answer["stopped"]) for answer in answers if answer["stopped"] is not None), None)
     if as_json:
@@ -172,6 +172,17 @@ def _clear(place: dict[str, Any], *, as_json: bool) -> None:
         print_note(f"hexctl: the robot is {RobotIdentity.of_answer(answer)}")
     if stopped is not None:
         raise typer.Exit(FAULT)
+
+
+def _note_wait(by: str, wait_s: float) -> None:
+    """Report a wait for a stop of which this user has no key."""
+    from hexctl.cli.console import print_note
+    from hexctl.errors import printable
+
+    print_note(
+        f"hexctl: {printable(by)} asked for the stop; this user can clear it in {wait_s:.0f} s. "
+        "Waiting (Ctrl-C leaves it stopped)"
+    )
 
 
 def _wait_for_a_press(stop: "ReadyStop") -> None:

@@ -170,7 +170,7 @@ class RosDriver:
         stop = self._requests.latch.current()
         if stop is None:
             return True, "it was not stopped"
-        answer = self._requests.clear(stop.stop_id, at_s, by=OVER_ROS)
+        answer = self._requests.clear(stop.stop_id, at_s, by=OVER_ROS, keys=(self._requests.ros_key,))
         if "error" in answer:
             return False, answer["error"]
         stopped = answer["stopped"]

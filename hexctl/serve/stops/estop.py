@@ -1,6 +1,5 @@
 """Stopping a robot from anywhere: by datagram and by session at once, until it is seen to be at rest."""
 
-import secrets
 import threading
 import time
 from dataclasses import dataclass
@@ -10,10 +9,10 @@ from types import TracebackType
 from typing import Any, Self
 
 from hexctl.errors import RobotFaultError
+from hexctl.serve.stops.clear_keys import NewClaim
 from hexctl.serve.stops.datagram_way import DatagramWay, Sighting
 from hexctl.serve.stops.session_way import SessionWay
 from hexctl.wire.links import Endpoint, Link, load_link
-from hexctl.wire.stop_datagram import REQUEST_BYTES
 
 #: A robot has to be seen at rest for this long, with no longer pause between two looks.
 RESTS_S, MOST_PAUSE_S = 0.5, 0.4
@@ -28,6 +27,9 @@ DATAGRAM_S = 1.0
 SILENCE_S = 1.5
 
 POLL_S = 0.01
+
+#: How long a slow disk may take to keep the key that clears the stop.
+KEY_WRITE_S = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,7 +115,8 @@ class ReadyStop:
         self._pressed = threading.Event()
         self._lock = threading.Lock()  # over what both ways have seen
         self._pressed_s = 0.0
-        request = secrets.token_bytes(REQUEST_BYTES)
+        self._claimed = NewClaim()
+        request = bytes.fromhex(self._claimed.claim)
         self._seen: dict[str, Sighting] = {}
         self._rested: dict[str, float] = {}
         self._first_stop_s: float | None = None
@@ -148,6 +151,7 @@ class ReadyStop:
             self._pressed.set()
         self._datagrams.wake()
         self._session.wake()
+        self._claimed.keep()
 
     @property
     def reach(self) -> Reach:
@@ -173,8 +177,10 @@ class ReadyStop:
         while True:
             with self._lock:
                 rested_s = self._rested_since_s()
-                if rested_s is not None:
-                    return self._result(rested_s)
+                result = None if rested_s is None else self._result(rested_s)
+            if result is not None:
+                self._claimed.wait(KEY_WRITE_S)
+                return result
             self._raise_if_late()
             time.sleep(POLL_S)
 

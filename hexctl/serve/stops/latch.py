@@ -3,13 +3,23 @@
 import secrets
 import time
 from collections import deque
+from collections.abc import Collection
 from dataclasses import replace
 from threading import Lock
 from typing import Any
 
 from hexctl.control.guard import Guard
 from hexctl.errors import printable
-from hexctl.serve.stops.stop import DATAGRAM_FROM, ESTOP, MAX_BY, UNNAMED, Clear, Stop, new_stop_id
+from hexctl.serve.stops.stop import (
+    DATAGRAM_FROM,
+    ESTOP,
+    MAX_BY,
+    UNNAMED,
+    Clear,
+    Stop,
+    claim_in,
+    new_stop_id,
+)
 from hexctl.serve.stops.stop_file import StopFile
 
 #: Bytes of an epoch.
@@ -44,7 +54,13 @@ class StopLatch:
         if file is not None and (kept := file.load()) is not None:
             guard.stop(kept.reason)
             by = None if kept.by is None else printable(kept.by)[:MAX_BY]
-            self._stop = Stop(stop_id=kept.stop_id, reason=kept.reason, since_s=time.monotonic(), by=by)
+            self._stop = Stop(
+                stop_id=kept.stop_id,
+                reason=kept.reason,
+                since_s=time.monotonic(),
+                by=by,
+                claims=kept.claims,
+            )
 
     @property
     def epoch(self) -> bytes:
@@ -71,7 +87,7 @@ class StopLatch:
         if self._file is not None:
             self._file.close()
 
-    def stop(self, request: str | None = None, *, by: str = UNNAMED) -> Stop:
+    def stop(self, request: str | None = None, *, by: str = UNNAMED, claim: str | None = None) -> Stop:
         """Stop the robot now, on request of a client.
 
         A stop that is in force already gets a new id and a new time: a client that asks again has seen
@@ -80,9 +96,10 @@ class StopLatch:
         Args:
             request: name that the client gave its request; one that is repeated renews nothing.
             by: who asks.
+            claim: hash of the clear key of the client; None for the one that the request's name is.
         """
         with self._lock:
-            return self._stopped_by(request, by)
+            return self._stopped_by(request, by, claim)
 
     def stop_in(self, epoch: bytes, request: str, *, by: str = UNNAMED) -> bool:
         """Stop the robot now, as `stop` does, if the epoch is the one of now; whether it was."""
@@ -98,7 +115,9 @@ class StopLatch:
             stop = self._noticed()
             return stop if stop is not None and stop.stays else self._stopped_by(None, by)
 
-    def clear(self, stop_id: str | None, at_s: float, *, by: str = UNNAMED) -> str | None:
+    def clear(
+        self, stop_id: str | None, at_s: float, *, by: str = UNNAMED, keys: Collection[str] = ()
+    ) -> str | None:
         """Let the robot move again; None, or why it does not: nothing has changed then.
 
         A robot that is not stopped is let be. Silence (`expired`) needs no id.
@@ -107,20 +126,21 @@ class StopLatch:
             stop_id: of the stop that is meant.
             at_s: when it was asked for, on time.monotonic.
             by: who asks.
+            keys: clear keys that the client shows; without those of all claims the stop holds longer.
         """
         with self._lock:
             stop = self._noticed()
             if stop is None:
                 return None
-            refusal = stop.refusal(stop_id, at_s)
+            refusal = stop.refusal(stop_id, at_s, keys)
             if refusal is None:
                 self._guard.clear()
-                self.cleared = Clear(stop=stop, by=by, at_s=time.monotonic())
+                self.cleared = Clear(stop=stop, by=by, at_s=time.monotonic(), proved=stop.proved_by(keys))
                 self._epoch = secrets.token_bytes(EPOCH_BYTES)
                 self._noticed()
             return refusal
 
-    def _stopped_by(self, request: str | None, by: str) -> Stop:
+    def _stopped_by(self, request: str | None, by: str, claim: str | None = None) -> Stop:
         self._guard.stop(ESTOP)  # first: whatever fails below, the robot has stopped
         before = self._stop
         last = self._requests[-1] if self._requests else None
@@ -129,10 +149,15 @@ class StopLatch:
             self._requests.append(request)
         stop = self._noticed(by)
         assert stop is not None  # noqa: S101  only `clear` ends a stop, and it waits for the lock
-        if stop is before and not repeated:
-            stop = replace(stop, stop_id=new_stop_id(), since_s=time.monotonic(), by=by)
-            self._stop = stop
-            self._keep(stop)
+        if not repeated:
+            now_s = time.monotonic()
+            renewed = {"stop_id": new_stop_id(), "since_s": now_s, "by": by} if stop is before else {}
+            if stop is not before and self.cleared is not None:
+                renewed = {"repeats": self.cleared.repeats_at(now_s)}
+            stop = replace(stop, **renewed).with_claim(claim or claim_in(request))  # type: ignore[arg-type]
+            if stop != self._stop:
+                self._stop = stop
+                self._keep(stop)
         elif repeated and request == last and _says_more(by, stop.by or ""):
             stop = self._stop = replace(stop, by=by)
             self._keep(stop)
@@ -144,7 +169,10 @@ class StopLatch:
         if reason is None:
             self._stop = None
         elif before is None or before.reason != reason:
-            self._stop = Stop(stop_id=new_stop_id(), reason=reason, since_s=time.monotonic(), by=by)
+            claims = () if before is None else before.claims  # another reason takes no claim away
+            self._stop = Stop(
+                stop_id=new_stop_id(), reason=reason, since_s=time.monotonic(), by=by, claims=claims
+            )
         if self._stop is not before:
             self._keep(self._stop)
         return self._stop

@@ -1,8 +1,21 @@
-"""A stop in force: why, since when, and the id by which it is cleared."""
+"""A stop in force: why, since when, and who may clear it.
 
+A client that asks for a stop may claim it: the name of its request is the hash of a clear key that only the
+client knows. Whoever shows the keys of all claims may clear the stop after `HOLD_S`. Everyone else has to
+wait for `OTHERS_HOLD_S`, twice as long with each repetition.
+
+Promised: a client with valid credentials that reads the id of a claimed stop from the status cannot clear it
+before `OTHERS_HOLD_S`, whatever name, session or number of sessions it uses. Not promised: that it never
+clears the stop, because a person on another computer has no other credentials. A program of the same user on
+the computer of the person who asked for the stop can read the keys.
+"""
+
+import hashlib
 import math
+import re
 import secrets
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from typing import Any
 
 #: Reason of a stop that a client requested.
@@ -14,6 +27,13 @@ LIFTED_BY_LEASE = "expired"
 #: A stop is not cleared before this time has passed since it was asked for last.
 HOLD_S = 1.0
 
+#: Without the keys of its claims a stop is not cleared before this time has passed.
+OTHERS_HOLD_S = 120.0
+
+#: A stop that is asked for again within this time after a clear without keys holds twice as long as before,
+#: up to these bounds: with claims, and without.
+REPEATED_WITHIN_S, MOST_OTHERS_HOLD_S, MOST_UNCLAIMED_HOLD_S = 600.0, 960.0, 60.0
+
 #: Who asked, where the client says no name; before the address that a datagram came from; and by ROS 2.
 UNNAMED, DATAGRAM_FROM, OVER_ROS = "an unnamed client", "a datagram from ", "ROS 2"
 
@@ -22,6 +42,12 @@ MAX_BY = 80
 
 #: Bytes of the id of a stop.
 ID_BYTES = 8
+
+#: Bytes of a clear key, and hexadecimal digits of a claim: those of a request's name in a datagram.
+CLEAR_KEY_BYTES, CLAIM_DIGITS = 16, 16
+
+#: Claims of one stop. One more makes the keys worthless: all that is left is to wait.
+MOST_CLAIMS, TOO_MANY = 16, "too many"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,28 +60,55 @@ class Stop:
         since_s: when it was asked for last, or noticed, on time.monotonic.
         by: who asked for it last, also where the robot had stopped for another reason before; None where
             no client did. A client says its name itself.
+        claims: hashes of the clear keys of the clients that asked for it.
+        repeats: how often in a row it was asked for again after a clear without keys.
     """
 
     stop_id: str
     reason: str
     since_s: float
     by: str | None = None
+    claims: tuple[str, ...] = ()
+    repeats: int = 0
 
     @property
     def stays(self) -> bool:
         """Whether only a clear ends it."""
         return self.reason != LIFTED_BY_LEASE
 
-    def hold_left_s(self, at_s: float) -> float:
-        """For how long it cannot be cleared yet, at a time on time.monotonic."""
-        return max(0.0, self.since_s + HOLD_S - at_s) if self.stays else 0.0
+    def proved_by(self, keys: Collection[str]) -> bool:
+        """Whether clear keys are those of all its claims; False if it has none."""
+        return bool(self.claims) and set(self.claims) <= {claim_of(key) for key in keys}
 
-    def refusal(self, stop_id: str | None, at_s: float) -> str | None:
+    def hold_s(self, *, proved: bool) -> float:
+        """Time in s after which it may be cleared, with the keys of its claims or without."""
+        if not self.stays:
+            return 0.0
+        if proved:
+            return HOLD_S
+        longer = 2.0 ** min(self.repeats, 10)
+        if self.claims:
+            return min(longer * OTHERS_HOLD_S, MOST_OTHERS_HOLD_S)
+        return min(longer * HOLD_S, MOST_UNCLAIMED_HOLD_S)
+
+    def hold_left_s(self, at_s: float, *, proved: bool) -> float:
+        """For how long it cannot be cleared yet, at a time on time.monotonic."""
+        return max(0.0, self.since_s + self.hold_s(proved=proved) - at_s)
+
+    def with_claim(self, claim: str | None) -> "Stop":
+        """The same stop with one more claim, unless it is None."""
+        if claim is None or claim in self.claims:
+            return self
+        claims = (*self.claims, claim) if len(self.claims) < MOST_CLAIMS else (*self.claims[1:], TOO_MANY)
+        return replace(self, claims=claims)
+
+    def refusal(self, stop_id: str | None, at_s: float, keys: Collection[str] = ()) -> str | None:
         """Why a request to clear it is refused, or None. It tells no id: the status does, to who looks there.
 
         Args:
             stop_id: of the stop that is meant, or None.
             at_s: when it was asked for, on time.monotonic.
+            keys: clear keys that the client shows.
         """
         if not self.stays and stop_id is None:
             return None
@@ -63,16 +116,23 @@ class Stop:
             return "clear: got no id; allowed: the id of the stop, which the status has"
         if stop_id != self.stop_id:
             return "clear: got the id of another stop; allowed: the one in force, which the status has"
-        if (left_s := self.hold_left_s(at_s)) > 0:
-            return f"clear: got it {HOLD_S - left_s:.1f} s after the stop; allowed: after {HOLD_S:g} s"
-        return None
+        proved = self.proved_by(keys)
+        hold_s, left_s = self.hold_s(proved=proved), self.hold_left_s(at_s, proved=proved)
+        if left_s <= 0:
+            return None
+        without = (
+            "" if proved or not self.claims else " without the key of the client that asked for the stop"
+        )
+        return f"clear: got it{without} {hold_s - left_s:.1f} s after the stop; allowed: after {hold_s:g} s"
 
     def to_json(self, at_s: float, *, kept: bool) -> dict[str, Any]:
         """As the status has it, at a time on time.monotonic; `kept` is whether it is on the disk."""
         return {
             "id": self.stop_id,
             "since_s": round(at_s - self.since_s, 1),
-            "clear_in_s": math.ceil(100 * self.hold_left_s(at_s)) / 100,
+            "clear_in_s": _hundredths_s(self.hold_left_s(at_s, proved=bool(self.claims))),
+            "others_in_s": _hundredths_s(self.hold_left_s(at_s, proved=False)),
+            "claims": list(self.claims),
             "kept": kept,
             "by": self.by,
         }
@@ -86,11 +146,18 @@ class Clear:
         stop: as it was.
         by: who cleared it, by the name that it says itself.
         at_s: when, on time.monotonic.
+        proved: whether with the keys of its claims.
     """
 
     stop: Stop
     by: str
     at_s: float
+    proved: bool = False
+
+    def repeats_at(self, at_s: float) -> int:
+        """`repeats` of a stop that a client asks for at a time on time.monotonic."""
+        fought = not self.proved and self.stop.by is not None and at_s - self.at_s < REPEATED_WITHIN_S
+        return self.stop.repeats + 1 if fought else 0
 
     def to_json(self, at_s: float) -> dict[str, Any]:
         """As the status has it, at a time on time.monotonic."""
@@ -105,3 +172,23 @@ class Clear:
 def new_stop_id() -> str:
     """An id that no stop has had."""
     return secrets.token_hex(ID_BYTES)
+
+
+def new_clear_key() -> str:
+    """A clear key for one stop."""
+    return secrets.token_hex(CLEAR_KEY_BYTES)
+
+
+def claim_of(key: str) -> str:
+    """Claim of a clear key: the beginning of its SHA-256, which is also the name of the request."""
+    return hashlib.sha256(key.encode(errors="replace")).hexdigest()[:CLAIM_DIGITS]
+
+
+def claim_in(request: str | None) -> str | None:
+    """Claim in the name of a request, None if the name has another form."""
+    is_claim = request is not None and re.fullmatch(f"[0-9a-f]{{{CLAIM_DIGITS}}}", request)
+    return request if is_claim else None
+
+
+def _hundredths_s(duration_s: float) -> float:
+    return math.ceil(100 * duration_s) / 100

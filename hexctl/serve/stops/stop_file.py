@@ -14,7 +14,7 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationErro
 
 from hexctl.errors import printable
 from hexctl.files import atomic_write
-from hexctl.serve.stops.stop import ESTOP, ID_BYTES, Stop, new_stop_id
+from hexctl.serve.stops.stop import CLAIM_DIGITS, ESTOP, ID_BYTES, Stop, new_stop_id
 from hexctl.serve.stops.stop_place import StopPlace
 from hexctl.wire.links import CLEAR_COMMAND
 
@@ -54,6 +54,7 @@ class KeptStop(BaseModel):
         location: of that adapter.
         by: who asked for it, None where no client did.
         cleared: marks of the places at which it was taken over from here, and cleared since.
+        claims: as `Stop` has them.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -69,6 +70,7 @@ class KeptStop(BaseModel):
     location: str | None = None
     by: str | None = None
     cleared: tuple[str, ...] = ()
+    claims: tuple[Annotated[str, Field(max_length=CLAIM_DIGITS)], ...] = ()
 
     @property
     def place(self) -> StopPlace | None:
@@ -256,7 +258,8 @@ class StopFile:
 
     def _copied(self, kept: KeptStop) -> KeptStop:
         """A stop that was kept elsewhere, kept here too: it stays if it is cleared there."""
-        own = self._content(kept.reason, kept.stop_id, kept.by).model_copy(update={"at": kept.at})
+        own = self._content(kept.reason, kept.stop_id, kept.by, kept.claims)
+        own = own.model_copy(update={"at": kept.at})
         try:
             atomic_write(self.path, own.model_dump_json() + "\n")
         except OSError as error:
@@ -281,7 +284,7 @@ class StopFile:
     def _put(self, wanted: Stop | None) -> None:
         if wanted is not None:
             reason = ESTOP if self._asked_only else wanted.reason  # what has fallen stands after a restart
-            content = self._content(reason, wanted.stop_id, wanted.by)
+            content = self._content(reason, wanted.stop_id, wanted.by, wanted.claims)
             atomic_write(self.path, content.model_dump_json() + "\n")
             return
         with suppress(FileNotFoundError):
@@ -297,7 +300,9 @@ class StopFile:
             cleared = (*kept.cleared, self._mark)[-MOST_CLEARED:]
             atomic_write(taken.path, kept.model_copy(update={"cleared": cleared}).model_dump_json() + "\n")
 
-    def _content(self, reason: str, stop_id: str, by: str | None = None) -> KeptStop:
+    def _content(
+        self, reason: str, stop_id: str, by: str | None = None, claims: tuple[str, ...] = ()
+    ) -> KeptStop:
         reason = reason.encode(errors="replace").decode()  # a driver may say what no file can have
         return KeptStop(
             robot=self._robot,
@@ -305,6 +310,7 @@ class StopFile:
             stop_id=stop_id,
             at=datetime.now(UTC),
             by=by,
+            claims=claims,
             backend=self._place.backend,
             where=self._place.where,
             serial_number=self._place.serial_number,

@@ -168,7 +168,9 @@ def _answers(data: bytes) -> None:
     for status in robots.statuses():
         str(RobotIdentity.of_answer(status))
     # Clients wait for answers, and for a stop that may not be cleared yet; inputs do not.
-    with patch.multiple(remote, HOLD_S=0.0, ANSWER_TIMEOUT_S=0.0):
+    with patch.multiple(
+        remote, HOLD_S=0.0, MOST_OTHERS_HOLD_S=0.0, MOST_UNCLAIMED_HOLD_S=0.0, ANSWER_TIMEOUT_S=0.0
+    ):
         for use in (robots.stop, robots.clear, lambda: robots.fail("5:limp"), lambda: robots.heal(5)):
             with suppress(HexctlError):
                 use()

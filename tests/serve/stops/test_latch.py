@@ -7,7 +7,16 @@ import pytest
 
 from hexctl.control.guard import Guard
 from hexctl.serve.stops.latch import MOST_REQUESTS, StopLatch
-from hexctl.serve.stops.stop import DATAGRAM_FROM, HOLD_S, UNNAMED, Stop
+from hexctl.serve.stops.stop import (
+    DATAGRAM_FROM,
+    HOLD_S,
+    MOST_CLAIMS,
+    OTHERS_HOLD_S,
+    UNNAMED,
+    Stop,
+    claim_of,
+    new_clear_key,
+)
 from hexctl.serve.stops.stop_file import StopFile
 from hexctl.serve.stops.stop_place import StopPlace
 from tests.control.posed import connected
@@ -117,3 +126,46 @@ def test_the_robot_is_stopped_before_anything_that_may_fail(
     with pytest.raises(RuntimeError, match="no memory"):
         latch.stop("mine")
     assert guard.stopped == "estop"
+
+
+def test_a_claimed_stop_is_cleared_quickly_by_its_key_and_not_by_its_id(latch: StopLatch) -> None:
+    key = new_clear_key()
+    stop = latch.stop(claim_of(key))
+    for keys in ((), (new_clear_key(),), stop.claims):
+        assert latch.clear(stop.stop_id, stop.since_s + 60.0, keys=keys) is not None
+    assert latch.clear(stop.stop_id, stop.since_s + HOLD_S, keys=(key,)) is None
+    assert latch.current() is None
+
+
+def test_a_client_that_joins_a_claimed_stop_cannot_clear_it_with_its_own_key(latch: StopLatch) -> None:
+    person, client = new_clear_key(), [new_clear_key() for _ in range(2 * MOST_CLAIMS)]
+    latch.stop(claim_of(person))
+    for key in client:
+        stop = latch.stop(claim_of(key))
+        assert latch.clear(stop.stop_id, stop.since_s + 60.0, keys=client) is not None
+
+
+def test_a_robot_that_fails_after_a_claimed_stop_stays_claimed(guard: Guard, latch: StopLatch) -> None:
+    latch.stop(claim_of(new_clear_key()))
+    guard.stop("fell")
+    stop = now(latch)
+    assert latch.clear(stop.stop_id, stop.since_s + 60.0) is not None
+
+
+def test_a_stop_that_is_repeated_after_a_clear_by_others_holds_longer(latch: StopLatch) -> None:
+    for hold_s in (OTHERS_HOLD_S, 2 * OTHERS_HOLD_S, 4 * OTHERS_HOLD_S):
+        stop = latch.stop(claim_of(new_clear_key()))
+        assert latch.clear(stop.stop_id, stop.since_s + hold_s - 1.0) is not None
+        assert latch.clear(stop.stop_id, stop.since_s + hold_s) is None
+
+
+def test_a_claim_survives_a_restart(guard: Guard, tmp_path: Path) -> None:
+    place = StopPlace(backend="mock", where="tcp/127.0.0.1:7447")
+    latch = StopLatch(guard, StopFile("ant", place, folder=tmp_path))
+    key = new_clear_key()
+    latch.stop(claim_of(key))
+    latch.close()
+    again = StopLatch(connected()[0], StopFile("ant", place, folder=tmp_path))
+    stop = now(again)
+    assert again.clear(stop.stop_id, stop.since_s + 60.0) is not None
+    assert again.clear(stop.stop_id, stop.since_s + HOLD_S, keys=(key,)) is None

@@ -15,7 +15,7 @@ import pytest
 from hexctl.control.guard import Guard
 from hexctl.serve.stops import stop_socket
 from hexctl.serve.stops.latch import StopLatch
-from hexctl.serve.stops.stop import HOLD_S
+from hexctl.serve.stops.stop import OTHERS_HOLD_S
 from hexctl.serve.stops.stop_socket import StopSocket
 from hexctl.waiting import comes_true
 from hexctl.wire.certificates import make_certificates
@@ -100,7 +100,7 @@ def test_a_stop_needs_the_epoch_of_now_and_a_replay_is_worth_nothing() -> None:
     for _ in range(200):
         assert bench.stop_socket.answer(recorded) is not None
     assert bench.latch.current() == stop, "a replay neither renews the id nor puts off the clear"
-    assert bench.latch.clear(stop.stop_id, stop.since_s + HOLD_S) is None
+    assert bench.latch.clear(stop.stop_id, stop.since_s + OTHERS_HOLD_S) is None
     for _ in range(200):
         bench.stop_socket.answer(recorded)
     assert bench.guard.stopped is None
