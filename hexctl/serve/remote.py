@@ -87,7 +87,8 @@ class RemoteRobots:
         self, status: dict[str, Any], waiting: Callable[[str, float], None] | None
     ) -> list[dict[str, Any]]:
         """Clear the stop that a status tells of."""
-        stop, asked = status.get("stop"), {"op": "clear", "owner": owner_name()}
+        stop = status.get("stop")
+        asked: dict[str, Any] = {"op": "clear", "owner": owner_name()}
         if isinstance(stop, dict):  # servers of earlier versions know no ids
             asked["id"] = str(stop.get("id"))
             asked["keys"] = _wait_to_clear(stop, waiting)
