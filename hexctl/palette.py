@@ -26,8 +26,12 @@ SCALE: tuple[tuple[float, Color], ...] = (
 #: The deviations that a legend names, in m.
 LEGEND_M = tuple(mark for mark, _ in SCALE)
 
-#: A trial that does not count, the line of travel, the way of the body, and the best so far.
-INVALID_COLOR: Color = (120, 120, 124)
+#: The one grey, of everything that does not count: light enough for `BACKGROUND` and dark enough for white.
+#: Lighter shades of it are given by opacity.
+GREY: Color = (120, 120, 124)
+
+#: A trial that does not count, the line of travel, the path of the body, and the best so far.
+INVALID_COLOR: Color = GREY
 LINE_COLOR: Color = (80, 140, 240)
 WAY_COLOR: Color = (204, 130, 0)
 BEST_COLOR: Color = (210, 95, 0)
@@ -35,7 +39,7 @@ BEST_COLOR: Color = (210, 95, 0)
 #: Paths and level lines of the gaits that a robot would use anyway, and of any other one.
 BASELINE_COLORS: dict[str, Color] = {
     "auto": (130, 140, 230),
-    "demo": (120, 120, 124),
+    "demo": GREY,
     "tripod": (150, 30, 255),
 }
 OTHER_BASELINE_COLOR: Color = (0, 158, 115)
@@ -59,13 +63,12 @@ JOINT_COLORS: dict[str, tuple[Color, Color]] = {
 }
 MARGIN_COLOR: Color = (0, 158, 115)
 
-#: Verdicts on a claim, by their first words, and any other one.
+#: Verdicts on a claim, by their first words; any other one is an empty square.
 VERDICT_COLORS: dict[str, Color] = {
     "holds": (0, 110, 170),
     "does not hold": (213, 94, 0),
-    "no evidence": (120, 120, 124),
+    "no evidence": GREY,
 }
-UNJUDGED_COLOR: Color = (232, 234, 237)
 
 #: Optimizers of a study, and any other one: the five colours of Okabe and Ito that are dark enough for white,
 #: and the wine red of Tol's muted set.
@@ -93,10 +96,10 @@ OTHER_OPTIMIZER_DASHES = (5.0, 1.2, 2.0, 1.2)
 
 #: Bars that results are held against, and the best of all gaits.
 BAR_COLOR: Color = (192, 57, 43)
-BEST_OF_ALL_COLOR: Color = (120, 120, 124)
+BEST_OF_ALL_COLOR: Color = GREY
 
-#: A remedy of a study that is left out, given in part, and whole; and others.
-REMEDY_COLORS: tuple[Color, Color, Color] = ((120, 120, 124), (204, 130, 0), (0, 114, 178))
+#: A remedy of a study that is left out, given in part, and complete; and others.
+REMEDY_COLORS: tuple[Color, Color, Color] = (GREY, (204, 130, 0), (0, 114, 178))
 OTHER_REMEDY_COLORS: tuple[Color, ...] = ((0, 158, 115), (204, 121, 167), (213, 94, 0))
 
 #: Background of every scene of the viewer, whatever its theme, and what is written and ruled on it. Texts

@@ -201,7 +201,7 @@ def _pictures(folder: Path) -> Iterator[Section]:
     here = (
         "Heights are numbers of walks. The line is the mean, the dots nine of ten. The scale is logarithmic."
     )
-    pictures = [Picture(folder / f"{name}.png", "Not in the paper.", here) for name in FIGURES]
+    pictures = [Picture(folder / f"{name}.svg", "Not in the paper.", here) for name in FIGURES]
     yield Section("Where walks end", pictures)
 
 

@@ -157,7 +157,7 @@ def write_recovery_report(findings: RecoveryFindings, folder: Path) -> Path:
         sections.append(
             Section(
                 "Where walks end, and how fast",
-                [Picture(folder / f"{FIGURE}.png", "Not in the paper.", here)],
+                [Picture(folder / f"{FIGURE}.svg", "Not in the paper.", here)],
             )
         )
         sections += _tables(findings)

@@ -16,9 +16,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: Pixels per inch of the PNG files.
-DPI = 130
-
 
 def check_drawing() -> None:
     """Raise MissingExtraError unless figures, tables and reports can be written."""
@@ -71,13 +68,11 @@ def grid_of(count: int) -> tuple[int, int]:
     return -(-count // columns), columns
 
 
-def save_figure(figure: "Figure", folder: Path, name: str) -> None:
-    """Write a figure as NAME.png and NAME.svg."""
+def save_figure(figure: "Figure", folder: Path, name: str) -> Path:
+    """Write a figure as NAME.svg; path of the file."""
     import matplotlib as mpl
 
-    # Lay it out once, not once for each file.
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")
+    path = folder / f"{name}.svg"
     with mpl.rc_context({"svg.hashsalt": name}):
-        figure.savefig(folder / f"{name}.png", dpi=DPI, metadata={"Software": None})
-        figure.savefig(folder / f"{name}.svg", metadata={"Date": None, "Creator": None})
+        figure.savefig(path, metadata={"Date": None, "Creator": None})
+    return path

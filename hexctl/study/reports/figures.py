@@ -10,10 +10,10 @@ import numpy as np
 from hexctl.palette import (
     BAR_COLOR,
     BEST_OF_ALL_COLOR,
+    GREY,
     INVALID_COLOR,
     LEGEND_M,
     LINE_COLOR,
-    UNJUDGED_COLOR,
     VERDICT_COLORS,
     baseline_color,
     hex_color,
@@ -313,9 +313,10 @@ def verdicts_figure(rows: Sequence[tuple[str, Sequence[str]]], columns: Sequence
 def _square(column: int, row: int, verdict: str, label: str = "") -> Any:
     from matplotlib.patches import Rectangle
 
-    color = hex_color(VERDICT_COLORS.get(verdict.strip("()"), UNJUDGED_COLOR))
+    corner, judged = (column - 0.46, row - 0.46), verdict.strip("()") in VERDICT_COLORS
+    color = hex_color(VERDICT_COLORS[verdict.strip("()")] if judged else GREY)
     alpha = PALE if verdict.startswith("(") else 1.0
-    return Rectangle((column - 0.46, row - 0.46), 0.92, 0.92, color=color, alpha=alpha, label=label)
+    return Rectangle(corner, 0.92, 0.92, fill=judged, color=color, alpha=alpha, label=label)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -397,7 +398,7 @@ FIGURES = (
 def draw_figures(
     findings: Findings, folder: Path, on_figure: Callable[[str], None] = lambda _: None
 ) -> list[FigureEntry]:
-    """Write all figures as PNG and SVG into a folder and return those that there are."""
+    """Write all figures as SVG into a folder; those that this study has."""
     drawn = []
     for entry in FIGURES:
         figure = entry.draw(findings)

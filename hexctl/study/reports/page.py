@@ -1,10 +1,13 @@
 """A report as one HTML page that needs no other file: sections of text, tables and pictures."""
 
 import base64
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
+
+from hexctl.palette import GREY, VERDICT_COLORS, Color
 
 #: File in `hexctl/study/templates`.
 TEMPLATE = "report.html"
@@ -21,7 +24,7 @@ class Bullets:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of text; cells that begin with a verdict are coloured."""
+    """A table of text, sortable by each named column; cells that begin with a verdict are coloured."""
 
     header: Sequence[str]
     rows: Sequence[Sequence[str]]
@@ -31,7 +34,7 @@ class Table:
 
 @dataclass(frozen=True)
 class Picture:
-    """A PNG file, embedded, with what the paper shows and how to read it here."""
+    """An SVG file, embedded, with what the paper shows and how to read it here."""
 
     file: Path
     paper: str
@@ -50,20 +53,38 @@ class Picture:
         return base64.b64encode(self.file.read_bytes()).decode()
 
 
+@dataclass(frozen=True)
+class Fold:
+    """A table that is hidden until its title is opened."""
+
+    title: str
+    table: Table
+
+    kind: ClassVar = "fold"
+
+
 #: A text is a paragraph.
-Block = str | Bullets | Table | Picture
+Block = str | Bullets | Table | Picture | Fold
 
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the page; without a heading where the title is empty."""
+    """A part of the page; without a heading and an entry in the contents if the title is empty."""
 
     title: str
     blocks: Sequence[Block]
 
+    @property
+    def anchor(self) -> str:
+        """Target of links to this section."""
+        return re.sub(r"[^a-z0-9]+", "-", self.title.lower()).strip("-")
+
 
 def render_page(title: str, heading: str, sections: Iterable[Section]) -> str:
-    """HTML text of a page; every text in it is escaped."""
+    """HTML text of a page; every text in it is escaped.
+
+    The contents follow the first sections without a title.
+    """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(
@@ -74,4 +95,15 @@ def render_page(title: str, heading: str, sections: Iterable[Section]) -> str:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    return environment.get_template(TEMPLATE).render(title=title, heading=heading, sections=sections)
+    colors = {"grey": GREY, "yes": VERDICT_COLORS["holds"], "no": VERDICT_COLORS["does not hold"]}
+    return environment.get_template(TEMPLATE).render(
+        title=title,
+        heading=heading,
+        sections=list(sections),
+        colors={name: _channels(color) for name, color in colors.items()},
+    )
+
+
+def _channels(color: Color) -> str:
+    """Colour for `rgb(... / opacity)` in CSS."""
+    return " ".join(map(str, color))

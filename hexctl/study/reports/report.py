@@ -1,4 +1,4 @@
-"""The report of a study: one HTML page that needs no other file, with figures and tables beside it."""
+"""The report of a study: one HTML page that needs no other file, with figures and tables next to it."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -9,7 +9,8 @@ from hexctl.files import atomic_write
 from hexctl.study.landscapes.landscape import Landscape
 from hexctl.study.landscapes.versions import code_versions
 from hexctl.study.reports.figures import FigureEntry, draw_figures
-from hexctl.study.reports.page import Block, Bullets, Picture, Section, Table, render_page
+from hexctl.study.reports.page import Block, Bullets, Fold, Picture, Section, Table, render_page
+from hexctl.study.reports.summary import summary
 from hexctl.study.reports.tables import SHOWN, TABLES, write_tables
 from hexctl.study.searches import NULL_DRAWS, Curve, Findings
 from hexctl.study.verdicts.assumptions import HEADER, assumption_rows
@@ -23,7 +24,7 @@ REPORT = "report.html"
 
 READING = (
     "A claim holds, does not hold, or there is no evidence: the numbers decide nothing, a symmetry implies "
-    "it, or it holds on random numbers, too. The red and the grey ones are as much a result as the green.",
+    "it, or it holds on random numbers, too. Each of the three is a result.",
     'Where the paper gives a number, "about" is that number plus or minus half of it, on both sides: a mean '
     "far below it is not what the paper reports either, and the table says which side is missed.",
     "Legs that a symmetry of the robot turns into one another are one experiment and have one vote. "
@@ -91,7 +92,8 @@ def write_report(
 def _verdicts(
     findings: Findings, claims: Sequence[Claim], uncertainty: StudyUncertainty
 ) -> Iterator[Section]:
-    yield Section("", [_settings(findings), uncertainty.sentence])
+    parameters = Fold("Parameters of the world", _parameters(findings))
+    yield Section("", [summary(findings, claims), _settings(findings), uncertainty.sentence, parameters])
     yield Section("Claims of the paper", [_claims(claims)])
     yield Section("How to read this", [Bullets([*READING, _stuck(findings)])])
     left_open = (
@@ -117,7 +119,7 @@ def _bar_blocks(findings: Findings) -> list[Block]:
 
 def _pictures(drawn: Iterable[FigureEntry], folder: Path) -> Iterator[Section]:
     for entry in drawn:
-        picture = Picture(folder / f"{entry.name}.png", entry.paper, entry.here)
+        picture = Picture(folder / f"{entry.name}.svg", entry.paper, entry.here)
         yield Section(entry.name.replace("_", " ").capitalize(), [picture])
 
 
@@ -131,7 +133,7 @@ def _numbers(findings: Findings, uncertainty: StudyUncertainty) -> Iterator[Sect
         "count buys."
     )
     yield Section("Distinct codes", [distinct, _distinct(findings)])
-    beside = f"Beside this page: {', '.join(TABLES)}, and each figure as PNG and SVG."
+    beside = f"Beside this page: {', '.join(TABLES)}, and each figure as SVG."
     versions = ", ".join(f"{name} {value}" for name, value in code_versions().items())
     yield Section("Files and versions", [beside, versions])
 
@@ -144,11 +146,15 @@ def _settings(findings: Findings) -> str:
         f"over {plan.worlds} world{'s' * (plan.worlds > 1)}; then {', '.join(plan.optimizers)} with "
         f"{plan.runs} seeded runs of {plan.budget} evaluations, looked up in the landscapes with "
         f"self-rotation {plan.self_rotation}. "
-        f"Seed {plan.seed}. World: "
-        + ", ".join(
-            f"{name} {value}" for name, value in plan.world.model_dump().items() if name != "sensor_noise"
-        )
+        f"Seed {plan.seed}."
     )
+
+
+def _parameters(findings: Findings) -> Table:
+    """The simulated world, by the names of its file."""
+    world = findings.plan.world.model_dump()
+    rows = [(name, str(value)) for name, value in world.items() if name != "sensor_noise"]
+    return Table(("parameter", "value"), rows)
 
 
 def _stuck(findings: Findings) -> str:

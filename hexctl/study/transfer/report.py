@@ -348,8 +348,7 @@ def _walked_s(findings: TransferFindings, name: str, places: list[int]) -> float
 
 
 def _drawn(drawn: "Figure", folder: Path, name: str) -> Path:
-    save_figure(drawn, folder, f"transfer_{name}")
-    return folder / f"transfer_{name}.png"
+    return save_figure(drawn, folder, f"transfer_{name}")
 
 
 def _write_table(findings: TransferFindings, folder: Path) -> None:

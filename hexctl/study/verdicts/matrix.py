@@ -236,7 +236,7 @@ def _sections(result: MatrixResult) -> Iterator[Section]:
         f"without self-rotation {' or '.join(map(str, counts))} gaits. {SINGLE_WORLD} The study's page says "
         "how claims are judged."
     )
-    picture = Picture(result.report.parent / "matrix.png", "One robot, one simulator, one reading.", how)
+    picture = Picture(result.report.parent / "matrix.svg", "One robot, one simulator, one reading.", how)
     yield Section("Verdicts", [picture, Table(("setting", "worlds", *NAMES), _rows(result))])
     header = ("claim of the paper", "holds here if", "measured here", "random numbers", "verdict")
     for cell, claims in zip(result.plan.cells, result.claims, strict=True):

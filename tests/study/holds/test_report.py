@@ -14,9 +14,9 @@ def test_the_report_is_one_page_with_figures_and_all_walks_beside_it(tmp_path: P
     made = findings()
     assert write_hold_report(made, tmp_path) == tmp_path / REPORT
     names = {path.name for path in tmp_path.iterdir()}
-    assert names == {REPORT, TABLE, *(f"{name}.{end}" for name in FIGURES for end in ("png", "svg"))}
+    assert names == {REPORT, TABLE, *(f"{name}.svg" for name in FIGURES)}
     text = (tmp_path / REPORT).read_text(encoding="utf-8")
-    assert text.count("data:image/png;base64,") == 2
+    assert text.count("data:image/svg+xml;base64,") == 2
     for words in ("worlds 250 to 252 of transfer and real", "open loop", "yaw alone", "1 cm and 0.5 degrees",
                   "By kind of world", "24 in 6 worlds", "holds"):  # fmt: skip
         assert words in text, words

@@ -20,9 +20,9 @@ from tests.study.recovery.made_up import changed, findings
 def test_the_report_is_one_page_with_a_figure_and_all_walks_beside_it(tmp_path: Path) -> None:
     made = findings()
     assert write_recovery_report(made, tmp_path) == tmp_path / REPORT
-    assert {path.name for path in tmp_path.iterdir()} == {REPORT, TABLE, f"{FIGURE}.png", f"{FIGURE}.svg"}
+    assert {path.name for path in tmp_path.iterdir()} == {REPORT, TABLE, f"{FIGURE}.svg"}
     text = (tmp_path / REPORT).read_text(encoding="utf-8")
-    assert text.count("data:image/png;base64,") == 1
+    assert text.count("data:image/svg+xml;base64,") == 1
     for words in ("worlds 200 to 201 of transfer and real", "gaits tripod", "1 cm and 0.5 degrees", "By leg",
                   "16 in 4 worlds", "HexaHeal", "2 and 5", "not judged: 8 episodes, needs 1000"):  # fmt: skip
         assert words in text, words

@@ -6,8 +6,8 @@ HOSTILE = '<script>alert("a & b")</script>'
 
 
 def test_every_text_is_escaped(tmp_path: Path) -> None:
-    image = tmp_path / "a<b.png"
-    image.write_bytes(b"png")
+    image = tmp_path / "a<b.svg"
+    image.write_bytes(b"svg")
     blocks: list[Block] = [
         HOSTILE,
         Bullets([HOSTILE]),
@@ -15,8 +15,9 @@ def test_every_text_is_escaped(tmp_path: Path) -> None:
         Picture(image, HOSTILE, HOSTILE),
     ]
     text = render_page(HOSTILE, HOSTILE, [Section(HOSTILE, blocks)])
-    assert "<script" not in text
-    assert text.count("&lt;script&gt;") == 9
+    assert text.count("<script") == 1
+    assert HOSTILE not in text
+    assert text.count("&lt;script&gt;") >= 9
     assert "a<b" not in text
 
 
@@ -26,10 +27,10 @@ def test_verdicts_are_coloured_and_nothing_else_is() -> None:
     assert '<td class="yes">holds</td>' in text
     assert '<td class="no">does not hold, by 2 cm</td>' in text
     assert '<td class="open">not judged: too short</td>' in text
-    assert text.count('class="') == 3
+    assert text.count('<td class="') == 3
 
 
 def test_a_section_without_a_title_has_no_heading() -> None:
     text = render_page("title", "heading", [Section("", ["a"]), Section("named", ["b"])])
-    assert text.count("<h2>") == 1
-    assert text.index("<h1>heading</h1>") < text.index("<p>a</p>") < text.index("<h2>named</h2>")
+    assert text.count("<h2") == 1
+    assert text.index("<h1>heading</h1>") < text.index("<p>a</p>") < text.index('<h2 id="named">')

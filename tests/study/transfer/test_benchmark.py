@@ -182,7 +182,7 @@ def test_the_report_and_its_numbers(findings: TransferFindings, tmp_path: Path) 
     text = report.read_text(encoding="utf-8")
     for bar in transfer_bars(findings):
         assert bar.measured.split(";")[0] in text
-    assert {path.name for path in tmp_path.iterdir()} >= {"transfer.parquet", "transfer_kinds.png"}
+    assert {path.name for path in tmp_path.iterdir()} >= {"transfer.parquet", "transfer_kinds.svg"}
     found = json.loads(json.dumps(transfer_json(findings, uncertainty_of(findings)), allow_nan=False))
     assert found["landscapes"] == 4
     assert set(found["optimizers_found"]) == set(findings.plan.optimizers)

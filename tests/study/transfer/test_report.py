@@ -58,13 +58,13 @@ def test_the_report_is_one_page_with_figures_and_table_beside_it(
     findings: TransferFindings, tmp_path: Path
 ) -> None:
     assert write_transfer_report(findings, uncertainty_of(findings), tmp_path) == tmp_path / REPORT
-    figures = {f"transfer_{name}.png" for name in ("over_trials", "over_seconds", "kinds")}
+    figures = {f"transfer_{name}.svg" for name in ("over_trials", "over_seconds", "kinds")}
     names = {path.name for path in tmp_path.iterdir()}
     assert figures | {REPORT, TABLE} <= names
     assert not any(name.endswith(".part") for name in names)
     text = (tmp_path / REPORT).read_text(encoding="utf-8")
     assert text.startswith("<!doctype html>")
-    assert text.count("data:image/png;base64,") == 3
+    assert text.count("data:image/svg+xml;base64,") == 3
     for words in (*OPTIMIZERS, *findings.kinds(), f"{WORLDS} worlds", f"{BUDGET} trials"):
         assert words in text
     assert "own uncertainty is not known for these walks" in text  # they take some seconds

@@ -50,7 +50,7 @@ def test_a_matrix_is_walked_once_and_written(tmp_path: Path) -> None:
     run_matrix(plan, folder=tmp_path / "out", cache=cache, progress=again)
     assert again.gaits == []
     written = {path.name for path in (tmp_path / "out").iterdir()}
-    assert written == {"matrix.html", "matrix.json", "matrix.md", "matrix.png", "matrix.svg"}
+    assert written == {"matrix.html", "matrix.json", "matrix.md", "matrix.svg"}
     values = json.loads((tmp_path / "out" / "matrix.json").read_text(encoding="utf-8"))
     assert values == json.loads(json.dumps(result.to_json(), allow_nan=False))
     assert [cell["failure"] for cell in values["cells"]] == ["locked", "limp"]
