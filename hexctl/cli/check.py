@@ -166,7 +166,8 @@ MOST_LINES = 12
 
 def _findings(report: dict[str, Any], *, verbose: bool) -> "list[RenderableType]":
     """The verdict, the robot, and the findings by weight; all of them and the joints with `verbose`."""
-    first, findings = [_conclusion(report), *_heading(report)], _verdict(report)
+    first: list[RenderableType] = [_conclusion(report), *_heading(report)]
+    findings = _verdict(report)
     if verbose:
         return [*first, "", *findings, "", _joint_table(report)]
     kept = findings[: MOST_LINES - len(first) - 1]

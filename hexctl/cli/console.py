@@ -140,6 +140,41 @@ def print_note(text: str) -> None:
     typer.echo(text, err=True)
 
 
+class StatusLine:
+    """A line on stderr that each new text replaces on a terminal; elsewhere each text is a line."""
+
+    def __init__(self) -> None:
+        self._shown = False
+
+    def show(self, text: str) -> None:
+        """Show a text in place of the last one, cut to the width of the terminal."""
+        if not sys.stderr.isatty():
+            print_note(text)
+            return
+        width = os.get_terminal_size(sys.stderr.fileno()).columns or 80
+        typer.echo(f"\r\x1b[K{text[: width - 1]}", err=True, nl=False)
+        self._shown = True
+
+    def print_above(self, text: str) -> None:
+        """Print a line that stays; the next text is shown below it."""
+        self.end()
+        print_note(text)
+
+    def end(self) -> None:
+        """End the line that is shown; it stays."""
+        if self._shown:
+            print_note("")
+        self._shown = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.end()
+
+
 def note_no_window(error: Exception) -> None:
     """Say why a walk is not shown."""
     print_note(f"hexctl: {error}; continuing without a window")

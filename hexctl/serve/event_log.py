@@ -1,5 +1,6 @@
 """Event log of a served robot: changes of controller, stop and posture, as lines for the operator."""
 
+import math
 import queue
 import threading
 import time
@@ -17,6 +18,15 @@ WAITING_LINES = 256
 
 #: How long closing waits for the last lines to be read.
 END_TIMEOUT_S = 0.5
+
+#: What to do about a computer that stalls.
+STALL_HELP = "close other programs on this computer, or use a faster one"
+
+#: A stop for silence this soon after a standstill of this program was caused by it.
+CAUSED_WITHIN_S = 1.0
+
+#: Reasons to stop that a standstill of this program causes.
+SILENCES = ("expired", "state", "pose lost")
 
 #: Lines for postures; `commanded` has none, as its controller is reported.
 POSTURES = {
@@ -76,7 +86,7 @@ class EventLog:
         standstill of this program itself comes before what followed from it.
         """
         if standstill is not None and standstill != self._standstill:
-            self.add(str(standstill))
+            self.add(f"{standstill}; {STALL_HELP}")
         self._standstill = standstill
         if doubt is not None and doubt != self._doubt:
             self.add(doubt)
@@ -92,9 +102,11 @@ class EventLog:
             if warning not in warnings and not more_mute:
                 self.add(f"servos: no longer {warning}")
         self._warnings = warnings
-        if controller != self._controller:
+        # A stop takes the robot from its controller, which has not left by itself.
+        lost = self._controller if controller is None and stopped not in (None, self._stopped) else None
+        if controller != self._controller and lost is None:
             self.add(f"commanded by {controller}" if controller else f"{self._controller} has left")
-        self._note_stop(stopped, None if stop is None else stop.by, cleared)
+        self._note_stop(stopped, None if stop is None else stop.by, cleared, lost)
         if stopped is not None and stopped.startswith("fault:") and self._fault and fault is None:
             self.add(f"over, and still stopped ({self._fault}): {self._clear} lets the robot move")
         self._fault = fault
@@ -102,8 +114,13 @@ class EventLog:
             self.add(POSTURES[posture])
         self._controller, self._posture = controller, posture
 
-    def _note_stop(self, stopped: str | None, by: str | None, cleared: Clear | None) -> None:
-        """Report a stop, its end, and who asked for either, also of one that was in force already."""
+    def _note_stop(
+        self, stopped: str | None, by: str | None, cleared: Clear | None, lost: str | None
+    ) -> None:
+        """Report a stop, its end, and who asked for either, also of one that was in force already.
+
+        `lost` is the controller that the stop has taken the robot from.
+        """
         ended = None if cleared is None or cleared == self._cleared else f"cleared by {cleared.by}"
         before, before_by = self._stopped, self._stop_by
         self._stopped, self._stop_by, self._cleared = stopped, by, cleared
@@ -115,9 +132,20 @@ class EventLog:
         if ended:
             self.add(f"{ended}{f' ({before})' if before is not None else ''}")
         if stopped != before or ended:
-            self.add(f"STOPPED: {ESTOP if by and stopped == ESTOP else reason_in_words(stopped)}{asked}")
+            first = "" if before is None or ended else f", after {before}"
+            commanded = "" if lost is None else f", commanded by {lost} until then"
+            self.add(f"STOPPED: {self._cause(stopped, by)}{asked}{first}{commanded}")
         elif by is not None and by != before_by:
             self.add(f"still stopped{asked}")
+
+    def _cause(self, stopped: str, by: str | None) -> str:
+        """A reason to stop in words; the cause of a silence that this program made is its standstill."""
+        if by and stopped == ESTOP:
+            return ESTOP
+        ended_s = -math.inf if self._standstill is None else self._standstill.ended_s
+        if stopped in SILENCES and time.monotonic() - ended_s < CAUSED_WITHIN_S:
+            return f"{stopped} (because this program stood still)"
+        return reason_in_words(stopped)
 
     def close(self) -> None:
         """Report the lines that wait, as long as the reader takes them in time."""

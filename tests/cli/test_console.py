@@ -1,15 +1,19 @@
 """What every command prints: results on stdout, a reader that closes the pipe, and Ctrl-C."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from hexctl.cli.console import StopOnInterrupt, flag_of, in_flags, print_result
+from hexctl.cli.console import StatusLine, StopOnInterrupt, flag_of, in_flags, print_result
 from hexctl.cli.render.tables import label_table, plain_table
 from hexctl.errors import InputError
+from tests.cli.terminals import OnTerminal
+from tests.serve.processes import ROOT
 
 
 def _hexctl(*arguments: str, **more: object) -> "subprocess.Popen[bytes]":
@@ -105,3 +109,26 @@ with StopOnInterrupt(plain={plain}) as interrupt:
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stderr) == (0, f"\nstopping; press Ctrl-C again to quit {again}\n")
+
+
+def test_a_status_is_rewritten_on_a_terminal_and_a_line_each_elsewhere(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with StatusLine() as line:
+        line.show("one")
+        line.show("two")
+    assert capsys.readouterr().err == "one\ntwo\n"
+    program = (
+        "from hexctl.cli.console import StatusLine\n"
+        "with StatusLine() as line:\n"
+        "    line.show('one'); line.show('two'); line.print_above('news'); line.show('three' * 100)\n"
+    )
+    terminal = OnTerminal([], tmp_path, program=program, variables={"PYTHONPATH": str(ROOT)})
+    try:
+        shown = terminal.wait("three")
+        assert terminal.code() == 0
+    finally:
+        terminal.end()
+    assert "one\r\x1b[Ktwo" in shown
+    assert re.search(r"two\r?\nnews\r?\n", shown)
+    assert max(len(row) for row in re.split(r"[\r\n]+", shown)) <= 80 + len("\x1b[K")

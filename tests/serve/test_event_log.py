@@ -1,8 +1,13 @@
 """The event log: every change once, in order, without delaying the robot."""
 
 import threading
+import time
+from typing import Any
 
-from hexctl.serve.event_log import WAITING_LINES, EventLog
+import pytest
+
+from hexctl.backends.clock import Standstill
+from hexctl.serve.event_log import STALL_HELP, WAITING_LINES, EventLog
 from hexctl.serve.stops.stop import Clear, Stop
 
 TIMEOUT_S = 10.0
@@ -46,14 +51,48 @@ def test_changes_are_told_once_and_in_order() -> None:
         event_log.note(controller="mia", stopped=None, posture="commanded")
     event_log.note(controller=None, stopped="expired", posture="holding")
     event_log.note(controller=None, stopped=None, posture="limp")
-    assert reader.await_lines(6) == [
+    assert reader.await_lines(5) == [
         "commanded by mia",
-        "mia has left",
-        "STOPPED: expired (no command came in time)",
+        "STOPPED: expired (no command came in time), commanded by mia until then",
         "holds its pose",
         "no longer stopped (expired)",
         "sits, joints limp",
     ]
+
+
+def lines_of(*notes: dict[str, Any]) -> list[str]:
+    """What is reported, without the time, of notes that come one after the other."""
+    told: list[str] = []
+    log = EventLog(told.append)
+    for note in notes:
+        log.note(**{"controller": None, "stopped": None, "posture": "idle", **note})
+    log.close()
+    return [line[9:] for line in told]
+
+
+def test_a_fault_after_a_controller_has_left_is_not_blamed_on_it() -> None:
+    assert lines_of({"controller": "mia"}, {}, {"stopped": "fault: servo 3"}) == [
+        "commanded by mia",
+        "mia has left",
+        "STOPPED: fault: servo 3",
+    ]
+
+
+def test_a_reason_that_comes_later_names_the_first_one() -> None:
+    assert lines_of({"stopped": "expired"}, {"stopped": "fault: servo 3"}) == [
+        "STOPPED: expired (no command came in time)",
+        "STOPPED: fault: servo 3, after expired",
+    ]
+
+
+@pytest.mark.parametrize(("ago_s", "caused"), [(0.0, True), (60.0, False)])
+def test_a_stop_for_silence_after_a_standstill_names_it(ago_s: float, caused: bool) -> None:
+    standstill = Standstill(1.5, time.monotonic() - ago_s)
+    first, second = lines_of({"standstill": standstill, "stopped": "expired"})
+    assert "stood still for 1.5 s" in first
+    assert STALL_HELP in first
+    assert second.startswith("STOPPED: expired")
+    assert ("stood still" in second) is caused
 
 
 def test_a_fault_that_is_over_names_the_command_that_ends_its_stop() -> None:

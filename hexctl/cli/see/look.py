@@ -137,7 +137,7 @@ def look(
     """
     if context.invoked_subcommand is not None:
         return
-    from hexctl.cli.console import StopOnInterrupt, print_note, print_result
+    from hexctl.cli.console import StatusLine, StopOnInterrupt, print_result
     from hexctl.errors import InputError
     from hexctl.see.robot_camera import RobotCamera
 
@@ -172,12 +172,12 @@ def look(
         poses=poses,
         page_port=None if page is None else int(page),
     )
-    with StopOnInterrupt(plain=True) as interrupt:
+    with StopOnInterrupt(plain=True) as interrupt, StatusLine() as line:
         report = looking.run(
             interrupt.requested,
             on_started=lambda started: _print_started(started, place),
-            on_status=lambda status: print_note(status_line(status)),
-            on_event=lambda text: print_note(f"hexctl: {text}"),
+            on_status=lambda status: line.show(status_line(status)),
+            on_event=lambda text: line.print_above(f"hexctl: {text}"),
         )
     print_result(json.dumps(report.to_dict()) if as_json else _report_line(report))
 
