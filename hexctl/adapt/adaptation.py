@@ -25,6 +25,7 @@ from hexctl.adapt.search import check_parts, extended, new_spec
 from hexctl.adapt.sessions.optimizer import make_search
 from hexctl.adapt.sessions.session import UNWATCHED, Session, SessionSpec
 from hexctl.adapt.sessions.store import RUNS, SessionStore, load_session
+from hexctl.adapt.sessions.trust import check_trusted
 from hexctl.adapt.setting import (
     Note,
     Setting,
@@ -94,23 +95,36 @@ class Adaptation:
         self._objective = as_objective(spec.objective if objective is None else objective)
         self._resumed: Session | None = None
         self._budget: int | None = None
+        self._given: set[str] = set()
+        self._trust = False
 
     @classmethod
     def resume(
-        cls, name: str | Session, *, budget: int | None = None, folder: Path | str = RUNS, **options: Any
+        cls,
+        name: str | Session,
+        *,
+        budget: int | None = None,
+        folder: Path | str = RUNS,
+        trust: bool = False,
+        **options: Any,
     ) -> "Adaptation":
         """Prepare to continue a session, with another budget if one is given.
 
         `name` may be the session itself, as `load_session` gives it; `options` are those of `Adaptation`. A
         search that has ended is given back by `run` as it was loaded; one that has not is loaded once more
-        when no other process can add to it.
+        when no other process can add to it. A session that names code (`module:Name`) imports it only with
+        `trust`; what `options` give in its place needs none.
 
-        Raises InputError for a name that is not in the store, and a budget that is spent already.
+        Raises InputError for a name that is not in the store, a budget that is spent already, and code that
+        is not trusted.
         """
         session = name if isinstance(name, Session) else load_session(name, folder)
+        given = {part for part, value in options.items() if value is not None}
+        check_trusted(session.spec, given, trust=trust)
         spec = session.spec if budget is None else extended(session, budget)
         adaptation = cls(spec, folder=folder, **options)
         adaptation._resumed, adaptation._budget = session, budget
+        adaptation._given, adaptation._trust = given, trust
         return adaptation
 
     def _finished(self) -> Session | None:
@@ -235,6 +249,7 @@ class Adaptation:
         """Session to be continued, as it stands now that no other process adds to it."""
         stack.enter_context(store.held(name))
         session = self._resumed = store.load(name)
+        check_trusted(session.spec, self._given, trust=self._trust)  # it may have changed since
         if self._budget is not None:
             session.spec = extended(session, self._budget)
         return session

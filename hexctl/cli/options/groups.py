@@ -16,7 +16,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "Failure": ("failed-leg", "failure", "fail", "heal", "recover", "policy", "legs"),
     "Search": (
         *("budget", "optimizer", "prior", "early-stop", "objective", "target", "worth", "confirm"),
-        *("count-repeats", "no-baseline", "resume"),
+        *("count-repeats", "no-baseline", "resume", "trust"),
     ),
     "On a robot": ("arena", "cool-down", "ask"),
     "Driving": ("keyboard", "gamepad", "page", "page-keys", "page-view"),

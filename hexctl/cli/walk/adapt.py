@@ -50,7 +50,7 @@ COOL_C = Range(low=25, high=68, unit="degrees Celsius")
 GAIN_M = Range(low=0, unit="m")
 
 #: Options that go with --resume.
-WITH_RESUME = ("--resume", "--budget", "--view", "--no-record", "--json")
+WITH_RESUME = ("--resume", "--budget", "--trust", "--view", "--no-record", "--json")
 
 
 def adapt(
@@ -222,6 +222,10 @@ def adapt(
             "budget is spent walk more. (default: begin a new one)",
         ),
     ] = None,
+    trust: Annotated[
+        bool,
+        typer.Option("--trust", help="With --resume: import custom code that the session names."),
+    ] = False,
     view: Annotated[
         bool,
         typer.Option(
@@ -246,7 +250,9 @@ def adapt(
         raise InputError("--no-record: got --view too; allowed: one or the other")
     if resume is not None:
         _check_resumed_alone(resume, given(context))
-        raise typer.Exit(_resume(resume, budget, record=not no_record, view=view, as_json=as_json))
+        raise typer.Exit(_resume(resume, budget, trust, record=not no_record, view=view, as_json=as_json))
+    if trust:
+        raise InputError("--trust: got it without --resume; allowed: with --resume SESSION")
     if failed_leg is None:
         raise InputError("--failed-leg: is missing; allowed: 1..6, auto (or --resume SESSION)")
     if failed_leg == AUTO_LEG:
@@ -315,7 +321,7 @@ def _begin(asked: dict[str, Any], *, record: bool, **shown: bool) -> int:
     return searched if isinstance(searched, int) else _end(searched, **shown)
 
 
-def _resume(name: str, budget: int | None, *, record: bool, **shown: bool) -> int:
+def _resume(name: str, budget: int | None, trust: bool, *, record: bool, **shown: bool) -> int:
     """Continue a session and return the exit code."""
     with StopOnInterrupt() as interrupt:
         from hexctl.adapt.adaptation import Adaptation
@@ -326,7 +332,7 @@ def _resume(name: str, budget: int | None, *, record: bool, **shown: bool) -> in
         except InputError as error:
             named = error.worded(lambda what: "--resume" if what == "session" else argument(what))
             raise InputError(named) from error.__cause__
-        make = partial(Adaptation.resume, session, budget=budget)
+        make = partial(Adaptation.resume, session, budget=budget, trust=trust)
         searched = _search(make, session.spec, interrupt, record=record, **shown)
     return searched if isinstance(searched, int) else _end(searched, resumed=True, **shown)
 

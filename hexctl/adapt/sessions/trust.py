@@ -1,0 +1,32 @@
+"""Whether the code that a session names may be imported."""
+
+from collections.abc import Collection
+
+from hexctl.adapt.sessions.session import SessionSpec
+from hexctl.errors import InputError, argument
+
+#: Fields of a spec that may name code, with the argument that gives such a part instead.
+_PARTS = {"optimizer": "optimizer", "objective": "objective", "backend": "servos", "policy": "policy"}
+
+#: Module of names of the running script, which is loaded already.
+_SCRIPT = "__main__"
+
+
+def check_trusted(spec: SessionSpec, given: Collection[str], *, trust: bool) -> None:
+    """Check that a session imports no code that nobody vouches for.
+
+    Args:
+        spec: of the session.
+        given: arguments that the caller gives in place of what the spec names.
+        trust: whether the caller vouches for the session.
+
+    Raises InputError for a part that is named as `module:Name`.
+    """
+    for field, part in _PARTS.items():
+        name = str(getattr(spec, field))
+        module, named, _ = name.partition(":")
+        if named and module != _SCRIPT and part not in given and not trust:
+            raise InputError(
+                f"session: its {field} is code to be imported, got {name!r}; allowed: names that hexctl "
+                f"ships; if you trust the session and that module, add {argument('trust')}"
+            )
