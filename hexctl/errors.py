@@ -14,8 +14,11 @@ from reprlib import Repr
 #: The name of an argument as a message holds it, between marks that no text has.
 _ARGUMENT = re.compile("\0([a-z0-9_.]+)\0")
 
-#: An argument, or what no line of text has: ends of lines, control codes, bytes that are no UTF-8.
-_UNPRINTABLE = re.compile(_ARGUMENT.pattern + "|[\0-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
+#: An argument, or what no line of text has: ends of lines, control codes, marks that reorder a line
+#: (bidirectional), bytes that are no UTF-8.
+_UNPRINTABLE = re.compile(
+    _ARGUMENT.pattern + "|[\0-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+)
 
 #: A very long value in a message: one word, or what is quoted; paths and commands to be typed are shorter.
 _LONG = re.compile("(?<=got ')[^'\0]{401,}(?=')|[^\\s'\"\0]{401,}")

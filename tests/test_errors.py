@@ -15,6 +15,7 @@ from hexctl.errors import (
     argument,
     check_callable,
     check_type,
+    printable,
 )
 
 KINDS = [
@@ -111,3 +112,8 @@ def test_a_python_without_simulation_is_sent_to_another_one(
 ) -> None:
     monkeypatch.setattr("sys.version_info", version)
     assert ("Python 3.11 or 3.12" in str(MissingExtraError("it", extra))) == elsewhere
+
+
+@pytest.mark.parametrize("code", [0x1B, 0x61C, 0x200E, 0x200F, 0x202A, 0x202E, 0x2066, 0x2069, 0xD800])
+def test_no_text_reorders_or_controls_a_terminal(code: int) -> None:
+    assert printable(f"robot{chr(code)}cleared").isprintable()

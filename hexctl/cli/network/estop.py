@@ -16,7 +16,7 @@ import typer
 from hexctl.cli.interrupts import NOT_CONFIRMED
 from hexctl.cli.options.connection import InsecureOption, KeysOption, LinkOption, ZenohConnectOption
 from hexctl.cli.options.output import JsonOption
-from hexctl.errors import InputError, RobotFaultError
+from hexctl.errors import InputError, RobotFaultError, printable
 
 if TYPE_CHECKING:
     from hexctl.serve.stops.estop import ReadyStop, StopResult
@@ -121,7 +121,7 @@ def _print(result: "StopResult", link: "Link", *, as_json: bool) -> None:
             )
         )
     else:
-        told = f"stopped ({result.stopped}), {_rest_in_words(result)}"
+        told = f"stopped ({printable(str(result.stopped))}), {_rest_in_words(result)}"
         print_result(f"{told}; {link.clear_command} when it may move again")
     print_note(
         f"hexctl: confirmed by {' and '.join(result.ways)}, stopped after {1000 * result.took_s:.0f} ms, "
@@ -159,16 +159,16 @@ def _clear(place: dict[str, Any], *, as_json: bool) -> None:
     if as_json:
         print_result(json.dumps({"stopped": stopped, "robots": answers}))
     elif refused is not None:
-        print_result(f"not cleared, it is still stopped ({stopped}): {refused}")
+        print_result(printable(f"not cleared, it is still stopped ({stopped}): {refused}"))
     elif stopped is not None:
-        print_result(f"not cleared, it is still stopped ({stopped}); see to it, then {again}")
+        print_result(printable(f"not cleared, it is still stopped ({stopped}); see to it, then {again}"))
     elif all(answer.get("cleared") is None for answer in answers):
         print_result("no stop was in force; the robot moves when a client commands it")
     else:
         print_result("cleared; the robot moves when a client commands it")
     for answer in answers:
         if isinstance(meant := answer.get("cleared"), dict):
-            print_note(f"hexctl: the stop was {meant.get('id')}, {meant.get('since_s')} s before")
+            print_note(printable(f"hexctl: the stop was {meant.get('id')}, {meant.get('since_s')} s before"))
         print_note(f"hexctl: the robot is {RobotIdentity.of_answer(answer)}")
     if stopped is not None:
         raise typer.Exit(FAULT)
