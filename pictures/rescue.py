@@ -5,9 +5,6 @@ from pathlib import Path
 from hexctl.demo.rescue import RECOVER, WALK_ON, caption_of, walk_and_fail
 from hexctl.export.export import export
 
-#: A world that no prior and no threshold was made with; its floor is even.
-WORLD = "transfer:500"
-
 #: What is shown: from a moment before the failure on, which the recording has some 2 s later than the walk.
 FROM_S, SHOWN_S = 6.3, 9.6
 
@@ -19,7 +16,7 @@ def draw_rescue(folder: Path) -> Path:
     recordings, captions = [], []
     for policy in (WALK_ON, RECOVER):
         recordings.append(folder / f"{policy}.rrd")
-        walk = walk_and_fail(policy, recordings[-1], world=WORLD)
+        walk = walk_and_fail(policy, recordings[-1])
         captions.append(caption_of(walk, recovered=policy == RECOVER))
     return export(
         *recordings,

@@ -27,7 +27,7 @@ def test_with_recovery_the_robot_keeps_its_speed_and_its_line(result: hexctl.Dem
     walked_on, recovered = result.walked_on, result.recovered
     assert walked_on is not None
     assert recovered is not None
-    assert rescue.speed_kept(walked_on) < 0.85
+    assert rescue.speed_kept(walked_on) <= 0.6
     assert rescue.speed_kept(recovered) > 0.95
     assert recovered.trial.deviation is not None
     assert recovered.trial.deviation.final < 0.04
@@ -66,13 +66,13 @@ def test_the_captions_say_which_share_of_its_speed_each_walk_keeps(
     assert result.walked_on is not None
     assert result.recovered is not None
     walks = [result.walked_on, result.recovered]
-    shares = [round(100 * rescue.speed_kept(walk)) for walk in walks]
+    share = round(100 * rescue.speed_kept(result.walked_on))
     given: dict[str, Any] = {}
     monkeypatch.setattr(rescue, "export", lambda *_, **options: given.update(options))
     rescue._draw(walks, result.folder)
     assert given["captions"] == (
-        f"without recovery: {shares[0]} % of its speed",
-        f"with recovery: {shares[1]} % of its speed",
+        f"without recovery: {share} % of its speed",
+        "with recovery: all of its speed",
     )
 
 

@@ -4,7 +4,7 @@ import pytest
 from PIL import Image
 
 from hexctl.demo.rescue import RECOVER, WALK_ON, speed_kept, walk_and_fail
-from pictures.rescue import SHOWN_S, WIDTH_PX, WORLD
+from pictures.rescue import SHOWN_S, WIDTH_PX
 from tests.docs.pages import ROOT
 
 PICTURE = ROOT / "docs" / "images" / "rescue.gif"
@@ -12,7 +12,7 @@ PICTURE = ROOT / "docs" / "images" / "rescue.gif"
 
 @pytest.mark.parametrize(("policy", "kept"), [(WALK_ON, 0.47), (RECOVER, 1.02)])
 def test_the_captions_are_what_the_walks_do(policy: str, kept: float) -> None:
-    assert speed_kept(walk_and_fail(policy, None, world=WORLD)) == pytest.approx(kept, abs=0.03)
+    assert speed_kept(walk_and_fail(policy, None)) == pytest.approx(kept, abs=0.03)
 
 
 def test_the_picture_is_small_and_on_top_of_the_readme() -> None:

@@ -1,12 +1,13 @@
 """`hexctl demo`: a leg fails in mid-walk, the robot recovers, and a gait for the other legs is searched."""
 
 import json
+import math
 import os
 import shlex
 import shutil
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Self
 
 import typer
 
@@ -16,10 +17,12 @@ from hexctl.cli.console import (
     INTERRUPTED,
     StopOnInterrupt,
     in_flags,
+    make_bar,
     print_note,
     print_result,
 )
 from hexctl.cli.options.output import JsonOption
+from hexctl.cli.progress import WithBar
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.values import Range, number
 
@@ -97,7 +100,6 @@ def _has_display() -> bool:
 
 def _run(budget: int, interrupt: StopOnInterrupt, begun: list[str], *, as_json: bool) -> "DemoResult":
     """Run the demo, and print what happens while it does; `begun` gets the name of the session."""
-    from hexctl.cli.render.adapt import SessionTable
     from hexctl.demo import rescue
 
     said: list[str] = []
@@ -107,19 +109,20 @@ def _run(budget: int, interrupt: StopOnInterrupt, begun: list[str], *, as_json: 
         if not as_json:
             print_result(said[-1])
             if len(said) == 2:
-                print_result("", SEARCH.format(leg=rescue.EVENT.leg, budget=budget, world=rescue.WORLD))
+                print_result(_search_line(budget))
 
     if not as_json:
         event = rescue.EVENT
         print_result(
-            f"Leg {event.leg} of {rescue.ROBOT} is {event.failure} {event.at_s:g} s into a walk of "
-            f"{rescue.WALK_S:g} s, and nothing tells it (world {rescue.WORLD}):"
+            f"World {rescue.WORLD}, which no prior and no threshold of hexctl was made with.",
+            f"{rescue.ROBOT} walks for {rescue.WALK_S:g} s. Leg {event.leg} is {event.failure} from "
+            f"{event.at_s:g} s on.",
         )
-    with SessionTable(quiet=as_json) as table:
+    with _SearchBar(quiet=as_json) as bar:
 
         def begin(session: "Session") -> None:
             begun.append(session.name)
-            table.begin(session)
+            bar.begin(session)
 
         return rescue.demo(
             budget=budget,
@@ -127,30 +130,56 @@ def _run(budget: int, interrupt: StopOnInterrupt, begun: list[str], *, as_json: 
             note=lambda text: print_note(f"hexctl: {text}"),
             on_walk=walked,
             on_begin=begin,
-            on_trial=table.add,
-            on_baseline=table.add_baseline,
+            on_trial=bar.add,
             stop_requested=interrupt.requested,
         )
 
 
-SEARCH = (
-    "By feedback it is on its line again. Which gait of the other legs goes straight without any?\n"
-    "hexctl adapt --failed-leg {leg} --budget {budget} --world {world}"
-)
+def _search_line(budget: int) -> str:
+    """What is searched, and the command that searches the same."""
+    from hexctl.demo import rescue
+
+    event = rescue.EVENT
+    return (
+        f"Searching a gait that goes straight without leg {event.leg} and without feedback:\n"
+        f"  hexctl adapt --failed-leg {event.leg} --failure {event.failure} --budget {budget} \\\n"
+        f"    --world {rescue.WORLD}"
+    )
+
+
+class _SearchBar(WithBar):
+    """A progress bar of the search; it prints no lines, because they would push the walks off the screen."""
+
+    def __init__(self, *, quiet: bool) -> None:
+        self._bar = make_bar(quiet=quiet)
+
+    def __enter__(self) -> Self:
+        return self  # the bar begins with the search
+
+    def begin(self, session: "Session") -> None:
+        """Start the bar."""
+        self._task = self._bar.add_task("trials", total=session.spec.budget)
+        self._bar.start()
+
+    def add(self, session: "Session", _trial: object) -> None:
+        """Count a trial."""
+        self._bar.update(self._task, completed=len(session.trials))
 
 
 def _walk_line(walk: "RunResult", *, recovered: bool) -> str:
-    """One line about a walk: how far, how fast after the failure, how far off the line, what it did."""
-    from hexctl.demo.rescue import speed_kept
+    """How far and how fast a walk went, how far off its line it ended, and what it detected when."""
+    from hexctl.demo.rescue import share_in_words, speed_kept
     from hexctl.robot.failure_event import NoticedFailure
 
-    name = "with recovery" if recovered else "without recovery"
-    outcome = walk.outcome
-    off_m = outcome["deviation_m"]["final"]
-    done = "; ".join(str(NoticedFailure.from_dict(one)) for one in outcome["noticed"]) or "nothing noticed"
-    return (
-        f"  {name:<16}  {outcome['distance_m']:.2f} m, {100 * speed_kept(walk):.0f} % of its speed in the "
-        f"end, {100 * off_m:.1f} cm off its line; {done}"
+    outcome, kept = walk.outcome, speed_kept(walk)
+    line = (
+        f"  {'with' if recovered else 'without'} recovery: {outcome['distance_m']:.2f} m, keeps "
+        f"{share_in_words(kept) if math.isfinite(kept) else 'an unknown share'} of its speed, "
+        f"ends {100 * outcome['deviation_m']['final']:.1f} cm off its line"
+    )
+    noticed = map(NoticedFailure.from_dict, outcome["noticed"])
+    return "\n".join(
+        [line, *(f"    leg {one.failure.leg} detected at {one.at_s:.1f} s; {one.did}" for one in noticed)]
     )
 
 
@@ -161,28 +190,19 @@ def _ending(result: "DemoResult") -> list[str]:
     search = result.adaptation
     assert search is not None  # noqa: S101  it was not interrupted
     picture = f"{result.picture}" if result.picture is not None else f"none: {result.no_picture}"
-    walks = " ".join(shlex.quote(str(path)) for path in result.recordings)
     return [
         closing_lines(search.session, search.ended),
-        "",
-        f"side by side  {picture}",
-        f"walks         {walks}",
-        f"session       {search.session.name}",
-        "",
+        f"both walks as a GIF: {picture}",
         "next:",
         *([f"  source {_activate()}"] if _activate() else []),
-        f"  {_view_command()} {walks} {shlex.quote(search.session.name)}",
+        f"  {_view_command()} {shlex.quote(str(result.recordings[-1]))}",
         *_another_walk(),
-        "  hexctl check phantomx --gait wave",
     ]
 
 
 def _another_walk() -> list[str]:
-    """Commands for a walk of one's own, seen as it goes, or afterwards in a browser without a screen."""
-    walk = "  hexctl run --fail 2:limp@4 --recover"
-    if _has_display():
-        return [f"{walk} --realtime --view"]
-    return [f"{walk} --record leg2.rrd", "  hexctl view --web leg2.rrd"]
+    """Command for a custom walk, shown as it goes if there is a screen."""
+    return [f"  hexctl run --fail 2:limp@4 --recover{' --realtime --view' if _has_display() else ''}"]
 
 
 def _activate() -> str | None:
@@ -197,12 +217,12 @@ def _show(result: "DemoResult") -> int:
     """Open walks and session where there is a screen; a missing one does not make the demo a failure."""
     from hexctl.adapt.overview import view_runs
     from hexctl.errors import RecordingError
-    from hexctl.record.viewer import check_display
 
     search = result.adaptation
     assert search is not None  # noqa: S101  it was not interrupted
+    if not _has_display():
+        return DONE  # the last line of the result is the next step
     try:
-        check_display()
         return view_runs([*map(str, result.recordings), search.session.name], runs_folder())
     except RecordingError as error:
         print_note(f"hexctl: {error}")
