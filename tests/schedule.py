@@ -244,7 +244,7 @@ LONG = (
     "tests/docs/test_blocks.py::test_the_programs_of_a_page_run[driving.md",
     "tests/docs/test_blocks.py::test_the_programs_of_a_page_run[export.md",
     "tests/docs/test_commands.py::test_the_commands_of_a_page[firmware.md",
-    "tests/docs/test_commands.py::test_the_commands_of_a_page[index.md",
+    "tests/docs/test_commands.py::test_the_commands_of_a_page[get-started.md",
     "tests/docs/test_commands.py::test_the_commands_of_a_page[walking.md",
     "tests/faults/test_command.py::test_a_fault_ends_the_motion_or_does_not_as_is_safe[controller-killed",
     "tests/faults/test_command.py::test_a_fault_ends_the_motion_or_does_not_as_is_safe[cable-out/zenoh",

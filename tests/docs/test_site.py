@@ -162,17 +162,6 @@ def test_the_citation_is_complete_and_of_this_version() -> None:
     assert (citation["version"], citation["license"]) == (project["version"], project["license"])
 
 
-def test_the_rooms_of_the_layout_page_are_those_of_today() -> None:
-    rooms = (DOCS / "layout.md").read_text(encoding="utf-8").partition("## Rooms")[2].partition("## Why")[0]
-    rows = re.findall(r"^\| `(\w+)` \| (.+) \|$", rooms, re.MULTILINE)
-    assert {part for part, _ in rows} == set(imports())
-    for part, cell in rows:
-        for name in re.findall(r"`(\w+)`", cell):
-            assert (
-                any((ROOT / "hexctl" / part).rglob(f"{name}.py")) or (ROOT / "hexctl" / part / name).is_dir()
-            ), f"{part}: {name}"
-
-
 def test_the_codes_of_the_gait_page() -> None:
     rows = re.findall(
         r"^\| (\d+) \| ([\d,]+) \| ([\d,]*) ?\|$",

@@ -39,7 +39,7 @@ def test_what_step_solver_and_contacts_change_is_what_was_measured(
 
 
 def test_the_friction_cone_is_worth_what_the_decision_for_it_says() -> None:
-    decisions = (DOCS / "design-notes.md").read_text(encoding="utf-8")
+    decisions = (DOCS / "decisions.md").read_text(encoding="utf-8")
     for words in ("17 to 49 cm", "0.0 to 0.8 cm"):
         assert words in assumptions()[-1].otherwise
         assert words in decisions
