@@ -27,6 +27,7 @@ REALTIME = (
     "tests/serve/test_steered_link.py",
     "tests/serve/test_failing_link.py",
     "tests/serve/test_lockout.py",
+    "tests/serve/test_frozen_viewers.py",
     "tests/serve/stops/test_estop.py",
     "tests/serve/boards/test_servo_board.py",
     "tests/serve/test_remote.py",

@@ -21,6 +21,7 @@ TOGETHER = {
     "cli/test_hangup.py",
     "cli/test_meshes.py",
     "serve/test_failing_link.py",
+    "serve/test_frozen_viewers.py",
     "serve/test_hostile_input.py",
     "serve/test_link_faults.py",
     "serve/test_lockout.py",

@@ -187,6 +187,13 @@ LEASE_MS = 1000
 #: A busy computer may hold the sending queue for longer than Zenoh's default of 1 ms; a tick is 20 ms.
 WAIT_BEFORE_DROP_US = 10_000
 
+#: Threads on which a robot's Zenoh session receives. Closing the connection of a viewer that reads nothing
+#: blocks one of them for 10 s, because Zenoh sets SO_LINGER: if all are blocked, no controller is heard.
+RECEIVING_THREADS = 256
+
+#: By this variable Zenoh's threads are set, when a process opens its first session.
+RUNTIME_VARIABLE = "ZENOH_RUNTIME"
+
 #: Longest transport message: a payload with room for keys and attachment.
 MAX_MESSAGE_BYTES = 2 * MAX_PAYLOAD_BYTES
 
@@ -232,6 +239,8 @@ def open_session(link: Link, role: Role, keys: KeyMap) -> zenoh.Session:
     config = zenoh.Config()
     for key, value in _settings(endpoint, role, keys, found).items():
         config.insert_json5(key, json.dumps(value))
+    if role is Role.ROBOT:
+        os.environ.setdefault(RUNTIME_VARIABLE, f"(rx: (worker_threads: {RECEIVING_THREADS}))")
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
