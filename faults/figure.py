@@ -9,13 +9,15 @@ from faults.backend import BACKENDS
 from faults.fault import FAULTS
 from faults.measurement import REST_S, Outcome
 from faults.table import MOVING
-from hexctl.study.reports.drawing import DPI
 
 #: Colours by backend, readable on white and on dark, and by colour-blind people (Okabe and Ito).
 COLORS = ("#999999", "#0072B2", "#56B4E9", "#009E73", "#D55E00", "#CC79A7", "#B8860B", "#8C564B")
 
 #: Colour of text and lines that is readable on white and on dark.
 NEUTRAL = "#7a8290"
+
+#: Pixels per inch of a PNG file.
+DPI = 130
 
 #: Times beyond this are drawn at the edge.
 MOST_S = 1.6

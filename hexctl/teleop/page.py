@@ -249,7 +249,8 @@ class DrivePage:
             self._address.port,
             ssl=context,
             process_request=self._answer,
-            create_connection=partial(LimitedConnection, addresses=Addresses()),
+            # Declared as a class, used as a callable.
+            create_connection=cast(type[ServerConnection], partial(LimitedConnection, addresses=Addresses())),
             backlog=BACKLOG,
             subprotocols=[Subprotocol(PROTOCOL)],
             max_size=MOST_BYTES,

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,7 +17,8 @@ from hexctl.errors import InputError
 def test_a_session_imports_no_code_without_trust(field: str) -> None:
     spec = new_spec(failed_leg=5)
     check_trusted(spec, (), trust=False)
-    foreign = replace(spec, **{field: "planted:Thing"})
+    named: dict[str, Any] = {field: "planted:Thing"}
+    foreign = replace(spec, **named)
     with pytest.raises(InputError, match="trust"):
         check_trusted(foreign, (), trust=False)
     check_trusted(foreign, (), trust=True)

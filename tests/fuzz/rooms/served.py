@@ -171,7 +171,13 @@ def _answers(data: bytes) -> None:
     with patch.multiple(
         remote, HOLD_S=0.0, MOST_OTHERS_HOLD_S=0.0, MOST_UNCLAIMED_HOLD_S=0.0, ANSWER_TIMEOUT_S=0.0
     ):
-        for use in (robots.stop, robots.clear, lambda: robots.fail("5:limp"), lambda: robots.heal(5)):
+        uses: tuple[Callable[[], object], ...] = (
+            robots.stop,
+            robots.clear,
+            lambda: robots.fail("5:limp"),
+            lambda: robots.heal(5),
+        )
+        for use in uses:
             with suppress(HexctlError):
                 use()
 
