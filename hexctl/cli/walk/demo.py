@@ -185,19 +185,30 @@ def _walk_line(walk: "RunResult", *, recovered: bool) -> str:
 
 def _ending(result: "DemoResult") -> list[str]:
     """How the search ended, where everything lies, and what to do next."""
-    from hexctl.cli.render.adapt import closing_lines
-
     search = result.adaptation
     assert search is not None  # noqa: S101  it was not interrupted
     picture = f"{result.picture}" if result.picture is not None else f"none: {result.no_picture}"
     return [
-        closing_lines(search.session, search.ended),
+        _search_result_line(search.session),
         f"both walks as a GIF: {picture}",
         "next:",
         *([f"  source {_activate()}"] if _activate() else []),
         f"  {_view_command()} {shlex.quote(str(result.recordings[-1]))}",
+        f"  hexctl sessions show {search.session.name}",
         *_another_walk(),
     ]
+
+
+def _search_result_line(session: "Session") -> str:
+    """The gait that the search recommends and where its walk ended; the session says how sure that is."""
+    from hexctl.adapt.sessions.session import trials_text
+
+    walk = session.best_walk
+    after = f"  after {trials_text(len(session.trials))}"
+    if walk is None or walk.result.deviation is None:
+        return f"{after}: no gait walked to the end"
+    slots, off_m = ",".join(map(str, walk.slots)), walk.result.deviation.final
+    return f"{after}: slots {slots} end {100 * off_m:.1f} cm off the line"
 
 
 def _another_walk() -> list[str]:
