@@ -38,7 +38,7 @@ from hexctl.adapt.setting import (
 )
 from hexctl.adapt.stance import with_stance
 from hexctl.backends.base import LegServos
-from hexctl.control.assessment.static_stability import stable_slots_of
+from hexctl.control.assessment.static_stability import margin_m_of, stable_slots_of
 from hexctl.control.guard import Guard
 from hexctl.control.preparation import StopRequested, never
 from hexctl.control.trial import STOP_REQUESTED
@@ -287,6 +287,7 @@ class Adaptation:
             stable_slots=stable_slots_of(setting.robot, setting.plan)
             if AUTO in spec.baseline_gaits and not session.trials
             else None,
+            margin_m_of=partial(margin_m_of, setting.robot, setting.plan),
         )
         try:
             return loop.run(), None

@@ -44,8 +44,8 @@ def best_gait(spec: RunSpec, folder: Path | str = RUNS) -> BestGait:
     """The best gait for a walk whose spec has the gait `best` or `best:SESSION`, or changes to one.
 
     By the first prior for robot, leg, failure, hold and posture it is the fastest one, of open-loop walks
-    the one that ends nearest to its line; by a session it is that of its best trial, or of its baseline where
-    no trial is better than that.
+    the one that ends nearest to its line; by a session it is the one that the session recommends, of its best
+    trial or its baseline (`Session.best_walk`).
 
     Args:
         spec: of the walk.
@@ -151,7 +151,7 @@ def _of_session(
     gait: str | Slots = best.slots
     if isinstance(best, BaselineRecord):
         gait = best.gait if best.gait in NAMED_SLOTS else best.slots  # the tripod is no permutation
-        source = f"gait {best.gait}, than which no trial of the session {session.name} is better"
+        source = f"gait {best.gait}, as good as any trial of the session {session.name}"
     else:
         source = f"gait {best.code}, trial {best.index} of the session {session.name}"
     return BestGait(spec=_walk_with(spec, gait, body_raise, rotation), source=source), best.slots

@@ -63,15 +63,17 @@ class AdaptLoop:
         on_trial: OnTrial | None = None,
         on_baseline: OnBaseline | None = None,
         stable_slots: Slots | None = None,
+        margin_m_of: Callable[[Slots], float] | None = None,
     ) -> None:
         """Prepare to continue a session.
 
         `objective` is the one that its spec names unless given, `stable_slots` those of the gait `auto`,
-        where the session's baseline has it.
+        where the session's baseline has it. `margin_m_of` gives the static stability margin of a gait.
         """
         self._session, self._store, self._optimizer = session, store, optimizer
         self._walk = walk
         self._baseline_slots = NAMED_SLOTS if stable_slots is None else {**NAMED_SLOTS, AUTO: stable_slots}
+        self._margin_m_of = margin_m_of
         self._objective = make_objective(session.spec.objective) if objective is None else objective
         self._stop_requested, self._on_trial, self._on_baseline = stop_requested, on_trial, on_baseline
         if session.optimizer_state is not None:
@@ -127,6 +129,7 @@ class AdaptLoop:
                 code=code,
                 slots=slots,
                 score=self._scored(one, what),
+                margin_m=self._margin_m(slots),
                 **_stored(one),
             )
             self._store.add_baseline(session, record)
@@ -211,6 +214,9 @@ class AdaptLoop:
             raise RobotStoppedError(f"{what}: the robot was stopped: {reason_in_words(reason)}", reason)
         return walked
 
+    def _margin_m(self, slots: Slots) -> float | None:
+        return None if self._margin_m_of is None else self._margin_m_of(slots)
+
     def _score(self, code: int, walked: WalkedTrial) -> float:
         """Score of a walked trial."""
         return self._scored(walked, f"trial {self._index}, gait {code}")
@@ -241,11 +247,13 @@ class AdaptLoop:
         confirms: bool = False,
     ) -> None:
         """Make the trial durable and report it; raises RecordingError if its recording is not whole."""
+        slots = self._optimizer.space.slots_of(code)
         trial = TrialRecord(
             index=self._index,
             code=code,
-            slots=self._optimizer.space.slots_of(code),
+            slots=slots,
             score=score,
+            margin_m=self._margin_m(slots),
             **_stored(walked),
             confirms=confirms,
             expected=None if predicted is None else predicted.as_json(),

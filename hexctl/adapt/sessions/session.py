@@ -192,6 +192,8 @@ class WalkRecord:
         wanted_trim_deg: trim with which it would have ended on its line; None where it did not hold its
             heading, or is not valid.
         wanted_turn_trim_deg_s: likewise the turn that a walk in open loop wants, where it was trimmed.
+        margin_m: smallest static stability margin of its gait over a cycle; None in sessions from before it
+            was stored.
     """
 
     slots: tuple[int, ...]
@@ -201,6 +203,7 @@ class WalkRecord:
     recording: str | None
     wanted_trim_deg: float | None = None
     wanted_turn_trim_deg_s: float | None = None
+    margin_m: float | None = None
 
     @property
     def result(self) -> TrialResult:
@@ -239,6 +242,7 @@ class WalkRecord:
             "wanted_trim_deg": self.wanted_trim_deg,
             "turn_trim_deg_s": outcome.get("turn_trim_deg_s"),
             "wanted_turn_trim_deg_s": self.wanted_turn_trim_deg_s,
+            "margin_m": None if self.margin_m is None else round(self.margin_m, 4),
         }
 
 
@@ -305,6 +309,12 @@ class BaselineRecord(WalkRecord):
         }
 
 
+def _preference(walk: "TrialRecord | BaselineRecord") -> tuple[bool, float, float]:
+    """Order of walks that end equally near: no search, then the larger margin, then the score."""
+    margin_m = -math.inf if walk.margin_m is None else walk.margin_m
+    return isinstance(walk, TrialRecord), -margin_m, walk.score
+
+
 def trials_text(count: int) -> str:
     """A number of trials: `1 trial`, `2 trials`."""
     return f"{count} trial" + ("" if count == 1 else "s")
@@ -359,15 +369,30 @@ class Session:
 
     @property
     def best_walk(self) -> TrialRecord | BaselineRecord | None:
-        """The walk to walk on with: the best of `better_baseline`, else the best trial; None without one.
+        """The walk to recommend: the straightest of the best trial and the baseline; None without one.
 
-        Where a trim was searched, None too for a gait for which none is known.
+        Of walks that the simulation does not resolve from the straightest, those that need no search come
+        first, then the one with the largest static stability margin. If a trim was searched, None too for a
+        gait without a known one.
         """
-        walk = next(iter(self.better_baseline), self.best)
-        if walk is None or self.spec.optimizer != TRIM:
+        contenders = self._contenders()
+        if not contenders:
+            return None
+        lowest = min(walk.score for walk in contenders)
+        walk = min((one for one in contenders if self._equals(one.score, lowest)), key=_preference)
+        if self.spec.optimizer != TRIM:
             return walk
         trims = (self.trim_rad(walk.slots), self.turn_trim_rad_s(walk.slots))
         return walk if any(trim is not None for trim in trims) else None
+
+    def _contenders(self) -> list[TrialRecord | BaselineRecord]:
+        """Valid walks of the baseline, and the best trial; none before the first trial."""
+        baseline = [walk for walk in self.baseline if walk.valid and self.trials]
+        return [*baseline, *([] if self.best is None else [self.best])]
+
+    def _equals(self, score: float, lowest: float) -> bool:
+        """Whether a score is not resolved from the lowest one; a learned trim shifts each end."""
+        return score == lowest if self.spec.optimizer == TRIM else not self.spec.distinct(score, lowest)
 
     def trim_rad(self, slots: Sequence[int]) -> float | None:
         """Trim that is learned for a gait, the mean of what its walks want; None where none says.

@@ -101,6 +101,7 @@ class _Walk(_Plain):
     recording: str | None
     wanted_trim_deg: float | None = None
     wanted_turn_trim_deg_s: float | None = None
+    margin_m: float | None = None
 
 
 class _Trial(_Walk):

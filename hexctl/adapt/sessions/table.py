@@ -23,6 +23,7 @@ LAST_COLUMNS = (
     "wanted_trim_deg",
     "turn_trim_deg_s",
     "wanted_turn_trim_deg_s",
+    "margin_m",
 )
 
 #: What is told of the session in each row: fields of `SessionSpec`.

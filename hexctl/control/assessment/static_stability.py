@@ -164,11 +164,14 @@ def slots_by_stability(robot: Robot, *, heading_rad: float, failure: Failures = 
     """
     pinned = tuple(sorted(one.leg for one in each_failure(failure))) or (1,)
     slots = [slots_from_code(code, pinned) for code in range(1, code_count(pinned) + 1)]
-    rounded_rad = DIRECTION_STEP_RAD * round(heading_rad / DIRECTION_STEP_RAD)
-    margins_m = static_margins_m(robot, slots, heading_rad=rounded_rad, failure=failure)
+    margins_m = static_margins_m(robot, slots, heading_rad=_rounded_rad(heading_rad), failure=failure)
     rounded = np.round(margins_m / SAME_MARGIN_M)
     order = np.lexsort((np.arange(len(slots)), -rounded[:, 1], -rounded[:, 0]))
     return [slots[place] for place in order.tolist()]
+
+
+def _rounded_rad(heading_rad: float) -> float:
+    return DIRECTION_STEP_RAD * round(heading_rad / DIRECTION_STEP_RAD)
 
 
 def most_stable_slots(robot: Robot, *, heading_rad: float, failure: Failures = None) -> Slots:
@@ -213,3 +216,9 @@ def stable_slots_of(robot: Robot, plan: TrialPlan) -> Slots:
     return most_stable_slots(
         robot, heading_rad=plan.heading_rad - turn_needed_rad(robot, plan), failure=plan.belief
     )
+
+
+def margin_m_of(robot: Robot, plan: TrialPlan, slots: Slots) -> float:
+    """Smallest static stability margin in m of a gait in the walk of a plan, after its self-rotation."""
+    heading_rad = _rounded_rad(plan.heading_rad - turn_needed_rad(robot, plan))
+    return float(static_margins_m(robot, [slots], heading_rad=heading_rad, failure=plan.belief)[0, 0])
