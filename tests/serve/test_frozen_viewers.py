@@ -18,7 +18,7 @@ TOGETHER = 20
 FEW, MANY = (40, 2), (200, 20)
 
 #: After this the robot has noticed that they are silent, and closes their connections, each for 10 s.
-CLOSING_S = 4.0
+CLOSING_S = 12.0
 
 COMMANDS = (
     ("status",),

@@ -1,22 +1,30 @@
 """Viewers in one process: `python -m tests.serve.viewing ENDPOINT COUNT`.
 
-They print `viewing` once all have subscribed.
+They print `viewing` once all have subscribed. They are clients of Zenoh with its default settings: a robot
+notices
+only after 10 s that one is silent, and by then much waits for it.
 """
 
+import json
 import sys
 import threading
 from contextlib import ExitStack
 
-from hexctl.wire.links import KeyMap, Link, Role
-from hexctl.wire.session import PUBLISHED, open_session
+import zenoh
+
+from hexctl.wire.links import KeyMap
+from hexctl.wire.session import PUBLISHED
 
 
 def main() -> None:
     """View until the process is ended."""
-    link, keys = Link(endpoint=sys.argv[1]), KeyMap.of("ant")
+    keys, config = KeyMap.of("ant"), zenoh.Config()
+    settings = {"mode": "client", "connect/endpoints": [sys.argv[1]], "scouting/multicast/enabled": False}
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
     with ExitStack() as stack:
         for _ in range(int(sys.argv[2])):
-            session = stack.enter_context(open_session(link, Role.VIEWER, keys))
+            session = stack.enter_context(zenoh.open(config))
             for kind in PUBLISHED:
                 session.declare_subscriber(getattr(keys, kind), lambda _: None)
         sys.stdout.write("viewing\n")
