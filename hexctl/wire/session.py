@@ -187,9 +187,10 @@ LEASE_MS = 1000
 #: A busy computer may hold the sending queue for longer than Zenoh's default of 1 ms; a tick is 20 ms.
 WAIT_BEFORE_DROP_US = 10_000
 
-#: Threads on which a robot's Zenoh session receives. Closing the connection of a viewer that reads nothing
-#: blocks one of them for 10 s, because Zenoh sets SO_LINGER: if all are blocked, no controller is heard.
-RECEIVING_THREADS = 256
+#: Threads on which a robot's Zenoh session receives, sends, routes and accepts. Closing the connection of a
+#: viewer that reads nothing blocks one for 10 s, because Zenoh sets SO_LINGER: if all are blocked, no
+#: controller is heard.
+ROBOT_THREADS = {"rx": 256, "tx": 64, "net": 64, "acc": 64}
 
 #: By this variable Zenoh's threads are set, when a process opens its first session.
 RUNTIME_VARIABLE = "ZENOH_RUNTIME"
@@ -240,7 +241,8 @@ def open_session(link: Link, role: Role, keys: KeyMap) -> zenoh.Session:
     for key, value in _settings(endpoint, role, keys, found).items():
         config.insert_json5(key, json.dumps(value))
     if role is Role.ROBOT:
-        os.environ.setdefault(RUNTIME_VARIABLE, f"(rx: (worker_threads: {RECEIVING_THREADS}))")
+        threads = ", ".join(f"{name}: (worker_threads: {count})" for name, count in ROBOT_THREADS.items())
+        os.environ.setdefault(RUNTIME_VARIABLE, f"({threads})")
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
