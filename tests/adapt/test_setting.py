@@ -26,7 +26,7 @@ def test_a_simulated_session_stores_the_uncertainty_that_was_measured(tmp_path: 
     notes: list[str] = []
     assert 0 < spec_of(tmp_path, notes).uncertainty_m < 0.05
     keep_uncertainty(shipped(), World(), FOUND, folder=tmp_path)
-    assert spec_of(tmp_path, notes, duration_s=40.0).uncertainty_m == pytest.approx(0.05)
+    assert spec_of(tmp_path, notes, duration_s=40.0).uncertainty_m == pytest.approx(0.03)
     assert spec_of(tmp_path, notes, duration_s=40.0, uncertainty_m=0).uncertainty_m == 0
     assert not notes
 
@@ -40,7 +40,7 @@ def test_a_session_stores_which_walks_were_measured(tmp_path: Path) -> None:
     assert limp.uncertainty_m == spec_of(tmp_path, notes).uncertainty_m
     keep_uncertainty(shipped(), load_world("slope"), replace(FOUND, duration_s=30.0), folder=tmp_path)
     assert spec_of(tmp_path, notes).uncertainty_m < 0.05
-    assert spec_of(tmp_path, notes, world="slope").uncertainty_m == pytest.approx(0.05)
+    assert spec_of(tmp_path, notes, world="slope").uncertainty_m == pytest.approx(0.03)
     assert spec_of(tmp_path, notes, world="slope").uncertainty_caveat == ""
 
 

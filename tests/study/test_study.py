@@ -58,8 +58,8 @@ def test_the_uncertainty_measured_beside_the_cache_is_that_of_the_study(tmp_path
     keep_uncertainty(shipped(), World(), found, folder=tmp_path / "runs")
     result = run_study(plan(), folder=tmp_path / "out", cache=cache, jobs=1)
     assert result.uncertainty.known == found
-    assert result.to_json()["uncertainty"]["numerical_m"] == 0.5
-    assert "± 50.0 cm" in result.report.read_text(encoding="utf-8")
+    assert result.to_json()["uncertainty"]["numerical_m"] == 0.3
+    assert "± 30.0 cm" in result.report.read_text(encoding="utf-8")
     assert [claim["verdict"] for claim in result.to_json()["claims"]] == [
         claim.verdict for claim in result.claims
     ]

@@ -62,7 +62,7 @@ def uncertainty_of_walks(trials: Sequence[SimTrial]) -> SimulationUncertainty:
     known = np.isfinite(step + solver + softer + harder)
     if not known.any():
         raise InputError("walks: got none that walks to its end; allowed: at least one that does")
-    low_m, high_m = _interval_m(step[known], solver[known])
+    low_m, high_m = _interval_m(step[known])
     return SimulationUncertainty(
         step_m=_rms(step[known]),
         solver_m=_rms(solver[known]),
@@ -74,16 +74,15 @@ def uncertainty_of_walks(trials: Sequence[SimTrial]) -> SimulationUncertainty:
     )
 
 
-def _interval_m(step: FloatArray, solver: FloatArray) -> tuple[float, float] | tuple[None, None]:
-    """95 % bootstrap interval of the change by step and solver together, in m; None for a few walks.
+def _interval_m(step: FloatArray) -> tuple[float, float] | tuple[None, None]:
+    """95 % bootstrap interval of the RMS change by the time step, in m; None for a few walks.
 
     By percentiles (Efron and Tibshirani, *An Introduction to the Bootstrap*, 1993, section 13.3).
 
     Args:
         step: changes of the ends with the time step halved, (walks,).
-        solver: with the looser solver, (walks,).
     """
-    squares = step**2 + solver**2
+    squares = step**2
     if len(squares) < LEAST_WALKS:
         return None, None
     drawn = np.random.default_rng(0).integers(len(squares), size=(RESAMPLES, len(squares)))

@@ -39,9 +39,10 @@ class SimulationUncertainty:
 
     Attributes:
         step_m: with the time step halved.
-        solver_m: with the solver's tolerance at MuJoCo's default.
+        solver_m: with the solver's tolerance at MuJoCo's default, which no shipped world uses: it is not in
+            `numerical_m`.
         contact_m: with contacts that give way by a third slower and faster. How soft floor and feet are is an
-            assumption about the world, not an error of the computation: it is not in `numerical_m`.
+            assumption about the world, not an error of the computation: it is not in `numerical_m` either.
         walks: number of walks.
         duration_s: how long each of them walked.
         low_m: lower bound of `numerical_m` with 95 % confidence, by resampling the walks; None if unknown.
@@ -60,12 +61,12 @@ class SimulationUncertainty:
 
     @property
     def numerical_m(self) -> float:
-        """Change by the computation, taken as its standard uncertainty: step and solver together.
+        """Standard uncertainty of the end of a walk by its computation: the change by half the time step.
 
-        The step's part is the difference between two computations, E(h) - E(h/2). For an integrator of first
-        order the distance to the limit of small steps is twice that.
+        It is the difference between two computations, E(h) - E(h/2). For an integrator of first order the
+        distance to the limit of small steps is twice that.
         """
-        return math.hypot(self.step_m, self.solver_m)
+        return self.step_m
 
     def caveat(self, failure: str) -> str:
         """How the walks that were measured differ from those with a failure, in words; empty if they do not.

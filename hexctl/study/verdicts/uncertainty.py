@@ -57,7 +57,7 @@ class StudyUncertainty:
         caveat = self.known.caveat(self.failure)
         return (
             f"Every deviation of a single walk is ± {cm(self.known.numerical_m)} by the simulation's own "
-            f"uncertainty (time step and solver{f'; {caveat}' if caveat else ''}): two gaits whose ends are "
+            f"uncertainty (by its time step{f'; {caveat}' if caveat else ''}): two gaits whose ends are "
             f"nearer to one another than {DISTINCT} times this, {cm(DISTINCT * self.known.numerical_m)}, "
             "cannot be told apart with a confidence of 95 %."
         )

@@ -33,7 +33,7 @@ def known(folder: Path, robot: str = "ant", duration_s: float = 12.0, **world: A
 def test_a_kept_measurement_is_found_for_the_same_robot_world_and_duration(tmp_path: Path) -> None:
     assert keep(tmp_path / "runs") == tmp_path / "runs" / UNCERTAINTIES
     assert known(tmp_path / "runs") == FOUND
-    assert FOUND.numerical_m == pytest.approx(0.05)
+    assert FOUND.numerical_m == FOUND.step_m
     assert known(tmp_path / "runs", robot="pexod") is None
     assert known(tmp_path / "runs", duration_s=13.0) is None
     assert known(tmp_path) is None
