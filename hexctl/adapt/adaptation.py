@@ -14,13 +14,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from hexctl.adapt.loop import AdaptLoop, OnBaseline, OnTrial
+from hexctl.adapt.loop import AdaptLoop, OnBaseline, OnConfirmation, OnTrial
 from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import ObjectiveChoice, as_objective
 from hexctl.adapt.optimizer import OptimizerChoice
 from hexctl.adapt.reset_free import ResetFreeRunner, arena_of, at_home, connected_robot, yaw_note
 from hexctl.adapt.result import AdaptationResult
-from hexctl.adapt.runner import TrialRunner, check_not_interrupted
+from hexctl.adapt.runner import TrialRunner, at_finer_step, check_not_interrupted
 from hexctl.adapt.search import check_parts, extended, new_spec
 from hexctl.adapt.sessions.optimizer import make_search
 from hexctl.adapt.sessions.session import UNWATCHED, Session, SessionSpec
@@ -139,6 +139,7 @@ class Adaptation:
         on_begin: OnBegin | None = None,
         on_trial: OnTrial | None = None,
         on_baseline: OnBaseline | None = None,
+        on_confirmation: OnConfirmation | None = None,
         stop_requested: StopRequested = never,
     ) -> AdaptationResult:
         """Search until the session ends; the result holds what a robot or a recording suffered meanwhile.
@@ -147,6 +148,7 @@ class Adaptation:
             on_begin: called with the session before its first trial of this run.
             on_trial: called with the session and each trial, once it is stored.
             on_baseline: called with the session and each walk of the baseline, once it is stored.
+            on_confirmation: called with the session and each walk at a finer time step, once it is stored.
             stop_requested: asked every tick; True stops the robot softly and ends the run.
 
         Raises InputError for anything that is not allowed, RobotFaultError (of which RobotStoppedError is
@@ -156,6 +158,7 @@ class Adaptation:
         check_callable(on_begin, "on_begin", "a function of the session, or None")
         check_callable(on_trial, "on_trial", "a function of the session and a trial, or None")
         check_callable(on_baseline, "on_baseline", "a function of the session and a walk, or None")
+        check_callable(on_confirmation, "on_confirmation", "a function of the session and a walk, or None")
         check_callable(stop_requested, "stop_requested", STOP_REQUESTED)
         began_s = time.perf_counter()
         if (done := self._finished()) is not None:
@@ -176,7 +179,8 @@ class Adaptation:
             if live is not None:
                 stack.enter_context(live)
             runner = self._runner(session, store, setting, stop_requested, live)
-            ended, trouble = self._search(session, store, setting, runner, servos, on_trial, on_baseline)
+            told = {"on_trial": on_trial, "on_baseline": on_baseline, "on_confirmation": on_confirmation}
+            ended, trouble = self._search(session, store, setting, runner, servos, **told)
             if live is not None and live.lost is not None:
                 self._note(f"{live.lost}; the trials are not affected")
         return AdaptationResult(
@@ -261,8 +265,7 @@ class Adaptation:
         setting: Setting,
         runner: TrialRunner,
         servos: Guard | None,
-        on_trial: OnTrial | None,
-        on_baseline: OnBaseline | None,
+        **told: Any,
     ) -> tuple[str, RobotFaultError | RecordingError | None]:
         """Why the search ended, and what is wrong with the robot or its recordings if it was that."""
         spec = session.spec
@@ -282,12 +285,12 @@ class Adaptation:
             walk,
             objective=self._objective,
             stop_requested=runner.stop_requested,
-            on_trial=on_trial,
-            on_baseline=on_baseline,
+            **told,
             stable_slots=stable_slots_of(setting.robot, setting.plan)
             if AUTO in spec.baseline_gaits and not session.trials
             else None,
             margin_m_of=partial(margin_m_of, setting.robot, setting.plan),
+            walk_finely=None if servos is not None else at_finer_step(runner).walk,
         )
         try:
             return loop.run(), None

@@ -11,9 +11,17 @@ from hexctl.adapt.objectives import Objective, make_objective
 from hexctl.adapt.optimizer import Observation, Optimizer, Prediction
 from hexctl.adapt.optimizers.trim import wanted_trim_rad, wanted_turn_trim_rad_s
 from hexctl.adapt.runner import LegFailedError, RobotStoppedError, WalkedTrial, noticed_legs
-from hexctl.adapt.sessions.session import BASELINE_INDEX, BaselineRecord, Session, TrialRecord
+from hexctl.adapt.sessions.recommendation import Contender, next_to_confirm
+from hexctl.adapt.sessions.session import (
+    BASELINE_INDEX,
+    BaselineRecord,
+    ConfirmationRecord,
+    Session,
+    TrialRecord,
+)
 from hexctl.adapt.sessions.store import SessionStore
 from hexctl.adapt.space import GaitSpace
+from hexctl.control.assessment.uncertainty_store import CONFIRM_STEP_S
 from hexctl.control.preparation import StopRequested, never
 from hexctl.control.stop_reason import reason_in_words
 from hexctl.control.trial import Enough
@@ -43,6 +51,8 @@ OnTrial = Callable[[Session, TrialRecord], None]
 
 OnBaseline = Callable[[Session, BaselineRecord], None]
 
+OnConfirmation = Callable[[Session, ConfirmationRecord], None]
+
 
 class AdaptLoop:
     """Continues a session until its budget is spent, its target reached, or a stop requested.
@@ -64,16 +74,20 @@ class AdaptLoop:
         on_baseline: OnBaseline | None = None,
         stable_slots: Slots | None = None,
         margin_m_of: Callable[[Slots], float] | None = None,
+        walk_finely: Walk | None = None,
+        on_confirmation: OnConfirmation | None = None,
     ) -> None:
         """Prepare to continue a session.
 
         `objective` is the one that its spec names unless given, `stable_slots` those of the gait `auto`,
         where the session's baseline has it. `margin_m_of` gives the static stability margin of a gait.
+        `walk_finely` walks at the time step `CONFIRM_STEP_S`; None if nothing is to be confirmed.
         """
         self._session, self._store, self._optimizer = session, store, optimizer
         self._walk = walk
         self._baseline_slots = NAMED_SLOTS if stable_slots is None else {**NAMED_SLOTS, AUTO: stable_slots}
-        self._margin_m_of = margin_m_of
+        self._margin_m_of, self._walk_finely = margin_m_of, walk_finely
+        self._on_confirmation = on_confirmation
         self._objective = make_objective(session.spec.objective) if objective is None else objective
         self._stop_requested, self._on_trial, self._on_baseline = stop_requested, on_trial, on_baseline
         if session.optimizer_state is not None:
@@ -90,7 +104,7 @@ class AdaptLoop:
         self._session.settled_on = None
         self._store_end(None)
         ended = self._search() if self._walk_baseline() else "interrupted"
-        if ended != "interrupted" and not self._confirm():
+        if ended != "interrupted" and not (self._confirm() and self._confirm_finely()):
             ended = "interrupted"
         self._note_settled()
         self._store_end(None if ended == "interrupted" else ended)
@@ -193,6 +207,34 @@ class AdaptLoop:
             score = self._score(code, walked)
             self._optimizer.repeat(code, score, Observation.of(walked.result))
             self._store_trial(code, score, walked, predicted, confirms=True)
+        return True
+
+    def _confirm_finely(self) -> bool:
+        """Walk what may be recommended once more at a finer time step; return False when interrupted."""
+        while self._walk_finely is not None and (found := next_to_confirm(self._session)) is not None:
+            if self._stop_requested() or not self._confirmed(found, self._walk_finely):
+                return False
+        return True
+
+    def _confirmed(self, found: Contender, walk: Walk) -> bool:
+        """Walk a contender at a finer time step and store it; return False when interrupted."""
+        index = found.walk.index if isinstance(found.walk, TrialRecord) else BASELINE_INDEX
+        code, slots = found.walk.code, found.walk.slots
+        what = f"the confirmation of gait {code}"
+        one = self._checked(walk(index, code or 0, slots, None), what)
+        if one.result.status == "aborted":
+            return False
+        record = ConfirmationRecord(
+            code=code,
+            slots=slots,
+            score=self._scored(one, what),
+            margin_m=found.walk.margin_m,
+            time_step_s=CONFIRM_STEP_S,
+            **_stored(one),
+        )
+        self._store.add_confirmation(self._session, record)
+        if self._on_confirmation is not None:
+            self._on_confirmation(self._session, record)
         return True
 
     def _repeats(self) -> int:

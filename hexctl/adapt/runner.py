@@ -9,6 +9,7 @@ from hexctl.adapt.sessions.session import BASELINE_INDEX, UNWATCHED, SessionSpec
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import make_floor
 from hexctl.backends.sim.world import World
+from hexctl.control.assessment.uncertainty_store import CONFIRM_STEP_S
 from hexctl.control.controllers import Controller
 from hexctl.control.guard import Guard
 from hexctl.control.log import BLOCK_TICKS, PACED_BLOCK_TICKS, Recorders
@@ -209,6 +210,13 @@ class TrialRunner:
             "world": spec.world,
             "seed": spec.seed,
         }
+
+
+def at_finer_step(runner: TrialRunner) -> TrialRunner:
+    """The same in the same world at the time step `CONFIRM_STEP_S`, without recordings."""
+    world = runner.world
+    finer = None if world is None else world.model_copy(update={"time_step_s": CONFIRM_STEP_S})
+    return replace(runner, world=finer, folder=None, live=None)
 
 
 def without_count(result: TrialResult) -> TrialResult:

@@ -17,7 +17,12 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World, load_world
 from hexctl.control.assessment.score import progress_floor_m
 from hexctl.control.assessment.static_stability import in_posture
-from hexctl.control.assessment.uncertainty_store import COMPUTATION, known_uncertainty
+from hexctl.control.assessment.uncertainty_store import (
+    COMPUTATION,
+    CONFIRM_STEP_S,
+    SimulationUncertainty,
+    known_uncertainty,
+)
 from hexctl.control.plan import TrialPlan
 from hexctl.control.walks.turning import check_plan
 from hexctl.errors import InputError
@@ -192,12 +197,22 @@ def with_known_uncertainty(spec: SessionSpec, setting: Setting, folder: Path, no
         return spec
     found = known_uncertainty(setting.robot, setting.world, duration_s=spec.duration_s, folder=folder)
     if found is not None:
-        caveat = found.caveat(spec.failure)
-        return replace(spec, uncertainty_m=round(found.numerical_m, 4), uncertainty_caveat=caveat)
+        return replace(
+            spec,
+            uncertainty_m=round(found.numerical_m, 4),
+            uncertainty_caveat=found.caveat(spec.failure),
+            confirmed_uncertainty_m=_confirmed_m(spec, setting.world, found),
+        )
     if spec.duration_s >= MEASURED_S:
         command = _measuring(spec, setting.world)
         note(f"the simulation's own uncertainty is not known here; {command} measures it")
     return spec
+
+
+def _confirmed_m(spec: SessionSpec, world: World, found: SimulationUncertainty) -> float:
+    """Uncertainty of the walks that confirm a gait; 0 if they would be no finer, or of a trim."""
+    finer = world.time_step_s > CONFIRM_STEP_S and spec.optimizer != TRIM
+    return found.confirmed_m or 0.0 if finer else 0.0
 
 
 def _measuring(spec: SessionSpec, world: World) -> str:

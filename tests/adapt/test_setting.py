@@ -44,6 +44,18 @@ def test_a_session_stores_which_walks_were_measured(tmp_path: Path) -> None:
     assert spec_of(tmp_path, notes, world="slope").uncertainty_caveat == ""
 
 
+def test_walks_are_confirmed_where_a_finer_step_says_more(tmp_path: Path) -> None:
+    notes: list[str] = []
+    assert 0 < spec_of(tmp_path, notes).confirmed_uncertainty_m < 0.01
+    fine = tmp_path / "fine.yaml"
+    fine.write_text("time_step_s: 0.0005", encoding="utf-8")
+    keep_uncertainty(shipped(), load_world(fine), replace(FOUND, confirmed_m=0.01), folder=tmp_path)
+    at_fine = spec_of(tmp_path, notes, world=str(fine), duration_s=40.0)
+    assert (at_fine.uncertainty_m, at_fine.confirmed_uncertainty_m) == (FOUND.step_m, 0.0)
+    assert spec_of(tmp_path, notes, optimizer="trim", hold="none").confirmed_uncertainty_m == 0.0
+    assert spec_of(tmp_path, notes, objective="mean").confirmed_uncertainty_m == 0.0
+
+
 def test_an_uncertainty_that_is_not_known_is_one_note_with_its_command(tmp_path: Path) -> None:
     world = tmp_path / "coarse.yaml"
     world.write_text("time_step_s: 0.004")

@@ -93,7 +93,13 @@ class SessionRows:
 
     def _session(self, row: int, name: str) -> Session:
         try:
-            return stored_session(name, self._head(row), self._trials(row), self._baseline(row))
+            return stored_session(
+                name,
+                self._head(row),
+                self._trials(row),
+                self._records(row, "baselines"),
+                self._records(row, "confirmations"),
+            )
         except (ValueError, sqlite3.Error) as error:
             raise StoreError(
                 f"session {name}: is damaged ({error}); its recordings can be opened one by one, and "
@@ -158,12 +164,12 @@ class SessionRows:
     def _trials(self, row: int) -> Iterable[Any]:
         return self._of(row, "trials", "number, record, optimizer_state", "number")
 
-    def _baseline(self, row: int) -> Iterable[Any]:
-        return [record for (record,) in self._of(row, "baselines", "record", "rowid")]
+    def _records(self, row: int, table: str) -> Iterable[Any]:
+        return [record for (record,) in self._of(row, table, "record", "rowid")]
 
     def _of(self, row: int, table: str, columns: str, order: str) -> list[Any]:
-        """Rows of another table that belong to a session; the first stores had no baselines."""
-        if table == "baselines" and table not in self._tables:
+        """Rows of another table that belong to a session; the first stores have no table but the trials."""
+        if table != "trials" and table not in self._tables:
             return []
         query = (
             f"SELECT {columns} FROM {table} {{}} "  # noqa: S608  ours

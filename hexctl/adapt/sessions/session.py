@@ -11,6 +11,7 @@ import numpy as np
 from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES, Objective, undominated
 from hexctl.adapt.optimizers.shipped import TRIM
 from hexctl.adapt.optimizers.trim import mean_trim_rad, mean_turn_trim_rad_s
+from hexctl.adapt.sessions.recommendation import recommended
 from hexctl.control.assessment.uncertainty_store import DISTINCT
 from hexctl.control.result import QUALITIES, TrialResult
 from hexctl.gait.gait import AUTO
@@ -47,6 +48,8 @@ class SessionSpec:
             when a gait is confirmed; 0 where it is not known, not counted, or the robot is real.
         uncertainty_caveat: how the walks by which it was measured differ from those of the session, in words;
             empty where they do not.
+        confirmed_uncertainty_m: likewise of the walks at a finer time step that confirm the end of a gait; 0
+            where it is not known, so that nothing is confirmed.
         hold: what the walks hold by feedback, one of `hexctl.control.plan.HOLDS`; `none` in sessions from
             before it was stored.
         body_raise: how much higher the body stands than in the stance, as a fraction of the robot's size.
@@ -117,6 +120,7 @@ class SessionSpec:
     body_raise: float = 0.0
     policy: str = UNWATCHED
     cool_down_c: float | None = None
+    confirmed_uncertainty_m: float = 0.0
 
     @property
     def simulated(self) -> bool:
@@ -309,10 +313,21 @@ class BaselineRecord(WalkRecord):
         }
 
 
-def _preference(walk: "TrialRecord | BaselineRecord") -> tuple[bool, float, float]:
-    """Order of walks that end equally near: no search, then the larger margin, then the score."""
-    margin_m = -math.inf if walk.margin_m is None else walk.margin_m
-    return isinstance(walk, TrialRecord), -margin_m, walk.score
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConfirmationRecord(WalkRecord):
+    """A `WalkRecord` of a gait at a finer time step, in the same world; no trial.
+
+    Attributes:
+        code: of the gait; None where it is not one of the session's gaits.
+        time_step_s: of the physics.
+    """
+
+    code: int | None
+    time_step_s: float
+
+    def as_json(self) -> dict[str, Any]:
+        """The walk as `hexctl adapt --json` prints it."""
+        return {"code": self.code, "time_step_s": self.time_step_s, **self._measured_json()}
 
 
 def trials_text(count: int) -> str:
@@ -334,6 +349,7 @@ class Session:
         settled_on: the gait that the optimizer settles on and what it expects of it, as `Prediction.as_json`
             says, where it knows one.
         baseline: walks with the gaits that the robot would use anyway, before the first trial.
+        confirmations: walks at a finer time step, after the search.
     """
 
     name: str
@@ -344,6 +360,11 @@ class Session:
     settled_on: dict[str, Any] | None = None
     ended: str | None = None
     baseline: list[BaselineRecord] = field(default_factory=list)
+    confirmations: list[ConfirmationRecord] = field(default_factory=list)
+
+    def confirmation_of(self, slots: Sequence[int]) -> ConfirmationRecord | None:
+        """The walk of a gait at a finer time step, or None."""
+        return next((walk for walk in self.confirmations if walk.slots == tuple(slots)), None)
 
     @property
     def walked_s(self) -> float:
@@ -369,30 +390,12 @@ class Session:
 
     @property
     def best_walk(self) -> TrialRecord | BaselineRecord | None:
-        """The walk to recommend: the straightest of the best trial and the baseline; None without one.
-
-        Of walks that the simulation does not resolve from the straightest, those that need no search come
-        first, then the one with the largest static stability margin. If a trim was searched, None too for a
-        gait without a known one.
-        """
-        contenders = self._contenders()
-        if not contenders:
-            return None
-        lowest = min(walk.score for walk in contenders)
-        walk = min((one for one in contenders if self._equals(one.score, lowest)), key=_preference)
-        if self.spec.optimizer != TRIM:
-            return walk
-        trims = (self.trim_rad(walk.slots), self.turn_trim_rad_s(walk.slots))
-        return walk if any(trim is not None for trim in trims) else None
-
-    def _contenders(self) -> list[TrialRecord | BaselineRecord]:
-        """Valid walks of the baseline, and the best trial; none before the first trial."""
-        baseline = [walk for walk in self.baseline if walk.valid and self.trials]
-        return [*baseline, *([] if self.best is None else [self.best])]
-
-    def _equals(self, score: float, lowest: float) -> bool:
-        """Whether a score is not resolved from the lowest one; a learned trim shifts each end."""
-        return score == lowest if self.spec.optimizer == TRIM else not self.spec.distinct(score, lowest)
+        """The walk that `recommended` names; if a trim was searched, None for a gait without a known one."""
+        found = recommended(self)
+        if found is None or self.spec.optimizer != TRIM:
+            return None if found is None else found.walk
+        trims = (self.trim_rad(found.walk.slots), self.turn_trim_rad_s(found.walk.slots))
+        return found.walk if any(trim is not None for trim in trims) else None
 
     def trim_rad(self, slots: Sequence[int]) -> float | None:
         """Trim that is learned for a gait, the mean of what its walks want; None where none says.
@@ -448,6 +451,31 @@ class Session:
             return None
         return next((trial.index for trial in self.trials if trial.score <= milestone_m), None)
 
+    @property
+    def within_target(self) -> float | None:
+        """Probability that the recommended gait, if confirmed, ends within the target; None if not."""
+        found, target_m = recommended(self), self.spec.target_m
+        if found is None or found.confirmation is None or target_m is None:
+            return None
+        reach_m = math.sqrt(2.0) * found.uncertainty_m
+        below, above = (target_m - found.score) / reach_m, (target_m + found.score) / reach_m
+        return 0.5 * (math.erf(below) + math.erf(above))
+
+    def _recommended_json(self) -> dict[str, Any] | None:
+        """The recommended walk and what is known of its end, as `hexctl adapt --json` prints it."""
+        found, walk = recommended(self), self.best_walk
+        if found is None or walk is None:
+            return None
+        return {
+            "gait": walk.gait if isinstance(walk, BaselineRecord) else None,
+            "code": walk.code,
+            "slots": list(walk.slots),
+            "score": found.score,
+            "uncertainty_m": found.uncertainty_m or None,
+            "confirmed": found.confirmation is not None,
+            "within_target": self.within_target,
+        }
+
     def as_json(self) -> dict[str, Any]:
         """The session as `hexctl adapt --json` prints it."""
         best = self.best
@@ -464,6 +492,8 @@ class Session:
             "walked_s": round(self.walked_s, 3),
             "settled_on": self.settled_on,
             "greatest_chance": self.spec.greatest_chance,
+            "confirmations": [walk.as_json() for walk in self.confirmations],
+            "recommended": self._recommended_json(),
             "ended": self.ended,
             **{
                 f"trials_to_{milestone:.{digits}f}_m": self.trials_to(milestone)

@@ -15,7 +15,13 @@ from pathlib import Path
 from typing import Any, Self
 
 from hexctl.adapt.sessions.rows import FILE_NAME, SCHEMA_VERSION, SessionRows, StoreError, is_store, reading
-from hexctl.adapt.sessions.session import BaselineRecord, Session, SessionSpec, TrialRecord
+from hexctl.adapt.sessions.session import (
+    BaselineRecord,
+    ConfirmationRecord,
+    Session,
+    SessionSpec,
+    TrialRecord,
+)
 from hexctl.adapt.sessions.stored import is_folder_name, is_made_by_hexctl
 from hexctl.errors import InputError, argument, check_type
 from hexctl.files import folder_trouble
@@ -45,6 +51,12 @@ CREATE TABLE IF NOT EXISTS baselines (
     gait TEXT NOT NULL,
     record TEXT NOT NULL,
     PRIMARY KEY (session, gait)
+);
+CREATE TABLE IF NOT EXISTS confirmations (
+    session TEXT NOT NULL REFERENCES sessions(name) ON DELETE CASCADE,
+    slots TEXT NOT NULL,
+    record TEXT NOT NULL,
+    PRIMARY KEY (session, slots)
 );
 """
 
@@ -146,6 +158,22 @@ class SessionStore(SessionRows):
             ) from error
         session.baseline.append(walk)
 
+    def add_confirmation(self, session: Session, walk: ConfirmationRecord) -> None:
+        """Add a walk at a finer time step, on the disk when this returns.
+
+        Raises StoreError when the disk refuses or another process has added it already.
+        """
+        values = (session.name, json.dumps(walk.slots), json.dumps(asdict(walk)))
+        try:
+            with self._transaction():
+                self._connection.execute("INSERT INTO confirmations VALUES (?, ?, ?)", values)
+        except StoreError as error:
+            raise StoreError(
+                f"session {session.name}: the confirmation of gait {walk.code} cannot be stored: "
+                f"{error.__cause__}"
+            ) from error
+        session.confirmations.append(walk)
+
     def keep(self, session: Session) -> None:
         """Store the spec of a session and how it ended, on the disk when this returns.
 
@@ -168,7 +196,11 @@ class SessionStore(SessionRows):
         """
         row = self._row(name)
         with self._transaction():
-            for table in ("trials", "baselines"):  # also where the store was made without its links
+            for table in (
+                "trials",
+                "baselines",
+                "confirmations",
+            ):  # also where the store was made without its links
                 self._connection.execute(
                     f"DELETE FROM {table} WHERE session = (SELECT name FROM sessions WHERE rowid = ?)",  # noqa: S608
                     (row,),

@@ -13,7 +13,13 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from hexctl.adapt.sessions.session import BaselineRecord, Session, SessionSpec, TrialRecord
+from hexctl.adapt.sessions.session import (
+    BaselineRecord,
+    ConfirmationRecord,
+    Session,
+    SessionSpec,
+    TrialRecord,
+)
 from hexctl.control.result import STATUSES
 from hexctl.errors import printable
 from hexctl.gait.encoding import check_permutation
@@ -116,6 +122,11 @@ class _Baseline(_Walk):
     code: int | None
 
 
+class _Confirmation(_Walk):
+    code: int | None
+    time_step_s: Annotated[float, Field(gt=0)]
+
+
 _SPEC = TypeAdapter(SessionSpec)
 
 
@@ -124,6 +135,7 @@ def stored_session(
     head: tuple[Any, Any, Any, Any],
     trials: Iterable[tuple[Any, Any, Any]],
     baseline: Iterable[Any],
+    confirmations: Iterable[Any] = (),
 ) -> Session:
     """Session of what a store holds.
 
@@ -132,6 +144,7 @@ def stored_session(
         head: when it was created, its spec, why it ended and what it settled on.
         trials: number, record and state of the optimizer after it, by number.
         baseline: records of its walks with other gaits.
+        confirmations: records of its walks at a finer time step.
 
     Raises ValueError that says what is wrong.
     """
@@ -152,6 +165,8 @@ def stored_session(
         session.optimizer_state = _checked(f"state after trial {number}", _mapping, state)
     for number, record in enumerate(baseline, start=1):
         session.baseline.append(_checked(f"walk {number} of the baseline", _baseline, record))
+    for number, record in enumerate(confirmations, start=1):
+        session.confirmations.append(_checked(f"confirmation {number}", _confirmation, record))
     _checked("trials", Session.as_json, session)
     return session
 
@@ -224,5 +239,12 @@ def _trial(text: Any, number: int) -> TrialRecord:
 def _baseline(text: Any) -> BaselineRecord:
     values = _of(text, _Baseline)
     walk = BaselineRecord(**{**values, "slots": tuple(values["slots"])})
+    _ = walk.result
+    return walk
+
+
+def _confirmation(text: Any) -> ConfirmationRecord:
+    values = _of(text, _Confirmation)
+    walk = ConfirmationRecord(**{**values, "slots": tuple(values["slots"])})
     _ = walk.result
     return walk

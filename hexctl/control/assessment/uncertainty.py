@@ -11,7 +11,11 @@ import numpy as np
 
 from hexctl.backends.base import as_robot
 from hexctl.backends.sim.world import World, as_world
-from hexctl.control.assessment.uncertainty_store import MEASURED_FAILURE, SimulationUncertainty
+from hexctl.control.assessment.uncertainty_store import (
+    CONFIRM_STEP_S,
+    MEASURED_FAILURE,
+    SimulationUncertainty,
+)
 from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import InputError
@@ -42,7 +46,7 @@ CODES = (5, 16, 29, 41, 54, 66, 79, 92, 103, 116)
 
 
 def uncertainty_of_walks(trials: Sequence[SimTrial]) -> SimulationUncertainty:
-    """Uncertainty of walks of one duration, by walking each of them five times.
+    """Uncertainty of walks of one duration, by walking each of them seven times.
 
     Walks that have no end, because the robot fell, are left out. Raises InputError for walks of several
     durations, for a time step that cannot be halved, and where no walk is left.
@@ -52,13 +56,7 @@ def uncertainty_of_walks(trials: Sequence[SimTrial]) -> SimulationUncertainty:
     if least_s / 2 < LEAST_STEP_S:
         raise InputError(f"time_step_s: got {least_s:g}; allowed: {2 * LEAST_STEP_S:g} or more, to halve it")
     plain = _ends_m(trials)
-    step, solver, softer, harder = (
-        _ends_m(
-            [replace(trial, world=trial.world.model_copy(update=change(trial.world))) for trial in trials]
-        )
-        - plain
-        for change in _CHANGES
-    )
+    step, solver, softer, harder = (_changed_ends_m(trials, change) - plain for change in _CHANGES)
     known = np.isfinite(step + solver + softer + harder)
     if not known.any():
         raise InputError("walks: got none that walks to its end; allowed: at least one that does")
@@ -67,6 +65,7 @@ def uncertainty_of_walks(trials: Sequence[SimTrial]) -> SimulationUncertainty:
         step_m=_rms(step[known]),
         solver_m=_rms(solver[known]),
         contact_m=_rms(np.concatenate([softer[known], harder[known]])),
+        confirmed_m=_confirmed_m(trials),
         walks=int(known.sum()),
         duration_s=duration_s,
         low_m=low_m,
@@ -90,12 +89,33 @@ def _interval_m(step: FloatArray) -> tuple[float, float] | tuple[None, None]:
     return float(low_m), float(high_m)
 
 
+def _confirmed_m(trials: Sequence[SimTrial]) -> float | None:
+    """RMS change of the ends of walks at the time step of a confirmation by half of it; None without ends."""
+    at, finer = (_changed_ends_m(trials, change) for change in _FINER)
+    moved = (finer - at)[np.isfinite(finer - at)]
+    return _rms(moved) if len(moved) else None
+
+
+def _changed_ends_m(trials: Sequence[SimTrial], change: Callable[[World], dict[str, float]]) -> FloatArray:
+    """Signed deviations at the ends of walks whose worlds are changed."""
+    return _ends_m(
+        [replace(trial, world=trial.world.model_copy(update=change(trial.world))) for trial in trials]
+    )
+
+
 #: What is changed of a world, in the order step, solver, softer, harder.
 _CHANGES: tuple[Callable[[World], dict[str, float]], ...] = (
     lambda world: {"time_step_s": world.time_step_s / 2},
     lambda _: {"solver_tolerance": LOOSE_TOLERANCE},
     lambda world: {"contact_time_s": CONTACT_FACTOR * world.contact_time_s},
     lambda world: {"contact_time_s": world.contact_time_s / CONTACT_FACTOR},
+)
+
+
+#: What is changed of a world to confirm the end of a walk, and to see how far that end is off.
+_FINER: tuple[Callable[[World], dict[str, float]], ...] = (
+    lambda _: {"time_step_s": CONFIRM_STEP_S},
+    lambda _: {"time_step_s": CONFIRM_STEP_S / 2},
 )
 
 

@@ -26,6 +26,9 @@ UNCERTAINTIES = "uncertainty.yaml"
 #: normal distribution, times the square root of 2 for two ends.
 DISTINCT = 2.8
 
+#: Time step of the walks that confirm the end of a gait, in s.
+CONFIRM_STEP_S = 0.0005
+
 #: What of a world is part of the computation: no measurement is lent from one to another of these.
 COMPUTATION = ("time_step_s", "friction_cone", "solver_tolerance")
 
@@ -43,6 +46,7 @@ class SimulationUncertainty:
             `numerical_m`.
         contact_m: with contacts that give way by a third slower and faster. How soft floor and feet are is an
             assumption about the world, not an error of the computation: it is not in `numerical_m` either.
+        confirmed_m: with half the time step `CONFIRM_STEP_S`, from walks at that step; None if unknown.
         walks: number of walks.
         duration_s: how long each of them walked.
         low_m: lower bound of `numerical_m` with 95 % confidence, by resampling the walks; None if unknown.
@@ -53,6 +57,7 @@ class SimulationUncertainty:
     step_m: float
     solver_m: float
     contact_m: float
+    confirmed_m: float | None = None
     walks: int
     duration_s: float
     low_m: float | None = None
@@ -105,6 +110,7 @@ class _Entry(BaseModel):
     step_m: _Metres
     solver_m: _Metres
     contact_m: _Metres
+    confirmed_m: _Metres | None = None
     low_m: _Metres | None = None
     high_m: _Metres | None = None
     walks: Annotated[int, Field(ge=1)]
@@ -138,6 +144,7 @@ class _Entry(BaseModel):
             step_m=self.step_m,
             solver_m=self.solver_m,
             contact_m=self.contact_m,
+            confirmed_m=self.confirmed_m,
             walks=self.walks,
             duration_s=self.duration_s,
             low_m=self.low_m,

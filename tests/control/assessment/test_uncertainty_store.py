@@ -85,7 +85,8 @@ def test_the_measurement_of_the_most_walks_counts(tmp_path: Path) -> None:
 
 
 def test_the_interval_is_kept_too(tmp_path: Path) -> None:
-    path = keep(tmp_path, low_m=0.04, high_m=0.06)
+    path = keep(tmp_path, low_m=0.04, high_m=0.06, confirmed_m=0.01)
+    assert known(tmp_path).confirmed_m == 0.01
     assert (known(tmp_path).low_m, known(tmp_path).high_m) == (0.04, 0.06)
     (entry,) = yaml.safe_load(path.read_text())["measured"]
     assert "numerical_m" not in entry
@@ -135,6 +136,8 @@ def test_the_shipped_robots_have_one(name: str, tmp_path: Path) -> None:
     found = known_uncertainty(name, folder=tmp_path)
     assert found is not None
     assert found.walks >= 80
+    assert found.confirmed_m is not None
+    assert 0 < found.confirmed_m < found.numerical_m / 2
     assert 0 < found.numerical_m < 0.05
 
 

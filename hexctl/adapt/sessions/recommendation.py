@@ -1,0 +1,123 @@
+"""Which walk of a session to recommend, and which ends to confirm by a walk at a finer time step first.
+
+The end of a walk is known from its confirmation if there is one, else from the walk itself. Each has its
+own uncertainty. A trial needs a search, a walk of the baseline needs none.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+from hexctl.adapt.objectives import INVALID_SCORE
+from hexctl.adapt.optimizers.shipped import TRIM
+from hexctl.control.assessment.uncertainty_store import DISTINCT
+
+if TYPE_CHECKING:
+    from hexctl.adapt.sessions.session import BaselineRecord, ConfirmationRecord, Session, TrialRecord
+
+    Walk: TypeAlias = TrialRecord | BaselineRecord
+
+#: Most trials of a session whose ends are confirmed; each confirmation takes some seconds.
+MOST_CONFIRMED = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Contender:
+    """A walk that may be recommended, and what is known of its end.
+
+    Attributes:
+        walk: the trial, or the walk of the baseline.
+        searched: True for a trial.
+        score: of its confirmation, else of the walk.
+        uncertainty_m: standard uncertainty of that score, 0 if it is not known.
+        confirmation: its walk at a finer time step, or None.
+    """
+
+    walk: "Walk"
+    searched: bool
+    score: float
+    uncertainty_m: float
+    confirmation: "ConfirmationRecord | None"
+
+    @property
+    def preference(self) -> tuple[bool, float, float]:
+        """Order among walks that are not resolved: no search, then the larger margin, then the score."""
+        margin_m = -math.inf if self.walk.margin_m is None else self.walk.margin_m
+        return self.searched, -margin_m, self.score
+
+    def resolved_from(self, other: "Contender") -> bool:
+        """Whether two scores differ by more than their uncertainties, with 95 % confidence."""
+        return abs(self.score - other.score) > resolution_m(self, other)
+
+
+def resolution_m(one: Contender, other: Contender) -> float:
+    """Least difference between two scores that is resolved with 95 % confidence."""
+    return DISTINCT * math.hypot(one.uncertainty_m, other.uncertainty_m) / math.sqrt(2.0)
+
+
+def recommended(session: "Session") -> Contender | None:
+    """The walk to recommend; None before the first valid trial and baseline.
+
+    It is the straightest one. Of those that are not resolved from it, walks that need no search come first,
+    then the one with the largest static stability margin.
+    """
+    return min(_unresolved(session), key=lambda one: one.preference, default=None)
+
+
+def next_to_confirm(session: "Session") -> Contender | None:
+    """The straightest walk that may be recommended and is not confirmed; None if all are."""
+    if not session.spec.confirmed_uncertainty_m:
+        return None
+    missing = [one for one in _unresolved(session) if one.confirmation is None]
+    return min(missing, key=lambda one: one.score, default=None)
+
+
+def straightest_baseline(session: "Session") -> Contender | None:
+    """The straightest walk of the baseline; None without a valid one."""
+    return _straightest(one for one in contenders(session) if not one.searched)
+
+
+def contenders(session: "Session") -> list[Contender]:
+    """Valid walks of the baseline, and the straightest trial; none before the first trial."""
+    if not session.trials:
+        return []
+    baseline = _valid(_contender(session, walk, searched=False) for walk in session.baseline)
+    best = _straightest(_trials(session))
+    return baseline if best is None else [*baseline, best]
+
+
+def _trials(session: "Session") -> list[Contender]:
+    """Valid trials; once enough of them are confirmed, those that are."""
+    trials = _valid(_contender(session, trial, searched=True) for trial in session.trials)
+    confirmed = [trial for trial in trials if trial.confirmation is not None]
+    known = {trial.walk.slots for trial in confirmed}
+    return confirmed if len(known) >= MOST_CONFIRMED else trials
+
+
+def _unresolved(session: "Session") -> list[Contender]:
+    """The straightest contender, and those that are not resolved from it."""
+    found = contenders(session)
+    lowest = _straightest(found)
+    return [one for one in found if lowest is not None and not one.resolved_from(lowest)]
+
+
+def _contender(session: "Session", walk: "Walk", *, searched: bool) -> Contender:
+    spec, confirmation = session.spec, session.confirmation_of(walk.slots)
+    uncertainty_m = spec.uncertainty_m if confirmation is None else spec.confirmed_uncertainty_m
+    return Contender(
+        walk=walk,
+        searched=searched,
+        score=walk.score if confirmation is None else confirmation.score,
+        # A search for a trim repeats one gait, whose ends differ by more than what a time step changes.
+        uncertainty_m=uncertainty_m if spec.objective == "final" and spec.optimizer != TRIM else 0.0,
+        confirmation=confirmation,
+    )
+
+
+def _valid(found: Iterable[Contender]) -> list[Contender]:
+    return [one for one in found if one.score < INVALID_SCORE]
+
+
+def _straightest(found: Iterable[Contender]) -> Contender | None:
+    return min(found, key=lambda one: one.score, default=None)

@@ -1,0 +1,189 @@
+"""Which ends of a session are confirmed by a walk at a finer time step, and what that changes."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from hexctl.adapt.adaptation import Adaptation
+from hexctl.adapt.loop import AdaptLoop
+from hexctl.adapt.optimizers.deduplication import Deduplication
+from hexctl.adapt.optimizers.registry import make_optimizer
+from hexctl.adapt.runner import WalkedTrial
+from hexctl.adapt.search import new_spec
+from hexctl.adapt.sessions.rows import StoreError
+from hexctl.adapt.sessions.session import BaselineRecord, Session, SessionSpec
+from hexctl.adapt.sessions.store import SessionStore
+from hexctl.adapt.space import GaitSpace
+from hexctl.control.trial import Enough
+from hexctl.gait.encoding import Slots
+from hexctl.gait.gait import NAMED_SLOTS
+from tests.adapt.walking import result_of
+
+SPEC = SessionSpec(
+    failed_leg=5,
+    optimizer="exhaustive",
+    budget=5,
+    target_m=0.025,
+    uncertainty_m=0.025,
+    confirmed_uncertainty_m=0.008,
+    baseline_gaits=["tripod"],
+)
+
+#: Ends of the five trials by code, and of the tripod as code 0.
+ENDS = {0: 0.5, 1: 0.30, 2: 0.01, 3: -0.02, 4: 0.04, 5: 0.20}
+
+
+class Ends:
+    """Walks gaits to given ends."""
+
+    def __init__(self, ends: Mapping[int, float], *, aborted: bool = False, status: str = "ok") -> None:
+        self.ends, self.aborted, self.status = ends, aborted, status
+        self.walked: list[int] = []
+
+    def __call__(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
+        if self.aborted:
+            return WalkedTrial(result=result_of(0.0, "aborted"))
+        self.walked.append(code)
+        return WalkedTrial(result=result_of(self.ends[code], self.status))
+
+
+def search(store: SessionStore, finely: Ends, name: str | None = None, **spec: float | str) -> Session:
+    """A session, new or continued, of trials with the ends `ENDS`, confirmed by walks with other ends."""
+    session = store.create(replace(SPEC, **spec)) if name is None else store.load(name)  # type: ignore[arg-type]
+    optimizer = make_optimizer("exhaustive", GaitSpace((5,)), 0)
+    loop = AdaptLoop(
+        session,
+        store,
+        Deduplication(optimizer, 0, paper_count=False),
+        Ends(ENDS),
+        walk_finely=finely,
+    )
+    loop.run()
+    return session
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> SessionStore:
+    return SessionStore(tmp_path)
+
+
+TARGET = {"target_m": 1e-6}  # never reached: all five are walked
+
+
+def test_the_candidate_walks_once_more_and_its_own_end_counts(store: SessionStore) -> None:
+    finely = Ends({2: -0.012})
+    session = search(store, finely, **TARGET)
+    assert finely.walked == [2]
+    assert session.best_walk is not None
+    assert session.best_walk.code == 2
+    printed = session.as_json()["recommended"]
+    assert (printed["code"], printed["confirmed"]) == (2, True)
+    assert (printed["score"], printed["uncertainty_m"]) == (pytest.approx(0.012), 0.008)
+    assert session.as_json()["confirmations"][0]["time_step_s"] == 0.0005
+    assert store.load(session.name) == session
+
+
+def test_a_target_that_single_trials_cannot_resolve_is_confirmed(store: SessionStore) -> None:
+    near = search(store, Ends({1: 0.3, 2: 0.01, 3: 0.0, 4: 0.0, 5: 0.0}), **TARGET)
+    near.spec = replace(near.spec, target_m=0.025)
+    assert near.within_target is not None
+    assert near.within_target > 0.9
+    assert near.spec.greatest_chance is not None
+    assert near.spec.greatest_chance < 0.7
+    far = search(store, Ends({1: 0.3, 2: 0.05, 3: 0.06, 4: 0.07}), **TARGET)
+    far.spec = replace(far.spec, target_m=0.025)
+    assert far.within_target is not None
+    assert far.within_target < 0.01
+
+
+def test_a_candidate_that_ends_worse_than_another_trial_gives_way_to_it(store: SessionStore) -> None:
+    finely = Ends({2: 0.09, 3: 0.03})
+    session = search(store, finely, **TARGET)
+    assert finely.walked == [2, 3]
+    assert session.best_walk is not None
+    assert session.best_walk.code == 3
+
+
+def test_at_most_three_trials_are_confirmed(store: SessionStore) -> None:
+    finely = Ends({2: 0.5, 3: 0.6, 4: 0.45, 0: 0.46})
+    session = search(store, finely, **TARGET)
+    assert finely.walked == [2, 3, 4, 0], "the tripod is not resolved from the best of them"
+    assert isinstance(session.best_walk, BaselineRecord)
+
+
+def test_a_baseline_that_is_not_resolved_walks_too_and_is_preferred(
+    store: SessionStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(ENDS, 0, 0.06)
+    finely = Ends({2: 0.01, 0: 0.02})
+    session = search(store, finely, **TARGET)
+    assert finely.walked == [2, 0]
+    assert isinstance(session.best_walk, BaselineRecord)
+    worse = search(store, Ends({2: 0.01, 0: 0.06}), **TARGET)
+    assert worse.best_walk is not None
+    assert worse.best_walk.code == 2, "5 cm are resolved by two confirmed walks"
+
+
+def test_a_candidate_that_falls_at_the_finer_step_is_not_recommended(store: SessionStore) -> None:
+    class Falling(Ends):
+        def __call__(self, index: int, code: int, *rest: object) -> WalkedTrial:
+            self.status = "fell" if code == 2 else "ok"
+            return super().__call__(index, code, *rest)  # type: ignore[arg-type]
+
+    session = search(store, Falling({2: 0.0, 3: 0.01}), **TARGET)
+    assert session.best_walk is not None
+    assert session.best_walk.code == 3
+
+
+def test_an_interrupted_confirmation_loses_nothing(store: SessionStore) -> None:
+    cut = search(store, Ends({}, aborted=True), **TARGET)
+    assert (cut.ended, len(cut.trials), cut.confirmations) == (None, 5, [])
+    finely = Ends({2: 0.01})
+    whole = search(store, finely, cut.name)
+    assert (whole.ended, whole.trials, finely.walked) == ("budget", cut.trials, [2])
+    again = Ends({})
+    assert search(store, again, cut.name).confirmations == whole.confirmations
+    assert again.walked == []
+
+
+@pytest.mark.parametrize("spec", [{"confirmed_uncertainty_m": 0.0}])
+def test_what_cannot_be_known_better_is_not_walked_again(store: SessionStore, spec: dict[str, float]) -> None:
+    finely = Ends({})
+    session = search(store, finely, **TARGET, **spec)
+    assert finely.walked == []
+    assert session.as_json()["recommended"]["confirmed"] is False
+    assert session.within_target is None
+
+
+def test_a_damaged_confirmation_is_named(store: SessionStore) -> None:
+    name = search(store, Ends({2: 0.01}), **TARGET).name
+    store._connection.execute("UPDATE confirmations SET record = replace(record, '0.0005', '-1.0')")
+    with pytest.raises(StoreError, match="confirmation 1"):
+        store.load(name)
+    store.delete(name)
+    assert store._connection.execute("SELECT count(*) FROM confirmations").fetchone() == (0,)
+
+
+def test_a_simulated_search_confirms_in_its_own_world_at_a_finer_step(tmp_path: Path) -> None:
+    """Walks of 2 s: what is compared is the end of the same gait at both steps, not a recording."""
+    spec = new_spec(failed_leg=2, budget=1, duration_s=2.0, prior="none", world="slope", optimizer="random")
+    spec = replace(spec, uncertainty_m=0.02, confirmed_uncertainty_m=0.005)
+    seen: list[float] = []
+    result = Adaptation(spec, folder=tmp_path, record=False).run(
+        on_confirmation=lambda _, walk: seen.append(walk.time_step_s)
+    )
+    confirmed = result.session.confirmations
+    assert seen == [0.0005] * len(confirmed)
+    assert confirmed
+    best = {walk.slots: walk for walk in (*result.baseline, *result.trials)}
+    for walk in confirmed:
+        assert 0 < abs(walk.score - best[walk.slots].score) < 0.02
+
+
+def test_named_gaits_are_confirmed_by_their_slots(store: SessionStore) -> None:
+    session = search(store, Ends({2: 0.5, 3: 0.6, 4: 0.7, 0: 0.4}), **TARGET)
+    tripod = session.confirmation_of(NAMED_SLOTS["tripod"])
+    assert tripod is not None
+    assert (tripod.code, tripod.score) == (None, pytest.approx(0.4))
