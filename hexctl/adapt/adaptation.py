@@ -18,6 +18,7 @@ from hexctl.adapt.loop import AdaptLoop, OnBaseline, OnConfirmation, OnTrial
 from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import ObjectiveChoice, as_objective
 from hexctl.adapt.optimizer import OptimizerChoice
+from hexctl.adapt.progress import SearchBar
 from hexctl.adapt.reset_free import ResetFreeRunner, arena_of, at_home, connected_robot, yaw_note
 from hexctl.adapt.result import AdaptationResult
 from hexctl.adapt.runner import TrialRunner, at_finer_step, check_not_interrupted
@@ -348,6 +349,7 @@ def adapt(
     folder: Path | str = RUNS,
     note: Note = log_note,
     on_trial: OnTrial | None = None,
+    progress: bool = True,
     stop_requested: StopRequested = never,
 ) -> AdaptationResult:
     """Find a gait for a failed leg, as `hexctl adapt` does; also called as `hexctl.adapt(...)`.
@@ -401,6 +403,7 @@ def adapt(
         folder: of the session store, the recordings and the priors.
         note: is told what a person should know; by default it is logged.
         on_trial: called with the session and each trial, once it is stored.
+        progress: whether to show a bar on stderr, if that is a terminal and no operator is asked.
         stop_requested: asked every tick; True stops the robot softly and ends the run.
 
     Raises InputError for anything that is not allowed; RobotFaultError for a robot that cannot be used, or
@@ -411,6 +414,8 @@ def adapt(
     check_type(servos, (LegServos, type(None)), "servos", allowed)
     check_type(folder, (str, Path), "folder", "a path")
     check_type(record, bool, "record", "True or False; recordings go into folder")
+    check_type(progress, bool, "progress", "True or False")
+    check_callable(on_trial, "on_trial", "a function of the session and a trial, or None")
     if servos is not None and backend == "sim":
         backend = f"{type(servos).__module__}:{type(servos).__qualname__}"
     spec = new_spec(
@@ -458,7 +463,14 @@ def adapt(
         operator=operator,
         note=note,
     )
-    result = adaptation.run(on_trial=on_trial, stop_requested=stop_requested)
+    with SearchBar(hidden=not progress or operator is not None) as bar:
+        result = adaptation.run(
+            on_begin=bar.begin,
+            on_baseline=bar.advance,
+            on_trial=bar.advance_and(on_trial),
+            on_confirmation=bar.advance,
+            stop_requested=stop_requested,
+        )
     if result.trouble is not None:
         raise result.trouble
     return result

@@ -12,7 +12,6 @@ from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES, Objective, undomi
 from hexctl.adapt.optimizers.shipped import TRIM
 from hexctl.adapt.optimizers.trim import mean_trim_rad, mean_turn_trim_rad_s
 from hexctl.adapt.sessions.recommendation import recommended
-from hexctl.control.assessment.uncertainty_store import DISTINCT
 from hexctl.control.result import QUALITIES, TrialResult
 from hexctl.gait.gait import AUTO
 from hexctl.robot.failure import Failure, parse_failure
@@ -172,11 +171,6 @@ class SessionSpec:
         """The simulation's own uncertainty of a score; empty where it is not known, or the score no end."""
         uncertain = self.uncertainty_m > 0 and self.objective == "final"
         return f"{self.uncertainty_m:.3f} m" if uncertain else ""
-
-    def distinct(self, score: float, other: float) -> bool:
-        """Whether two scores differ by more than the simulation's own uncertainty, with 95 % confidence."""
-        least = DISTINCT * self.uncertainty_m if self.uncertainty_text else 0.0
-        return abs(score - other) > least
 
     def as_json(self) -> dict[str, Any]:
         """The spec as JSON values."""
@@ -376,17 +370,6 @@ class Session:
         """The valid trial with the lowest score, the earliest of equals; None without a valid trial."""
         valid = [trial for trial in self.trials if trial.valid]
         return min(valid, key=lambda trial: trial.score) if valid else None
-
-    @property
-    def better_baseline(self) -> list[BaselineRecord]:
-        """Valid walks of the baseline that no trial is better than, the best first; empty before a trial.
-
-        Walks that the simulation's own uncertainty does not tell from the best trial are not among them.
-        """
-        best = INVALID_SCORE if self.best is None else self.best.score
-        valid = [walk for walk in self.baseline if walk.valid and self.trials]
-        better = [walk for walk in valid if walk.score < best and self.spec.distinct(walk.score, best)]
-        return sorted(better, key=lambda walk: walk.score)
 
     @property
     def best_walk(self) -> TrialRecord | BaselineRecord | None:

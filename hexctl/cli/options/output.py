@@ -24,6 +24,8 @@ DaskOption = Annotated[
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
 
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print the end only.")]
+
 RecordOption = Annotated[
     Path | None,
     typer.Option(

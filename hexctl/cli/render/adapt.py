@@ -1,4 +1,4 @@
-"""Sessions as text: the table that grows trial by trial, the summary at the end, one line each in a list."""
+"""Sessions as text: the table that grows trial by trial, the summary at its end."""
 
 import math
 import shlex
@@ -6,92 +6,99 @@ import sys
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
+from types import TracebackType
 from typing import Self
 
-import typer
+from rich.console import RenderableType
+from rich.text import Text
 
 from hexctl.adapt.loop import NOT_WORTH
-from hexctl.adapt.objectives import INVALID_SCORE, Objective
+from hexctl.adapt.objectives import Objective
 from hexctl.adapt.optimizers.bayes import SURE
-from hexctl.adapt.optimizers.shipped import BAYES, TRIM
+from hexctl.adapt.optimizers.shipped import TRIM
+from hexctl.adapt.progress import SearchBar
 from hexctl.adapt.runner import LegFailedError
+from hexctl.adapt.sessions.recommendation import Contender, contenders, recommended, straightest_baseline
 from hexctl.adapt.sessions.session import (
     BASELINE_INDEX,
-    MILESTONES_M,
     BaselineRecord,
+    ConfirmationRecord,
     Session,
     SessionSpec,
     TrialRecord,
     WalkRecord,
     trials_text,
 )
-from hexctl.cli.console import FAULT, code_of_stop, make_bar, print_above
-from hexctl.cli.progress import WithBar
-from hexctl.control.assessment.cause import CAUSES
+from hexctl.cli.console import FAULT, code_of_stop, print_result
 from hexctl.errors import HexctlError, InputError
 from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.record.run_spec import RunSpec
 from hexctl.robot.loader import load_robot
 
-HEADER = "trial  code  slots        deviation     distance  status        best"
-TRIM_HEADER = "      trim"
-EXPECTED = "  expected, 9 of 10"
 
-#: Says whose uncertainty a ± is.
-BY_ITSELF = "by the simulation's own uncertainty"
+class SessionTable:
+    """Prints a line per walk on stdout, and a progress bar with the time left on stderr.
 
-
-class SessionTable(WithBar):
-    """Prints a line per trial on stdout, and a progress bar with the time left on stderr.
-
-    Silent when told so; the bar is shown only where both are terminals.
+    Silent with `quiet`; the bar is shown only if both are terminals.
     """
 
     def __init__(self, *, quiet: bool) -> None:
         self._quiet = quiet
-        self._bar = make_bar(quiet=True)
+        self._bar = SearchBar(hidden=True)
 
     def __enter__(self) -> Self:
         return self  # the bar begins with the table
 
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._bar.__exit__(kind, error, trace)
+
     def begin(self, session: Session) -> None:
-        """Print the head of the table, the trials that a resumed session has, and open the bar."""
+        """Print the head of the table, the walks that a resumed session has, and open the bar."""
         if self._quiet:
             return
-        typer.echo(opening_line(session))
-        typer.echo(header_line(session))
-        for line in [*map(baseline_line, session.baseline), *_trial_lines(session)]:
-            typer.echo(line)
+        print_result(*table_lines(session))
         # A bar and a question would write over one another.
-        self._bar = make_bar(quiet=session.spec.ask or not sys.stdout.isatty())
-        self._task = self._bar.add_task(
-            "trials (Ctrl-C stops, --resume continues)",
-            total=session.spec.budget,
-            completed=len(session.trials),
-        )
-        self._bar.start()
+        self._bar = SearchBar(hidden=session.spec.ask or not sys.stdout.isatty())
+        self._bar.begin(session)
 
     def add(self, session: Session, trial: TrialRecord) -> None:
         """Print a trial and move the bar."""
-        if self._quiet:
-            return
-        print_above(self._bar, trial_line(session, trial), err=False)
-        self._bar.update(self._task, completed=len(session.trials))
+        self._add(session, trial_line(session, trial))
 
     def add_baseline(self, session: Session, walk: BaselineRecord) -> None:
-        """Print a walk with a gait that the robot would use anyway; it moves no bar."""
-        if not self._quiet:
-            print_above(self._bar, baseline_line(walk), err=False)
+        """Print a walk with a gait that the robot would use anyway."""
+        self._add(session, baseline_line(session, walk))
+
+    def add_confirmation(self, session: Session, walk: ConfirmationRecord) -> None:
+        """Print a walk at a finer time step."""
+        self._add(session, confirmation_line(session, walk))
+
+    def _add(self, session: Session, line: Text) -> None:
+        if self._quiet:
+            return
+        self._bar.advance(session)
+        if self._bar.shown:
+            self._bar.print_above(line)
+        else:
+            print_result(line)
 
 
-def _trial_lines(session: Session) -> list[str]:
-    return [trial_line(session, trial) for trial in session.trials]
+def table_lines(session: Session) -> list[RenderableType]:
+    """Options of a session and all its walks, a line each."""
+    return [
+        *opening_lines(session),
+        Text(header_line(session), style="bold"),
+        *(baseline_line(session, walk) for walk in session.baseline),
+        *(trial_line(session, trial) for trial in session.trials),
+        *(confirmation_line(session, walk) for walk in session.confirmations),
+    ]
 
 
-def session_lines(session: Session) -> list[str]:
-    """Lines of a whole session: its options, its baseline, every trial, its outcome."""
-    lines = [*map(baseline_line, session.baseline), *_trial_lines(session)]
-    return [opening_line(session), header_line(session), *lines, closing_lines(session, session.ended)]
+def session_lines(session: Session) -> list[RenderableType]:
+    """Lines of a complete session: its options, its walks, its outcome."""
+    return [*table_lines(session), *closing_parts(session, session.ended)]
 
 
 def pareto_lines(session: Session, objectives: Sequence[Objective]) -> list[str]:
@@ -114,19 +121,28 @@ def pareto_lines(session: Session, objectives: Sequence[Objective]) -> list[str]
 
 def header_line(session: Session) -> str:
     """Names of the columns."""
-    trim = TRIM_HEADER if session.spec.hold == "heading" or session.spec.optimizer == TRIM else ""
-    return HEADER + trim + (EXPECTED if session.spec.prior and session.spec.hold == "none" else "")
+    trim = "     trim" if _trims(session.spec) else ""
+    score = "" if session.spec.objective == "final" else f"{'score':>10}"
+    return f"walk   gait  {'slots':<11}  {'end':>13}  {'distance':>8}{score}{trim}  status"
 
 
-def opening_line(session: Session) -> str:
+def _trims(spec: SessionSpec) -> bool:
+    return spec.hold == "heading" or spec.optimizer == TRIM
+
+
+def opening_lines(session: Session) -> list[str]:
     """Options of a session."""
     spec = session.spec
     believing = f" with the prior {Path(spec.prior).name}" if spec.prior else ""
-    return (
-        f"session {session.name}: {subject(spec)}, {spec.optimizer}{believing}, "
-        f"{trials_text(spec.budget)} of {spec.duration_s:g} s{_hold(spec)}{_objective(spec)}{_target(spec)}"
-        f"{_uncertainty(spec)}"
-    )
+    lines = [
+        f"session {session.name}: {subject(spec)}",
+        f"{spec.optimizer}{believing}, {trials_text(spec.budget)} of {spec.duration_s:g} s"
+        f"{_hold(spec)}{_objective(spec)}{_target(spec)}",
+    ]
+    if spec.uncertainty_text:
+        caveat = f" ({spec.uncertainty_caveat})" if spec.uncertainty_caveat else ""
+        lines.append(f"ends are known to ± {in_cm(spec.uncertainty_m)}{caveat}")
+    return lines
 
 
 def _target(spec: SessionSpec) -> str:
@@ -135,24 +151,10 @@ def _target(spec: SessionSpec) -> str:
     return f", target {spec.target_text}" if told else ""
 
 
-def _uncertainty(spec: SessionSpec) -> str:
-    """The ± of all deviations, where it is known."""
-    if not spec.uncertainty_text:
-        return ""
-    return f", deviations ± {spec.uncertainty_text}{_by_itself(spec)}"
-
-
-def _by_itself(spec: SessionSpec) -> str:
-    """Whose uncertainty a ± is, and the walks it was measured on where they are others; empty without one."""
-    if not spec.uncertainty_text:
-        return ""
-    return f" {BY_ITSELF}" + (f" ({spec.uncertainty_caveat})" if spec.uncertainty_caveat else "")
-
-
 def subject(spec: SessionSpec) -> str:
     """Robot, world or backend, and failure."""
     where = f"in {spec.world}" if spec.world is not None else f"over {spec.backend}"
-    return f"{_robot_name(spec.robot)} {where}, leg {spec.failed_leg} {spec.failure}"
+    return f"{robot_name(spec.robot)} {where}, leg {spec.failed_leg} {spec.failure}"
 
 
 def _hold(spec: SessionSpec) -> str:
@@ -165,7 +167,7 @@ def _objective(spec: SessionSpec) -> str:
 
 
 @lru_cache
-def _robot_name(file: str) -> str:
+def robot_name(file: str) -> str:
     """Name of a robot, or of its file where that no longer exists."""
     try:
         return load_robot(file).name
@@ -173,30 +175,42 @@ def _robot_name(file: str) -> str:
         return Path(file).stem
 
 
-def trial_line(session: Session, trial: TrialRecord) -> str:
-    """Line of a trial in the table, with the best score up to it."""
-    scores = [other.score for other in session.trials[: trial.index] if other.valid]
-    best = f"{min(scores):.3f}" if scores else "-"
+def trial_line(session: Session, trial: TrialRecord) -> Text:
+    """Line of a trial in the table; green if it is the best so far, red if it does not count."""
     before = session.trials[: trial.index - 1]
     again = any((other.code, _trim(other)) == (trial.code, _trim(trial)) for other in before)
-    status = _status(trial) + (" (repeat)" if again and not session.spec.count_repeats else "")
-    head = f"{trial.index:>5} {trial.code:>5}"
-    return f"{head}  {_walk_text(trial, status)} {best:>6}{_trim(trial)}{_expected(trial)}{_cause(trial)}"
+    note = ", repeat" if again and not session.spec.count_repeats else ""
+    best = trial.valid and all(trial.score < other.score for other in before)
+    style = "green" if best else "" if trial.valid else "red"
+    return Text(_walk_text(session.spec, trial, f"{trial.index}", f"{trial.code}", note), style=style)
 
 
-def baseline_line(walk: BaselineRecord) -> str:
+def baseline_line(session: Session, walk: BaselineRecord) -> Text:
     """Line of a walk with a gait that the robot would use anyway, trial 0."""
-    text = _walk_text(walk, _status(walk))
-    return f"{BASELINE_INDEX:>4} {walk.gait:>6}  {text} {'-':>6}{_trim(walk)}{_cause(walk)}"
+    return Text(
+        _walk_text(session.spec, walk, f"{BASELINE_INDEX}", walk.gait), style="" if walk.valid else "red"
+    )
 
 
-def _walk_text(walk: WalkRecord, status: str) -> str:
-    """Slots, deviation, distance and status, in their columns."""
+def confirmation_line(session: Session, walk: ConfirmationRecord) -> Text:
+    """Line of a walk at a finer time step."""
+    named = (gait for gait, slots in NAMED_SLOTS.items() if walk.code is None and slots == walk.slots)
+    name = next(named, "-" if walk.code is None else f"{walk.code}")
+    note = f" at {1000 * walk.time_step_s:g} ms"
+    return Text(_walk_text(session.spec, walk, "", name, note), style="cyan" if walk.valid else "red")
+
+
+def _walk_text(spec: SessionSpec, walk: WalkRecord, index: str, gait: str, note: str = "") -> str:
+    """A line of the table, in its columns."""
     signed, distance_m = walk.outcome["deviation_m"]["signed"], walk.outcome["distance_m"]
-    deviation = "-" if signed is None else _side(signed)
+    end = "-" if signed is None else _side(signed)
     distance = "-" if distance_m is None else f"{distance_m:.2f} m"
     slots = ",".join(str(slot) for slot in walk.slots)
-    return f"{slots:<11}  {deviation:<12} {distance:>9}  {status:<12}"
+    score = "" if spec.objective == "final" else f"{walk.score:>10.3f}" if walk.valid else f"{'-':>10}"
+    return (
+        f"{index:>4} {gait:>6}  {slots:<11}  {end:<13}  {distance:>8}{score}{_trim(walk)}  "
+        f"{_status(walk)}{note}{_cause(walk)}"
+    )
 
 
 def _status(walk: WalkRecord) -> str:
@@ -209,26 +223,23 @@ def _trim(walk: WalkRecord) -> str:
     """Trim of a walk in its column, of its course or its turn; empty for a walk without one."""
     trim_deg, turn_deg_s = (walk.outcome.get(name) for name in ("trim_deg", "turn_trim_deg_s"))
     if turn_deg_s is not None:
-        return f"  {turn_deg_s:>+6.3f}\N{DEGREE SIGN}/s"
+        return f" {turn_deg_s:>+6.2f}\N{DEGREE SIGN}/s"
     return "" if trim_deg is None else f"  {trim_deg:>+6.2f}\N{DEGREE SIGN}"
 
 
 def _cause(walk: WalkRecord) -> str:
     """Likely cause of a walk without progress; empty without one."""
     cause = walk.outcome.get("cause")
-    return "" if cause is None else f"  {cause}: {CAUSES.get(cause, '')}"
+    return "" if cause is None else f": {cause}"
 
 
-def _expected(trial: TrialRecord) -> str:
-    """Interval in which the optimizer predicted the trial to end, from right to left; empty without one."""
-    if trial.expected is None:
-        return ""
-    low_m, high_m = trial.expected["low_m"], trial.expected["high_m"]
-    return f"  {_side(low_m)} to {_side(high_m)}"
+def in_cm(length_m: float) -> str:
+    """A length in centimetres, to a millimetre."""
+    return f"{100 * length_m:.1f} cm"
 
 
 def _side(signed_m: float) -> str:
-    return f"{abs(signed_m):.3f} {'left' if signed_m > 0 else 'right'}"
+    return f"{100 * abs(signed_m):>5.1f} cm {'left' if signed_m > 0 else 'right'}"
 
 
 #: Why a search ended, for people.
@@ -237,15 +248,8 @@ ENDS = {
     "target": "its target is reached",
     "confirmed": "it is sure of a gait",
     "exhausted": "every gait was tried",
-    NOT_WORTH: "another trial is not worth it",
+    NOT_WORTH: "another trial would gain too little",
 }
-
-
-def end_of(session: Session) -> str:
-    """Whether a session has ended, and why, in a few words."""
-    if session.ended is None:
-        return "unfinished"
-    return f"ended: {ENDS.get(session.ended, session.ended)}"
 
 
 def finished_line(ended: str) -> str | None:
@@ -275,20 +279,105 @@ def after_stop(spec: SessionSpec, error: HexctlError) -> str:
 
 
 def closing_lines(session: Session, ended: str | None) -> str:
-    """Summary at the end of a session; `ended` is None for one that can be resumed."""
+    """Summary at the end of a session as plain text; `ended` is None for one that can be resumed."""
+    return "\n".join(str(part) for part in closing_parts(session, ended))
+
+
+def closing_parts(session: Session, ended: str | None) -> list[RenderableType]:
+    """Summary at the end of a session, a line each, its finding coloured."""
+    found = recommended(session)
+    known = [Text(line, style="green" if found else "red") for line in _found_lines(session, found)]
+    return [
+        *known,
+        *_surety_lines(session, found),
+        *_baseline_lines(session, found),
+        *_less_lines(session),
+        _ending(session, ended),
+        *_commands(session),
+    ]
+
+
+def _ending(session: Session, ended: str | None) -> str:
+    """Why a session ended, or how it is continued."""
     walked = f"after {trials_text(len(session.trials))}, {session.walked_s:.0f} s walked"
-    why = "unfinished" if ended is None else f"ended: {ended}"
-    lines = [f"{why} {walked}", *_milestone_lines(session), *_baseline_lines(session)]
-    lines += [*_surety_lines(session), *_indistinct_lines(session)]
-    lines += _less_lines(session)
     if ended in (None, "interrupted"):
-        lines.append(f"continue with: hexctl adapt --resume {session.name}")
-    walk = session.best_walk
+        return f"unfinished {walked}; continue with: hexctl adapt --resume {session.name}"
+    return f"ended {walked}: {ENDS.get(ended or '', ended)}"
+
+
+def _commands(session: Session) -> list[str]:
+    """Commands that use what was found, and that show it."""
+    walk, lines = session.best_walk, []
     if walk is not None:
         lines.append(f"walk on with: {_walking(session, walk)}")
     if any(trial.recording for trial in session.trials):
         lines.append(f"look at it with: hexctl view {session.name}")
-    return "\n".join(lines)
+    return lines
+
+
+def _found_lines(session: Session, found: Contender | None) -> list[str]:
+    """The recommended gait and where it ends, or why there is none."""
+    if not session.trials:
+        return ["found: nothing yet, no trial has been walked"]
+    if found is None:
+        return [f"found: no valid trial: {_why_none(session)}"]
+    walk = found.walk
+    name = f"gait {_gait_option(walk)}, " + (
+        "without a search," if isinstance(walk, BaselineRecord) else f"trial {walk.index},"
+    )
+    if session.spec.objective != "final":
+        return [f"found: {name} {session.spec.score_text(found.score)}"]
+    signed = (found.confirmation or walk).outcome["deviation_m"]["signed"]
+    return [f"found: {name} ends {_side(signed).strip()} of its line"]
+
+
+def _surety_lines(session: Session, found: Contender | None) -> list[str]:
+    """How well the end of the recommended gait is known, in a line; none if nothing is known of it."""
+    spec, settled = session.spec, session.settled_on
+    if found is not None and found.confirmation is not None:
+        step = f"{1000 * found.confirmation.time_step_s:g} ms"
+        return [f"sure: ± {in_cm(found.uncertainty_m)} by a walk at a time step of {step}{_reached(session)}"]
+    if found is not None and spec.uncertainty_text:
+        return [f"sure: ± {in_cm(spec.uncertainty_m)} by the simulation's time step"]
+    if settled is None:
+        return []
+    chance, target = 100 * settled["chance"], in_cm(settled["target_m"])
+    return [f"sure: {chance:.0f} % chance that gait {settled['code']} ends within {target}"]
+
+
+def _reached(session: Session) -> str:
+    """Whether a confirmed gait ends within the target; empty without a target."""
+    chance, target_m = session.within_target, session.spec.target_m
+    if chance is None or target_m is None:
+        return ""
+    if chance >= SURE:
+        return f"; within {in_cm(target_m)}"
+    return f"; not within {in_cm(target_m)}" if chance <= 1 - SURE else f"; perhaps within {in_cm(target_m)}"
+
+
+def _baseline_lines(session: Session, found: Contender | None) -> list[str]:
+    """What the gaits that need no search made of it, and what the search gains; none without them."""
+    if not session.baseline:
+        return []
+    known = {one.walk.slots: one.score for one in contenders(session) if not one.searched}
+    unit, scale = ("cm", 100.0) if session.spec.objective_unit == "m" else (session.spec.objective_unit, 1.0)
+    ends = (
+        f"{scale * known.get(walk.slots, walk.score):.1f}" if walk.valid else _status(walk)
+        for walk in session.baseline
+    )
+    unit = unit if any(walk.valid for walk in session.baseline) else ""
+    walks = [f"{walk.gait} {end}" for walk, end in zip(session.baseline, ends, strict=True)]
+    return [f"without a search: {', '.join(walks)} {unit}".rstrip() + _gain(session, found, scale, unit)]
+
+
+def _gain(session: Session, found: Contender | None, scale: float, unit: str) -> str:
+    """What the search gains over the baseline, in words; empty without a trial or a valid baseline."""
+    best = straightest_baseline(session)
+    if found is None or best is None:
+        return ""
+    if found.searched:
+        return f"; the search gains {scale * (best.score - found.score):.1f} {unit}".rstrip()
+    return "; no trial is better"
 
 
 def _less_lines(session: Session) -> list[str]:
@@ -344,91 +433,6 @@ def _course_options(session: Session, walk: WalkRecord) -> dict[str, str]:
     return options if heading == "0" else {**options, "heading": heading}
 
 
-def _baseline_lines(session: Session) -> list[str]:
-    """What the gaits that the robot would use anyway made of it."""
-    walks = [
-        f"{walk.gait} {session.spec.uncertain_text(walk.score) if walk.valid else _status(walk)}"
-        for walk in session.baseline
-    ]
-    return [f"without a search: {', '.join(walks)}{_compared(session)}"] if walks else []
-
-
-def _compared(session: Session) -> str:
-    """Gaits of the baseline that no trial is better than, that the best trial is or cannot be told from."""
-    spec, best_m = session.spec, INVALID_SCORE if session.best is None else session.best.score
-    valid = [walk for walk in session.baseline if walk.valid and session.trials]
-    better = {walk.gait for walk in session.better_baseline}
-    unbeaten = [walk.gait for walk in valid if walk.gait in better]
-    same = [walk.gait for walk in valid if session.best is not None and walk.slots == session.best.slots]
-    alike = [
-        walk.gait
-        for walk in valid
-        if spec.uncertainty_text and walk.gait not in same and not spec.distinct(walk.score, best_m)
-    ]
-    text = f"; no trial is better than {_listed(unbeaten)}" if unbeaten else ""
-    text += f"; the best trial walks the gait {_listed(same)}" if same else ""
-    return text + (f"; the best trial is not distinguishable from {_listed(alike)}" if alike else "")
-
-
-def _listed(names: Sequence[str]) -> str:
-    """Names in a sentence: `auto`, `auto and demo`, `auto, demo and tripod`."""
-    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
-
-
-def _surety_lines(session: Session) -> list[str]:
-    """Gait that the optimizer settles on, and its probability, where there is one."""
-    settled = session.settled_on
-    if settled is None:
-        return []
-    within, sure = f"within {settled['target_m']:g} m", 100 * settled["chance"]
-    if sure < 1:
-        return [f"no gait is known to end {within}"]
-    return [f"sure to {sure:.0f} % that gait {settled['code']} ends {within}"]
-
-
-def _indistinct_lines(session: Session) -> list[str]:
-    """Why no gait can be confirmed, where the simulation is less certain than the target is small."""
-    spec, greatest = session.spec, session.spec.greatest_chance
-    if not session.trials or spec.optimizer != BAYES or greatest is None or greatest >= SURE:
-        return []
-    return [
-        f"no gait can be confirmed within {spec.target_m:g} m: with the simulation's own uncertainty, "
-        f"± {spec.uncertainty_m:.3f} m, even one that ends on the line is within it to "
-        f"{100 * greatest:.0f} % only, not {100 * SURE:.0f} %"
-    ]
-
-
 def _why_none(session: Session) -> str:
     """Statuses of the trials of a session without a valid one."""
     return ", ".join(dict.fromkeys(_status(trial) for trial in session.trials))
-
-
-def _milestone_lines(session: Session) -> list[str]:
-    """Best trial, and the number of trials to each milestone."""
-    best = session.best
-    if not session.trials:
-        return ["no valid trial yet: none has been walked"]
-    if best is None:
-        lines = [f"no valid trial yet: {_why_none(session)}"]
-    else:
-        slots = ",".join(str(slot) for slot in best.slots)
-        score = session.spec.uncertain_text(best.score) + _by_itself(session.spec)
-        lines = [f"best: trial {best.index}, code {best.code} (slots {slots}), {score}"]
-    for milestone in MILESTONES_M if session.spec.objective_unit == "m" else ():
-        reached = session.trials_to(milestone)
-        plus_minus = f", ± {session.spec.uncertainty_text}" if session.spec.uncertainty_text else ""
-        lines.append(
-            f"within {milestone:g} m: "
-            + (f"after {trials_text(reached)}{plus_minus}" if reached else "not reached")
-        )
-    return lines
-
-
-def session_line(session: Session) -> str:
-    """One line on a session: its name, what it searched, how far it came."""
-    spec, best = session.spec, session.best
-    outcome = f"best {spec.uncertain_text(best.score)} (code {best.code})" if best else "no valid trial"
-    return (
-        f"{session.name}  {subject(spec)}, {spec.optimizer}, {len(session.trials)} of "
-        f"{trials_text(spec.budget)} of {spec.duration_s:g} s, {outcome}; {end_of(session)}"
-    )

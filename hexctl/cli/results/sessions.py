@@ -36,7 +36,7 @@ def list_sessions(as_json: JsonOption = False) -> None:
     One that is damaged is named on stderr, with exit code 3; the others are listed all the same.
     """
     from hexctl.adapt.sessions.store import list_sessions as all_sessions
-    from hexctl.cli.render.adapt import session_line
+    from hexctl.cli.render.sessions import sessions_table
 
     damaged: list[StoreError] = []
     found = all_sessions(runs_folder(), on_damage=damaged.append)
@@ -45,7 +45,7 @@ def list_sessions(as_json: JsonOption = False) -> None:
     elif not found and not damaged:
         print_result(f"no sessions under {runs_folder()}/ yet; hexctl adapt makes one")
     elif found:
-        print_result("\n".join(session_line(session) for session in found))
+        print_result(sessions_table(found))
     for error in damaged:
         print_note(f"hexctl: {error}")
     if damaged:
@@ -74,7 +74,7 @@ def show(
     if pareto is not None:
         print_result(_pareto_text(session, pareto, as_json=as_json))
         return
-    print_result(json.dumps(session.as_json()) if as_json else "\n".join(session_lines(session)))
+    print_result(*([json.dumps(session.as_json())] if as_json else session_lines(session)))
 
 
 def _pareto_text(session: "Session", wanted: str, *, as_json: bool) -> str:

@@ -29,7 +29,7 @@ from hexctl.cli.options.failure import (
     leg_or_auto,
     recovery_policy,
 )
-from hexctl.cli.options.output import JsonOption
+from hexctl.cli.options.output import JsonOption, QuietOption
 from hexctl.cli.options.robot import SEED, SEED_HELP, WorldOption, robot_option
 from hexctl.cli.options.walk import DURATION_S, HEADING_DEG, SELF_ROTATION_HELP, Hold, SelfRotation
 from hexctl.cli.see.arena import ArenaOption, arena_fields
@@ -50,7 +50,7 @@ COOL_C = Range(low=25, high=68, unit="degrees Celsius")
 GAIN_M = Range(low=0, unit="m")
 
 #: Options that go with --resume.
-WITH_RESUME = ("--resume", "--budget", "--trust", "--view", "--no-record", "--json")
+WITH_RESUME = ("--resume", "--budget", "--trust", "--view", "--no-record", "--quiet", "--json")
 
 
 def adapt(
@@ -238,6 +238,7 @@ def adapt(
         int | None,
         number("--seed", SEED, f"{SEED_HELP} (default: 0)"),
     ] = None,
+    quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Find a gait for a failed leg in few trials; each is kept and recorded.
@@ -250,7 +251,8 @@ def adapt(
         raise InputError("--no-record: got --view too; allowed: one or the other")
     if resume is not None:
         _check_resumed_alone(resume, given(context))
-        raise typer.Exit(_resume(resume, budget, trust, record=not no_record, view=view, as_json=as_json))
+        shown = {"quiet": quiet, "view": view, "as_json": as_json}
+        raise typer.Exit(_resume(resume, budget, trust, record=not no_record, **shown))
     if trust:
         raise InputError("--trust: got it without --resume; allowed: with --resume SESSION")
     if failed_leg is None:
@@ -293,7 +295,7 @@ def adapt(
         ask=ask,
         seed=seed,
     )
-    raise typer.Exit(_begin(asked, record=not no_record, view=view, as_json=as_json))
+    raise typer.Exit(_begin(asked, record=not no_record, view=view, quiet=quiet, as_json=as_json))
 
 
 def _check_resumed_alone(resume: str, typed: Mapping[str, Any]) -> None:
@@ -306,7 +308,7 @@ def _check_resumed_alone(resume: str, typed: Mapping[str, Any]) -> None:
         )
 
 
-def _begin(asked: dict[str, Any], *, record: bool, **shown: bool) -> int:
+def _begin(asked: dict[str, Any], *, record: bool, quiet: bool, **shown: bool) -> int:
     """Search in a new session and return the exit code."""
     with StopOnInterrupt() as interrupt:  # loading takes a second, in which Ctrl-C is heard as well
         from hexctl.adapt.adaptation import Adaptation
@@ -317,11 +319,12 @@ def _begin(asked: dict[str, Any], *, record: bool, **shown: bool) -> int:
         spec = new_spec(**asked, folder=runs_folder(), note=_note, advice=how_to_build_prior)
         if spec.ask:
             check_answerable()
-        searched = _search(partial(Adaptation, spec), spec, interrupt, record=record, **shown)
+        made = partial(Adaptation, spec)
+        searched = _search(made, spec, interrupt, record=record, quiet=quiet, **shown)
     return searched if isinstance(searched, int) else _end(searched, **shown)
 
 
-def _resume(name: str, budget: int | None, trust: bool, *, record: bool, **shown: bool) -> int:
+def _resume(name: str, budget: int | None, trust: bool, *, record: bool, quiet: bool, **shown: bool) -> int:
     """Continue a session and return the exit code."""
     with StopOnInterrupt() as interrupt:
         from hexctl.adapt.adaptation import Adaptation
@@ -333,7 +336,7 @@ def _resume(name: str, budget: int | None, trust: bool, *, record: bool, **shown
             named = error.worded(lambda what: "--resume" if what == "session" else argument(what))
             raise InputError(named) from error.__cause__
         make = partial(Adaptation.resume, session, budget=budget, trust=trust)
-        searched = _search(make, session.spec, interrupt, record=record, **shown)
+        searched = _search(make, session.spec, interrupt, record=record, quiet=quiet, **shown)
     return searched if isinstance(searched, int) else _end(searched, resumed=True, **shown)
 
 
@@ -344,6 +347,7 @@ def _search(
     *,
     record: bool,
     view: bool,
+    quiet: bool,
     as_json: bool,
 ) -> "AdaptationResult | int":
     """Run an adaptation; its result, or the exit code where there is none."""
@@ -352,7 +356,7 @@ def _search(
     from hexctl.cli.render.adapt import SessionTable, after_stop
 
     begun: list[str] = []
-    with SessionTable(quiet=as_json) as table:
+    with SessionTable(quiet=quiet or as_json) as table:
 
         def begin(session: "Session") -> None:
             begun.append(session.name)
@@ -370,6 +374,7 @@ def _search(
                 on_begin=begin,
                 on_trial=table.add,
                 on_baseline=table.add_baseline,
+                on_confirmation=table.add_confirmation,
                 stop_requested=interrupt.requested,
             )
         except RobotStoppedError as error:
@@ -409,9 +414,10 @@ def _end(result: "AdaptationResult", *, view: bool, as_json: bool, resumed: bool
 
 def _print_end(result: "AdaptationResult", *, as_json: bool, resumed: bool) -> None:
     """Print how a search ended; a session that was resumed may have been finished before."""
-    from hexctl.cli.render.adapt import closing_lines, finished_line
+    from hexctl.cli.render.adapt import closing_parts, finished_line
 
-    print_result(json.dumps(result.to_dict()) if as_json else closing_lines(result.session, result.ended))
+    parts = [json.dumps(result.to_dict())] if as_json else closing_parts(result.session, result.ended)
+    print_result(*parts)
     if resumed and not result.walked and (finished := finished_line(result.ended)) is not None:
         _note(finished)
 

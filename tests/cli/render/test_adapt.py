@@ -2,9 +2,17 @@
 
 from dataclasses import replace
 
+import pytest
+
 from hexctl.adapt.objectives import INVALID_SCORE
-from hexctl.adapt.sessions.session import BaselineRecord, Session, SessionSpec, TrialRecord
-from hexctl.cli.render.adapt import closing_lines, opening_line, session_line
+from hexctl.adapt.sessions.session import (
+    BaselineRecord,
+    ConfirmationRecord,
+    Session,
+    SessionSpec,
+    TrialRecord,
+)
+from hexctl.cli.render.adapt import baseline_line, closing_lines, confirmation_line, opening_lines, trial_line
 
 SPEC = SessionSpec(optimizer="bayes", prior="x.npz", target_m=0.025)
 
@@ -27,30 +35,50 @@ def session(**changes: object) -> Session:
     return Session(name="s", spec=spec, created="2026-01-01", trials=[trial], ended="budget")
 
 
-def test_the_best_deviation_has_its_uncertainty_beside_it() -> None:
-    closing = closing_lines(session(uncertainty_m=0.0213), "budget")
-    assert "0.006 m ± 0.021 m by the simulation's own uncertainty\n" in closing
-    assert "deviations ± 0.021 m by the simulation's own uncertainty" in opening_line(
-        session(uncertainty_m=0.0213)
-    )
-    assert "best 0.006 m ± 0.021 m (code 17)" in session_line(session(uncertainty_m=0.0213))
+def test_what_is_known_of_the_end_is_one_line() -> None:
+    lines = closing_lines(session(uncertainty_m=0.0213), "budget").splitlines()
+    assert lines[:2] == [
+        "found: gait 17, trial 1, ends 0.6 cm left of its line",
+        "sure: ± 2.1 cm by the simulation's time step",
+    ]
+    assert "± 2.1 cm" in "\n".join(opening_lines(session(uncertainty_m=0.0213)))
 
 
-def test_where_it_is_not_known_nothing_is_said_of_it() -> None:
-    for text in (closing_lines(session(), "budget"), opening_line(session()), session_line(session())):
+def test_if_nothing_is_known_of_the_uncertainty_nothing_is_printed_of_it() -> None:
+    for text in (closing_lines(session(), "budget"), "\n".join(opening_lines(session()))):
         assert "±" not in text
-        assert "uncertainty" not in text
+        assert "sure" not in text
 
 
-def test_a_target_that_no_gait_can_be_confirmed_within_is_said_in_one_line() -> None:
-    text = closing_lines(session(uncertainty_m=0.0213), "not worth another trial")
-    (line,) = (line for line in text.splitlines() if "confirmed" in line)
-    assert line == (
-        "no gait can be confirmed within 0.025 m: with the simulation's own uncertainty, ± 0.021 m, even one "
-        "that ends on the line is within it to 76 % only, not 90 %"
-    )
-    for distinct in ({"uncertainty_m": 0.014}, {"uncertainty_m": 0.0213, "optimizer": "pso"}, {}):
-        assert "can be confirmed" not in closing_lines(session(**distinct), "budget")
+def test_a_real_robot_has_the_chance_that_its_optimizer_gives() -> None:
+    real = session(backend="zenoh", world=None)
+    real.settled_on = {"code": 17, "chance": 0.65, "target_m": 0.025}
+    assert "sure: 65 % chance that gait 17 ends within 2.5 cm" in closing_lines(real, "budget").splitlines()
+
+
+@pytest.mark.parametrize(
+    ("signed_m", "words"),
+    [(-0.002, "within 2.5 cm"), (0.2, "not within 2.5 cm"), (0.02, "perhaps within 2.5 cm")],
+)
+def test_a_confirmed_end_is_the_one_that_is_printed(signed_m: float, words: str) -> None:
+    confirmed = session(uncertainty_m=0.0213, confirmed_uncertainty_m=0.008)
+    confirmed.confirmations = [
+        ConfirmationRecord(
+            code=17,
+            slots=confirmed.trials[0].slots,
+            score=abs(signed_m),
+            outcome={**OUTCOME, "deviation_m": {"signed": signed_m}},
+            path_m=[],
+            recording=None,
+            time_step_s=0.0005,
+        )
+    ]
+    side = "left" if signed_m > 0 else "right"
+    assert closing_lines(confirmed, "budget").splitlines()[:2] == [
+        f"found: gait 17, trial 1, ends {100 * abs(signed_m):.1f} cm {side} of its line",
+        f"sure: ± 0.8 cm by a walk at a time step of 0.5 ms; {words}",
+    ]
+    assert str(confirmation_line(confirmed, confirmed.confirmations[0])).endswith("ok at 0.5 ms")
 
 
 def with_tripod(score: float, **changes: object) -> Session:
@@ -63,46 +91,43 @@ def with_tripod(score: float, **changes: object) -> Session:
     return whole
 
 
-def test_a_gait_within_the_uncertainty_of_the_best_trial_is_not_called_better_or_worse() -> None:
-    for tripod in (0.001, 0.05):
-        text = closing_lines(with_tripod(tripod, uncertainty_m=0.0213), "budget")
-        said = f"without a search: tripod {tripod:.3f} m ± 0.021 m"
-        assert f"{said}; the best trial is not distinguishable from tripod" in text.splitlines()
-    whole = with_tripod(0.001, uncertainty_m=0.0213)
-    assert whole.best is not None
-    whole.baseline[0] = replace(whole.baseline[0], gait="auto", slots=whole.best.slots)
-    text = closing_lines(whole, "budget")
-    assert "; the best trial walks the gait auto" in text
-    assert "not distinguishable from auto" not in text
-    text = closing_lines(with_tripod(0.08, uncertainty_m=0.0213), "budget")  # 7.4 cm: 3.5 times 2.1 cm
-    assert "without a search: tripod 0.080 m ± 0.021 m" in text.splitlines()
-    text = closing_lines(with_tripod(0.001, uncertainty_m=0.0013), "budget")
-    assert "; no trial is better than tripod" in text
-    unbeaten = replace(
-        with_tripod(0.001),
-        baseline=[replace(with_tripod(0.001).baseline[0], gait=name) for name in ("auto", "demo", "tripod")],
-    )
-    assert "; no trial is better than auto, demo and tripod" in closing_lines(unbeaten, "budget")
-    text = closing_lines(with_tripod(0.001), "budget")  # not known: as they are
-    assert "without a search: tripod 0.001 m; no trial is better than tripod" in text.splitlines()
+def test_the_summary_has_six_lines_and_none_of_a_walk_is_wider_than_a_terminal() -> None:
+    whole = with_tripod(0.1, uncertainty_m=0.0213)
+    whole.trials[0] = replace(whole.trials[0], recording="trial-001.rrd")
+    lines = closing_lines(whole, "not worth another trial").splitlines()
+    assert [line.partition(":")[0].split(" after")[0] for line in lines] == [
+        *("found", "sure", "without a search", "ended", "walk on with", "look at it with"),
+    ]
+    assert "not worth" not in "\n".join(lines)
+    fallen = replace(whole.trials[0], outcome={**OUTCOME, "status": "no_progress", "cause": "saturation"})
+    shown = [baseline_line(whole, whole.baseline[0]), trial_line(whole, fallen), *opening_lines(whole)]
+    assert max(len(line) for line in (*shown, *lines[:4])) <= 80
 
 
-def test_a_milestone_has_the_uncertainty_of_the_walk_that_reached_it() -> None:
-    lines = closing_lines(session(uncertainty_m=0.0213), "budget").splitlines()
-    assert "within 0.025 m: after 1 trial, ± 0.021 m" in lines
+def test_the_search_is_compared_with_the_gaits_that_need_none() -> None:
+    def compared(whole: Session) -> str:
+        lines = closing_lines(whole, "budget").splitlines()
+        return next(line for line in lines if line.startswith("without a search: "))
+
+    assert compared(with_tripod(0.1)) == "without a search: tripod 10.0 cm; the search gains 9.4 cm"
+    unresolved = with_tripod(0.05, uncertainty_m=0.0213)
+    assert compared(unresolved) == "without a search: tripod 5.0 cm; no trial is better"
+    fell = with_tripod(0.1)
+    walk = replace(fell.baseline[0], score=INVALID_SCORE, outcome={**OUTCOME, "status": "fell"})
+    fell.baseline[0] = walk
+    assert compared(fell) == "without a search: tripod fell"
 
 
 def test_the_uncertainty_is_only_of_the_end_of_a_walk() -> None:
     """Sessions of before may have stored one with another objective: its ± was metres, whatever the unit."""
     turned = session(uncertainty_m=0.0213, objective="scores:heading_lost", objective_unit="rad")
-    for text in (closing_lines(turned, "budget"), opening_line(turned), session_line(turned)):
+    for text in (closing_lines(turned, "budget"), "\n".join(opening_lines(turned))):
         assert "±" not in text
 
 
-def test_which_walks_were_measured_is_said_where_they_are_others() -> None:
+def test_which_walks_were_measured_is_printed_if_they_are_others() -> None:
     borrowed = session(uncertainty_m=0.0213, uncertainty_caveat="measured on the flat world")
-    for text in (closing_lines(borrowed, "budget"), opening_line(borrowed)):
-        assert "0.021 m by the simulation's own uncertainty (measured on the flat world)" in text
+    assert opening_lines(borrowed)[-1] == "ends are known to ± 2.1 cm (measured on the flat world)"
 
 
 def walk_on(**changes: object) -> list[str]:
@@ -136,7 +161,6 @@ def test_a_gait_without_a_search_that_no_trial_is_better_than_is_the_one_to_walk
     assert gait_of(both) == "1,3,6,2,5,4"
     both.trials[0] = replace(both.trials[0], score=INVALID_SCORE, outcome={**OUTCOME, "status": "fell"})
     assert gait_of(both) == "1,3,6,2,5,4", "no trial is valid"
-    assert [walk.gait for walk in both.better_baseline] == ["auto", "tripod"]
 
 
 def test_before_the_first_trial_nothing_is_said_of_what_can_be_confirmed() -> None:

@@ -167,12 +167,12 @@ def test_the_table_says_what_is_believed_and_how_sure_it_ended(
 ) -> None:
     assert exit_code([*ADAPT, "--prior", prior, "--budget", "4", "--target", "0.1"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert "bayes with the prior x.npz" in lines[0]
+    assert "bayes with the prior x.npz" in lines[1]
     assert any("s walked" in line for line in lines)
-    assert any(line.startswith("ended: confirmed after") for line in lines)
-    (sure,) = [line for line in lines if line.startswith("sure to ")]
-    assert "ends within 0.1 m" in sure
-    assert int(sure.split()[2]) >= 90
+    assert any(line.endswith("it is sure of a gait") for line in lines)
+    (sure,) = [line for line in lines if line.startswith("sure: ")]
+    assert "ends within 10.0 cm" in sure
+    assert int(sure.split()[1]) >= 90
 
 
 def test_another_leg_of_a_round_robot_is_served_too(prior: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -243,7 +243,9 @@ def test_the_shipped_prior_is_believed_by_default(
     outcome, err = run(capsys, "adapt", "--failed-leg", "5", "--no-record", "--no-baseline", "--budget", "3")
     assert (outcome["optimizer"], err) == ("bayes", "")
     assert Path(outcome["prior"]).name == "ant-locked-rear-30s.npz"
-    assert world.walked == [trial["code"] for trial in outcome["trials"]]
+    *trials, confirmed = world.walked
+    assert trials == [trial["code"] for trial in outcome["trials"]]
+    assert [walk["code"] for walk in outcome["confirmations"]] == [confirmed]
 
 
 def save(name: str, **options: Any) -> str:

@@ -96,24 +96,37 @@ def test_the_gaits_it_would_use_anyway_are_walked_first_and_are_no_trials(
     assert exit_code(["sessions", "delete", name, "--yes"]) == 0
 
 
+def test_quiet_prints_the_end_only(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(TrialRunner, "walk", lambda _, *trial: Landscape()(*trial))
+    words = ["adapt", "--failed-leg", "5", "--optimizer", "random", "--no-record", "--budget", "3", "--quiet"]
+    assert exit_code(words) == 0
+    printed = capsys.readouterr()
+    assert printed.out.startswith("found: ")
+    assert len(printed.out.splitlines()) <= 6
+    assert printed.err == ""
+
+
 def test_the_table_and_the_sessions(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code([*QUICK, "--no-record"]) == 0
     printed = capsys.readouterr().out
-    assert len([line for line in printed.splitlines() if " ok " in line]) == 6
+    assert len([line for line in printed.splitlines() if line.endswith(" ok")]) == 6
+    assert max(map(len, printed.splitlines()[:10])) <= 80
     gaits = ("auto", "demo", "tripod")
-    assert [line.split()[:2] for line in printed.splitlines()[2:5]] == [["0", gait] for gait in gaits]
-    (said,) = [line for line in printed.splitlines() if line.startswith("without a search: auto ")]
-    assert said.endswith("; no trial is better than tripod")
+    assert [line.split()[:2] for line in printed.splitlines()[3:6]] == [["0", gait] for gait in gaits]
+    assert [line for line in printed.splitlines() if line.startswith("without a search: auto ")]
+    assert "--gait tripod" in printed
     (listed,) = run_json(capsys, "sessions", "list")
     name = listed["session"]
     assert name in printed
     assert exit_code(["sessions", "show", name]) == 0
     shown = capsys.readouterr().out
-    assert "best: trial" in shown
-    assert "ended: budget after 3 trials" in shown
+    assert "found: gait tripod, without a search, ends" in shown
+    assert "ended after 3 trials" in shown
     assert (listed["ended"], listed["trials"]) == ("budget", 3)
     assert exit_code(["sessions", "list"]) == 0
-    assert "its budget is spent" in capsys.readouterr().out
+    assert capsys.readouterr().out.splitlines()[1].split()[-1] == "budget"
     for ending in ("csv", "parquet"):
         assert exit_code(["sessions", "export", name, f"out.{ending}"]) == 0
         assert Path(f"out.{ending}").stat().st_size > 100
@@ -225,7 +238,7 @@ def test_a_budget_beyond_the_space_ends_when_every_gait_was_tried(
     assert outcome["ended"] == "exhausted"
     assert len(outcome["trials"]) == 120
     assert exit_code([*words, "--budget", "121"]) == 0
-    assert "exhausted after 120 trials" in capsys.readouterr().out
+    assert "ended after 120 trials" in capsys.readouterr().out
 
 
 def test_a_finished_session_goes_on_with_another_budget(
@@ -255,7 +268,7 @@ def test_a_session_at_its_target_has_nothing_to_walk(
     assert (outcome["ended"], len(outcome["trials"])) == ("target", 1)
     assert exit_code(["adapt", "--resume", outcome["session"], "--no-record", "--budget", "8"]) == 0
     printed = capsys.readouterr()
-    assert "ended: target after 1 trial," in printed.out
+    assert "ended after 1 trial," in printed.out
     said = (
         "the session is finished, its target is reached: nothing to walk; another target takes a new session"
     )
@@ -317,7 +330,7 @@ def test_no_valid_trial_is_no_success(
     outcome = run_json(capsys, *words, code=4)
     assert (outcome["found"], outcome["best"], outcome["ended"]) == (False, None, "budget")
     assert exit_code(words) == 4
-    assert "no valid trial yet: fell" in capsys.readouterr().out
+    assert "no valid trial: fell" in capsys.readouterr().out
 
 
 def test_an_objective_of_ones_own_is_found_again(
@@ -330,7 +343,8 @@ def test_an_objective_of_ones_own_is_found_again(
     mine = ["--objective", "hexctl_test_scores:sideways", "--optimizer", "random"]
     begun = run_json(capsys, "adapt", "--failed-leg", "5", "--no-record", "--budget", "3", *mine)
     assert (begun["objective"], begun["objective_label"]) == (mine[1], "Distance to the left")
-    resumed = run_json(capsys, "adapt", "--resume", begun["session"], "--no-record", "--budget", "6")
+    more = ["--no-record", "--trust", "--budget", "6"]
+    resumed = run_json(capsys, "adapt", "--resume", begun["session"], *more)
     scores = [trial["score"] for trial in resumed["trials"] if trial["score"] is not None]
     assert resumed["best"]["score"] == min(scores) < 0
     assert exit_code(["sessions", "show", begun["session"]]) == 0
@@ -397,7 +411,7 @@ def test_a_full_disk_ends_in_one_line_and_loses_no_kept_trial(capsys: pytest.Cap
     assert done.returncode == 3, done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert "cannot be stored" in done.stderr
-    walked = [line for line in done.stdout.splitlines() if "  ok  " in line or "no_progress" in line]
+    walked = [line for line in done.stdout.splitlines() if line.endswith("  ok") or "no_progress" in line]
     shown = [line for line in walked if not line.startswith("   0 ")]
     (listed,) = run_json(capsys, "sessions", "list")
     assert listed["trials"] == len(shown) > 0

@@ -40,8 +40,6 @@ def test_it_is_how_far_each_walk_ends_elsewhere() -> None:
     assert found.contact_m == pytest.approx(math.sqrt((softer_m**2 + harder_m**2) / 2), rel=0.05)
     assert found.numerical_m == found.step_m, "the default solver tolerance is not used"
     assert 0 < found.solver_m < found.contact_m
-    assert found.confirmed_m is not None
-    assert found.confirmed_m < found.step_m
     assert (found.walks, found.duration_s) == (2, 4.0)
     assert (found.low_m, found.high_m) == (None, None)  # of two walks
 
