@@ -55,9 +55,11 @@ def flat_rows(session: Session) -> list[dict[str, Any]]:
         values |= {f"deviation_{name}_m": value for name, value in deviation.items()}
         spec = session.spec
         head = {"session": session.name, "optimizer": spec.optimizer, "failed_leg": spec.failed_leg}
+        asked = {"robot": spec.robot, "world": spec.world, "failure": spec.failure}
+        asked |= {"duration_s": spec.duration_s, "target_m": spec.target_m}
         # Columns that came later stay behind those of before.
         later, last = ({name: values.pop(name) for name in names} for names in (LATER_COLUMNS, LAST_COLUMNS))
-        rows.append({**head, "seed": spec.seed, **values, **later, **baseline, **last})
+        rows.append({**head, "seed": spec.seed, **values, **later, **baseline, **last, **asked})
     return rows
 
 

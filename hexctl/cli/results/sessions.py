@@ -1,4 +1,4 @@
-"""`hexctl sessions`: list, show, export and delete recorded sessions."""
+"""`hexctl sessions`: list, show, compare, export and delete recorded sessions."""
 
 import json
 from pathlib import Path
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from hexctl.adapt.sessions.rows import StoreError
     from hexctl.adapt.sessions.session import Session
 
-sessions = Commands(help="List, show, export and delete sessions of hexctl adapt.", no_args_is_help=True)
+sessions = Commands(help="List, compare, export and delete sessions of hexctl adapt.", no_args_is_help=True)
 
 NameArgument = Annotated[
     str,
@@ -93,6 +93,38 @@ def _pareto_text(session: "Session", wanted: str, *, as_json: bool) -> str:
         for trial, scores in session.pareto(objectives)
     ]
     return json.dumps({"session": session.name, "objectives": names, "trials": front})
+
+
+@sessions.command()
+def compare(
+    names: Annotated[
+        list[str],
+        typer.Argument(
+            autocompletion=completion.sessions,
+            metavar="SESSION SESSION...",
+            help="Names of two or more sessions, as hexctl sessions list has them.",
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE", help="Write a plot too, a new .png file. (default: none)"),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Compare sessions: the best score so far against trials."""
+    from hexctl.adapt.sessions.comparison import best_so_far, check_comparable, draw_comparison
+    from hexctl.adapt.sessions.store import load_session
+    from hexctl.cli.render.sessions import comparison_table
+
+    found = [load_session(name, runs_folder()) for name in names]
+    check_comparable(found)
+    if out is not None:
+        draw_comparison(found, out)
+    if as_json:
+        rows = [{"session": session.name, "best_so_far": best_so_far(session)} for session in found]
+        print_result(json.dumps({"sessions": rows, "out": None if out is None else str(out)}))
+        return
+    print_result(comparison_table(found), *([] if out is None else [f"{out}"]))
 
 
 @sessions.command()

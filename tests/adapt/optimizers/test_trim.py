@@ -249,7 +249,7 @@ def test_trims_are_in_json_exports_and_the_last_line(capsys: pytest.CaptureFixtu
     (trial,) = [line for line in lines if line.lstrip().startswith("1 ")]
     session = load_session(lines[0].split()[1].rstrip(":"))
     trim_deg = session.trials[0].outcome["trim_deg"]
-    assert trial.endswith(f"{trim_deg:+.2f}\N{DEGREE SIGN}")
+    assert trial.endswith(f"{trim_deg:+.2f}\N{DEGREE SIGN}  ok")
     (last,) = [line for line in lines if line.startswith("walk on with: ")]
     code, best_deg = session.trials[0].code, session.best_trim_deg
     assert last == (
@@ -257,7 +257,7 @@ def test_trims_are_in_json_exports_and_the_last_line(capsys: pytest.CaptureFixtu
         f"--trim {best_deg:.2f} --self-rotation rear --failure limp"
     )
     (row,) = flat_rows(session)
-    assert list(row)[-4:-2] == ["trim_deg", "wanted_trim_deg"]
+    assert {"trim_deg", "wanted_trim_deg"} <= set(row)
     assert row["trim_deg"] == trim_deg
     outcome = session.as_json()
     assert outcome["best_trim_deg"] == best_deg

@@ -94,7 +94,10 @@ def test_exported_rows_are_trials_alone_and_the_baseline_is_the_last_columns(tmp
     assert [row["index"] for row in rows] == [1, 2]
     columns = list(rows[0])
     assert columns == list(without[0])
-    assert columns.index("cause") == len(columns) - 13 - len(LAST_COLUMNS)
+    asked = ["robot", "world", "failure", "duration_s", "target_m"]
+    assert columns[-5:] == asked
+    assert [rows[0][name] for name in asked] == ["ant", "flat", "locked", 30.0, None]
+    assert columns.index("cause") == len(columns) - 13 - len(LAST_COLUMNS) - len(asked)
     assert all(row["baseline_tripod_status"] == "no_progress" for row in rows)
     assert all(row["baseline_tripod_score"] is None for row in rows)
     assert all(row[name] is None for row in without for name in columns if name.startswith("baseline_"))

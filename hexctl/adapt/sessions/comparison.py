@@ -1,0 +1,68 @@
+"""Sessions compared: the best score so far against the number of trials."""
+
+from collections.abc import Sequence
+from itertools import accumulate
+from pathlib import Path
+from typing import Any
+
+from hexctl.adapt.objectives import INVALID_SCORE
+from hexctl.adapt.sessions.session import Session
+from hexctl.errors import InputError, MissingExtraError, argument
+
+
+def best_so_far(session: Session) -> list[float | None]:
+    """Lowest score up to each trial, in the unit of the objective; None before the first valid trial."""
+    scores = (trial.score if trial.valid else INVALID_SCORE for trial in session.trials)
+    return [score if score < INVALID_SCORE else None for score in accumulate(scores, min)]
+
+
+def check_comparable(sessions: Sequence[Session]) -> None:
+    """Raise InputError for fewer than two sessions, different objectives, or a session without trials."""
+    if len({session.name for session in sessions}) < 2:
+        raise InputError(f"{argument('session')}: got one to compare; allowed: two or more")
+    objectives = sorted({session.spec.objective for session in sessions})
+    if len(objectives) > 1:
+        raise InputError(
+            f"{argument('session')}: got sessions with the objectives {', '.join(objectives)}; "
+            "allowed: sessions with one objective"
+        )
+    for session in sessions:
+        if not session.trials:
+            raise InputError(f"{argument('session')}: {session.name} has no trials; allowed: one with trials")
+
+
+def draw_comparison(sessions: Sequence[Session], path: Path | str) -> None:
+    """Write a PNG with the best score so far of sessions, a step line each; nothing is replaced.
+
+    Raises InputError as `check_comparable` does, and for a path that does not end in .png, exists or cannot
+    be written; MissingExtraError without matplotlib.
+    """
+    check_comparable(sessions)
+    path = Path(path)
+    if path.suffix != ".png":
+        raise InputError(f"{argument('out')}: got {path.name}; allowed: a name that ends in .png")
+    try:
+        from matplotlib.figure import Figure
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("a plot", "study") from error
+    figure = Figure(figsize=(8, 5), layout="constrained")
+    _draw(sessions, figure.add_subplot())
+    try:
+        with path.open("xb") as file:
+            figure.savefig(file, format="png", dpi=150)
+    except OSError as error:
+        reason = "exists" if isinstance(error, FileExistsError) else f"cannot be written ({error.strerror})"
+        raise InputError(f"{argument('out')}: {path} {reason}; allowed: a new .png file") from error
+
+
+def _draw(sessions: Sequence[Session], axes: Any) -> None:
+    spec = sessions[0].spec
+    unit, scale = ("cm", 100.0) if spec.objective_unit == "m" else (spec.objective_unit, 1.0)
+    for session in sessions:
+        scores = [float("nan") if best is None else scale * best for best in best_so_far(session)]
+        axes.plot(range(1, len(scores) + 1), scores, drawstyle="steps-post", marker="o", label=session.name)
+    axes.set(xlabel="trials", ylabel=f"best {spec.score_label} so far" + (f" ({unit})" if unit else ""))
+    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.set_ylim(bottom=0)
+    axes.grid(alpha=0.3)
+    axes.legend()
