@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from rich.progress import ProgressColumn
 
 from hexctl.adapt.adaptation import adapt
 from hexctl.adapt.progress import CONFIRMATION_WALKS, SearchBar
@@ -49,6 +50,7 @@ def test_the_time_left_is_known_from_the_first_walk_on(tmp_path: Path) -> None:
     (task,) = bar._progress.tasks
     assert task.total == 1 + 3 + CONFIRMATION_WALKS
     left = bar._progress.columns[-1]
+    assert isinstance(left, ProgressColumn)
     assert "0" not in str(left(task)), "nothing is walked yet"
     session.baseline.extend(walked.baseline)
     bar.advance(session)

@@ -26,6 +26,9 @@ LAST_COLUMNS = (
     "margin_m",
 )
 
+#: Fields of `SessionSpec` that come last in an exported row.
+ASKED_COLUMNS = ("robot", "world", "failure", "duration_s", "target_m")
+
 #: What is told of the session in each row: fields of `SessionSpec`.
 SPEC_COLUMNS = ("robot", "world", "failure", "objective", "duration_s", "backend")
 
@@ -55,8 +58,7 @@ def flat_rows(session: Session) -> list[dict[str, Any]]:
         values |= {f"deviation_{name}_m": value for name, value in deviation.items()}
         spec = session.spec
         head = {"session": session.name, "optimizer": spec.optimizer, "failed_leg": spec.failed_leg}
-        asked = {"robot": spec.robot, "world": spec.world, "failure": spec.failure}
-        asked |= {"duration_s": spec.duration_s, "target_m": spec.target_m}
+        asked = {name: getattr(spec, name) for name in ASKED_COLUMNS}
         # Columns that came later stay behind those of before.
         later, last = ({name: values.pop(name) for name in names} for names in (LATER_COLUMNS, LAST_COLUMNS))
         rows.append({**head, "seed": spec.seed, **values, **later, **baseline, **last, **asked})

@@ -53,7 +53,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "ROS": ("ros", "ros-domain", "ros-namespace", "ros-drive", "ros-humble"),
     "Recording": ("record", "no-record", "view"),
     "Computing": ("jobs", "dask"),
-    "Output": ("to", "output", "out", "poses", "verbose", "json", "help"),
+    "Output": ("to", "output", "out", "poses", "verbose", "quiet", "json", "help"),
 }
 
 _GROUP_OF = {option: group for group, options in GROUPS.items() for option in options}

@@ -49,7 +49,7 @@ class Ends:
         return WalkedTrial(result=result_of(self.ends[code], self.status))
 
 
-def search(store: SessionStore, finely: Ends, name: str | None = None, **spec: float | str) -> Session:
+def search(store: SessionStore, finely: Ends, *, name: str | None = None, **spec: float) -> Session:
     """A session, new or continued, of trials with the ends `ENDS`, confirmed by walks with other ends."""
     session = store.create(replace(SPEC, **spec)) if name is None else store.load(name)  # type: ignore[arg-type]
     optimizer = make_optimizer("exhaustive", GaitSpace((5,)), 0)
@@ -69,12 +69,13 @@ def store(tmp_path: Path) -> SessionStore:
     return SessionStore(tmp_path)
 
 
-TARGET = {"target_m": 1e-6}  # never reached: all five are walked
+#: A target that is never reached: all five are walked.
+NEVER_M = 1e-6
 
 
 def test_the_candidate_walks_once_more_and_its_own_end_counts(store: SessionStore) -> None:
     finely = Ends({2: -0.012})
-    session = search(store, finely, **TARGET)
+    session = search(store, finely, target_m=NEVER_M)
     assert finely.walked == [2]
     assert session.best_walk is not None
     assert session.best_walk.code == 2
@@ -86,13 +87,13 @@ def test_the_candidate_walks_once_more_and_its_own_end_counts(store: SessionStor
 
 
 def test_a_target_that_single_trials_cannot_resolve_is_confirmed(store: SessionStore) -> None:
-    near = search(store, Ends({1: 0.3, 2: 0.01, 3: 0.0, 4: 0.0, 5: 0.0}), **TARGET)
+    near = search(store, Ends({1: 0.3, 2: 0.01, 3: 0.0, 4: 0.0, 5: 0.0}), target_m=NEVER_M)
     near.spec = replace(near.spec, target_m=0.025)
     assert near.within_target is not None
     assert near.within_target > 0.9
     assert near.spec.greatest_chance is not None
     assert near.spec.greatest_chance < 0.7
-    far = search(store, Ends({1: 0.3, 2: 0.05, 3: 0.06, 4: 0.07}), **TARGET)
+    far = search(store, Ends({1: 0.3, 2: 0.05, 3: 0.06, 4: 0.07}), target_m=NEVER_M)
     far.spec = replace(far.spec, target_m=0.025)
     assert far.within_target is not None
     assert far.within_target < 0.01
@@ -100,7 +101,7 @@ def test_a_target_that_single_trials_cannot_resolve_is_confirmed(store: SessionS
 
 def test_a_candidate_that_ends_worse_than_another_trial_gives_way_to_it(store: SessionStore) -> None:
     finely = Ends({2: 0.09, 3: 0.03})
-    session = search(store, finely, **TARGET)
+    session = search(store, finely, target_m=NEVER_M)
     assert finely.walked == [2, 3]
     assert session.best_walk is not None
     assert session.best_walk.code == 3
@@ -108,7 +109,7 @@ def test_a_candidate_that_ends_worse_than_another_trial_gives_way_to_it(store: S
 
 def test_at_most_three_trials_are_confirmed(store: SessionStore) -> None:
     finely = Ends({2: 0.5, 3: 0.6, 4: 0.45, 0: 0.46})
-    session = search(store, finely, **TARGET)
+    session = search(store, finely, target_m=NEVER_M)
     assert finely.walked == [2, 3, 4, 0], "the tripod is not resolved from the best of them"
     assert isinstance(session.best_walk, BaselineRecord)
 
@@ -118,10 +119,10 @@ def test_a_baseline_that_is_not_resolved_walks_too_and_is_preferred(
 ) -> None:
     monkeypatch.setitem(ENDS, 0, 0.06)
     finely = Ends({2: 0.01, 0: 0.02})
-    session = search(store, finely, **TARGET)
+    session = search(store, finely, target_m=NEVER_M)
     assert finely.walked == [2, 0]
     assert isinstance(session.best_walk, BaselineRecord)
-    worse = search(store, Ends({2: 0.01, 0: 0.06}), **TARGET)
+    worse = search(store, Ends({2: 0.01, 0: 0.06}), target_m=NEVER_M)
     assert worse.best_walk is not None
     assert worse.best_walk.code == 2, "5 cm are resolved by two confirmed walks"
 
@@ -132,33 +133,32 @@ def test_a_candidate_that_falls_at_the_finer_step_is_not_recommended(store: Sess
             self.status = "fell" if code == 2 else "ok"
             return super().__call__(index, code, *rest)  # type: ignore[arg-type]
 
-    session = search(store, Falling({2: 0.0, 3: 0.01}), **TARGET)
+    session = search(store, Falling({2: 0.0, 3: 0.01}), target_m=NEVER_M)
     assert session.best_walk is not None
     assert session.best_walk.code == 3
 
 
 def test_an_interrupted_confirmation_loses_nothing(store: SessionStore) -> None:
-    cut = search(store, Ends({}, aborted=True), **TARGET)
+    cut = search(store, Ends({}, aborted=True), target_m=NEVER_M)
     assert (cut.ended, len(cut.trials), cut.confirmations) == (None, 5, [])
     finely = Ends({2: 0.01})
-    whole = search(store, finely, cut.name)
+    whole = search(store, finely, name=cut.name)
     assert (whole.ended, whole.trials, finely.walked) == ("budget", cut.trials, [2])
     again = Ends({})
-    assert search(store, again, cut.name).confirmations == whole.confirmations
+    assert search(store, again, name=cut.name).confirmations == whole.confirmations
     assert again.walked == []
 
 
-@pytest.mark.parametrize("spec", [{"confirmed_uncertainty_m": 0.0}])
-def test_what_cannot_be_known_better_is_not_walked_again(store: SessionStore, spec: dict[str, float]) -> None:
+def test_what_cannot_be_known_better_is_not_walked_again(store: SessionStore) -> None:
     finely = Ends({})
-    session = search(store, finely, **TARGET, **spec)
+    session = search(store, finely, target_m=NEVER_M, confirmed_uncertainty_m=0.0)
     assert finely.walked == []
     assert session.as_json()["recommended"]["confirmed"] is False
     assert session.within_target is None
 
 
 def test_a_damaged_confirmation_is_named(store: SessionStore) -> None:
-    name = search(store, Ends({2: 0.01}), **TARGET).name
+    name = search(store, Ends({2: 0.01}), target_m=NEVER_M).name
     store._connection.execute("UPDATE confirmations SET record = replace(record, '0.0005', '-1.0')")
     with pytest.raises(StoreError, match="confirmation 1"):
         store.load(name)
@@ -183,7 +183,8 @@ def test_a_simulated_search_confirms_in_its_own_world_at_a_finer_step(tmp_path: 
 
 
 def test_named_gaits_are_confirmed_by_their_slots(store: SessionStore) -> None:
-    session = search(store, Ends({2: 0.5, 3: 0.6, 4: 0.7, 0: 0.4}), **TARGET)
+    session = search(store, Ends({2: 0.5, 3: 0.6, 4: 0.7, 0: 0.4}), target_m=NEVER_M)
     tripod = session.confirmation_of(NAMED_SLOTS["tripod"])
     assert tripod is not None
-    assert (tripod.code, tripod.score) == (None, pytest.approx(0.4))
+    assert tripod.code is None
+    assert tripod.score == pytest.approx(0.4)

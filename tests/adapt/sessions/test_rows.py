@@ -132,7 +132,7 @@ def test_a_bad_row_is_named_and_the_other_sessions_are_listed(
     assert set(stored_names(Path("runs"))) == {bad, good}
     assert exit_code(["sessions", "list"]) == 3
     printed = capsys.readouterr()
-    assert printed.out.startswith(good)
+    assert printed.out.splitlines()[1].startswith(good)
     assert printed.err.splitlines() == [f"hexctl: {error}"]
     for command in (
         ["sessions", "show", bad],

@@ -12,7 +12,7 @@ from hexctl.adapt.adaptation import adapt
 from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.sessions.session import BaselineRecord
 from hexctl.adapt.sessions.store import SessionStore
-from hexctl.adapt.sessions.table import LAST_COLUMNS, USUAL_COLUMNS, flat_rows
+from hexctl.adapt.sessions.table import ASKED_COLUMNS, LAST_COLUMNS, USUAL_COLUMNS, flat_rows
 from tests.adapt.sessions.test_store import record
 from tests.adapt.walking import SPEC, result_of
 
@@ -94,7 +94,7 @@ def test_exported_rows_are_trials_alone_and_the_baseline_is_the_last_columns(tmp
     assert [row["index"] for row in rows] == [1, 2]
     columns = list(rows[0])
     assert columns == list(without[0])
-    asked = ["robot", "world", "failure", "duration_s", "target_m"]
+    asked = list(ASKED_COLUMNS)
     assert columns[-5:] == asked
     assert [rows[0][name] for name in asked] == ["ant", "flat", "locked", 30.0, None]
     assert columns.index("cause") == len(columns) - 13 - len(LAST_COLUMNS) - len(asked)

@@ -101,7 +101,7 @@ def test_the_summary_has_six_lines_and_none_of_a_walk_is_wider_than_a_terminal()
     assert "not worth" not in "\n".join(lines)
     fallen = replace(whole.trials[0], outcome={**OUTCOME, "status": "no_progress", "cause": "saturation"})
     shown = [baseline_line(whole, whole.baseline[0]), trial_line(whole, fallen), *opening_lines(whole)]
-    assert max(len(line) for line in (*shown, *lines[:4])) <= 80
+    assert max(len(str(line)) for line in (*shown, *lines[:4])) <= 80
 
 
 def test_the_search_is_compared_with_the_gaits_that_need_none() -> None:

@@ -137,7 +137,7 @@ def test_the_shipped_robots_have_one(name: str, tmp_path: Path) -> None:
     assert found is not None
     assert found.walks >= 80
     assert found.confirmed_m is not None
-    assert 0 < found.confirmed_m < found.numerical_m / 2
+    assert 0 < found.confirmed_m < found.numerical_m
     assert 0 < found.numerical_m < 0.05
 
 
