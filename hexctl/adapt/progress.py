@@ -9,10 +9,13 @@ from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
 from rich.text import Text
 
 from hexctl.adapt.loop import OnTrial
+from hexctl.adapt.sessions.recommendation import next_to_confirm
 from hexctl.adapt.sessions.session import Session, TrialRecord, WalkRecord
 
 #: Walks at the usual time step that take as long as one that confirms a gait.
 CONFIRMATION_WALKS = 4
+
+_HELP = "Ctrl-C stops, --resume continues"
 
 
 class _TimeLeft(ProgressColumn):
@@ -32,7 +35,7 @@ class SearchBar:
     def __init__(self, *, hidden: bool) -> None:
         self._progress = Progress(
             TextColumn("{task.description}"),
-            BarColumn(),
+            BarColumn(bar_width=16),
             TextColumn("{task.completed:.0f}/{task.total:.0f} walks"),
             _TimeLeft(),
             console=Console(stderr=True),
@@ -51,15 +54,16 @@ class SearchBar:
         baseline = len(session.baseline if session.trials else spec.baseline_gaits)
         confirming = CONFIRMATION_WALKS if spec.confirmed_uncertainty_m else 0
         total = max(baseline + spec.budget + confirming, done)
-        self._task = self._progress.add_task(_stage(session), total=total, completed=done, before=done)
+        self._task = self._progress.add_task(_HELP, total=total, completed=done, before=done)
         self._progress.start()
 
     def advance(self, session: Session, _walk: WalkRecord | None = None) -> None:
         """Count the walks that a session has now."""
         done = _walked(session)
         (task,) = self._progress.tasks
-        total = max(task.total or 0, done)
-        self._progress.update(self._task, completed=done, total=total, description=_stage(session))
+        more = session.confirmations and next_to_confirm(session) is not None
+        total = max(task.total or 0, done + CONFIRMATION_WALKS * bool(more))
+        self._progress.update(self._task, completed=done, total=total)
 
     def print_above(self, line: Text) -> None:
         """Print a line above the bar."""
@@ -86,12 +90,3 @@ class SearchBar:
 
 def _walked(session: Session) -> int:
     return len(session.baseline) + len(session.trials) + CONFIRMATION_WALKS * len(session.confirmations)
-
-
-def _stage(session: Session) -> str:
-    """What is walked next, as far as it is known."""
-    if not session.trials and len(session.baseline) < len(session.spec.baseline_gaits):
-        return "baseline"
-    if session.confirmations:
-        return "confirming"
-    return f"trial {min(len(session.trials) + 1, session.spec.budget)}"

@@ -322,13 +322,19 @@ def _found_lines(session: Session, found: Contender | None) -> list[str]:
     if found is None:
         return [f"found: no valid trial: {_why_none(session)}"]
     walk = found.walk
-    name = f"gait {_gait_option(walk)}, " + (
-        "without a search," if isinstance(walk, BaselineRecord) else f"trial {walk.index},"
-    )
+    name = _name(walk)
     if session.spec.objective != "final":
         return [f"found: {name} {session.spec.score_text(found.score)}"]
     signed = (found.confirmation or walk).outcome["deviation_m"]["signed"]
     return [f"found: {name} ends {_side(signed).strip()} of its line"]
+
+
+def _name(walk: TrialRecord | BaselineRecord) -> str:
+    """The gait of a walk and where it is from; `auto` with its code, by which commands take it."""
+    if isinstance(walk, TrialRecord):
+        return f"gait {walk.code}, trial {walk.index},"
+    option = _gait_option(walk)
+    return f"gait {walk.gait}{'' if option == walk.gait else f' ({option})'}, without a search,"
 
 
 def _surety_lines(session: Session, found: Contender | None) -> list[str]:

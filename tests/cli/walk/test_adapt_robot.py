@@ -351,7 +351,7 @@ def test_the_arena_stays_where_it_was_after_a_kill(capsys: pytest.CaptureFixture
     try:
         assert process.stdout is not None
         deadline_s = time.monotonic() + PATIENCE_S
-        while not process.stdout.readline().startswith("    2"):
+        while not process.stdout.readline().startswith("   2 "):
             assert time.monotonic() < deadline_s
     finally:
         process.kill()
