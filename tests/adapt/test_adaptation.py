@@ -211,7 +211,7 @@ def test_optimizer_and_objective_of_ones_own() -> None:
     assert result.best.score == min(
         trial.outcome["deviation_m"]["signed"] for trial in result.trials if trial.valid
     )
-    resumed = Adaptation.resume(result.session.name, budget=8, record=False).run()
+    resumed = Adaptation.resume(result.session.name, budget=8, trust=True, record=False).run()
     assert resumed.walked == 3
 
 
@@ -223,7 +223,7 @@ def test_those_that_cannot_be_imported_are_given_again() -> None:
     parts: dict[str, Any] = {"optimizer": Local, "objective": lambda result: -to_the_left(result)}
     result = adapt(5, budget=3, record=False, **parts)
     with pytest.raises(InputError, match="cannot be loaded"):
-        Adaptation.resume(result.session.name, budget=4, record=False)
+        Adaptation.resume(result.session.name, budget=4, trust=True, record=False)
     resumed = Adaptation.resume(result.session.name, budget=4, record=False, **parts)
     assert resumed.run().walked == 1
 

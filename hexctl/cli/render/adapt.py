@@ -29,6 +29,7 @@ from hexctl.adapt.sessions.session import (
     WalkRecord,
     trials_text,
 )
+from hexctl.adapt.sessions.trust import foreign_parts
 from hexctl.cli.console import FAULT, code_of_stop, print_result
 from hexctl.errors import HexctlError, InputError
 from hexctl.gait.gait import NAMED_SLOTS
@@ -297,11 +298,17 @@ def closing_parts(session: Session, ended: str | None) -> list[RenderableType]:
     ]
 
 
+def resume_command(session: Session) -> str:
+    """Command that continues a session of this user."""
+    trust = " --trust" if foreign_parts(session.spec) else ""
+    return f"hexctl adapt --resume {session.name}{trust}"
+
+
 def _ending(session: Session, ended: str | None) -> str:
     """Why a session ended, or how it is continued."""
     walked = f"after {trials_text(len(session.trials))}, {session.walked_s:.0f} s walked"
     if ended in (None, "interrupted"):
-        return f"unfinished {walked}; continue with: hexctl adapt --resume {session.name}"
+        return f"unfinished {walked}; continue with: {resume_command(session)}"
     return f"ended {walked}: {ENDS.get(ended or '', ended)}"
 
 

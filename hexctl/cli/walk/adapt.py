@@ -355,11 +355,11 @@ def _search(
     from hexctl.cli.prompts import TrialPrompt
     from hexctl.cli.render.adapt import SessionTable, after_stop
 
-    begun: list[str] = []
+    begun: list[Session] = []
     with SessionTable(quiet=quiet or as_json) as table:
 
         def begin(session: "Session") -> None:
-            begun.append(session.name)
+            begun.append(session)
             table.begin(session)
 
         adaptation = make(
@@ -388,21 +388,21 @@ def _search(
             return INTERRUPTED
 
 
-def _what_is_left(begun: Sequence[str]) -> str:
-    """What a search that was cut off leaves behind: its session, by its name, or nothing."""
-    return f"continue with: hexctl adapt --resume {begun[0]}" if begun else "nothing was recorded"
+def _what_is_left(begun: "Sequence[Session]") -> str:
+    """What a search that was cut off leaves behind: its session, or nothing."""
+    from hexctl.cli.render.adapt import resume_command
+
+    return f"continue with: {resume_command(begun[0])}" if begun else "nothing was recorded"
 
 
 def _end(result: "AdaptationResult", *, view: bool, as_json: bool, resumed: bool = False) -> int:
     """Print how a search ended, and return the exit code."""
-    from hexctl.cli.render.adapt import after_stop
+    from hexctl.cli.render.adapt import after_stop, resume_command
 
     session = result.session
     _print_end(result, as_json=as_json, resumed=resumed)
     if result.trouble is not None:
-        then = (
-            f"{after_stop(session.spec, result.trouble)}continue with: hexctl adapt --resume {session.name}"
-        )
+        then = f"{after_stop(session.spec, result.trouble)}continue with: {resume_command(session)}"
         _note(f"{in_flags(result.trouble)}; nothing is lost: {then}")
         return _code_of_stop(result.trouble)
     if result.ended == "interrupted":

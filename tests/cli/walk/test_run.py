@@ -544,12 +544,13 @@ def test_the_best_gait_of_a_session_is_that_of_its_baseline_where_no_trial_is_be
     monkeypatch.chdir(tmp_path)
     session = stored_session(tmp_path / "runs", 0.03, tripod=0.01)
     words = ["run", "--failed-leg", "2", "--duration", "1", "--no-record", "--json"]
-    said = f"gait tripod, than which no trial of the session {session} is better\n"
     assert exit_code([*words, "--gait", f"best:{session}"]) == 0
     printed = capsys.readouterr()
-    assert (printed.err, json.loads(printed.out)["gait"]["name"]) == (f"hexctl: {said}", "tripod")
+    assert (session in printed.err, json.loads(printed.out)["gait"]["name"]) == (True, "tripod")
     assert exit_code([*words, "--gait", "wave", "--then", f"best:{session}@0.5"]) == 0
-    assert capsys.readouterr().err == f"hexctl: from 0.5 s on {said}"
+    line = _one_line(capsys.readouterr().err)
+    assert "0.5 s" in line
+    assert "tripod" in line
 
 
 def test_a_self_rotation_without_a_failed_leg_is_said_to_change_nothing(
