@@ -144,7 +144,7 @@ def test_a_robot_that_stops_ends_the_session_and_it_goes_on_later(
     assert trials_of(name) == kept
     assert f"after {len(kept)} trial" in printed.out
     assert [made.closed for made in Kit.made] == [1], "one connection for all trials"
-    assert exit_code(["adapt", "--resume", name, "--no-record"]) == 0
+    assert exit_code(["adapt", "--resume", name, "--trust", "--no-record"]) == 0
     assert trials_of(name) == [*kept, *((index, "ok") for index in range(len(kept) + 1, 4))]
 
 
@@ -190,7 +190,7 @@ def test_who_quits_can_go_on(
     assert "cut (skipped)" in printed.out
     assert f"--resume {name}" in printed.out
     answer(monkeypatch, "\n0.13 0.0\n")
-    assert exit_code(["adapt", "--resume", name, "--no-record"]) == 0
+    assert exit_code(["adapt", "--resume", name, "--trust", "--no-record"]) == 0
     assert trials_of(name)[2] == (3, "ok")
 
 
@@ -358,7 +358,7 @@ def test_the_arena_stays_where_it_was_after_a_kill(capsys: pytest.CaptureFixture
         process.wait()
     away_m = float(np.hypot(*np.load(PLACE)["qpos"][:2]))
     (name,) = sessions()
-    resumed = json_of(capsys, "adapt", "--resume", name, "--no-record")
+    resumed = json_of(capsys, "adapt", "--resume", name, "--trust", "--no-record")
     assert len(resumed["trials"]) == 5
     assert resumed["arena_m"] == 0.6
     assert np.hypot(*resumed["home_m"]) < 0.05 < away_m, "home is where it began, not where it was found"
