@@ -12,7 +12,7 @@ import pytest
 from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.zenoh.client import ask
 from hexctl.cli.console import INTERRUPTED
-from hexctl.serve.stops.stop import HOLD_S
+from hexctl.serve.stops.stop import HOLD_S, claim_of, new_clear_key
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.session import open_session
 from tests.robots import shipped
@@ -281,12 +281,15 @@ def stop_often(folder: Path, times: int, *, still_after_s: float) -> None:
             wait_for_motion(robot)
             time.sleep(pause_s)
             at_s = time.monotonic()
-            assert [answer["stopped"] for answer in ask(session, key, {"op": "stop"})] == ["estop"]
+            clear_key = new_clear_key()
+            stop = {"op": "stop", "request": claim_of(clear_key)}
+            assert [answer["stopped"] for answer in ask(session, key, stop)] == ["estop"]
             time.sleep(still_after_s + 0.1)
             assert robot.log().moved_after(at_s) <= still_after_s
             time.sleep(max(0.0, HOLD_S + 0.05 - (time.monotonic() - at_s)))
             (described,) = ask(session, KeyMap.of("ant").describe)
-            clear = {"op": "clear", "id": described["status"]["stop"]["id"]}
+            stop_id = described["status"]["stop"]["id"]
+            clear = {"op": "clear", "id": stop_id, "keys": [clear_key]}
             assert [answer["stopped"] for answer in ask(session, key, clear)] == [None]
         check_limits(robot.log())
 

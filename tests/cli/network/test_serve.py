@@ -138,7 +138,7 @@ def test_a_stop_whose_fault_is_still_there_is_not_cleared(
     json_option: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     answer = {"stopped": "fault: no power", "robot": "ant", "backend": "mock"}
-    robots = SimpleNamespace(clear=lambda: [answer], link=Link())
+    robots = SimpleNamespace(clear=lambda **_: [answer], link=Link())
     monkeypatch.setattr("hexctl.serve.remote.remote_robots", lambda *_, **__: nullcontext(robots))
     assert exit_code(["estop", "--clear", *json_option]) == 3
     printed = capsys.readouterr().out
@@ -153,7 +153,7 @@ def test_a_clear_says_whether_there_was_a_stop(
     cleared: object, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     answer = {"stopped": None, "cleared": cleared, "robot": "ant", "backend": "mock"}
-    robots = SimpleNamespace(clear=lambda: [answer], link=Link())
+    robots = SimpleNamespace(clear=lambda **_: [answer], link=Link())
     monkeypatch.setattr("hexctl.serve.remote.remote_robots", lambda *_, **__: nullcontext(robots))
     assert exit_code(["estop", "--clear"]) == 0
     assert capsys.readouterr().out.startswith(said)
