@@ -112,7 +112,7 @@ def program(folder: Path, name: str, *arguments: str, **variables: str) -> Itera
         process = subprocess.Popen(
             [sys.executable, "-u", "-m", *arguments],
             cwd=ROOT,
-            env={**os.environ, **variables},
+            env={**os.environ, "HEXCTL_RUNS": str(folder / "runs"), **variables},
             stdin=subprocess.DEVNULL,
             stdout=file,
             stderr=subprocess.STDOUT,

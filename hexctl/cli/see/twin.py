@@ -1,6 +1,7 @@
 """`hexctl see twin`: a rendered camera over a simulated robot."""
 
 import json
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,10 +11,12 @@ from hexctl.cli.options.connection import InsecureOption, KeysOption, LinkOption
 from hexctl.cli.options.output import JsonOption
 from hexctl.cli.options.robot import SeedOption
 from hexctl.cli.see.options import FPS, LATENCY_MS, PORT, OneRobotOption, size_of
+from hexctl.cli.settings import runs_folder
 from hexctl.cli.values import Range, number
 
 if TYPE_CHECKING:
     from hexctl.see.twin.twin_camera import TwinReport
+    from hexctl.see.vision.lens import Lens
 
 NOISE = Range(low=0, high=50)
 BLUR_PX = Range(low=0, high=10, unit="px")
@@ -104,7 +107,8 @@ def twin(
     """Be a network camera that looks at the robot of hexctl serve --backend sim, until Ctrl-C.
 
     Its pictures are drawn by MuJoCo, with tag 10 on the robot (edge 10 cm) and tags 0 to 3 on the floor, and
-    have the flaws of a real camera. hexctl see --camera URL takes them like those of any other.
+    have the flaws of a real camera. hexctl see --camera URL takes them like those of any other. Its lens is
+    written under runs/, as if it had been calibrated.
     """
     from hexctl.cli.console import StopOnInterrupt, print_note, print_result
     from hexctl.see.twin.twin_camera import TwinCamera, TwinStarted
@@ -134,6 +138,8 @@ def twin(
         print_note(
             f"camera over {started.robot} at {started.url} (in a browser {started.page_url}); Ctrl-C ends it"
         )
+        lens_file = lens or _written(camera.camera().lens)
+        print_note(f"look  hexctl see --camera {started.url} --lens {shlex.quote(str(lens_file))}")
 
     with StopOnInterrupt(plain=True) as interrupt:
         report = camera.run(
@@ -146,6 +152,16 @@ def twin(
             f"{report.fps:.1f} pictures a second, {_age(report)}; "
             f"{report.skipped} not drawn, {report.late} late"
         )
+
+
+def _written(lens: "Lens") -> Path:
+    """File with a lens, as a calibration would have written it."""
+    from hexctl.see.vision.lens import save_lens
+
+    file = runs_folder() / "see-twin-lens.yaml"
+    file.parent.mkdir(parents=True, exist_ok=True)
+    save_lens(lens, file)
+    return file
 
 
 def _age(report: "TwinReport") -> str:

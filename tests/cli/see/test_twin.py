@@ -8,6 +8,7 @@ import pytest
 
 from hexctl.cli.main import exit_code
 from hexctl.see.video.video_source import open_video
+from hexctl.see.vision.lens import load_lens
 from hexctl.waiting import wait_for
 from tests.serve.processes import free_port, program, served
 
@@ -47,6 +48,9 @@ def test_ctrl_c_ends_it_with_what_it_managed(tmp_path: Path) -> None:
         with program(tmp_path, "camera", *arguments) as camera:
             camera.wait_for("Ctrl-C ends it")
             url = camera.said().partition(" at ")[2].split()[0]
+            camera.wait_for("--lens ")
+            lens_file = camera.said().partition("--lens ")[2].split()[0]
+            assert load_lens(Path(lens_file)).calibrated
             with open_video(url) as source:
                 wait_for(source.read, 30, "no picture came")
             camera.signal(signal.SIGINT)
