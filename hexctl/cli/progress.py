@@ -2,7 +2,7 @@
 
 import signal
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Self
@@ -71,15 +71,22 @@ class WithBar:
 
 
 class StudyProgress(WithBar):
-    """Progress on stderr: a bar on a terminal, else one line per landscape."""
+    """Progress on stderr: a bar on a terminal, else one line per landscape.
 
-    def __init__(self) -> None:
+    Args:
+        notes: lines to print before the work begins.
+    """
+
+    def __init__(self, notes: Iterable[str] = ()) -> None:
+        self._notes = iter(notes)
         self._bar = make_bar()
         self._task = self._bar.add_task("", total=None, visible=False)
         self._began_s: dict[str, float] = {}
 
     def begin(self, landscapes: "Sequence[Landscape]") -> None:
         """Show what the cache has and how many gaits are left to simulate."""
+        for note in self._notes:
+            self._line(note)
         self._now_s = time.perf_counter()
         left = [landscape for landscape in landscapes if not landscape.complete]
         known = [landscape for landscape in landscapes if landscape.complete]
@@ -104,6 +111,8 @@ class StudyProgress(WithBar):
 
     def stage(self, what: str, total: int) -> None:
         """Begin another part of the work."""
+        for note in self._notes:
+            self._line(note)
         self._stage(what, total)
 
     def step(self) -> None:

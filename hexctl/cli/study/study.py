@@ -1,7 +1,7 @@
 """`hexctl study`: the paper's experiments, and the benchmarks of transfer, holds and recovery."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -267,6 +267,20 @@ def study(
     print_result(json.dumps(result.to_json()) if as_json else "\n".join([*lines, f"report: {result.report}"]))
 
 
+def _not_judged(duration_s: float, budget: int | None = None) -> Iterator[str]:
+    """What will have no verdict as it is too short, in lines for the user."""
+    from hexctl.study.verdicts.evidence import JUDGED_FROM_S, too_short
+    from hexctl.study.verdicts.trajectories import LATE
+
+    if reason := too_short(duration_s):
+        yield f"hexctl: distances will not be judged: {reason} (--duration {JUDGED_FROM_S:g})"
+    if budget is not None and budget <= LATE:
+        yield (
+            f"hexctl: claims about the first {LATE} evaluations will not be judged: {budget} evaluations, "
+            f"needs more than {LATE} (--budget)"
+        )
+
+
 def _check_kind(kinds: Mapping[str, bool], own: Mapping[str, Mapping[str, object]]) -> None:
     """Raise InputError for two kinds of study, and for the options of one that was not asked for."""
     asked = [flag for flag, given in kinds.items() if given]
@@ -297,7 +311,8 @@ def _study(
     from hexctl.study.study import run_study
 
     plan = StudyPlan(robot=load_robot(robot), world=load_world(world), **options)
-    with interruptible(lambda cache: cache.count(plan.specs())), StudyProgress() as progress:
+    notes = _not_judged(plan.duration_s, plan.budget)
+    with interruptible(lambda cache: cache.count(plan.specs())), StudyProgress(notes) as progress:
         result = run_study(plan, folder=folder, jobs=jobs, dask=dask, progress=progress)
     return result, study_lines(result)
 
@@ -329,7 +344,8 @@ def _transfer(
     else:
         believed = load_prior(Path(str(prior)))
     plan = TransferPlan(robot=model, family=_family(family or UNSEEN), prior=believed, **options)
-    with interruptible(lambda cache: cache.count(plan.specs())), StudyProgress() as progress:
+    notes = _not_judged(plan.duration_s)
+    with interruptible(lambda cache: cache.count(plan.specs())), StudyProgress(notes) as progress:
         result = run_transfer(plan, folder=folder, jobs=jobs, dask=dask, progress=progress)
     return result, bar_lines(transfer_bars(result.findings))
 
@@ -362,7 +378,8 @@ def _matrix(
         **options,
     )
     plan = MatrixPlan(cells=cells)
-    with interruptible(lambda cache: cache.count(plan.specs())), StudyProgress() as progress:
+    notes = _not_judged(cells[0].plan.duration_s, cells[0].plan.budget)
+    with interruptible(lambda cache: cache.count(plan.specs())), StudyProgress(notes) as progress:
         result = run_matrix(plan, folder=folder, jobs=jobs, dask=dask, progress=progress)
     return result, result.to_markdown().splitlines()
 
@@ -384,7 +401,7 @@ def _hold(
     plan = HoldPlan(robots=robots, families=families, **parts, **options)
     with (
         interruptible(lambda cache: HoldCache(cache).count(plan.walked()), "walks"),
-        StudyProgress() as progress,
+        StudyProgress(_not_judged(plan.duration_s)) as progress,
     ):
         result = run_holds(plan, folder=folder, jobs=jobs, progress=progress)
     return result, [*holds_lines(result.findings), *bar_lines(hold_bars(result.findings))]
@@ -407,7 +424,7 @@ def _recovery(
     plan = RecoveryPlan(robots=robots, families=families, **parts, **options)
     with (
         interruptible(lambda cache: EpisodeCache(cache).count(plan.walked()), "walks"),
-        StudyProgress() as progress,
+        StudyProgress(_not_judged(plan.duration_s)) as progress,
     ):
         result = run_recovery(plan, folder=folder, jobs=jobs, progress=progress)
     return result, [*recovery_lines(result.findings), *bar_lines(recovery_bars(result.findings))]

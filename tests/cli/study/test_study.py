@@ -38,6 +38,9 @@ def test_a_study_from_end_to_end_and_again_from_the_cache(
     monkeypatch.chdir(tmp_path)
     assert exit_code([*TINY, "--out", "first", "--json"]) == 0
     first = capsys.readouterr()
+    before_computing = first.err.partition("gaits valid")[0]
+    assert "--duration" in before_computing
+    assert "--budget" in before_computing
     outcome = json.loads(first.out)
     assert outcome["legs"] == [2]
     assert len(outcome["claims"]) == 12
