@@ -11,7 +11,12 @@ COMMA := ,
 # What hexctl needs to walk and to show it; and with the tools of development on top.
 RUNNABLE := $(VENV)/.runnable
 INSTALLED := $(VENV)/.installed
-PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
+PIP := $(BIN)/python -m pip install --disable-pip-version-check -c constraints.txt
+# What pip does as one line on a terminal, and else nothing but its errors. pipefail keeps pip's status.
+SHELL := /bin/bash
+COUNTED := awk -v shown="$$(test -t 2 && echo 1)" 'function show(text) {if (shown) {printf "\r%-50s", text; fflush()}} \
+	/^Collecting/ {show("found " ++n " packages")} \
+	/^Installing/ {show("installing " gsub(/, /, ", ") + 1 " packages, half a minute")} END {if (shown) print ""}' >&2
 
 WORKERS ?= $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 2) + 1)')
 
@@ -45,7 +50,7 @@ define install
 	place: make PYTHON=/path/to/python3.12"; exit 1; }
 	@echo "setting up $(VENV), which takes a minute or two"
 	$(PYTHON) -m venv $(VENV)
-	$(PIP) -e ".[$1]"
+	@set -o pipefail; $(PIP) -e ".[$1]" | $(COUNTED)
 endef
 
 $(RUNNABLE): pyproject.toml constraints.txt
@@ -138,7 +143,7 @@ soak: $(INSTALLED)
 INPUTS ?= 1000000
 SECONDS ?= 60
 fuzz: $(INSTALLED)
-	$(PIP) -e ".[fuzz]"
+	$(PIP) --quiet -e ".[fuzz]"
 	$(BIN)/python -m tests.fuzz --inputs $(INPUTS) --seconds $(SECONDS)
 
 docs: $(INSTALLED)
