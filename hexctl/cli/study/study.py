@@ -31,17 +31,14 @@ WORLDS = Range(low=1, high=1000, whole=True)
 
 TransferOption = Annotated[
     bool,
-    typer.Option(
-        "--transfer", help="Ask another question: how do all searches do in worlds that no prior has seen."
-    ),
+    typer.Option("--transfer", help="Compare the optimizers in held-out worlds."),
 ]
 OptimizersOption = Annotated[
     str | None,
     typer.Option(
         "--optimizers",
-        help="Searches, with commas: of pso, psosp, dps, debest, derand, random, exhaustive, or your "
-        "own package.module:Class; with --transfer also "
-        "bayes and bayes-early. (default: all of those but exhaustive, and the bayes ones)",
+        help="Optimizers, separated by commas: pso, psosp, dps, debest, derand, random, exhaustive, or a "
+        "custom package.module:Class; with --transfer also bayes and bayes-early. (default: all but exhaustive)",
     ),
 ]
 RunsOption = Annotated[
@@ -49,21 +46,20 @@ RunsOption = Annotated[
     number(
         "--runs",
         RUN_COUNT,
-        "Runs of each optimizer on each leg, {}; with --recovery of each set of legs under the protocols "
+        "Runs of each optimizer on each leg, {}; with --recovery, runs of each set of legs in the protocols "
         "hexaheal and second. (default: 30; with --transfer 5, with --recovery 10)",
     ),
 ]
 BudgetOption = Annotated[
-    int | None, number("--budget", BUDGET, "Trials of a run, {}. (default: 120; with --transfer 60)")
+    int | None, number("--budget", BUDGET, "Trials per run, {}. (default: 120; with --transfer 60)")
 ]
 WorldsOption = Annotated[
     int | None,
     number(
         "--worlds",
         WORLDS,
-        "In how many worlds, {}: with --transfer unseen ones (default: 30), else --world and others like it, "
-        "up to 100, over which claims have intervals (default: 1; with --matrix 3); with --hold and "
-        "--recovery unseen ones of each family (default: 10).",
+        "Number of worlds, {}. With --transfer, --hold and --recovery they are held out (default: 30; 10 of "
+        "each family). Otherwise --world and up to 99 similar ones (default: 1; with --matrix 3).",
     ),
 ]
 StudyFailureOption = Annotated[
@@ -79,8 +75,8 @@ StudySelfRotationOption = Annotated[
     choice(
         "--self-rotation",
         SelfRotation,
-        f"{SELF_ROTATION_HELP} The optimizers search in these walks. Not with --transfer. "
-        "(default: rear; with --hold to the rear under heading, else none)",
+        f"{SELF_ROTATION_HELP} Not with --transfer. (default: rear; "
+        "with --hold rear for heading, otherwise none)",
     ),
 ]
 TransferPriorOption = Annotated[
@@ -88,7 +84,7 @@ TransferPriorOption = Annotated[
     typer.Option(
         "--prior",
         autocompletion=completion.priors,
-        help="With --transfer, what bayes believes: auto or a file. (default: auto)",
+        help="With --transfer, the prior of bayes: auto or a file. (default: auto)",
     ),
 ]
 StudyWorldOption = Annotated[
@@ -96,8 +92,8 @@ StudyWorldOption = Annotated[
     typer.Option(
         "--world",
         autocompletion=completion.worlds,
-        help=f"{WORLD_HELP} With --transfer, --hold and --recovery a family of worlds, "
-        "transfer or real. (default: flat; transfer; with --recovery both)",
+        help=f"{WORLD_HELP} With --transfer, --hold and --recovery: a family, transfer or real. (default: "
+        "flat; with --transfer and --hold transfer, with --recovery both)",
     ),
 ]
 StudyRobotOption = Annotated[str | None, robot_option("ant; with --matrix ant,phantomx,pexod")]
@@ -105,83 +101,79 @@ MatrixOption = Annotated[
     bool,
     typer.Option(
         "--matrix",
-        help="Judge the claims in many settings: --failure, --world, --robot and --time-steps take several "
-        "with commas; each failure is walked in the first of each, and in every other one of each.",
+        help="Test the claims in several settings. --failure, --world, --robot and --time-steps take lists. "
+        "Each setting varies one of them from the first of each list.",
     ),
 ]
 TimeStepsOption = Annotated[
     str | None,
-    typer.Option(
-        "--time-steps", help="With --matrix, steps of the physics in ms, with commas. (default: 2,4)"
-    ),
+    typer.Option("--time-steps", help="With --matrix, time steps of the physics in ms. (default: 2,4)"),
 ]
 HoldStudyOption = Annotated[
     bool,
     typer.Option(
         "--hold",
-        help="Ask another question: where does --gait auto end in worlds that no prior has seen, open loop, "
-        "with the yaw alone and with the pose. --failure, --world and --robot take several with commas.",
+        help="Compare walks in open loop, with yaw and with pose feedback, in held-out worlds. --failure, "
+        "--world and --robot take lists.",
     ),
 ]
 HoldsOption = Annotated[
     str | None,
     typer.Option(
         "--holds",
-        help="With --hold, what the walks hold, with commas: of none, heading, line. (default: all of them)",
+        help="With --hold, the holds to compare: none, heading, line. (default: all)",
     ),
 ]
 ExactSensorsOption = Annotated[
     bool,
     typer.Option(
         "--exact-sensors",
-        help="With --hold and --recovery, leave out the delay, the noise and the losses that they give to "
-        "sensors.",
+        help="With --hold and --recovery, simulate sensors without delay, noise and losses.",
     ),
 ]
 RecoveryStudyOption = Annotated[
     bool,
     typer.Option(
         "--recovery",
-        help="Ask another question: a leg or a joint fails in mid-walk; is it noticed, and where does the "
-        "walk end, how fast. --failure, --world and --robot take several with commas.",
+        help="Compare reactions to a leg or joint that fails during a walk: detection, end and speed. "
+        "--failure, --world and --robot take lists.",
     ),
 ]
 GaitsOption = Annotated[
     str | None,
     typer.Option(
-        "--gaits", help="With --recovery, gaits on six legs, with commas: names, or auto. (default: tripod)"
+        "--gaits", help="With --recovery, gaits before the failure: names, or auto. (default: tripod)"
     ),
 ]
 MethodsOption = Annotated[
     str | None,
     typer.Option(
         "--methods",
-        help="With --recovery, what robots do about it, with commas: nothing (always), told, recover, "
-        "stop-diagnose, decentralised, open-loop-best, or your own package.module:Class. "
-        "(default: nothing,told,recover)",
+        help="With --recovery, the reactions: nothing (always), told, recover, stop-diagnose, decentralised, "
+        "open-loop-best, or a custom package.module:Class. (default: nothing,told,recover)",
     ),
 ]
 ProtocolsOption = Annotated[
     str | None,
     typer.Option(
         "--protocols",
-        help="With --recovery, with commas: line, one leg or joint fails 8 s into a walk of --duration in "
-        "unseen worlds; hexaheal, one leg or two lose their torque after 4 s of 14 s; second, one leg after "
-        "8 s of 36 s and another 10 s later. (default: line,hexaheal)",
+        help="With --recovery: line (a leg or joint fails after 8 s of --duration, in held-out worlds), "
+        "hexaheal (one or two legs lose torque after 4 s of 14 s), second (one leg after 8 s of 36 s, "
+        "another 10 s later). (default: line,hexaheal)",
     ),
 ]
 OneLegOption = Annotated[
     bool,
     typer.Option(
         "--one-leg",
-        help="With --transfer, one leg fails in each world, the next one in the next: a sixth of the time.",
+        help="With --transfer, only one leg fails in each world, by turns, in a sixth of the time.",
     ),
 ]
 ReportFolderOption = Annotated[
     Path | None,
     typer.Option(
         "--out",
-        help="Folder for the report: new, empty, or of an earlier study, whose files are replaced. "
+        help="Folder for the report: new, empty, or of an earlier study, which is replaced. "
         "(default: runs/study-TIME)",
         show_default=False,
     ),
@@ -217,9 +209,9 @@ def study(
     seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> None:
-    """Repeat the paper's experiments: all gaits of each failed leg, all searches, one report.
+    """Repeat the paper's experiments: all gaits of each failed leg, all optimizers, one report.
 
-    Gaits are walked once and kept under runs/study-cache; Ctrl-C, then the same command continues.
+    Each gait is walked once and kept under runs/study-cache. After Ctrl-C the same command continues.
     """
     kinds = {"--transfer": transfer, "--matrix": matrix, "--hold": hold, "--recovery": recovery}
     own: dict[str, dict[str, object]] = {
