@@ -37,8 +37,9 @@ OptimizersOption = Annotated[
     str | None,
     typer.Option(
         "--optimizers",
-        help="Optimizers, separated by commas: pso, psosp, dps, debest, derand, random, exhaustive, or a "
-        "custom package.module:Class; with --transfer also bayes and bayes-early. (default: all but exhaustive)",
+        help="Optimizers, separated by commas: pso, psosp, dps, debest, derand, random, exhaustive, "
+        "or a custom package.module:Class; with --transfer also bayes and bayes-early. "
+        "(default: all but exhaustive)",
     ),
 ]
 RunsOption = Annotated[
