@@ -1,6 +1,7 @@
 """The page that a safety officer signs says what the code does: its times, and who may do what."""
 
 import math
+import re
 from typing import Any
 
 import pytest
@@ -100,3 +101,14 @@ def test_a_controller_commands_stops_and_sets_the_pose() -> None:
 
 def test_there_is_no_role_above_the_controller() -> None:
     assert {role.value for role in Role} == {"robot", "controller", "viewer"}
+
+
+def test_each_test_that_holds_a_promise_is_there() -> None:
+    named = re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", PAGE)
+    assert len(named) > 30
+    missing = [
+        f"{file}::{name}"
+        for file, name in named
+        if not re.search(rf"^def {name}\(", (ROOT / file).read_text(encoding="utf-8"), re.MULTILINE)
+    ]
+    assert not missing
