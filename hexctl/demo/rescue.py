@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from hexctl.adapt.adaptation import Adaptation, OnBegin
-from hexctl.adapt.loop import OnBaseline, OnTrial
+from hexctl.adapt.loop import OnBaseline, OnConfirmation, OnTrial
 from hexctl.adapt.result import AdaptationResult
 from hexctl.adapt.runner import NotBegunError
 from hexctl.adapt.search import new_spec
@@ -116,6 +116,7 @@ def demo(
     on_begin: OnBegin | None = None,
     on_trial: OnTrial | None = None,
     on_baseline: OnBaseline | None = None,
+    on_confirmation: OnConfirmation | None = None,
     stop_requested: StopRequested = never,
 ) -> DemoResult:
     """Let a leg fail in mid-walk, recover, search a gait for the other legs, and draw the walks side by side.
@@ -128,6 +129,7 @@ def demo(
         on_begin: called with the session before its first trial.
         on_trial: called with the session and each trial, once it is stored.
         on_baseline: called with the session and each walk of the baseline, once it is stored.
+        on_confirmation: called with the session and each walk at a finer time step, once it is stored.
         stop_requested: asked every tick; True ends the demo softly.
 
     Raises InputError for a budget or a folder that is not allowed, MissingExtraError without MuJoCo or Rerun.
@@ -146,7 +148,11 @@ def demo(
             on_walk(walks[-1])
     try:
         adaptation = Adaptation(spec, folder=folder, note=note).run(
-            on_begin=on_begin, on_trial=on_trial, on_baseline=on_baseline, stop_requested=stop_requested
+            on_begin=on_begin,
+            on_trial=on_trial,
+            on_baseline=on_baseline,
+            on_confirmation=on_confirmation,
+            stop_requested=stop_requested,
         )
     except NotBegunError:
         return DemoResult(event=EVENT, world=WORLD, folder=into, **_named(walks))

@@ -286,16 +286,19 @@ def closing_lines(session: Session, ended: str | None) -> str:
 
 def closing_parts(session: Session, ended: str | None) -> list[RenderableType]:
     """Summary at the end of a session, a line each, its finding coloured."""
-    found = recommended(session)
-    known = [Text(line, style="green" if found else "red") for line in _found_lines(session, found)]
     return [
-        *known,
-        *_surety_lines(session, found),
-        *_baseline_lines(session, found),
+        *finding_parts(session),
         *_less_lines(session),
         _ending(session, ended),
         *_commands(session),
     ]
+
+
+def finding_parts(session: Session) -> list[RenderableType]:
+    """What a search has found, how sure that is, and what needs no search, a line each."""
+    found = recommended(session)
+    known = [Text(line, style="green" if found else "red") for line in _found_lines(session, found)]
+    return [*known, *_surety_lines(session, found), *_baseline_lines(session, found)]
 
 
 def resume_command(session: Session) -> str:

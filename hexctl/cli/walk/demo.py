@@ -7,7 +7,7 @@ import shlex
 import shutil
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -17,16 +17,16 @@ from hexctl.cli.console import (
     INTERRUPTED,
     StopOnInterrupt,
     in_flags,
-    make_bar,
     print_note,
     print_result,
 )
 from hexctl.cli.options.output import JsonOption
-from hexctl.cli.progress import WithBar
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.values import Range, number
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
+
     from hexctl.adapt.sessions.session import Session
     from hexctl.demo.rescue import DemoResult
     from hexctl.record.run import RunResult
@@ -100,6 +100,7 @@ def _has_display() -> bool:
 
 def _run(budget: int, interrupt: StopOnInterrupt, begun: list[str], *, as_json: bool) -> "DemoResult":
     """Run the demo, and print what happens while it does; `begun` gets the name of the session."""
+    from hexctl.adapt.progress import SearchBar
     from hexctl.demo import rescue
 
     said: list[str] = []
@@ -118,7 +119,7 @@ def _run(budget: int, interrupt: StopOnInterrupt, begun: list[str], *, as_json: 
             f"{rescue.ROBOT} walks for {rescue.WALK_S:g} s. Leg {event.leg} is {event.failure} from "
             f"{event.at_s:g} s on.",
         )
-    with _SearchBar(quiet=as_json) as bar:
+    with SearchBar(hidden=as_json) as bar:
 
         def begin(session: "Session") -> None:
             begun.append(session.name)
@@ -130,7 +131,9 @@ def _run(budget: int, interrupt: StopOnInterrupt, begun: list[str], *, as_json: 
             note=lambda text: print_note(f"hexctl: {text}"),
             on_walk=walked,
             on_begin=begin,
-            on_trial=bar.add,
+            on_baseline=bar.advance,
+            on_trial=bar.advance,
+            on_confirmation=bar.advance,
             stop_requested=interrupt.requested,
         )
 
@@ -145,25 +148,6 @@ def _search_line(budget: int) -> str:
         f"  hexctl adapt --failed-leg {event.leg} --failure {event.failure} --budget {budget} \\\n"
         f"    --world {rescue.WORLD}"
     )
-
-
-class _SearchBar(WithBar):
-    """A progress bar of the search; it prints no lines, because they would push the walks off the screen."""
-
-    def __init__(self, *, quiet: bool) -> None:
-        self._bar = make_bar(quiet=quiet)
-
-    def __enter__(self) -> Self:
-        return self  # the bar begins with the search
-
-    def begin(self, session: "Session") -> None:
-        """Start the bar."""
-        self._task = self._bar.add_task("trials", total=session.spec.budget)
-        self._bar.start()
-
-    def add(self, session: "Session", _trial: object) -> None:
-        """Count a trial."""
-        self._bar.update(self._task, completed=len(session.trials))
 
 
 def _walk_line(walk: "RunResult", *, recovered: bool) -> str:
@@ -183,13 +167,15 @@ def _walk_line(walk: "RunResult", *, recovered: bool) -> str:
     )
 
 
-def _ending(result: "DemoResult") -> list[str]:
+def _ending(result: "DemoResult") -> "list[RenderableType]":
     """How the search ended, where everything lies, and what to do next."""
+    from hexctl.cli.render.adapt import finding_parts
+
     search = result.adaptation
     assert search is not None  # noqa: S101  it was not interrupted
     picture = f"{result.picture}" if result.picture is not None else f"none: {result.no_picture}"
     return [
-        _search_result_line(search.session),
+        *finding_parts(search.session),
         f"both walks as a GIF: {picture}",
         "next:",
         *([f"  source {_activate()}"] if _activate() else []),
@@ -197,18 +183,6 @@ def _ending(result: "DemoResult") -> list[str]:
         f"  hexctl sessions show {search.session.name}",
         *_another_walk(),
     ]
-
-
-def _search_result_line(session: "Session") -> str:
-    """The gait that the search recommends and where its walk ended; the session says how sure that is."""
-    from hexctl.adapt.sessions.session import trials_text
-
-    walk = session.best_walk
-    after = f"  after {trials_text(len(session.trials))}"
-    if walk is None or walk.result.deviation is None:
-        return f"{after}: no gait walked to the end"
-    slots, off_m = ",".join(map(str, walk.slots)), walk.result.deviation.final
-    return f"{after}: slots {slots} end {100 * off_m:.1f} cm off the line"
 
 
 def _another_walk() -> list[str]:
