@@ -281,6 +281,7 @@ class SessionStore(SessionRows):
     @contextmanager
     def _transaction(self) -> Iterator[None]:
         """All or nothing of what a block writes; raises StoreError when the disk refuses."""
+        self._limit_steps()
         try:
             self._connection.execute("BEGIN IMMEDIATE")
             yield
