@@ -296,6 +296,7 @@ class Adaptation:
         try:
             return loop.run(), None
         except (RobotFaultError, RecordingError) as error:
+            store.check_there()  # what is reported as stored must be on the disk
             return "stopped", error
 
     def _write_overview(self, session: Session, store: SessionStore) -> Path | None:
