@@ -68,6 +68,11 @@ def trial(**keys: object) -> str:
     return json.dumps({**asdict(record(2)), **keys})
 
 
+def baseline(**keys: object) -> str:
+    values = json.loads(trial(gait="demo", **keys))
+    return json.dumps({key: values[key] for key in values if key not in ("index", "confirms", "expected")})
+
+
 def outcome(**keys: object) -> dict[str, object]:
     return {**record(2).outcome, **keys}
 
@@ -93,6 +98,21 @@ BAD_ROWS: dict[str, tuple[str, tuple[object, ...], str]] = {
     "trial without a score": (SET_RECORD, (trial(score=None),), "trial 2: score"),
     "trial with a score of NaN": (SET_RECORD, (trial(score=float("nan")),), "trial 2: score"),
     "trial with slots that are none": (SET_RECORD, (trial(slots=[1, 1, 1, 1, 1, 1]),), "trial 2: slots"),
+    "trial of code 0": (SET_RECORD, (trial(code=0),), "trial 2: "),
+    "trial of code -1": (SET_RECORD, (trial(code=-1),), "trial 2: "),
+    "trial of code 121": (SET_RECORD, (trial(code=121),), "trial 2: "),
+    "trial of code 721": (SET_RECORD, (trial(code=721),), "trial 2: "),
+    "trial of another gait": (SET_RECORD, (trial(code=3),), "trial 2: code"),
+    "settled on code 0": (
+        """UPDATE sessions SET settled_on = '{"code": 0, "chance": 1.0, "target_m": 0.1}' WHERE rowid = 1""",
+        (),
+        "settled_on: ",
+    ),
+    "baseline of code -1": (
+        "INSERT INTO baselines SELECT name, 'demo', ? FROM sessions WHERE rowid = 1",
+        (baseline(code=-1),),
+        "walk 1 of the baseline: ",
+    ),
     "trial with unknown keys": (SET_RECORD, (trial(wings=2),), "trial 2: "),
     "trial without an outcome": (SET_RECORD, (trial(outcome={}),), "trial 2: outcome"),
     "trial with a status of its own": (SET_RECORD, (trial(outcome=outcome(status="flew")),), "status"),

@@ -18,18 +18,21 @@ from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.sessions.rows import StoreError
 from hexctl.adapt.sessions.session import Session, SessionSpec, TrialRecord
 from hexctl.adapt.sessions.store import SessionStore, list_sessions
+from hexctl.adapt.space import GaitSpace
 from hexctl.errors import InputError
 from tests.adapt.walking import SPEC, result_of
 
 PATIENCE_S = 60.0
 
+SPACE = GaitSpace((SPEC.failed_leg,))
+
 
 def record(index: int, deviation_m: float = 0.2) -> TrialRecord:
-    result = result_of(deviation_m)
+    result, code = result_of(deviation_m), (index - 1) % SPACE.size + 1
     return TrialRecord(
         index=index,
-        code=index,
-        slots=(1, 2, 3, 4, 5, 6),
+        code=code,
+        slots=SPACE.slots_of(code),
         score=OBJECTIVES["final"](result),
         outcome=result.to_dict(),
         path_m=result.path_m[::10].tolist(),
