@@ -20,6 +20,7 @@ from hexctl.errors import HexctlError, InputError, RecordingError
 from hexctl.ik.legs import foot_positions_body
 from hexctl.record import paths, rrd
 from hexctl.record import recording as module
+from hexctl.record.blueprint import make_blueprint
 from hexctl.record.recording import Recording
 from hexctl.record.rerun_program import viewer_binary
 from hexctl.types import JOINT_KINDS
@@ -254,11 +255,10 @@ def test_a_folder_that_is_deleted_before_the_first_write_is_a_recording_error(
     trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "runs" / "trial.rrd"
-    make = module.make_blueprint
 
     def delete_first(*given: Any, **more: Any) -> Any:
         shutil.rmtree(path.parent)
-        return make(*given, **more)
+        return make_blueprint(*given, **more)
 
     monkeypatch.setattr(module, "make_blueprint", delete_first)
     with pytest.raises(RecordingError):

@@ -290,7 +290,7 @@ def _spread(path: Path) -> None:
         content += below
         child = struct.pack(">IB", len(content) // 4096, 1)
         head = struct.pack(">BHHHBI", 5, 0, 600, 4091, 0, len(content) // 4096)
-        below = (head + struct.pack(">H", 4091) * 600).ljust(4091, b"\0") + child
+        below[:] = (head + struct.pack(">H", 4091) * 600).ljust(4091, b"\0") + child
     content[page] = below
     content[28:32] = struct.pack(">I", len(content) // 4096)
     path.write_bytes(content)
