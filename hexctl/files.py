@@ -2,6 +2,7 @@
 
 import errno
 import io
+import math
 import os
 import shutil
 import stat
@@ -15,8 +16,14 @@ from typing import Any
 
 from hexctl.scratch import scratch_folder
 
-#: Size of an archive; a prior has half a million bytes.
-MOST_ARCHIVE_BYTES = 200_000_000
+#: Size of an archive, packed and unpacked; a prior has half a million bytes.
+MOST_ARCHIVE_BYTES = 100_000_000
+
+#: Arrays in an archive; a landscape has five.
+MOST_ARRAYS = 64
+
+#: What an element becomes when an array is read as numbers.
+_NUMBER_BYTES = 8
 
 #: What numpy and zipfile raise for an archive (.npz) that is damaged.
 ARCHIVE_DAMAGE: tuple[type[Exception], ...] = (
@@ -81,11 +88,49 @@ def read_file(path: Path, most_bytes: int) -> bytes:
 def open_archive(path: Path | str) -> Any:
     """The archive (.npz) of a file that another person has made, to be used in `with`.
 
-    Raises OSError as `read_file` does, and one of `ARCHIVE_DAMAGE`, as reading its arrays does.
+    Raises OSError as `read_file` does, ValueError for one that needs more memory than any of hexctl, and one
+    of `ARCHIVE_DAMAGE`, as reading its arrays does.
     """
     import numpy as np
 
-    return np.load(io.BytesIO(read_file(Path(path), MOST_ARCHIVE_BYTES)), allow_pickle=False)
+    content = io.BytesIO(read_file(Path(path), MOST_ARCHIVE_BYTES))
+    with zipfile.ZipFile(content) as packed:
+        _check_size(packed)
+    content.seek(0)
+    return np.load(content, allow_pickle=False)
+
+
+def damage_reason(error: BaseException) -> str:
+    """Why an archive cannot be read, on one line that ends a message."""
+    return " ".join(str(error).split())[:120] or type(error).__name__
+
+
+def _check_size(packed: zipfile.ZipFile) -> None:
+    """Raise ValueError for an archive that would fill the memory; nothing but heads of arrays is unpacked."""
+    members = packed.infolist()
+    if len(members) > MOST_ARRAYS:
+        raise ValueError(f"it has {len(members)} arrays; allowed: {MOST_ARRAYS}")
+    if any(each.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for each in members):
+        raise ValueError("it is packed in a way that numpy does not use")
+    size = sum(_unpacked_bytes(packed, member) for member in members)
+    if size > MOST_ARCHIVE_BYTES:
+        raise ValueError(
+            f"it unpacks to {size / 1e6:.0f} MB; allowed: up to {MOST_ARCHIVE_BYTES / 1e6:.0f} MB"
+        )
+
+
+def _unpacked_bytes(packed: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
+    """Memory that an array takes as its head declares it, or as numbers if these take more."""
+    from numpy.lib import format as npy
+
+    with packed.open(member) as file:
+        try:
+            version = npy.read_magic(file)
+        except ValueError:  # numpy does not read it as an array
+            return member.file_size
+        read_head = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+        shape, _, kind = read_head(file)
+    return max(member.file_size, math.prod(shape) * max(kind.itemsize, _NUMBER_BYTES))
 
 
 def read_secret(path: Path, most_bytes: int) -> bytes:

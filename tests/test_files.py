@@ -1,11 +1,17 @@
 """Atomic writes, and files that somebody else has named."""
 
+import io
 import os
+import zipfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from hexctl.cli.main import exit_code
 from hexctl.files import (
+    MOST_ARCHIVE_BYTES,
+    MOST_ARRAYS,
     atomic_write,
     folder_trouble,
     is_file,
@@ -133,3 +139,47 @@ def test_a_secret_is_its_owners_alone(mode: int, whose: str, tmp_path: Path) -> 
     path.chmod(mode)
     with pytest.raises(PermissionError, match=f"{whose}.* has access to it; chmod 600 .*key"):
         read_secret(path, 100)
+
+
+def array_head(shape: tuple[int, ...], kind: str) -> bytes:
+    """Head of an array's file without the array."""
+    buffer = io.BytesIO()
+    header = {"shape": shape, "fortran_order": False, "descr": kind}
+    np.lib.format.write_array_header_1_0(buffer, header)
+    return buffer.getvalue()
+
+
+#: Contents of archives that would fill a memory, and how they are packed.
+TOO_LARGE: dict[str, tuple[list[bytes], int]] = {
+    "zeros": ([bytes(MOST_ARCHIVE_BYTES + 1)], zipfile.ZIP_DEFLATED),
+    "small parts": ([bytes(MOST_ARCHIVE_BYTES // 4)] * 5, zipfile.ZIP_DEFLATED),
+    "a shape without content": ([array_head((10**12,), "<f8")], zipfile.ZIP_STORED),
+    "texts without letters": ([array_head((10**12,), "<U0")], zipfile.ZIP_STORED),
+    "flags that become numbers": (
+        [array_head((MOST_ARCHIVE_BYTES // 4,), "|b1") + bytes(MOST_ARCHIVE_BYTES // 4)],
+        zipfile.ZIP_DEFLATED,
+    ),
+    "too many": ([b""] * (MOST_ARRAYS + 1), zipfile.ZIP_STORED),
+    "another packing": ([b""], zipfile.ZIP_LZMA),
+}
+
+
+@pytest.mark.parametrize(("parts", "packing"), TOO_LARGE.values(), ids=list(TOO_LARGE))
+def test_an_archive_that_would_fill_the_memory_is_refused_before_it_is_unpacked(
+    parts: list[bytes], packing: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "large.npz"
+    with zipfile.ZipFile(path, "w", packing) as archive:
+        for number, content in enumerate(parts):
+            archive.writestr(f"{number}.npy", content)
+    with pytest.raises(ValueError, match="it "):
+        open_archive(path)
+    assert exit_code(["prior", "show", str(path)]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_an_archive_of_usual_size_is_read(tmp_path: Path) -> None:
+    np.savez_compressed(tmp_path / "a.npz", numbers=np.arange(3.0), head=np.array("text"))
+    with open_archive(tmp_path / "a.npz") as file:
+        assert file["numbers"].tolist() == [0.0, 1.0, 2.0]
+        assert str(file["head"]) == "text"

@@ -27,6 +27,7 @@ from hexctl.adapt.sessions.optimizer import make_search
 from hexctl.adapt.sessions.session import UNWATCHED, Session, SessionSpec
 from hexctl.adapt.sessions.store import RUNS, SessionStore, load_session
 from hexctl.adapt.sessions.trust import check_trusted
+from hexctl.adapt.sessions.unfinished import remove_unfinished
 from hexctl.adapt.setting import (
     Note,
     Setting,
@@ -254,6 +255,8 @@ class Adaptation:
         """Session to be continued, as it stands now that no other process adds to it."""
         stack.enter_context(store.held(name))
         session = self._resumed = store.load(name)
+        left = remove_unfinished(store.folder_of(name), session)
+        self._tell(None if left is None else f"removed {left}: its trial was killed and is walked again")
         check_trusted(session.spec, self._given, trust=self._trust)  # it may have changed since
         if self._budget is not None:
             session.spec = extended(session, self._budget)
@@ -296,6 +299,7 @@ class Adaptation:
         try:
             return loop.run(), None
         except (RobotFaultError, RecordingError) as error:
+            store.check_there()  # what is reported as stored must be on the disk
             return "stopped", error
 
     def _write_overview(self, session: Session, store: SessionStore) -> Path | None:

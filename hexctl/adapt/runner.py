@@ -1,11 +1,13 @@
 """Runners of single trials: each in its own simulation, or reset-free on one connected robot."""
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from hexctl.adapt.sessions.session import BASELINE_INDEX, UNWATCHED, SessionSpec
+from hexctl.adapt.sessions.unfinished import note_created, unfinished
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import make_floor
 from hexctl.backends.sim.world import World
@@ -137,8 +139,8 @@ class TrialRunner:
 
         A recording that fails costs neither the walk nor its result.
         """
-        recording = self._open_recording(index, code, plan)
-        try:
+        with ExitStack() as stack:
+            recording = self._open_recording(stack, index, code, plan)
             recorders = self._recorders(recording, plan, title_of(index, code, plan))
             result = run_trial(
                 servos,
@@ -153,10 +155,6 @@ class TrialRunner:
                 return WalkedTrial(result=result)
             trouble = recorders.error_of(recording) or _finished(recording, result, self._facts(index, code))
             return WalkedTrial(result=result, recording=recording.path, recording_error=trouble)
-        finally:
-            if recording is not None:
-                recording.close()
-                recording.write_index()
 
     @property
     def _watched(self) -> bool:
@@ -183,13 +181,15 @@ class TrialRunner:
         given = [recorder for recorder in (recording, self.live) if recorder is not None]
         return Recorders(*given, block_ticks=BLOCK_TICKS if self.spec.simulated else PACED_BLOCK_TICKS)
 
-    def _open_recording(self, index: int, code: int, plan: TrialPlan) -> Recording | None:
+    def _open_recording(self, stack: ExitStack, index: int, code: int, plan: TrialPlan) -> Recording | None:
+        """Recording of a trial, or None; it is whole when the stack is closed."""
         if self.folder is None:
             return None
         floor = make_floor(self.world, self.spec.seed) if self.world is not None else None
         stem = f"trial-{index:03d}" if index != BASELINE_INDEX else f"baseline-{_name_of(plan)}"
         path, title = _new_path(self.folder, stem), title_of(index, code, plan)
-        return Recording(
+        stack.enter_context(unfinished(path))
+        recording = Recording(
             path,
             self.robot,
             plan,
@@ -199,6 +199,10 @@ class TrialRunner:
             watched=self._watched,
             servos=not self.spec.simulated,
         )
+        stack.callback(recording.write_index)
+        stack.callback(recording.close)
+        note_created(path)
+        return recording
 
     def _facts(self, index: int, code: int) -> dict[str, Any]:
         spec = self.spec

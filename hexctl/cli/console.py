@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 import typer
 
 from hexctl.errors import HexctlError, RobotFaultError
+from hexctl.signals import ending_signals
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -29,8 +30,8 @@ INTERRUPTED = 130
 #: Reasons of a stop that are a fault of the robot or its link; `fault` may have details after a colon.
 FAULTS = ("fault", "state", "pose lost", "expired")
 
-#: Signals that ask a command to stop; the last comes when its terminal is closed.
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+#: Signals of which a second one asks to quit without a soft stop.
+QUITS = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT)
 
 #: Columns of output that goes to a file or a pipe: no line of a table is wrapped there.
 PIPE_COLUMNS = 400
@@ -214,17 +215,11 @@ def print_above(bar: "Progress", text: str, *, err: bool) -> None:
         bar.console.print(text, highlight=False, markup=False)
 
 
-def stop_signals() -> tuple[signal.Signals, ...]:
-    """`SIGNALS`, without the one of a closed terminal where it is ignored, as under `nohup`."""
-    ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
-    return tuple(number for number in SIGNALS if number is not signal.SIGHUP or not ignored)
-
-
 class StopOnInterrupt:
-    """While open, SIGINT, SIGTERM and SIGHUP only set `requested`; a second one raises KeyboardInterrupt.
+    """While open, signals that end a process only set `requested`; two of `QUITS` raise KeyboardInterrupt.
 
-    SIGHUP says that the terminal is closed. It may come twice, from the kernel and from a shell, so it never
-    raises; what is printed from then on goes nowhere.
+    The others never raise: SIGXCPU comes every second, and SIGHUP may come from the kernel and from a shell.
+    SIGHUP says that the terminal is closed; what is printed from then on goes nowhere.
 
     Args:
         plain: whether there is no soft stop that a second one would leave out.
@@ -234,7 +229,7 @@ class StopOnInterrupt:
         self._requested = self._interrupted = False
         self._terminals: list[int] = []
         self._again = "quit at once" if plain else "quit without a soft stop"
-        self._before: dict[signal.Signals, Any] = {}
+        self._before: dict[int, Any] = {}
 
     def requested(self) -> bool:
         """Whether a stop was requested."""
@@ -242,7 +237,7 @@ class StopOnInterrupt:
 
     def __enter__(self) -> Self:
         self._terminals = [stream for stream in (1, 2) if os.isatty(stream)]
-        for number in stop_signals():
+        for number in ending_signals():
             self._before[number] = signal.signal(number, self._handle)
         return self
 
@@ -253,9 +248,10 @@ class StopOnInterrupt:
             signal.signal(number, handler)
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
-        if number == signal.SIGHUP:
+        if number not in QUITS:
             self._requested = True
-            self._leave_terminal()
+            if number == signal.SIGHUP:
+                self._leave_terminal()
             return
         if self._interrupted:
             raise KeyboardInterrupt

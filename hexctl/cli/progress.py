@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Self
 
 import typer
 
-from hexctl.cli.console import INTERRUPTED, make_bar, print_above, print_note, stop_signals
+from hexctl.cli.console import INTERRUPTED, make_bar, print_above, print_note
+from hexctl.signals import ending_signals
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 def interruptible(
     count: "Callable[[LandscapeCache], tuple[int, int]]", what: str = "gaits"
 ) -> Iterator[None]:
-    """Take SIGTERM and SIGHUP like Ctrl-C, also where a shell ignores that, and turn all into exit code 130.
+    """Take all signals that end a process like Ctrl-C, and turn them into exit code 130.
 
     What was simulated until then is saved; a line on stderr says how much.
 
@@ -34,7 +35,7 @@ def interruptible(
     def interrupt(_number: int, _frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
-    before = {number: signal.signal(number, interrupt) for number in stop_signals()}
+    before = {number: signal.signal(number, interrupt) for number in ending_signals()}
     try:
         yield
     except KeyboardInterrupt:

@@ -24,6 +24,7 @@ from hexctl.record.rrd import (
     flush,
     load_rerun,
     save_stream,
+    size_of,
 )
 from hexctl.record.scene import LEVEL, send_scene
 from hexctl.record.summary import make_markdown, make_properties
@@ -154,7 +155,7 @@ class Recording:
         self._sound = False
         self._write_pending()
         flush(self._stream, self.path)
-        written = self.path.stat().st_size
+        written = size_of(self.path)
         self._send_summary(result, facts)
         subject, share = self._subject, self._tally.share
         properties = make_properties(self._title, subject.robot, subject.plan, result, share, facts)

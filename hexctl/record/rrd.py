@@ -97,17 +97,27 @@ class Layout:
 
 
 def save_stream(stream: Any, path: Path, blueprint: Any, *, index: bool = True) -> None:
-    """Have a stream write to a file that opens with a layout; without an index its memory does not grow."""
-    with Layout(blueprint) as layout:
-        stream.save(str(path), default_blueprint=layout, write_footer=index)
+    """Have a stream write to a file that opens with a layout; without an index its memory does not grow.
+
+    Raises RecordingError for a file that cannot be written, or was deleted since it was made.
+    """
+    try:
+        with Layout(blueprint) as layout:
+            stream.save(str(path), default_blueprint=layout, write_footer=index)
+    except RuntimeError as error:
+        reason = " ".join(str(error).split())
+        raise RecordingError(f"{path}: the recording cannot be written ({reason})") from error
 
 
 def flush(stream: Any, path: Path) -> None:
     """Make sure that everything sent to a stream is in its file.
 
-    Raises RecordingError when the disk did not take it.
+    Raises RecordingError when the disk did not take it, or its folder was deleted.
     """
-    room = os.statvfs(path.parent)
+    try:
+        room = os.statvfs(path.parent)
+    except OSError as error:
+        raise _gone(path, error) from error
     full = room.f_bavail * room.f_frsize < FULL_BYTES
     raised = _bounded(
         partial(stream.flush, timeout_sec=FLUSH_TIMEOUT_S), FULL_TIMEOUT_S if full else 2 * FLUSH_TIMEOUT_S
@@ -115,6 +125,18 @@ def flush(stream: Any, path: Path) -> None:
     if raised is not None:
         reason = " ".join(str(raised).split())
         raise RecordingError(f"{path}: the recording is incomplete; is the disk full? ({reason})") from raised
+
+
+def size_of(path: Path) -> int:
+    """Bytes of a recording that is being written; raises RecordingError if it was deleted."""
+    try:
+        return path.stat().st_size
+    except OSError as error:
+        raise _gone(path, error) from error
+
+
+def _gone(path: Path, error: OSError) -> RecordingError:
+    return RecordingError(f"{path}: the recording was deleted or moved ({error.strerror})")
 
 
 def disconnect(stream: Any) -> None:

@@ -29,6 +29,7 @@ from hexctl.control.guard import MAX_EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, HexctlError
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.drivers import BUS_DRIVERS
+from hexctl.signals import ending_signals
 from hexctl.types import JOINT_NAMES, FloatArray, JointTargets, RobotState
 
 #: Backends that it can reach after the server: they tell whether their servos hold.
@@ -219,7 +220,7 @@ def _connected(spec: KeeperSpec) -> LegServos:
 
 def main(words: str, *, pipe: int = 0) -> int:
     """Run a keeper until its server ends; the exit code."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # they are for the server
+    for number in ending_signals():  # they are for the server
         signal.signal(number, signal.SIG_IGN)
     given = json.loads(words)
     server = given.pop("server")

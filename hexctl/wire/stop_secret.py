@@ -9,7 +9,7 @@ import secrets
 from pathlib import Path
 
 from hexctl.errors import InputError
-from hexctl.files import is_file, read_secret
+from hexctl.files import read_secret
 from hexctl.wire.links import Link, Role
 
 SECRET_FILE = "stop.key"  # noqa: S105  its name
@@ -60,7 +60,7 @@ def find_stop_secret(link: Link, role: Role) -> bytes | None:
     if link.credentials is None:
         return NO_SECRET
     for path in (link.credentials / role.value / SECRET_FILE, link.credentials / SECRET_FILE):
-        if is_file(path):
+        if os.path.lexists(path):  # a dangling link is a key that cannot be read, not a missing one
             return _read(path)
     return None
 

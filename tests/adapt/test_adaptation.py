@@ -1,6 +1,7 @@
 """`hexctl.adapt` and `Adaptation`: what the command line does, in Python, without a word printed."""
 
 import math
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -25,13 +26,13 @@ from hexctl.adapt.runner import (
     WalkedTrial,
 )
 from hexctl.adapt.search import new_spec
-from hexctl.adapt.sessions.rows import SessionRows
-from hexctl.adapt.sessions.session import Session
+from hexctl.adapt.sessions.rows import SessionRows, StoreError
+from hexctl.adapt.sessions.session import Session, TrialRecord
 from hexctl.adapt.sessions.store import delete_session, list_sessions, load_session
 from hexctl.adapt.sessions.table import export_session
 from hexctl.backends.sim.world import load_world
 from hexctl.control.result import TrialResult
-from hexctl.errors import InputError, RobotFaultError, WrongTypeError
+from hexctl.errors import InputError, RecordingError, RobotFaultError, WrongTypeError
 from tests.adapt.walking import Landscape, result_of
 from tests.cli.adaptkits import Blind, EStopped
 from tests.cli.kits import Kit
@@ -551,3 +552,27 @@ def test_a_robot_that_does_not_tell_its_torques_is_not_searched_for_its_cost() -
     with pytest.raises(InputError, match="got cost with a robot that does not tell its joint torques"):
         adapt(5, backend="tests.cli.adaptkits:Straight", objective="cost", record=False)
     assert list_sessions() == []
+
+
+@pytest.mark.usefixtures("landscape")
+def test_a_session_whose_folder_is_deleted_ends_with_one_error(tmp_path: Path) -> None:
+    def delete(_: Session, trial: TrialRecord) -> None:
+        if trial.index == 2:
+            shutil.rmtree(tmp_path / "runs")
+
+    adaptation = Adaptation(new_spec(failed_leg=5, prior="none", budget=6), record=False)
+    with pytest.raises(StoreError, match="deleted or moved"):
+        adaptation.run(on_trial=delete)
+    assert list_sessions(tmp_path / "runs") == []
+
+
+def test_a_recording_that_cannot_be_written_does_not_hide_that_the_store_is_gone(tmp_path: Path) -> None:
+    spec = new_spec(failed_leg=5, prior="none", budget=6, baseline=False)
+    adaptation = Adaptation(spec, record=False)
+
+    def lose(_: TrialRunner, *_trial: object) -> WalkedTrial:
+        shutil.rmtree(tmp_path / "runs")
+        raise RecordingError("runs/trial-001.rrd: the recording cannot be written")
+
+    with mock.patch.object(TrialRunner, "walk", lose), pytest.raises(StoreError, match="deleted or moved"):
+        adaptation.run()

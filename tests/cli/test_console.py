@@ -12,6 +12,7 @@ import pytest
 from hexctl.cli.console import StatusLine, StopOnInterrupt, flag_of, in_flags, print_result
 from hexctl.cli.render.tables import label_table, plain_table
 from hexctl.errors import InputError
+from hexctl.signals import ending_signals
 from tests.cli.terminals import OnTerminal
 from tests.serve.processes import ROOT
 
@@ -79,6 +80,37 @@ def test_the_first_ctrl_c_asks_for_a_stop_and_the_second_ends() -> None:
         with pytest.raises(KeyboardInterrupt):
             os.kill(os.getpid(), signal.SIGTERM)
     assert signal.getsignal(signal.SIGINT) is before
+
+
+@pytest.mark.parametrize(
+    "number",
+    [
+        *(signal.SIGUSR1, signal.SIGUSR2, signal.SIGIO, signal.SIGALRM, signal.SIGVTALRM),
+        *(signal.SIGPROF, signal.SIGXCPU, signal.SIGPWR, signal.SIGRTMIN, signal.SIGRTMAX),
+    ],
+)
+def test_whatever_would_end_a_command_asks_for_a_stop_however_often_it_comes(number: signal.Signals) -> None:
+    program = f"""
+import os
+from hexctl.cli.console import StopOnInterrupt
+with StopOnInterrupt() as interrupt:
+    for _ in range(3):
+        os.kill(os.getpid(), {int(number)})
+    assert interrupt.requested()
+print("softly")
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (0, "softly\n"), done.stderr
+
+
+def test_a_signal_that_is_ignored_stays_so_and_one_of_another_meaning_is_left_alone() -> None:
+    before = signal.signal(signal.SIGUSR1, signal.SIG_IGN)
+    try:
+        taken = ending_signals()
+    finally:
+        signal.signal(signal.SIGUSR1, before)
+    left = {signal.SIGUSR1, signal.SIGPIPE, signal.SIGTSTP, signal.SIGCHLD, signal.SIGSEGV, signal.SIGABRT}
+    assert not left & set(taken)
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from hexctl.cli.console import StopOnInterrupt, stop_signals
+from hexctl.cli.console import StopOnInterrupt
 from hexctl.record.recorded_trial import read_trial
+from hexctl.signals import ending_signals
 from hexctl.waiting import wait_for
 from tests.cli.terminals import WAIT_S, WITH_TERMINAL, OnTerminal
 from tests.serve.processes import free_port
@@ -93,7 +94,7 @@ def test_a_hangup_that_is_ignored_stays_so() -> None:
     with StopOnInterrupt() as interrupt:
         os.kill(os.getpid(), signal.SIGHUP)
         assert not interrupt.requested()
-    assert signal.SIGHUP not in stop_signals()
+    assert signal.SIGHUP not in ending_signals()
 
 
 @pytest.mark.usefixtures("_hangup")

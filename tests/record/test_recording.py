@@ -1,4 +1,5 @@
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from hexctl.errors import HexctlError, InputError, RecordingError
 from hexctl.ik.legs import foot_positions_body
 from hexctl.record import paths, rrd
 from hexctl.record import recording as module
+from hexctl.record.blueprint import make_blueprint
 from hexctl.record.recording import Recording
 from hexctl.record.rerun_program import viewer_binary
 from hexctl.types import JOINT_KINDS
@@ -237,6 +239,30 @@ def test_a_place_that_cannot_be_written_is_refused_in_one_line(trial: Trial, tmp
         Recording(tmp_path / "file" / "trial.rrd", trial.robot, trial.plan, title="nowhere")
     assert "\n" not in str(refusal.value)
     assert "trial.rrd" in str(refusal.value)
+
+
+def test_a_recording_that_is_deleted_meanwhile_is_reported_at_the_end(trial: Trial, tmp_path: Path) -> None:
+    path = tmp_path / "runs" / "trial.rrd"
+    with Recording(path, trial.robot, trial.plan, title="deleted") as recording:
+        recording.write_block(trial.log, 0, 10)
+        shutil.rmtree(path.parent)
+        with pytest.raises(RecordingError):
+            recording.finish(trial.result, {})
+    assert not path.exists()
+
+
+def test_a_folder_that_is_deleted_before_the_first_write_is_a_recording_error(
+    trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "runs" / "trial.rrd"
+
+    def delete_first(*given: Any, **more: Any) -> Any:
+        shutil.rmtree(path.parent)
+        return make_blueprint(*given, **more)
+
+    monkeypatch.setattr(module, "make_blueprint", delete_first)
+    with pytest.raises(RecordingError):
+        Recording(path, trial.robot, trial.plan, title="deleted")
 
 
 def test_close_twice_is_fine(trial: Trial, tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """The secret of the datagram stop: made with the certificates, for ends that may stop, and kept private."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -80,4 +81,18 @@ def test_what_is_no_secret_is_refused(folder: Path, content: bytes, mode: int, s
     path.write_bytes(content)
     path.chmod(mode)
     with pytest.raises(InputError, match=said):
+        find_stop_secret(Link(endpoint="tls/localhost:7447", credentials=folder), Role.ROBOT)
+
+
+@pytest.mark.parametrize("kind", ["pipe", "folder", "device", "dangling link"])
+def test_what_is_no_plain_file_is_refused_and_not_taken_for_a_missing_one(folder: Path, kind: str) -> None:
+    path = folder / "robot" / SECRET_FILE
+    path.unlink()
+    if kind == "pipe":
+        os.mkfifo(path, mode=0o600)
+    elif kind == "folder":
+        path.mkdir(mode=0o700)
+    else:
+        path.symlink_to("/dev/zero" if kind == "device" else "nothing")
+    with pytest.raises(InputError, match="is not a secret"):
         find_stop_secret(Link(endpoint="tls/localhost:7447", credentials=folder), Role.ROBOT)

@@ -18,7 +18,7 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.control.assessment.static_stability import stood_up
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import HexctlError, InputError, check_type
-from hexctl.files import ARCHIVE_DAMAGE, atomic_write, open_archive
+from hexctl.files import ARCHIVE_DAMAGE, atomic_write, damage_reason, open_archive
 from hexctl.gait.posture import STANCE
 from hexctl.robot.model import Robot
 from hexctl.types import N_JOINTS, BoolArray, FloatArray
@@ -304,7 +304,7 @@ def open_prior(path: Path | str) -> Prior | ScorePrior:
             arrays = {name: file[name] for name in file.files if name != "head"}
         prior = _made(head, arrays)
     except ARCHIVE_DAMAGE as error:
-        raise _refused(path, f"it is damaged ({_reason(error)})") from error
+        raise _refused(path, f"it is damaged ({damage_reason(error)})") from error
     if prior.digest() != head.get("digest"):
         raise _refused(path, "it was altered after it was built")
     return prior
@@ -336,7 +336,7 @@ def read_head(path: Path) -> dict[str, Any]:
             "hexctl prior show names"
         ) from None
     except ARCHIVE_DAMAGE as error:
-        raise _refused(path, "it is not a prior, or cut off") from error
+        raise _refused(path, f"it is not a prior, or cut off ({damage_reason(error)})") from error
     if not isinstance(head, dict) or head.get("format") != FORMAT:
         raise _refused(path, "it is not a prior")
     if head.get("version") not in _VERSIONS:
@@ -350,7 +350,3 @@ _VERSIONS = (Prior.version, ScorePrior.version)
 
 def _refused(path: Path, why: str) -> InputError:
     return InputError(f"prior {path}: {why}; allowed: a prior as hexctl prior build writes it")
-
-
-def _reason(error: BaseException) -> str:
-    return " ".join(str(error).split())[:120] or type(error).__name__

@@ -4,12 +4,13 @@ import shutil
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any
 
 from hexctl.adapt.sessions.session import Session
 from hexctl.adapt.sessions.stored import stored_session
-from hexctl.errors import HexctlError, InputError, argument
+from hexctl.errors import HexctlError, InputError, argument, shown
 from hexctl.scratch import scratch_folder
 
 SCHEMA_VERSION = 1
@@ -18,6 +19,18 @@ FILE_NAME = "sessions.sqlite"
 
 #: Rows that are looked for one by one in a table of which a page is lost.
 MOST_PROBED = 10_000
+
+#: What the schema of a store may have; SQLite writes it this way. A view can be endless, a trigger runs code.
+_PLAIN = ("CREATE TABLE ", "CREATE INDEX ", "CREATE UNIQUE INDEX ")
+
+#: Steps of SQLite's machine that one read or write may take; a trial is read in about 30.
+MOST_STEPS = 10_000_000
+
+#: Steps between two looks at how many there were.
+STEPS_AT_ONCE = 100_000
+
+#: Longest text in a store; the state of an optimizer has less than a million bytes.
+MOST_TEXT_BYTES = 50_000_000
 
 #: What reading a store raises: Python cannot read a message of SQLite with a damaged name in it.
 _DAMAGE = (sqlite3.Error, UnicodeDecodeError)
@@ -33,6 +46,8 @@ _NOT_ITS_FAULT = (
     sqlite3.SQLITE_FULL,
     sqlite3.SQLITE_CANTOPEN,
 )
+
+_READ = ("sessions", "trials", "baselines", "confirmations")
 
 _HEAD = ("created", "spec", "ended", "settled_on")
 
@@ -55,9 +70,13 @@ class SessionRows:
         self.path = path
         self._connection, self._lost = connection, False
         connection.text_factory = lambda data: data.decode("utf-8", "backslashreplace")
+        self._limit_steps()
+        connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_TEXT_BYTES)
         with self._reading():
+            connection.execute("PRAGMA trusted_schema = OFF")
             (version,) = connection.execute("PRAGMA user_version").fetchone()
             self._tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master")}
+            self._check_plain()
         if version not in (0, SCHEMA_VERSION):
             raise StoreError(f"session store: {path} has version {version}; allowed: {SCHEMA_VERSION}")
 
@@ -91,6 +110,27 @@ class SessionRows:
                 on_damage(error)
         return found
 
+    def _limit_steps(self) -> None:
+        """End what takes too many steps from now on.
+
+        The counter is no Python function: SQLite would swallow the KeyboardInterrupt of one.
+        """
+        looks = chain(repeat(0, MOST_STEPS // STEPS_AT_ONCE), repeat(1))
+        self._connection.set_progress_handler(looks.__next__, STEPS_AT_ONCE)
+
+    def _check_plain(self) -> None:
+        """Raise StoreError for a store with more than plain tables and indexes, or with computed columns."""
+        statements = self._connection.execute("SELECT sql FROM sqlite_master WHERE sql NOT NULL").fetchall()
+        foreign = [sql for (sql,) in statements if not str(sql).startswith(_PLAIN)]
+        for table in _READ:
+            columns = self._connection.execute(f"PRAGMA table_xinfo({table})")
+            foreign += [name for _, name, *_, hidden in columns if hidden]
+        if foreign:
+            raise StoreError(
+                f"session store: {self.path} has {shown(foreign[0])}; allowed: plain tables as hexctl adapt "
+                "makes them; move it away to begin a new one"
+            )
+
     def _session(self, row: int, name: str) -> Session:
         try:
             return stored_session(
@@ -102,7 +142,7 @@ class SessionRows:
             )
         except (ValueError, sqlite3.Error) as error:
             raise StoreError(
-                f"session {name}: is damaged ({error}); its recordings can be opened one by one, and "
+                f"session {name}: is damaged ({_words(error)}); its recordings can be opened one by one, and "
                 f"hexctl sessions delete removes it"
             ) from error
 
@@ -194,9 +234,16 @@ class SessionRows:
         if getattr(error, "sqlite_errorcode", 0) & 0xFF in _NOT_ITS_FAULT:
             return StoreError(f"session store: {self.path} cannot be used: {error}")
         return StoreError(
-            f"session store: {self.path} is damaged: {error}; move it away to begin a new one, the "
+            f"session store: {self.path} is damaged: {_words(error)}; move it away to begin a new one, the "
             "recordings of its sessions stay"
         )
+
+
+def _words(error: Exception | str) -> str:
+    """Why a store cannot be read."""
+    if getattr(error, "sqlite_errorcode", 0) == sqlite3.SQLITE_INTERRUPT:
+        return "it has more rows than any store of hexctl"
+    return str(error)
 
 
 def _name(value: Any) -> str:
@@ -236,6 +283,7 @@ def _connected(path: Path) -> sqlite3.Connection:
     """Connection that only reads, tried out."""
     connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True, timeout=1.0)
     try:
+        connection.execute("PRAGMA query_only = ON")
         connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
     except BaseException:
         connection.close()

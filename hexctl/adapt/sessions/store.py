@@ -112,6 +112,18 @@ class SessionStore(SessionRows):
         """Close the file."""
         self._connection.close()
 
+    def check_there(self) -> None:
+        """Raise StoreError if the file was deleted or moved: SQLite would go on writing to it."""
+        try:
+            same = os.path.samestat(self.path.stat(), self._file)
+        except OSError:
+            same = False
+        if not same:
+            raise StoreError(
+                f"session store: {self.path} was deleted or moved during the session; move it back and "
+                "resume the session, or begin a new one"
+            )
+
     def create(self, spec: SessionSpec) -> Session:
         """Add a session with a new name."""
         now = datetime.now().astimezone()
@@ -137,9 +149,7 @@ class SessionStore(SessionRows):
             with self._transaction():
                 self._connection.execute("INSERT INTO trials VALUES (?, ?, ?, ?)", values)
         except StoreError as error:
-            raise StoreError(
-                f"session {session.name}: trial {trial.index} cannot be stored: {error.__cause__}"
-            ) from error
+            raise _not_stored(session, f"trial {trial.index}", error) from error
         session.trials.append(trial)
         session.optimizer_state = optimizer_state
 
@@ -153,9 +163,7 @@ class SessionStore(SessionRows):
             with self._transaction():
                 self._connection.execute("INSERT INTO baselines VALUES (?, ?, ?)", values)
         except StoreError as error:
-            raise StoreError(
-                f"session {session.name}: the baseline {walk.gait} cannot be stored: {error.__cause__}"
-            ) from error
+            raise _not_stored(session, f"the baseline {walk.gait}", error) from error
         session.baseline.append(walk)
 
     def add_confirmation(self, session: Session, walk: ConfirmationRecord) -> None:
@@ -168,10 +176,7 @@ class SessionStore(SessionRows):
             with self._transaction():
                 self._connection.execute("INSERT INTO confirmations VALUES (?, ?, ?)", values)
         except StoreError as error:
-            raise StoreError(
-                f"session {session.name}: the confirmation of gait {walk.code} cannot be stored: "
-                f"{error.__cause__}"
-            ) from error
+            raise _not_stored(session, f"the confirmation of gait {walk.code}", error) from error
         session.confirmations.append(walk)
 
     def keep(self, session: Session) -> None:
@@ -187,7 +192,7 @@ class SessionStore(SessionRows):
                     "UPDATE sessions SET spec = ?, ended = ?, settled_on = ? WHERE name = ?", values
                 )
         except StoreError as error:
-            raise StoreError(f"session {session.name}: it cannot be stored: {error.__cause__}") from error
+            raise _not_stored(session, "it", error) from error
 
     def delete(self, name: str) -> None:
         """Remove a session from the store; its recordings are left to the caller.
@@ -245,6 +250,7 @@ class SessionStore(SessionRows):
             # FULL: when its transaction ends, a trial is on the disk and not only in the cache of the kernel.
             connection.execute("PRAGMA synchronous = FULL")
             connection.execute("PRAGMA foreign_keys = ON")
+        self._file = self.path.stat()
         with self._transaction():
             for statement in filter(str.strip, _TABLES.split(";")):
                 connection.execute(statement)
@@ -281,6 +287,7 @@ class SessionStore(SessionRows):
     @contextmanager
     def _transaction(self) -> Iterator[None]:
         """All or nothing of what a block writes; raises StoreError when the disk refuses."""
+        self._limit_steps()
         try:
             self._connection.execute("BEGIN IMMEDIATE")
             yield
@@ -292,6 +299,12 @@ class SessionStore(SessionRows):
             if isinstance(error, sqlite3.Error):
                 raise StoreError(f"session store: {self.path} cannot be written: {error}") from error
             raise
+        self.check_there()
+
+
+def _not_stored(session: Session, what: str, error: StoreError) -> StoreError:
+    """Error for a part of a session that did not get to the disk."""
+    return StoreError(f"session {session.name}: {what} cannot be stored: {error.__cause__ or error}")
 
 
 def _take(lock: int, name: str) -> None:

@@ -20,6 +20,7 @@ from hexctl.adapt.sessions.session import (
     SessionSpec,
     TrialRecord,
 )
+from hexctl.adapt.space import GaitSpace
 from hexctl.control.result import STATUSES
 from hexctl.errors import printable
 from hexctl.gait.encoding import check_permutation
@@ -158,15 +159,18 @@ def stored_session(
         ended=_checked("ended", _text, ended),
         settled_on=None if settled_on is None else _checked("settled_on", _of, settled_on, _Settled),
     )
+    space = GaitSpace((session.spec.failed_leg,))
     for number, (stored, record, state) in enumerate(trials, start=1):
         if stored != number:
             raise ValueError(f"trial {number} is missing")
-        session.trials.append(_checked(f"trial {number}", _trial, record, number))
+        session.trials.append(_checked(f"trial {number}", _trial, record, number, space))
         session.optimizer_state = _checked(f"state after trial {number}", _mapping, state)
     for number, record in enumerate(baseline, start=1):
-        session.baseline.append(_checked(f"walk {number} of the baseline", _baseline, record))
+        session.baseline.append(_checked(f"walk {number} of the baseline", _baseline, record, space))
     for number, record in enumerate(confirmations, start=1):
-        session.confirmations.append(_checked(f"confirmation {number}", _confirmation, record))
+        session.confirmations.append(_checked(f"confirmation {number}", _confirmation, record, space))
+    if session.settled_on is not None:
+        _checked("settled_on", space.slots_of, session.settled_on["code"])
     _checked("trials", Session.as_json, session)
     return session
 
@@ -226,9 +230,11 @@ def _of(text: Any, model: type[BaseModel]) -> dict[str, Any]:
     return values
 
 
-def _trial(text: Any, number: int) -> TrialRecord:
+def _trial(text: Any, number: int, space: GaitSpace) -> TrialRecord:
     values = _of(text, _Trial)
     check_permutation(values["slots"])
+    if space.slots_of(values["code"]) != tuple(values["slots"]):
+        raise ValueError(f"code: {values['code']} is another gait than the slots {values['slots']}")
     trial = TrialRecord(**{**values, "slots": tuple(values["slots"])})
     if trial.index != number:
         raise ValueError(f"it is that of trial {trial.index}")
@@ -236,15 +242,19 @@ def _trial(text: Any, number: int) -> TrialRecord:
     return trial
 
 
-def _baseline(text: Any) -> BaselineRecord:
+def _baseline(text: Any, space: GaitSpace) -> BaselineRecord:
     values = _of(text, _Baseline)
+    if values["code"] is not None:  # a gait that is not in the space, such as a tripod, has none
+        space.slots_of(values["code"])
     walk = BaselineRecord(**{**values, "slots": tuple(values["slots"])})
     _ = walk.result
     return walk
 
 
-def _confirmation(text: Any) -> ConfirmationRecord:
+def _confirmation(text: Any, space: GaitSpace) -> ConfirmationRecord:
     values = _of(text, _Confirmation)
+    if values["code"] is not None:  # a gait that is not in the space, such as a tripod, has none
+        space.slots_of(values["code"])
     walk = ConfirmationRecord(**{**values, "slots": tuple(values["slots"])})
     _ = walk.result
     return walk

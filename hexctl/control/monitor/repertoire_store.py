@@ -11,7 +11,7 @@ import numpy as np
 from hexctl.control.monitor.repertoire import BodySymmetry, Candidate, Repertoire, Situation
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import HexctlError, InputError, check_type
-from hexctl.files import ARCHIVE_DAMAGE, atomic_write, open_archive
+from hexctl.files import ARCHIVE_DAMAGE, atomic_write, damage_reason, open_archive
 from hexctl.robot.configs import config_root
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray
@@ -61,7 +61,7 @@ def load_repertoire(path: Path | str) -> Repertoire:
             f"repertoire: no file at {str(path)!r}; allowed: a file of hexctl prior build --repertoire"
         ) from None
     except _DAMAGE as error:
-        raise _refused(path, "it is not a repertoire, or cut off") from error
+        raise _refused(path, f"it is not a repertoire, or cut off ({damage_reason(error)})") from error
     if not isinstance(head, dict) or head.get("format") != FORMAT:
         raise _refused(path, "it is not a repertoire")
     if head.get("version") != VERSION:
@@ -70,7 +70,7 @@ def load_repertoire(path: Path | str) -> Repertoire:
         repertoire = _made(head, arrays)
         intact = repertoire.digest() == head["digest"]
     except _DAMAGE as error:
-        raise _refused(path, f"it is damaged ({' '.join(str(error).split())[:120]})") from error
+        raise _refused(path, f"it is damaged ({damage_reason(error)})") from error
     if not intact:
         raise _refused(path, "it was altered after it was built")
     return repertoire

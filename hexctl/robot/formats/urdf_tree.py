@@ -15,6 +15,9 @@ from hexctl.types import FloatArray
 #: A larger file is no robot description.
 MOST_BYTES = 20_000_000
 
+#: Links of a robot with sensors and frames are fewer; the time to place them grows with their square.
+MOST_LINKS = 500
+
 #: Bytes of a binary STL before its triangles, and of each of them.
 STL_HEADER, STL_TRIANGLE = 84, 50
 
@@ -150,7 +153,10 @@ def read_urdf(path: Path) -> UrdfTree:
 
 
 def _tree(root: Element, path: Path) -> UrdfTree:
-    links = {link.name: link for link in (_link(one, path) for one in root.findall("link"))}
+    elements = root.findall("link")
+    if len(elements) > MOST_LINKS:
+        raise InputError(f"{path}: got {len(elements)} links; allowed: a robot of up to {MOST_LINKS}")
+    links = {link.name: link for link in (_link(one, path) for one in elements)}
     joints = {joint.child: joint for joint in map(_joint, root.findall("joint"))}
     for joint in joints.values():
         for name in (joint.parent, joint.child):

@@ -48,7 +48,7 @@ class NewClaim:
             descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
             with open(descriptor, "w", encoding="ascii") as file:
                 file.write(self._key)
-            kept = sorted(path.parent.glob("clear-*.key"), key=lambda one: one.stat().st_mtime)
+            kept = sorted(path.parent.glob("clear-*.key"), key=lambda one: one.lstat().st_mtime)
             for old in kept[:-MOST_KEPT]:
                 old.unlink(missing_ok=True)
 

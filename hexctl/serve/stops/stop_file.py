@@ -13,7 +13,7 @@ from typing import Annotated, NamedTuple
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationError
 
 from hexctl.errors import printable
-from hexctl.files import atomic_write
+from hexctl.files import atomic_write, read_file
 from hexctl.serve.stops.stop import CLAIM_DIGITS, ESTOP, ID_BYTES, Stop, new_stop_id
 from hexctl.serve.stops.stop_place import StopPlace
 from hexctl.wire.links import CLEAR_COMMAND
@@ -144,7 +144,7 @@ class StopFile:
         self._robot, self._place = robot, place
         self._asked_only, self._clear = asked_only, clear
         self._taken_over: list[_TakenOver] = []
-        self._unread: set[Path] = set()
+        self._unread: dict[Path, str] = {}
         self._elsewhere: list[str] = []
         self._wanted: Stop | None = None
         self._on_disk: str | None = None
@@ -232,16 +232,20 @@ class StopFile:
 
     def _read(self, path: Path) -> KeptStop | None:
         """A stop in a file, None where there is no file."""
-        self._unread.discard(path)
+        self._unread.pop(path, None)
         try:
-            with path.open("rb") as file:
-                return KeptStop.model_validate_json(file.read(MAX_BYTES))
+            return KeptStop.model_validate_json(read_file(path, MAX_BYTES))
         except (FileNotFoundError, NotADirectoryError):
-            return None
-        except (OSError, ValidationError):
-            self._unread.add(path)
-            unread = self._content(ESTOP, new_stop_id())
-            return unread if path == self.path else unread.model_copy(update={"backend": None})
+            link = _dangling_link(path)
+            if link is None:
+                return None
+            self._unread[path] = f"{link} is a link to nothing"
+        except OSError as error:
+            self._unread[path] = error.strerror or str(error)
+        except ValidationError:
+            self._unread[path] = "it is not a stop file"
+        unread = self._content(ESTOP, new_stop_id())
+        return unread if path == self.path else unread.model_copy(update={"backend": None})
 
     def _id_in(self, kept: KeptStop, path: Path) -> str | None:
         """Id that a file has, None for one that could not be read."""
@@ -250,7 +254,7 @@ class StopFile:
     def _in_words(self, kept: KeptStop, path: Path) -> str:
         """A stop that is in force, and where it was kept unless that is here."""
         if path in self._unread:
-            return f"{path} cannot be read"
+            return f"{path} cannot be read: {self._unread[path]}"
         if path == self.path:
             return str(kept)
         place = "an earlier version, at a port it does not name" if kept.place is None else str(kept.place)
@@ -316,3 +320,8 @@ class StopFile:
             serial_number=self._place.serial_number,
             location=self._place.location,
         )
+
+
+def _dangling_link(path: Path) -> Path | None:
+    """The link that leads nowhere, of a path and the folders above it: a stop may lie behind it."""
+    return next((one for one in (path, *path.parents) if one.is_symlink() and not one.exists()), None)

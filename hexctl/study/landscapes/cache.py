@@ -10,7 +10,7 @@ import numpy as np
 
 from hexctl.control.result import STATUSES
 from hexctl.errors import HexctlError
-from hexctl.files import ARCHIVE_DAMAGE, open_archive, replacing
+from hexctl.files import ARCHIVE_DAMAGE, damage_reason, open_archive, replacing
 from hexctl.study.landscapes.landscape import NUMBERS, Landscape, LandscapeSpec, empty_landscape
 
 #: Where the commands keep landscapes, below the working directory.
@@ -59,8 +59,7 @@ class LandscapeCache:
         try:
             return _read(path, spec)
         except ARCHIVE_DAMAGE as error:
-            reason = " ".join(str(error).split()) or type(error).__name__
-            self.notes.append(f"{path}: not usable ({reason}); it is computed again")
+            self.notes.append(f"{path}: not usable ({damage_reason(error)}); it is computed again")
             return empty_landscape(spec)
 
     def count(self, specs: Iterable[LandscapeSpec]) -> tuple[int, int]:

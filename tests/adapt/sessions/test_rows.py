@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import sqlite3
+import struct
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from hexctl.adapt.sessions import rows
 from hexctl.adapt.sessions.rows import StoreError, is_store, reading
 from hexctl.adapt.sessions.store import (
     SessionStore,
@@ -66,6 +68,11 @@ def trial(**keys: object) -> str:
     return json.dumps({**asdict(record(2)), **keys})
 
 
+def baseline(**keys: object) -> str:
+    values = json.loads(trial(gait="demo", **keys))
+    return json.dumps({key: values[key] for key in values if key not in ("index", "confirms", "expected")})
+
+
 def outcome(**keys: object) -> dict[str, object]:
     return {**record(2).outcome, **keys}
 
@@ -91,6 +98,21 @@ BAD_ROWS: dict[str, tuple[str, tuple[object, ...], str]] = {
     "trial without a score": (SET_RECORD, (trial(score=None),), "trial 2: score"),
     "trial with a score of NaN": (SET_RECORD, (trial(score=float("nan")),), "trial 2: score"),
     "trial with slots that are none": (SET_RECORD, (trial(slots=[1, 1, 1, 1, 1, 1]),), "trial 2: slots"),
+    "trial of code 0": (SET_RECORD, (trial(code=0),), "trial 2: "),
+    "trial of code -1": (SET_RECORD, (trial(code=-1),), "trial 2: "),
+    "trial of code 121": (SET_RECORD, (trial(code=121),), "trial 2: "),
+    "trial of code 721": (SET_RECORD, (trial(code=721),), "trial 2: "),
+    "trial of another gait": (SET_RECORD, (trial(code=3),), "trial 2: code"),
+    "settled on code 0": (
+        """UPDATE sessions SET settled_on = '{"code": 0, "chance": 1.0, "target_m": 0.1}' WHERE rowid = 1""",
+        (),
+        "settled_on: ",
+    ),
+    "baseline of code -1": (
+        "INSERT INTO baselines SELECT name, 'demo', ? FROM sessions WHERE rowid = 1",
+        (baseline(code=-1),),
+        "walk 1 of the baseline: ",
+    ),
     "trial with unknown keys": (SET_RECORD, (trial(wings=2),), "trial 2: "),
     "trial without an outcome": (SET_RECORD, (trial(outcome={}),), "trial 2: outcome"),
     "trial with a status of its own": (SET_RECORD, (trial(outcome=outcome(status="flew")),), "status"),
@@ -256,6 +278,24 @@ def _statement(*statements: str) -> Callable[[Path], None]:
     return spoil
 
 
+def _spread(path: Path) -> None:
+    """Make the pages of a small store say that they hold billions of sessions."""
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        (root,) = connection.execute("SELECT rootpage FROM sqlite_master WHERE name = 'sessions'").fetchone()
+    content = bytearray(path.read_bytes())
+    page = slice(4096 * (root - 1), 4096 * root)
+    below = content[page]
+    for _ in range(5):
+        content += below
+        child = struct.pack(">IB", len(content) // 4096, 1)
+        head = struct.pack(">BHHHBI", 5, 0, 600, 4091, 0, len(content) // 4096)
+        below[:] = (head + struct.pack(">H", 4091) * 600).ljust(4091, b"\0") + child
+    content[page] = below
+    content[28:32] = struct.pack(">I", len(content) // 4096)
+    path.write_bytes(content)
+
+
 BAD_FILES: dict[str, Callable[[Path], object]] = {
     "cut off": _cut,
     "first page": _page(0),
@@ -266,8 +306,49 @@ BAD_FILES: dict[str, Callable[[Path], object]] = {
     "another version": _statement("PRAGMA user_version = 99"),
     "no table of sessions": _statement("DROP TABLE sessions"),
     "other columns": _statement("DROP TABLE sessions", "CREATE TABLE sessions (x)"),
+    "a view without end": _statement(
+        "ALTER TABLE sessions RENAME TO kept",
+        "CREATE VIEW sessions AS WITH RECURSIVE more(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM more) "
+        "SELECT x AS name, x AS created FROM more",
+    ),
+    "a trigger": _statement(
+        "CREATE TRIGGER gone AFTER DELETE ON sessions BEGIN DELETE FROM trials; END",
+    ),
+    "a column that is computed": _statement("ALTER TABLE sessions ADD COLUMN long AS (zeroblob(1000000000))"),
     "a view": _statement("DROP TABLE sessions", "CREATE VIEW sessions AS SELECT 1 AS name"),
 }
+
+
+@pytest.mark.parametrize("foreign", ["a view without end", "a trigger", "a column that is computed"])
+def test_a_store_with_more_than_plain_tables_is_refused(foreign: str, tmp_path: Path) -> None:
+    name = make_store(tmp_path)[0]
+    BAD_FILES[foreign](tmp_path / "sessions.sqlite")
+    with pytest.raises(StoreError, match="plain tables"):
+        list_sessions(tmp_path)
+    with pytest.raises(StoreError, match="plain tables"):
+        delete_session(name, tmp_path)
+
+
+def test_a_store_that_would_be_read_for_hours_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_store(tmp_path)
+    monkeypatch.setattr(rows, "MOST_STEPS", 1_000_000)
+    _spread(tmp_path / "sessions.sqlite")
+    with pytest.raises(StoreError, match="more rows than"):
+        list_sessions(tmp_path)
+
+
+def test_a_store_that_is_used_for_long_takes_every_trial(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The limit holds for each read and write, not for all of them together."""
+    monkeypatch.setattr(rows, "MOST_STEPS", 2000)
+    monkeypatch.setattr(rows, "STEPS_AT_ONCE", 1000)
+    make_store(tmp_path, sessions=1, trials=200)
+    monkeypatch.undo()
+    (session,) = list_sessions(tmp_path)
+    assert len(session.trials) == 200
 
 
 @pytest.mark.parametrize("spoil", BAD_FILES.values(), ids=list(BAD_FILES))

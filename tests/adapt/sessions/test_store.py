@@ -3,6 +3,7 @@
 import json
 import multiprocessing
 import os
+import shutil
 import signal
 import sqlite3
 import subprocess
@@ -16,19 +17,22 @@ import pytest
 from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.sessions.rows import StoreError
 from hexctl.adapt.sessions.session import Session, SessionSpec, TrialRecord
-from hexctl.adapt.sessions.store import SessionStore
+from hexctl.adapt.sessions.store import SessionStore, list_sessions
+from hexctl.adapt.space import GaitSpace
 from hexctl.errors import InputError
 from tests.adapt.walking import SPEC, result_of
 
 PATIENCE_S = 60.0
 
+SPACE = GaitSpace((SPEC.failed_leg,))
+
 
 def record(index: int, deviation_m: float = 0.2) -> TrialRecord:
-    result = result_of(deviation_m)
+    result, code = result_of(deviation_m), (index - 1) % SPACE.size + 1
     return TrialRecord(
         index=index,
-        code=index,
-        slots=(1, 2, 3, 4, 5, 6),
+        code=code,
+        slots=SPACE.slots_of(code),
         score=OBJECTIVES["final"](result),
         outcome=result.to_dict(),
         path_m=result.path_m[::10].tolist(),
@@ -209,3 +213,20 @@ def test_a_session_of_an_optimizer_of_ones_own_has_a_name_that_every_tool_takes(
         name = store.create(SessionSpec(optimizer="my.search:Nearest")).name
         assert name.endswith("-leg5-my.search-Nearest")
         assert store.load(name).spec.optimizer == "my.search:Nearest"
+
+
+def test_a_store_that_is_deleted_or_replaced_meanwhile_takes_nothing_more(tmp_path: Path) -> None:
+    """SQLite goes on writing to a file without a name, and everything is lost when it is closed."""
+    runs = tmp_path / "runs"
+    with SessionStore(runs) as store:
+        session = store.create(SPEC)
+        store.add_trial(session, record(1), {})
+        shutil.move(runs, tmp_path / "moved")
+        with pytest.raises(StoreError, match="deleted or moved"):
+            store.add_trial(session, record(2), {})
+        SessionStore(runs).close()
+        with pytest.raises(StoreError, match="deleted or moved"):
+            store.keep(session)
+    assert list_sessions(runs) == []
+    (kept,) = list_sessions(tmp_path / "moved")
+    assert kept.trials[0] == record(1)

@@ -123,7 +123,7 @@ def test_a_walk_that_is_stopped_before_it_begins_leaves_the_robot_as_it_is(tmp_p
         assert not len(robot.log().positions_rad)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGIO])
 def test_it_ends_softly_when_asked(tmp_path: Path, number: signal.Signals) -> None:
     with served(tmp_path, backend="mock") as robot:
         assert hexctl("estop", "--connect", robot.endpoint).returncode == 0

@@ -56,6 +56,27 @@ def test_our_own_robots_come_back(name: str, tmp_path: Path) -> None:
     assert back.body.size_m == pytest.approx(robot.body.size_m, abs=1e-3)
 
 
+def with_links(text: str, count: int, parent: str) -> str:
+    """A URDF with a chain of further links that are fixed to one another."""
+    more = []
+    for number in range(count):
+        more.append(
+            f'<link name="more{number}"/><joint name="fixes{number}" type="fixed"><parent link="{parent}"/>'
+            f'<child link="more{number}"/></joint>'
+        )
+        parent = f"more{number}"
+    return text.replace("</robot>", "".join(more) + "</robot>")
+
+
+@pytest.mark.parametrize("parent", ["base_link", "leg1_foot"])
+def test_a_robot_has_hundreds_of_links_at_most(parent: str, tmp_path: Path) -> None:
+    robot = shipped("ant")
+    _, back = imported(tmp_path, with_links(urdf_of(robot), 400, parent))
+    assert back.mass_kg == pytest.approx(robot.mass_kg, rel=1e-3)
+    with pytest.raises(InputError, match="links; allowed: "):
+        imported(tmp_path, with_links(urdf_of(robot), 2500, parent))
+
+
 def test_names_frames_and_directions_of_turning_do_not_matter(tmp_path: Path) -> None:
     """The same legs with other names, in another order, and with the tibiae turning the other way."""
     robot = shipped("phantomx")

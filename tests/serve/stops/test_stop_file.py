@@ -1,7 +1,9 @@
 """A stop on the disk: what is found after a restart, whatever has become of the file."""
 
 import json
+import os
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -149,6 +151,53 @@ def test_a_file_that_cannot_be_read_is_a_stop(tmp_path: Path, content: bytes) ->
     assert latch.clear(stop.stop_id, stop.since_s + HOLD_S) is None
     latch.close()
     assert begun(tmp_path)[0].stopped is None
+
+
+def dangle(path: Path) -> None:
+    """Put a link to nothing in place of a file."""
+    path.symlink_to("nothing")
+
+
+def loop(path: Path) -> None:
+    """Put a link to itself in place of a file."""
+    path.symlink_to(path)
+
+
+def endless(path: Path) -> None:
+    """Put a device without an end in place of a file."""
+    path.symlink_to("/dev/zero")
+
+
+@pytest.mark.parametrize("place_strangely", [os.mkfifo, dangle, loop, endless])
+def test_what_is_no_plain_file_is_a_stop_until_it_is_cleared(
+    tmp_path: Path, place_strangely: Callable[[Path], None]
+) -> None:
+    place_strangely(begun(tmp_path)[2].path)
+    guard, latch, file = begun(tmp_path)
+    assert guard.stopped == "estop"
+    assert len(file.warnings) == 1
+    stop = latch.current()
+    assert stop is not None
+    assert latch.clear(stop.stop_id, stop.since_s + HOLD_S) is None
+    latch.close()
+    assert list(tmp_path.iterdir()) == []
+    assert begun(tmp_path)[0].stopped is None
+
+
+@pytest.mark.parametrize("place_strangely", [os.mkfifo, dangle])
+def test_what_is_no_plain_file_at_another_place_is_a_stop(
+    tmp_path: Path, place_strangely: Callable[[Path], None]
+) -> None:
+    place_strangely(begun(tmp_path, place=on_usb(0))[2].path)
+    assert begun(tmp_path, place=on_usb(1))[0].stopped == "estop"
+    cleared_at(tmp_path, on_usb(1))
+    assert begun(tmp_path, place=on_usb(1))[0].stopped is None
+
+
+def test_a_folder_that_is_a_link_to_nothing_is_a_stop(tmp_path: Path) -> None:
+    """The disk on which a stop was kept may not be mounted yet."""
+    dangle(tmp_path / "state")
+    assert begun(tmp_path / "state")[0].stopped == "estop"
 
 
 def test_a_folder_in_the_place_of_the_file_is_a_stop_and_its_trouble_is_said(tmp_path: Path) -> None:

@@ -1,0 +1,27 @@
+"""Signals that end a process: each of them asks a command to bring its robot to rest first."""
+
+import signal
+
+#: Signals that always ask for a stop, also where a shell has made a background process ignore them.
+ASKED = (signal.SIGINT, signal.SIGTERM)
+
+#: Signals that cannot be handled, that end no process, or that say that the process itself is broken.
+_OTHERS = (
+    *("SIGKILL", "SIGSTOP"),
+    *("SIGCHLD", "SIGCONT", "SIGTSTP", "SIGTTIN", "SIGTTOU", "SIGURG", "SIGWINCH", "SIGINFO"),
+    *("SIGABRT", "SIGBUS", "SIGFPE", "SIGILL", "SIGSEGV", "SIGSYS", "SIGTRAP", "SIGEMT"),
+)
+
+
+def ending_signals() -> tuple[int, ...]:
+    """Signals that ask a command to stop, ascending: all that would end it, without those that it ignores.
+
+    SIGHUP, of a closed terminal, is ignored under `nohup`; Python ignores SIGPIPE and SIGXFSZ.
+    """
+    ends = signal.valid_signals() - {getattr(signal, name, None) for name in _OTHERS}
+    return tuple(sorted(one for one in ends if one in ASKED or not _ignored(one)))
+
+
+def _ignored(number: int) -> bool:
+    """Whether a signal is ignored, or handled by what is not Python."""
+    return signal.getsignal(number) in (signal.SIG_IGN, None)
