@@ -44,6 +44,7 @@ class Sighting:
         kept: whether the stop is on the disk.
         robot: its name.
         echoed: whether it knows that by its targets alone, as its servos do not report their angles.
+        cleared: id of the stop that was cleared last, and who cleared it; None where it does not say.
     """
 
     at_s: float
@@ -53,6 +54,7 @@ class Sighting:
     kept: bool
     robot: str
     echoed: bool = False
+    cleared: tuple[str, str] | None = None
 
 
 class DatagramWay:

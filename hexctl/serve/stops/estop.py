@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,6 +13,7 @@ from hexctl.errors import RobotFaultError
 from hexctl.serve.stops.clear_keys import NewClaim
 from hexctl.serve.stops.datagram_way import DatagramWay, Sighting
 from hexctl.serve.stops.session_way import SessionWay
+from hexctl.serve.stops.stop_watch import SILENCE_S, StopWatch
 from hexctl.wire.links import Endpoint, Link, load_link
 
 #: A robot has to be seen at rest for this long, with no longer pause between two looks.
@@ -23,10 +25,7 @@ REACH_S, REST_TIMEOUT_S = 6.0, 5.0
 #: Without an answer to any datagram for this long, a session that has failed decides.
 DATAGRAM_S = 1.0
 
-#: A robot that has not answered for this long is out of reach.
-SILENCE_S = 1.5
-
-POLL_S = 0.01
+POLL_S, WATCH_S = 0.01, 0.1
 
 #: How long a slow disk may take to keep the key that clears the stop.
 KEY_WRITE_S = 1.0
@@ -183,6 +182,20 @@ class ReadyStop:
                 return result
             self._raise_if_late()
             time.sleep(POLL_S)
+
+    def watch(self, result: StopResult) -> Iterator[str]:
+        """Report what becomes of a stop: a line for each change, without end.
+
+        From the first line that is asked for, the robot is not stopped again if the stop is cleared.
+        """
+        self._pressed.clear()
+        watch = StopWatch(result.stop_id)
+        while True:
+            with self._lock:
+                line = watch.change(self._seen.values(), time.monotonic())
+            if line is not None:
+                yield line
+            time.sleep(WATCH_S)
 
     def _see(self, way: str, sighting: Sighting) -> None:
         """Take what a robot said, from the thread of a way."""

@@ -9,6 +9,7 @@ from itertools import islice
 from types import TracebackType
 from typing import Self
 
+from hexctl.backends.clock import request_realtime_priority
 from hexctl.errors import MessageError
 from hexctl.serve.stops.datagram_receiver import (
     DatagramReceiver,
@@ -35,6 +36,9 @@ from hexctl.wire.stop_secret import find_stop_secret
 
 #: How often the thread looks whether it is to end.
 LOOK_S = 0.2
+
+#: Real-time priority of the thread, where it may have one: below that of the loop that moves the robot.
+PRIORITY = 9
 
 #: Datagrams of each kind whose signatures are checked before the thread receives again.
 MOST_CHECKED = 128
@@ -131,6 +135,7 @@ class StopSocket:
         self._thread.start()
 
     def _serve(self, receiver: DatagramReceiver) -> None:
+        request_realtime_priority(PRIORITY)
         while not self._ended:
             if receiver.wait(LOOK_S):
                 began_s = time.monotonic()

@@ -1,5 +1,7 @@
 """Stopping from anywhere: by each of the two ways alone, connected beforehand, and what failure says."""
 
+import os
+import signal
 import socket
 import threading
 import time
@@ -143,11 +145,30 @@ def test_one_key_stops_and_so_does_a_terminal_that_goes(tmp_path: Path, how: str
             if how in KEYS:
                 terminal.type(KEYS[how])
                 terminal.wait(r"stopped \(estop\), its targets no longer change")
+                terminal.wait("Ctrl-C ends the watch")
+                terminal.process.send_signal(signal.SIGINT)
                 assert terminal.code() == 0
             else:
                 terminal.close()
             wait_until(lambda: stopped(robot) == "estop", "the stop")
             assert rests(robot, at_s)
+        finally:
+            terminal.end()
+
+
+def test_in_a_terminal_it_reports_who_cleared_the_stop_and_that_the_robot_moves(tmp_path: Path) -> None:
+    with walking(tmp_path) as robot:
+        terminal = OnTerminal(["--connect", robot.endpoint], tmp_path, command="estop")
+        try:
+            terminal.wait("Ctrl-C ends the watch")
+            assert stopped(robot) == "estop"
+            (cleared,) = clear_stop(connect=robot.endpoint)
+            assert cleared["stopped"] is None
+            terminal.wait(rf"(?i)cleared by .*process {os.getpid()}")
+            terminal.wait("(?i)the robot moves again")
+            assert stopped(robot) != "estop", "it is not stopped again"
+            terminal.process.send_signal(signal.SIGINT)
+            assert terminal.code() == 0
         finally:
             terminal.end()
 
