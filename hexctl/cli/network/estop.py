@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hexctl.cli.interrupts import NOT_CONFIRMED
+from hexctl.cli.network.early_stop import take_stop
 from hexctl.cli.options.connection import InsecureOption, KeysOption, LinkOption, ZenohConnectOption
 from hexctl.cli.options.output import JsonOption
 from hexctl.errors import InputError, RobotFaultError, printable
@@ -62,7 +63,8 @@ def estop(
             from hexctl.serve.stops.estop import ReadyStop
             from hexctl.wire.refusal import RefusalWatch
 
-            stop = opened.enter_context(ReadyStop(**place, again=ready))
+            begun = take_stop(place)
+            stop = opened.enter_context(ReadyStop(**place, again=ready) if begun is None else begun)
             if ready:
                 _wait_for_a_press(stop)
             # What is asked is asked on the watch's thread: nothing may come before the stop.

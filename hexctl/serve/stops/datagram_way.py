@@ -90,7 +90,9 @@ class DatagramWay:
         self.obeyed = False
 
     def begin(self) -> None:
-        """Begin to ask; what is wrong with the secret or the address is trouble, not an error."""
+        """Begin to ask, once; what is wrong with the secret or the address is trouble, not an error."""
+        if self._thread.ident is not None:
+            return
         try:
             secret = find_stop_secret(self._link, Role.CONTROLLER)
             endpoint = Endpoint.parse(self._link.endpoint)

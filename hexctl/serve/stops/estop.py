@@ -25,7 +25,7 @@ REACH_S, REST_TIMEOUT_S = 6.0, 5.0
 #: Without an answer to any datagram for this long, a session that has failed decides.
 DATAGRAM_S = 1.0
 
-POLL_S, WATCH_S = 0.01, 0.1
+POLL_S, WATCH_S, EARLY_POLL_S = 0.01, 0.1, 0.001
 
 #: How long a slow disk may take to keep the key that clears the stop.
 KEY_WRITE_S = 1.0
@@ -134,6 +134,22 @@ class ReadyStop:
     ) -> None:
         self._session.end()
         self._datagrams.end()
+
+    def end_datagrams(self) -> None:
+        """End what `press_by_datagram` has begun."""
+        self._datagrams.end()
+
+    def press_by_datagram(self, wait_s: float) -> None:
+        """Stop the robot before sessions are loaded, which takes longer than the stop; then use `with`.
+
+        Args:
+            wait_s: how long the robot may take to confirm it; the stop goes on being sent after that.
+        """
+        self.press()
+        self._datagrams.begin()
+        until_s = time.monotonic() + wait_s
+        while not (self._datagrams.obeyed or self._datagrams.trouble) and time.monotonic() < until_s:
+            time.sleep(EARLY_POLL_S)
 
     @property
     def link(self) -> Link:
