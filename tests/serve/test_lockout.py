@@ -35,6 +35,9 @@ KEYS = KeyMap.of("ant")
 #: How often in the ordinary tests, and in the soak test.
 FEW, MANY = 2, 100
 
+#: Stops of a minute each in the soak test.
+MINUTES = 5
+
 #: A robot rests after this, in s, on a machine that has time for it, and on one that runs other tests beside.
 RESTS_S, RESTS_ON_A_BUSY_MACHINE_S = 0.5, 2.0
 
@@ -328,8 +331,8 @@ class StubbornClient:
             self.leases += "lease" in answer
 
 
-def stays_stopped(folder: Path, *, times: int) -> None:
-    """Stop a robot against a client that clears, takes the lease and commands in a loop."""
+def stays_stopped(folder: Path, *, times: int, for_s: float = HOLD_S + 0.5) -> None:
+    """Stop a robot for a while against a client that clears, takes the lease and commands in a loop."""
     moved_s: list[float] = []
     turns = 0
     with (
@@ -343,7 +346,7 @@ def stays_stopped(folder: Path, *, times: int) -> None:
             with repeated(stubborn.act, 0.0):
                 result = estop(connect=robot.endpoint)
                 rest_s = time.monotonic()
-                time.sleep(HOLD_S + 0.5)
+                time.sleep(for_s)
                 moved_s.append(robot.log().moved_after(rest_s))
                 status = robot.status()
                 assert status["stopped"] == "estop"
@@ -352,7 +355,7 @@ def stays_stopped(folder: Path, *, times: int) -> None:
             assert stubborn.leases == 0
             turns += stubborn.clears
             clear(session, Link(endpoint=robot.endpoint))
-    sys.stderr.write(f"\n{times} stops stayed, against {turns} clears\n")
+    sys.stderr.write(f"\n{times} stops of {for_s:g} s stayed, against {turns} clears\n")
     assert turns > times
     assert max(moved_s) == 0
 
@@ -364,3 +367,8 @@ def test_a_stop_stays_against_a_client_that_clears_and_commands_in_a_loop(tmp_pa
 @pytest.mark.soak
 def test_a_hundred_stops_stay_against_a_client_that_clears_and_commands_in_a_loop(tmp_path: Path) -> None:
     stays_stopped(tmp_path, times=int(os.environ.get("HEXCTL_TEST_STOPS", MANY)))
+
+
+@pytest.mark.soak
+def test_stops_stay_for_a_minute_against_a_client_that_clears_and_commands_in_a_loop(tmp_path: Path) -> None:
+    stays_stopped(tmp_path, times=int(os.environ.get("HEXCTL_TEST_MINUTES", MINUTES)), for_s=60.0)

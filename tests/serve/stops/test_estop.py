@@ -130,6 +130,14 @@ def test_a_robot_that_is_not_there_is_an_error_and_no_success() -> None:
         estop(connect="somewhere")
 
 
+def test_where_something_listens_and_no_answer_comes_through_it_says_what_else_stops_the_robot() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as silent, socket.socket(type=socket.SOCK_DGRAM) as drain:
+        port = silent.getsockname()[1]
+        drain.bind(("127.0.0.1", port))
+        with pytest.raises(RobotFaultError, match="hexctl estop on its own computer"):
+            estop(connect=f"tcp/127.0.0.1:{port}")
+
+
 #: Keys that stop; the last pauses what is printed unless that is switched off.
 KEYS = {"a key": " ", "Ctrl-S": "\x13"}
 
