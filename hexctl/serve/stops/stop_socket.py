@@ -138,45 +138,52 @@ class StopSocket:
         request_realtime_priority(PRIORITY)
         while not self._ended:
             if receiver.wait(LOOK_S):
-                began_s = time.monotonic()
-                if self._answer_round(receiver) > FLOOD:
+                began_s, datagrams = time.monotonic(), receiver.take()
+                try:
+                    self._answer_round(datagrams)
+                except Exception as error:  # noqa: BLE001  the stop must go on answering
+                    self._tell(error)
+                if len(datagrams) > FLOOD:
                     time.sleep(min(max(LEAST_REST_S, time.monotonic() - began_s), MOST_REST_S))
 
-    def _answer_round(self, receiver: DatagramReceiver) -> int:
-        """Answer the datagrams that wait, stops first; return how many there were."""
-        datagrams = receiver.take()
+    def _answer_round(self, datagrams: list[tuple[bytes, Sender]]) -> None:
+        """Answer the datagrams that came at a time, stops first."""
         stops, questions, foreign = sort_datagrams(datagrams, mark_of(self._secret), self._nonces)
         self.dropped += foreign
         for waiting in (stops, questions):
             self._answer_newest(waiting)
-        return len(datagrams)
 
     def _answer_newest(self, waiting: Iterable[tuple[bytes, Sender]]) -> None:
         """Answer each sender once."""
         served: set[Sender] = set()
         unserved = ((data, sender) for data, sender in waiting if sender not in served)
         for data, sender in islice(unserved, MOST_CHECKED):
-            if self._answer_or_tell(data, sender):
+            try:
+                answered = self._answer_sender(data, sender)
+            except Exception as error:  # noqa: BLE001  the next one must be answered
+                self._tell(error)
+                continue
+            if answered:
                 served.add(sender)
                 self._nonces.add(data[NONCE_AT : NONCE_AT + NONCE_BYTES])
 
-    def _answer_or_tell(self, data: bytes, sender: Sender) -> bool:
-        """Answer a datagram, and return whether it was; a failure is trouble."""
+    def _answer_sender(self, data: bytes, sender: Sender) -> bool:
+        """Answer a datagram, and return whether it was ours."""
         assert self._socket is not None  # noqa: S101  for the type
         address = address_of(sender)
-        try:
-            answer = self.answer(data, str(address[0]).removeprefix("::ffff:"))
-        except Exception as error:  # noqa: BLE001  the stop must go on answering
-            self.trouble = f"a datagram to the stop could not be answered ({type(error).__name__}: {error})"
-            if self.trouble != self._told:
-                self._told = self._event = self.trouble
-            return False
+        answer = self.answer(data, str(address[0]).removeprefix("::ffff:"))
         if answer is None:
             return False
         self.trouble = None
         with suppress(OSError):
             self._socket.sendto(answer, address)
         return True
+
+    def _tell(self, error: Exception) -> None:
+        """Report an error as trouble, and each kind once as an event."""
+        self.trouble = f"a datagram to the stop could not be answered ({type(error).__name__}: {error})"
+        if self.trouble != self._told:
+            self._told = self._event = self.trouble
 
     def answer(self, data: bytes, host: str = "an unknown host") -> bytes | None:
         """Do what a datagram from a host asks for; the answer, or None for one that is not ours."""
