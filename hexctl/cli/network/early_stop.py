@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 CONFIRM_S = 0.05
 
 #: Options that change nothing about where a stop is sent, and those that say where it is.
-PLAIN, PLACES = ("--json", "--insecure"), ("--connect", "--keys")
+PLAIN, PLACES = ("json", "insecure"), ("connect", "keys")
 
 #: The shell sets it when it asks for completions: nothing is stopped then.
 COMPLETION = "_HEXCTL_COMPLETE"
@@ -64,7 +64,7 @@ def place_of(arguments: Sequence[str]) -> dict[str, Any] | None:
     settings = find_settings()
     if settings.problems:
         return None
-    connect, keys = typed.get("--connect"), typed.get("--keys")
+    connect, keys = typed.get("connect"), typed.get("keys")
     if _said(settings.layers, "link", common=connect is None) is not None:
         return None  # a file that takes long to read
     if connect is None:
@@ -74,23 +74,25 @@ def place_of(arguments: Sequence[str]) -> dict[str, Any] | None:
         said = _said(settings.layers, "keys", common=str(connect).startswith(("tls/", "quic/")))
         keys = None if said is None else said.placed(said.value)
     credentials = None if keys is None else Path(keys)
-    return {"connect": connect, "credentials": credentials, "insecure": "--insecure" in typed}
+    return {"connect": connect, "credentials": credentials, "insecure": "insecure" in typed}
 
 
 def _typed(arguments: Sequence[str]) -> dict[str, str] | None:
-    """Values of options by flag; None for any argument of which another reading is possible."""
+    """Values of options by name; None for any argument of which another reading is possible."""
     typed: dict[str, str] = {}
     words = iter(arguments)
     for word in words:
-        flag, equals, value = word.partition("=")
-        if word in PLAIN:
-            typed[word] = ""
-        elif flag in PLACES and flag not in typed:
-            typed[flag] = value if equals else next(words, "")
-            if not typed[flag] or typed[flag].startswith("-"):
-                return None
-        else:
+        option, equals, value = word.removeprefix("--").partition("=")
+        if not word.startswith("--") or option in typed or option not in (*PLAIN, *PLACES):
             return None
+        if option in PLACES:
+            typed[option] = value if equals else next(words, "")
+            if not typed[option] or typed[option].startswith("-"):
+                return None
+        elif equals:
+            return None
+        else:
+            typed[option] = ""
     return typed
 
 

@@ -97,6 +97,8 @@ def test_it_goes_where_the_command_line_would_send_it(
         ["--conn", BEE],
         ["somewhere"],
         ["--connect="],
+        ["connect", BEE],
+        ["--json=yes"],
     ],
 )
 def test_arguments_in_doubt_are_left_to_the_command_line(arguments: list[str]) -> None:
