@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterable, Mapping
-from difflib import get_close_matches
 
 #: How American words end or begin that the names here write in the British way.
 _BRITISH = {
@@ -35,6 +34,8 @@ def nearest(text: str, names: Iterable[str]) -> str:
 def nearest_name(text: str, names: Iterable[str]) -> str | None:
     """The one of some names that is written most like a text; None where none is near."""
     by_plain: Mapping[str, str] = {_plain(name): name for name in names}
+    from difflib import get_close_matches  # loaded for a message only
+
     near = get_close_matches(_plain(text)[:100], by_plain, n=1, cutoff=_NEAR)
     return by_plain[near[0]] if near else None
 

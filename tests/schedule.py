@@ -61,6 +61,7 @@ REALTIME = (
     "tests/teleop/test_page_connection.py",
     "tests/teleop/test_picture_relay.py",
     "tests/serve/ros/test_bridge_drive.py",
+    "tests/cli/network/test_early_stop.py::test_the_robot",
     "tests/cli/network/test_status.py",
     "tests/cli/results/test_view.py",
     "tests/wire/test_session.py",

@@ -31,6 +31,10 @@ def main() -> None:
         f"interrupted before the command began{f'. {NOT_CONFIRMED}' if stops else ': nothing was recorded'}"
     )
     try:
+        if stops:
+            from hexctl.cli.network.early_stop import begin_stop
+
+            begin_stop(sys.argv[2:])
         from hexctl.cli.main import exit_code
 
         raise_deferred()

@@ -43,11 +43,13 @@ class LeaseManager:
         duration_s: how long a lease lasts unless renewed.
         refused: requests refused so far, but for those of the last holder about its own lease, which a stop
             may have ended.
+        last_owner: name of the client that was granted a lease last, or None.
     """
 
     def __init__(self, *, duration_s: float = LEASE_S) -> None:
         self.duration_s = duration_s
         self.refused = 0
+        self.last_owner: str | None = None
         self._held: Lease | None = None
         self._last_id = b""
         self._given = 0
@@ -77,7 +79,7 @@ class LeaseManager:
             since_s=now_s,
             deadline_s=now_s + (self.duration_s if duration_s is None else duration_s),
         )
-        self._last_id = self._held.lease_id
+        self._last_id, self.last_owner = self._held.lease_id, self._held.owner
         return self._held
 
     def renew(self, lease_id: bytes, now_s: float, duration_s: float | None = None) -> Lease:

@@ -88,7 +88,7 @@ class RequestHandler:
 
     def __init__(self, guard: Guard, leases: LeaseManager, latch: StopLatch | None = None) -> None:
         self._guard, self.leases = guard, leases
-        self.latch = StopLatch(guard) if latch is None else latch
+        self.latch = StopLatch(guard, commander=lambda: leases.last_owner) if latch is None else latch
         self.malformed = self.rested_after = 0
         self.ros_key = new_clear_key()
         self._changed_at_s: deque[float] = deque(maxlen=MOST_CHANGES)
@@ -294,7 +294,7 @@ def _one_of(content: dict[str, Any], key: str, allowed: tuple[str, ...]) -> str:
 
 
 def _owner(content: dict[str, Any]) -> str:
-    owner = content.get("owner", "unnamed client")
+    owner = content.get("owner", UNNAMED)
     if not isinstance(owner, str) or not owner.isprintable():
         raise MessageError("owner: got a value that is not a name; allowed: printable text")
     return owner

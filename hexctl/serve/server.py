@@ -90,7 +90,7 @@ class RobotServer:
         self._simulated = None if simulated is None else dict(simulated)
         self._leases = LeaseManager()
         self._commands = CommandHandler()
-        self._latch = StopLatch(self._guard, stop_file)
+        self._latch = StopLatch(self._guard, stop_file, lambda: self._leases.last_owner)
         self._rest = RestWatch()
         self._stop_socket = StopSocket(
             link, servos.robot.name, self._latch, lambda: self._rest.at_rest, self._echoes

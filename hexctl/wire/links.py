@@ -7,12 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum
 from pathlib import Path
-from typing import Annotated
-
-from pydantic import BaseModel, ConfigDict, Field
 
 from hexctl.errors import InputError, argument
-from hexctl.robot.configs import find_config, read_mapping, validate
 
 
 class Role(Enum):
@@ -234,18 +230,6 @@ class Link:
         return " ".join([*words, *(["--insecure"] if self.insecure else [])])
 
 
-class LinkSchema(BaseModel):
-    """Content of a link file; every key may be left out."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    endpoint: str = DEFAULT_ENDPOINT
-    credentials: str | None = None
-    insecure: Annotated[bool, Field(strict=True)] = False
-    plain: Annotated[bool, Field(strict=True)] = False
-    names: dict[str, str] = {}
-
-
 def load_link(
     name_or_path: str | None = None,
     *,
@@ -262,17 +246,14 @@ def load_link(
     """
     if endpoint:
         Endpoint.parse(endpoint, argument(given_as))
-    schema, folder = LinkSchema(), Path()
+    link = Link(named=endpoint is not None)
     if name_or_path is not None:
-        path = find_config("links", name_or_path)
-        schema, folder = validate(LinkSchema, read_mapping(path), path), path.parent
-    if credentials is None and schema.credentials is not None:
-        credentials = folder / Path(schema.credentials).expanduser()
-    return Link(
-        endpoint=endpoint or schema.endpoint,
-        credentials=credentials,
-        insecure=insecure or schema.insecure,
-        names=schema.names,
-        plain=schema.plain,
-        named=endpoint is not None or name_or_path is not None,
+        from hexctl.wire.link_file import read_link  # it loads a library that no stop may wait for
+
+        link = read_link(name_or_path)
+    return replace(
+        link,
+        endpoint=endpoint or link.endpoint,
+        credentials=link.credentials if credentials is None else credentials,
+        insecure=insecure or link.insecure,
     )

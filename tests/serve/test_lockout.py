@@ -24,9 +24,9 @@ from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.messages import LEASE_ID_BYTES, CommandTag, encode_positions
 from hexctl.wire.session import open_session
-from hexctl.wire.stop_datagram import DATAGRAM_BYTES, mark_of
+from hexctl.wire.stop_datagram import DATAGRAM_BYTES, Kind, StopDatagram, mark_of
 from hexctl.wire.stop_secret import find_stop_secret
-from tests.serve.processes import Served, controlling, served, wait_until
+from tests.serve.processes import Served, controlling, program, served, wait_until
 from tests.serve.swaying import HELD_UP
 from tests.serve.test_link_faults import ATTEMPTS, wait_for_motion
 
@@ -35,8 +35,15 @@ KEYS = KeyMap.of("ant")
 #: How often in the ordinary tests, and in the soak test.
 FEW, MANY = 2, 100
 
+#: Stops of a minute each in the soak test.
+MINUTES = 5
+
 #: A robot rests after this, in s, on a machine that has time for it, and on one that runs other tests beside.
 RESTS_S, RESTS_ON_A_BUSY_MACHINE_S = 0.5, 2.0
+
+#: A stop is confirmed after this, in s, under an attack that the network carries, and under one at the speed
+#: of this computer.
+CONFIRMED_S, CONFIRMED_AT_FULL_SPEED_S = 0.5, 2.0
 
 HANDSHAKES_PER_S = 20
 SILENT = 300
@@ -120,6 +127,24 @@ def garbage(port: int, mark: bytes = b"") -> Iterator[None]:
             yield
 
 
+@contextmanager
+def recorded_question(robot: Served, per_s: float) -> Iterator[None]:
+    """The question of a client that was recorded on the network, sent again and again by another process."""
+    recorded = StopDatagram(kind=Kind.ASK, nonce=b"recorded").packed(secret_of(robot))
+    arguments = ("tests.serve.flooder", str(port_of(robot)), recorded.hex(), str(per_s))
+    with program(robot.log_path.parent, "flooder", *arguments) as flooder:
+        flooder.wait_for("flooding")
+        yield
+    sys.stderr.write(f"\n{flooder.said().splitlines()[-1]}")
+
+
+@contextmanager
+def both_ways(robot: Served, per_s: float) -> Iterator[None]:
+    """An attack on sessions and on datagrams by a stranger who has no certificate."""
+    with recorded_question(robot, per_s), aborted_handshakes(port_of(robot)):
+        yield
+
+
 @dataclass
 class Stops:
     """What stops took.
@@ -193,6 +218,15 @@ ATTACKS: dict[str, Callable[[Served], Any]] = {
     "silent connections": lambda robot: silent_connections(port_of(robot)),
     "garbage datagrams": lambda robot: garbage(port_of(robot)),
     "garbage datagrams with the mark": lambda robot: garbage(port_of(robot), mark_of(secret_of(robot))),
+    "both ways at 50,000/s": lambda robot: both_ways(robot, 50_000),
+}
+
+#: Attacks of the soak test, and the time in s in which a stop of each is confirmed.
+LONG_ATTACKS: dict[str, tuple[Callable[[Served], Any], float]] = {
+    **{name: (attack, CONFIRMED_S) for name, attack in ATTACKS.items()},
+    "both ways at 1,000/s": (lambda robot: both_ways(robot, 1_000), CONFIRMED_S),
+    "both ways at 10,000/s": (lambda robot: both_ways(robot, 10_000), CONFIRMED_S),
+    "both ways at full speed": (lambda robot: both_ways(robot, 0), CONFIRMED_AT_FULL_SPEED_S),
 }
 
 
@@ -207,15 +241,17 @@ def test_a_robot_is_stopped_although_it_is_attacked(tmp_path: Path, name: str) -
 
 @pytest.mark.soak
 @pytest.mark.parametrize("ready", [False, True], ids=["estop", "ready"])
-@pytest.mark.parametrize("name", ATTACKS)
+@pytest.mark.parametrize("name", LONG_ATTACKS)
 def test_a_robot_is_stopped_a_hundred_times_of_a_hundred_although_it_is_attacked(
     tmp_path: Path, name: str, ready: bool
 ) -> None:
     times = int(os.environ.get("HEXCTL_TEST_STOPS", MANY))
-    stops = stop_in_a_walk(tmp_path, ATTACKS[name], times=times, ready=ready)
+    attack, confirmed_s = LONG_ATTACKS[name]
+    stops = stop_in_a_walk(tmp_path, attack, times=times, ready=ready)
     stops.report(f"{name}, {'ready' if ready else 'estop'}")
     assert len(stops.motions_s) == times
-    assert max(stops.motions_s) <= RESTS_S
+    assert max(stops.motions_s) <= max(RESTS_S, confirmed_s)
+    assert max(one.took_s for one in stops.results) <= confirmed_s
     assert all(one.at_rest for one in stops.results)
 
 
@@ -295,8 +331,8 @@ class StubbornClient:
             self.leases += "lease" in answer
 
 
-def stays_stopped(folder: Path, *, times: int) -> None:
-    """Stop a robot against a client that clears, takes the lease and commands in a loop."""
+def stays_stopped(folder: Path, *, times: int, for_s: float = HOLD_S + 0.5) -> None:
+    """Stop a robot for a while against a client that clears, takes the lease and commands in a loop."""
     moved_s: list[float] = []
     turns = 0
     with (
@@ -310,7 +346,7 @@ def stays_stopped(folder: Path, *, times: int) -> None:
             with repeated(stubborn.act, 0.0):
                 result = estop(connect=robot.endpoint)
                 rest_s = time.monotonic()
-                time.sleep(HOLD_S + 0.5)
+                time.sleep(for_s)
                 moved_s.append(robot.log().moved_after(rest_s))
                 status = robot.status()
                 assert status["stopped"] == "estop"
@@ -319,7 +355,7 @@ def stays_stopped(folder: Path, *, times: int) -> None:
             assert stubborn.leases == 0
             turns += stubborn.clears
             clear(session, Link(endpoint=robot.endpoint))
-    sys.stderr.write(f"\n{times} stops stayed, against {turns} clears\n")
+    sys.stderr.write(f"\n{times} stops of {for_s:g} s stayed, against {turns} clears\n")
     assert turns > times
     assert max(moved_s) == 0
 
@@ -331,3 +367,8 @@ def test_a_stop_stays_against_a_client_that_clears_and_commands_in_a_loop(tmp_pa
 @pytest.mark.soak
 def test_a_hundred_stops_stay_against_a_client_that_clears_and_commands_in_a_loop(tmp_path: Path) -> None:
     stays_stopped(tmp_path, times=int(os.environ.get("HEXCTL_TEST_STOPS", MANY)))
+
+
+@pytest.mark.soak
+def test_stops_stay_for_a_minute_against_a_client_that_clears_and_commands_in_a_loop(tmp_path: Path) -> None:
+    stays_stopped(tmp_path, times=int(os.environ.get("HEXCTL_TEST_MINUTES", MINUTES)), for_s=60.0)

@@ -7,13 +7,14 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from hexctl.cli.interrupts import NOT_CONFIRMED
+from hexctl.cli.network.early_stop import take_stop
 from hexctl.cli.options.connection import InsecureOption, KeysOption, LinkOption, ZenohConnectOption
 from hexctl.cli.options.output import JsonOption
 from hexctl.errors import InputError, RobotFaultError, printable
@@ -47,7 +48,8 @@ def estop(
     """Stop a robot on the network from anywhere, whichever client commands it.
 
     By datagram and by session at once, until it is at rest and stays so. It holds its pose until the stop is
-    cleared and a client commands it again. A fault that is still there is not cleared: exit code 3.
+    cleared and a client commands it again. A fault that is still there is not cleared: exit code 3. In a
+    terminal it then watches the robot until Ctrl-C, and reports if the stop is cleared.
     """
     if clear and ready:
         raise InputError("--ready: got it with --clear; allowed: one of both")
@@ -55,19 +57,33 @@ def estop(
     if clear:
         _clear(place, as_json=as_json)
         return
-    with _told_if_not_confirmed(ready=ready):
-        from hexctl.cli.console import note_refusal
-        from hexctl.serve.stops.estop import ReadyStop
-        from hexctl.wire.refusal import RefusalWatch
+    with ExitStack() as opened:
+        with _told_if_not_confirmed(ready=ready):
+            from hexctl.cli.console import note_refusal
+            from hexctl.serve.stops.estop import ReadyStop
+            from hexctl.wire.refusal import RefusalWatch
 
-        with ReadyStop(**place, again=ready) as stop:
+            begun = take_stop(place)
+            stop = opened.enter_context(ReadyStop(**place, again=ready) if begun is None else begun)
             if ready:
                 _wait_for_a_press(stop)
             # What is asked is asked on the watch's thread: nothing may come before the stop.
             known, note = partial(_is_known, stop), partial(note_refusal, then=f". {NOT_CONFIRMED}")
             with RefusalWatch(stop.link.endpoint, note, answered=known):
                 result = stop.wait_for_rest()
-    _print(result, stop.link, as_json=as_json)
+        _print(result, stop.link, as_json=as_json)
+        if not as_json and all(stream.isatty() for stream in (sys.stdin, sys.stdout, sys.stderr)):
+            _watch(stop, result)
+
+
+def _watch(stop: "ReadyStop", result: "StopResult") -> None:
+    """Report if the stop is cleared or the robot moves, until Ctrl-C."""
+    from hexctl.cli.console import print_note
+
+    print_note("hexctl: watching whether it stays stopped; Ctrl-C ends the watch, not the stop")
+    with suppress(KeyboardInterrupt):
+        for line in stop.watch(result):
+            print_note(f"hexctl: {time.strftime('%H:%M:%S')} {line}")
 
 
 def _is_known(stop: "ReadyStop") -> bool:

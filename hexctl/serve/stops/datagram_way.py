@@ -20,7 +20,7 @@ from hexctl.wire.stop_secret import find_stop_secret
 STOP_PERIOD_S, ASK_PERIOD_S = 0.05, 0.25
 
 #: Questions whose answers still count.
-MOST_ASKED = 64
+MOST_ASKED = 256
 
 #: Addresses of a host to which datagrams go.
 MOST_ADDRESSES = 4
@@ -44,6 +44,7 @@ class Sighting:
         kept: whether the stop is on the disk.
         robot: its name.
         echoed: whether it knows that by its targets alone, as its servos do not report their angles.
+        cleared: id of the stop that was cleared last, and who cleared it; None where it does not say.
     """
 
     at_s: float
@@ -53,6 +54,7 @@ class Sighting:
     kept: bool
     robot: str
     echoed: bool = False
+    cleared: tuple[str, str] | None = None
 
 
 class DatagramWay:
@@ -88,7 +90,9 @@ class DatagramWay:
         self.obeyed = False
 
     def begin(self) -> None:
-        """Begin to ask; what is wrong with the secret or the address is trouble, not an error."""
+        """Begin to ask, once; what is wrong with the secret or the address is trouble, not an error."""
+        if self._thread.ident is not None:
+            return
         try:
             secret = find_stop_secret(self._link, Role.CONTROLLER)
             endpoint = Endpoint.parse(self._link.endpoint)
@@ -175,17 +179,20 @@ class DatagramWay:
                 self._sockets.setdefault(one, []).append(address)
 
     def _send(self) -> None:
-        """Send a stop where the robot is to stop and its epoch is known, otherwise a question."""
+        """Send a datagram to each address, each with its own nonce: a robot answers a nonce only once."""
+        for one, addresses in self._sockets.items():
+            for address in addresses:
+                with suppress(OSError):
+                    one.sendto(self._next_datagram(), address)
+
+    def _next_datagram(self) -> bytes:
+        """A stop if the robot is to stop and its epoch is known, otherwise a question."""
         nonce = secrets.token_bytes(NONCE_BYTES)
         self._asked.append(nonce)
         datagram = StopDatagram(kind=Kind.ASK, nonce=nonce)
         if self._pressed.is_set() and not self.obeyed and self._epoch is not None:
             datagram = StopDatagram(kind=Kind.STOP, nonce=nonce, epoch=self._epoch, request=self._request)
-        data = datagram.packed(self._secret)
-        for one, addresses in self._sockets.items():
-            for address in addresses:
-                with suppress(OSError):
-                    one.sendto(data, address)
+        return datagram.packed(self._secret)
 
     def _wait(self, timeout_s: float) -> bool:
         """Take what comes within a time; whether something has to be sent at once."""

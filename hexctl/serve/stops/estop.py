@@ -2,17 +2,21 @@
 
 import threading
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from hexctl.errors import RobotFaultError
+from hexctl.errors import HexctlError, RobotFaultError, argument
 from hexctl.serve.stops.clear_keys import NewClaim
 from hexctl.serve.stops.datagram_way import DatagramWay, Sighting
 from hexctl.serve.stops.session_way import SessionWay
+from hexctl.serve.stops.stop_watch import SILENCE_S, StopWatch
+from hexctl.wire import TIME_TO_LIVE_S
 from hexctl.wire.links import Endpoint, Link, load_link
+from hexctl.wire.refusal import is_refused
 
 #: A robot has to be seen at rest for this long, with no longer pause between two looks.
 RESTS_S, MOST_PAUSE_S = 0.5, 0.4
@@ -23,13 +27,17 @@ REACH_S, REST_TIMEOUT_S = 6.0, 5.0
 #: Without an answer to any datagram for this long, a session that has failed decides.
 DATAGRAM_S = 1.0
 
-#: A robot that has not answered for this long is out of reach.
-SILENCE_S = 1.5
-
-POLL_S = 0.01
+POLL_S, WATCH_S, EARLY_POLL_S = 0.01, 0.1, 0.001
 
 #: How long a slow disk may take to keep the key that clears the stop.
 KEY_WRITE_S = 1.0
+
+
+#: What still stops a robot whose network carries neither way.
+OVERLOADED = (
+    "If its network is overloaded, hexctl estop on its own computer still works, and a robot that is "
+    f"commanded over that network stops by itself {TIME_TO_LIVE_S:g} s after the last command"
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -136,6 +144,22 @@ class ReadyStop:
         self._session.end()
         self._datagrams.end()
 
+    def end_datagrams(self) -> None:
+        """End what `press_by_datagram` has begun."""
+        self._datagrams.end()
+
+    def press_by_datagram(self, wait_s: float) -> None:
+        """Stop the robot before sessions are loaded, which takes longer than the stop; then use `with`.
+
+        Args:
+            wait_s: how long the robot may take to confirm it; the stop goes on being sent after that.
+        """
+        self.press()
+        self._datagrams.begin()
+        until_s = time.monotonic() + wait_s
+        while not (self._datagrams.obeyed or self._datagrams.trouble) and time.monotonic() < until_s:
+            time.sleep(EARLY_POLL_S)
+
     @property
     def link(self) -> Link:
         """Link to the robot, as it was when this was made."""
@@ -184,6 +208,20 @@ class ReadyStop:
             self._raise_if_late()
             time.sleep(POLL_S)
 
+    def watch(self, result: StopResult) -> Iterator[str]:
+        """Report what becomes of a stop: a line for each change, without end.
+
+        From the first line that is asked for, the robot is not stopped again if the stop is cleared.
+        """
+        self._pressed.clear()
+        watch = StopWatch(result.stop_id)
+        while True:
+            with self._lock:
+                line = watch.change(self._seen.values(), time.monotonic())
+            if line is not None:
+                yield line
+            time.sleep(WATCH_S)
+
     def _see(self, way: str, sighting: Sighting) -> None:
         """Take what a robot said, from the thread of a way."""
         with self._lock:
@@ -225,14 +263,22 @@ class ReadyStop:
         if self._first_stop_s is None:
             failed = self._session.ended and self._session.error is not None
             if (failed and passed_s > DATAGRAM_S) or passed_s > REACH_S:
-                raise self._session.error or RobotFaultError(
-                    f"no robot answers at {self._link.endpoint}: {self.reach.trouble}"
-                )
+                raise self._out_of_reach()
         elif time.monotonic() - self._first_stop_s > REST_TIMEOUT_S:
             raise RobotFaultError(
                 f"the robot is told to stop, and was not seen at rest for {REST_TIMEOUT_S:g} s; go and look, "
                 "with a hand at the switch of its servos' supply"
             )
+
+    def _out_of_reach(self) -> HexctlError:
+        """The error about a robot that was not reached; if it may be there, with what else stops it."""
+        error = self._session.error or RobotFaultError(
+            f"no robot answers at {self._link.endpoint}: {self.reach.trouble}"
+        )
+        if not isinstance(error, RobotFaultError) or is_refused(Endpoint.parse(self._link.endpoint)):
+            return error
+        why = error.worded(argument)
+        return RobotFaultError(f"{why}{'' if why.endswith('?') else '.'} {OVERLOADED}")
 
     def _result(self, rested_s: float) -> StopResult:
         stops = {way: one for way, one in self._seen.items() if one.stopped is not None}

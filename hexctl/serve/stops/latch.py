@@ -3,7 +3,7 @@
 import secrets
 import time
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from threading import Lock
 from typing import Any
@@ -39,13 +39,16 @@ class StopLatch:
     Args:
         guard: around the servos.
         file: keeps the stop; one that is kept already is in force at once. None keeps none.
+        commander: name of the client that commanded the robot last, or None.
 
     Attributes:
         cleared: the stop that was cleared last, or None.
     """
 
-    def __init__(self, guard: Guard, file: StopFile | None = None) -> None:
-        self._guard, self._file = guard, file
+    def __init__(
+        self, guard: Guard, file: StopFile | None = None, commander: Callable[[], str | None] = lambda: None
+    ) -> None:
+        self._guard, self._file, self._commander = guard, file, commander
         self._lock = Lock()
         self._stop: Stop | None = None
         self.cleared: Clear | None = None
@@ -132,7 +135,7 @@ class StopLatch:
             stop = self._noticed()
             if stop is None:
                 return None
-            refusal = stop.refusal(stop_id, at_s, keys)
+            refusal = stop.refusal(stop_id, at_s, keys, by)
             if refusal is None:
                 self._guard.clear()
                 self.cleared = Clear(stop=stop, by=by, at_s=time.monotonic(), proved=stop.proved_by(keys))
@@ -154,7 +157,8 @@ class StopLatch:
             renewed = {"stop_id": new_stop_id(), "since_s": now_s, "by": by} if stop is before else {}
             if stop is not before and self.cleared is not None:
                 renewed = {"repeats": self.cleared.repeats_at(now_s)}
-            stop = replace(stop, **renewed).with_claim(claim or claim_in(request))  # type: ignore[arg-type]
+            stop = replace(stop, commander=self._commander(), **renewed)  # type: ignore[arg-type]
+            stop = stop.with_claim(claim or claim_in(request))
             if stop != self._stop:
                 self._stop = stop
                 self._keep(stop)
@@ -169,10 +173,9 @@ class StopLatch:
         if reason is None:
             self._stop = None
         elif before is None or before.reason != reason:
-            claims = () if before is None else before.claims  # another reason takes no claim away
-            self._stop = Stop(
-                stop_id=new_stop_id(), reason=reason, since_s=time.monotonic(), by=by, claims=claims
-            )
+            self._stop = Stop(stop_id=new_stop_id(), reason=reason, since_s=time.monotonic(), by=by)
+            if before is not None:  # another reason takes no claim away
+                self._stop = replace(self._stop, claims=before.claims, commander=before.commander)
         if self._stop is not before:
             self._keep(self._stop)
         return self._stop

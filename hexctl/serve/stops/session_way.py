@@ -139,6 +139,7 @@ class SessionWay:
                 kept=bool(stops) and all(one.get("kept") for one in stops),
                 robot=str(statuses[0].get("robot", "?")),
                 echoed=any(status.get("joints") == "echoed" for status in statuses),
+                cleared=_cleared(statuses),
             )
         )
 
@@ -150,6 +151,12 @@ class SessionWay:
 def _stays(status: dict[str, Any]) -> bool:
     """Whether the robot of a status is stopped by a stop that stays."""
     return status.get("stopped") not in (None, LIFTED_BY_LEASE)
+
+
+def _cleared(statuses: list[dict[str, Any]]) -> tuple[str, str] | None:
+    """Id of the stop that was cleared last, and who cleared it, of the first robot that says it."""
+    cleared = (one for status in statuses if isinstance(one := status.get("cleared"), dict))
+    return next(((str(one.get("id")), str(one.get("by"))) for one in cleared), None)
 
 
 def _names(messages: list[dict[str, Any]]) -> set[str]:

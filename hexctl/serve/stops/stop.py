@@ -5,9 +5,10 @@ client knows. Whoever shows the keys of all claims may clear the stop after `HOL
 wait for `OTHERS_HOLD_S`, twice as long with each repetition.
 
 Promised: a client with valid credentials that reads the id of a claimed stop from the status cannot clear it
-before `OTHERS_HOLD_S`, whatever name, session or number of sessions it uses. Not promised: that it never
-clears the stop, because a person on another computer has no other credentials. A program of the same user on
-the computer of the person who asked for the stop can read the keys.
+before `OTHERS_HOLD_S`, whatever name, session or number of sessions it uses. Under the name under which it
+commanded the robot before the stop it never can. Not promised: that it never clears the stop under another
+name, because a person on another computer has no other credentials. A program of the same user on the
+computer of the person who asked for the stop can read the keys.
 """
 
 import hashlib
@@ -62,6 +63,8 @@ class Stop:
             no client did. A client says its name itself.
         claims: hashes of the clear keys of the clients that asked for it.
         repeats: how often in a row it was asked for again after a clear without keys.
+        commander: name of the client that commanded the robot last before it, or None. It never clears the
+            stop of another client without the keys.
     """
 
     stop_id: str
@@ -70,6 +73,7 @@ class Stop:
     by: str | None = None
     claims: tuple[str, ...] = ()
     repeats: int = 0
+    commander: str | None = None
 
     @property
     def stays(self) -> bool:
@@ -102,13 +106,16 @@ class Stop:
         claims = (*self.claims, claim) if len(self.claims) < MOST_CLAIMS else (*self.claims[1:], TOO_MANY)
         return replace(self, claims=claims)
 
-    def refusal(self, stop_id: str | None, at_s: float, keys: Collection[str] = ()) -> str | None:
+    def refusal(
+        self, stop_id: str | None, at_s: float, keys: Collection[str] = (), by: str | None = None
+    ) -> str | None:
         """Why a request to clear it is refused, or None. It tells no id: the status does, to who looks there.
 
         Args:
             stop_id: of the stop that is meant, or None.
             at_s: when it was asked for, on time.monotonic.
             keys: clear keys that the client shows.
+            by: name of the client.
         """
         if not self.stays and stop_id is None:
             return None
@@ -117,6 +124,9 @@ class Stop:
         if stop_id != self.stop_id:
             return "clear: got the id of another stop; allowed: the one in force, which the status has"
         proved = self.proved_by(keys)
+        of_others = bool(self.claims) or self.by not in (None, by)
+        if of_others and not proved and by == self.commander:
+            return "clear: got it from the client that was stopped; allowed: from the one that stopped it"
         hold_s, left_s = self.hold_s(proved=proved), self.hold_left_s(at_s, proved=proved)
         if left_s <= 0:
             return None

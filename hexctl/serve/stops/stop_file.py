@@ -14,6 +14,7 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationErro
 
 from hexctl.errors import printable
 from hexctl.files import atomic_write, read_file
+from hexctl.serve.stops.state_folder import state_folder
 from hexctl.serve.stops.stop import CLAIM_DIGITS, ESTOP, ID_BYTES, Stop, new_stop_id
 from hexctl.serve.stops.stop_place import StopPlace
 from hexctl.wire.links import CLEAR_COMMAND
@@ -95,15 +96,6 @@ class _TakenOver(NamedTuple):
 
     path: Path
     stop_id: str | None
-
-
-def state_folder() -> Path:
-    """Where servers keep their state: what systemd gave, or the user's own folder for it (XDG)."""
-    given = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
-    if given:
-        return Path(given)
-    home = os.environ.get("XDG_STATE_HOME")
-    return (Path(home) if home else Path.home() / ".local" / "state") / "hexctl"
 
 
 class StopFile:

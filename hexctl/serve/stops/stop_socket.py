@@ -1,37 +1,51 @@
 """The datagram stop of a robot: a socket and a thread that share nothing with what carries sessions."""
 
-import ctypes
 import socket
-import struct
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
+from itertools import islice
 from types import TracebackType
 from typing import Self
 
+from hexctl.backends.clock import request_realtime_priority
 from hexctl.errors import MessageError
+from hexctl.serve.stops.datagram_receiver import (
+    DatagramReceiver,
+    Sender,
+    address_of,
+    bound_socket,
+    drop_in_kernel,
+)
+from hexctl.serve.stops.datagram_triage import AnsweredNonces, sort_datagrams
 from hexctl.serve.stops.latch import StopLatch
 from hexctl.serve.stops.stop import DATAGRAM_FROM
 from hexctl.wire.links import Endpoint, Link, Role
-from hexctl.wire.stop_datagram import DATAGRAM_BYTES, NO_ID, NO_REQUEST, Kind, StopDatagram, mark_of
+from hexctl.wire.stop_datagram import (
+    DATAGRAM_BYTES,
+    NO_ID,
+    NO_REQUEST,
+    NONCE_AT,
+    NONCE_BYTES,
+    Kind,
+    StopDatagram,
+    mark_of,
+)
 from hexctl.wire.stop_secret import find_stop_secret
 
 #: How often the thread looks whether it is to end.
 LOOK_S = 0.2
 
-#: After so many datagrams in a row the thread rests for a while: a flood that has found out the mark, or
-#: repeats a question that it has heard, leaves most of the time to what moves the robot.
-MOST_IN_A_ROW, REST_S = 64, 0.005
+#: Real-time priority of the thread, where it may have one: below that of the loop that moves the robot.
+PRIORITY = 9
 
-#: Space for datagrams that wait, in bytes; the kernel counts each as about 800.
-BUFFER_BYTES = 1 << 20
+#: Datagrams of each kind whose signatures are checked before the thread receives again.
+MOST_CHECKED = 128
 
-#: Linux: a program that the kernel runs for each datagram (asm-generic/socket.h).
-SO_ATTACH_FILTER = 26
-
-#: The header in front of a datagram as such a program sees it.
-UDP_HEADER_BYTES = 8
+#: After more datagrams at a time than clients send, the thread rests for as long as they took, within these
+#: bounds: a flood leaves half of the time to what moves the robot, and fills no buffer meanwhile.
+FLOOD, LEAST_REST_S, MOST_REST_S = 32, 0.001, 0.005
 
 
 class StopSocket:
@@ -50,7 +64,8 @@ class StopSocket:
     Attributes:
         trouble: why there is no datagram stop, or why the last datagram had no answer, or None.
         answered: datagrams answered so far.
-        dropped: datagrams so far that were not ours; what the kernel drops is not counted.
+        dropped: datagrams so far that were not ours; what the kernel drops is not counted, and neither is
+            what was answered before or was one of too many.
     """
 
     def __init__(
@@ -64,7 +79,7 @@ class StopSocket:
         self._link, self._robot, self._latch = link, robot, latch
         self._at_rest, self._echoes = at_rest, echoes
         self._socket: socket.socket | None = None
-        self._secret = b""
+        self._secret, self._nonces = b"", AnsweredNonces()
         self._thread: threading.Thread | None = None
         self._ended = False
         self._told = ""
@@ -109,46 +124,66 @@ class StopSocket:
     def _open(self, endpoint: Endpoint, secret: bytes) -> None:
         self._secret = secret
         try:
-            self._socket = _bound(endpoint)
+            self._socket = bound_socket(endpoint)
         except (OSError, UnicodeError) as error:  # the second of a name that no host can have
             reason = getattr(error, "strerror", None) or error
             self.trouble = f"UDP port {endpoint.port} cannot be had ({reason})"
             return
-        _filter(self._socket, mark_of(secret))
-        self._socket.settimeout(LOOK_S)
-        self._thread = threading.Thread(target=self._serve, name="stop", daemon=True)
+        drop_in_kernel(self._socket, DATAGRAM_BYTES, mark_of(secret))
+        receiver = DatagramReceiver(self._socket, DATAGRAM_BYTES)
+        self._thread = threading.Thread(target=self._serve, args=(receiver,), name="stop", daemon=True)
         self._thread.start()
 
-    def _serve(self) -> None:
-        assert self._socket is not None  # noqa: S101  for the type
-        in_a_row = 0
+    def _serve(self, receiver: DatagramReceiver) -> None:
+        request_realtime_priority(PRIORITY)
         while not self._ended:
-            try:
-                data, sender = self._socket.recvfrom(DATAGRAM_BYTES + 1)
-            except OSError:  # nothing came, or an earlier answer did not arrive
-                in_a_row = 0
-                continue
-            answer = self._answer_or_tell(data, str(sender[0]).removeprefix("::ffff:"))
-            if answer is not None:
-                with suppress(OSError):
-                    self._socket.sendto(answer, sender)
-            in_a_row += 1
-            if in_a_row >= MOST_IN_A_ROW:
-                in_a_row = 0
-                time.sleep(REST_S)
+            if receiver.wait(LOOK_S):
+                began_s, datagrams = time.monotonic(), receiver.take()
+                try:
+                    self._answer_round(datagrams)
+                except Exception as error:  # noqa: BLE001  the stop must go on answering
+                    self._tell(error)
+                if len(datagrams) > FLOOD:
+                    time.sleep(min(max(LEAST_REST_S, time.monotonic() - began_s), MOST_REST_S))
 
-    def _answer_or_tell(self, data: bytes, host: str) -> bytes | None:
-        """Answer a datagram; what fails is trouble, and the next one is answered."""
-        try:
-            answer = self.answer(data, host)
-        except Exception as error:  # noqa: BLE001  the stop must go on answering
-            self.trouble = f"a datagram to the stop could not be answered ({type(error).__name__}: {error})"
-            if self.trouble != self._told:
-                self._told = self._event = self.trouble
-            return None
-        if answer is not None:
-            self.trouble = None
-        return answer
+    def _answer_round(self, datagrams: list[tuple[bytes, Sender]]) -> None:
+        """Answer the datagrams that came at a time, stops first."""
+        stops, questions, foreign = sort_datagrams(datagrams, mark_of(self._secret), self._nonces)
+        self.dropped += foreign
+        for waiting in (stops, questions):
+            self._answer_newest(waiting)
+
+    def _answer_newest(self, waiting: Iterable[tuple[bytes, Sender]]) -> None:
+        """Answer each sender once."""
+        served: set[Sender] = set()
+        unserved = ((data, sender) for data, sender in waiting if sender not in served)
+        for data, sender in islice(unserved, MOST_CHECKED):
+            try:
+                answered = self._answer_sender(data, sender)
+            except Exception as error:  # noqa: BLE001  the next one must be answered
+                self._tell(error)
+                continue
+            if answered:
+                served.add(sender)
+                self._nonces.add(data[NONCE_AT : NONCE_AT + NONCE_BYTES])
+
+    def _answer_sender(self, data: bytes, sender: Sender) -> bool:
+        """Answer a datagram, and return whether it was ours."""
+        assert self._socket is not None  # noqa: S101  for the type
+        address = address_of(sender)
+        answer = self.answer(data, str(address[0]).removeprefix("::ffff:"))
+        if answer is None:
+            return False
+        self.trouble = None
+        with suppress(OSError):
+            self._socket.sendto(answer, address)
+        return True
+
+    def _tell(self, error: Exception) -> None:
+        """Report an error as trouble, and each kind once as an event."""
+        self.trouble = f"a datagram to the stop could not be answered ({type(error).__name__}: {error})"
+        if self.trouble != self._told:
+            self._told = self._event = self.trouble
 
     def answer(self, data: bytes, host: str = "an unknown host") -> bytes | None:
         """Do what a datagram from a host asks for; the answer, or None for one that is not ours."""
@@ -180,41 +215,3 @@ class StopSocket:
             kept=kept,
             echoed=self._echoes(),
         )
-
-
-def _bound(endpoint: Endpoint) -> socket.socket:
-    """UDP socket at an endpoint; raises OSError."""
-    kind = socket.SOCK_DGRAM
-    family, _, _, _, address = socket.getaddrinfo(endpoint.host, endpoint.port, type=kind)[0]
-    bound = socket.socket(family, kind)
-    try:
-        if family == socket.AF_INET6 and endpoint.is_everywhere:
-            bound.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 0)
-        bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
-        bound.bind(address)
-    except OSError:
-        bound.close()
-        raise
-    return bound
-
-
-def _filter(bound: socket.socket, mark: bytes) -> None:
-    """Let the kernel drop what lacks the length and the mark, without waking the thread; Linux only.
-
-    A classic BPF program: load a word, compare, skip so many lines if equal, so many if not.
-    """
-    first, second = struct.unpack(">II", mark)
-    program = (
-        (0x80, 0, 0, 0),  # length
-        (0x15, 0, 5, UDP_HEADER_BYTES + DATAGRAM_BYTES),
-        (0x20, 0, 0, UDP_HEADER_BYTES),  # first word
-        (0x15, 0, 3, first),
-        (0x20, 0, 0, UDP_HEADER_BYTES + 4),  # second word
-        (0x15, 0, 1, second),
-        (0x06, 0, 0, 0xFFFFFFFF),  # take it
-        (0x06, 0, 0, 0),  # drop it
-    )
-    lines = ctypes.create_string_buffer(b"".join(struct.pack("HBBI", *line) for line in program))
-    with suppress(OSError):
-        where = struct.pack("HL", len(program), ctypes.addressof(lines))
-        bound.setsockopt(socket.SOL_SOCKET, SO_ATTACH_FILTER, where)

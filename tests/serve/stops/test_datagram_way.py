@@ -12,6 +12,7 @@ from hexctl.serve.stops.datagram_way import DatagramWay, Sighting
 from hexctl.waiting import comes_true
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import Link
+from hexctl.wire.stop_datagram import DATAGRAM_BYTES, StopDatagram
 from hexctl.wire.stop_secret import SECRET_FILE
 from tests.many_files import many_open_files
 from tests.serve.processes import free_port
@@ -58,6 +59,22 @@ def test_a_robot_that_has_another_address_now_is_found_again(monkeypatch: pytest
         finally:
             way.end()
     assert bench.guard.stopped == "estop"
+
+
+def test_each_address_of_a_robot_is_asked_with_its_own_nonce(monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.socket(type=socket.SOCK_DGRAM) as one, socket.socket(type=socket.SOCK_DGRAM) as other:
+        robots = (one, other)
+        for robot in robots:
+            robot.settimeout(10.0)
+            robot.bind(("127.0.0.1", 0))
+        found = [(socket.AF_INET, socket.SOCK_DGRAM, 17, "", robot.getsockname()) for robot in robots]
+        monkeypatch.setattr("socket.getaddrinfo", lambda *_given, **_more: found)
+        way = began(Link())
+        try:
+            asked = [robot.recv(DATAGRAM_BYTES) for robot in robots]
+        finally:
+            way.end()
+    assert len({StopDatagram.unpacked(data, b"").nonce for data in asked}) == 2
 
 
 def test_an_error_of_any_kind_is_trouble_and_the_robot_is_asked_again() -> None:

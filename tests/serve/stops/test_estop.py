@@ -1,5 +1,7 @@
 """Stopping from anywhere: by each of the two ways alone, connected beforehand, and what failure says."""
 
+import os
+import signal
 import socket
 import threading
 import time
@@ -128,6 +130,14 @@ def test_a_robot_that_is_not_there_is_an_error_and_no_success() -> None:
         estop(connect="somewhere")
 
 
+def test_where_something_listens_and_no_answer_comes_through_it_says_what_else_stops_the_robot() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as silent, socket.socket(type=socket.SOCK_DGRAM) as drain:
+        port = silent.getsockname()[1]
+        drain.bind(("127.0.0.1", port))
+        with pytest.raises(RobotFaultError, match="hexctl estop on its own computer"):
+            estop(connect=f"tcp/127.0.0.1:{port}")
+
+
 #: Keys that stop; the last pauses what is printed unless that is switched off.
 KEYS = {"a key": " ", "Ctrl-S": "\x13"}
 
@@ -143,11 +153,30 @@ def test_one_key_stops_and_so_does_a_terminal_that_goes(tmp_path: Path, how: str
             if how in KEYS:
                 terminal.type(KEYS[how])
                 terminal.wait(r"stopped \(estop\), its targets no longer change")
+                terminal.wait("Ctrl-C ends the watch")
+                terminal.process.send_signal(signal.SIGINT)
                 assert terminal.code() == 0
             else:
                 terminal.close()
             wait_until(lambda: stopped(robot) == "estop", "the stop")
             assert rests(robot, at_s)
+        finally:
+            terminal.end()
+
+
+def test_in_a_terminal_it_reports_who_cleared_the_stop_and_that_the_robot_moves(tmp_path: Path) -> None:
+    with walking(tmp_path) as robot:
+        terminal = OnTerminal(["--connect", robot.endpoint], tmp_path, command="estop")
+        try:
+            terminal.wait("Ctrl-C ends the watch")
+            assert stopped(robot) == "estop"
+            (cleared,) = clear_stop(connect=robot.endpoint)
+            assert cleared["stopped"] is None
+            terminal.wait(rf"(?i)cleared by .*process {os.getpid()}")
+            terminal.wait("(?i)the robot moves again")
+            assert stopped(robot) != "estop", "it is not stopped again"
+            terminal.process.send_signal(signal.SIGINT)
+            assert terminal.code() == 0
         finally:
             terminal.end()
 

@@ -145,6 +145,36 @@ def test_a_client_that_joins_a_claimed_stop_cannot_clear_it_with_its_own_key(lat
         assert latch.clear(stop.stop_id, stop.since_s + 60.0, keys=client) is not None
 
 
+def test_the_client_that_was_stopped_never_clears_the_stop_without_the_key(guard: Guard) -> None:
+    latch, key, ever_s = StopLatch(guard, commander=lambda: "walker"), new_clear_key(), 1e6
+    latch.stop(claim_of(key), by="mia")
+    latch.stop(claim_of(new_clear_key()), by="walker")  # to make it a stop of its own
+    latch.stop("renewed", by="walker")
+    stop = now(latch)
+    for at_s in (0.0, OTHERS_HOLD_S, ever_s):
+        assert latch.clear(stop.stop_id, stop.since_s + at_s, by="walker") is not None
+    guard.stop("fell")
+    assert latch.clear(now(latch).stop_id, stop.since_s + ever_s, by="walker") is not None
+    assert latch.clear(now(latch).stop_id, stop.since_s + ever_s, by="ben") is None
+
+
+@pytest.mark.parametrize("claim", [None, "key"])
+def test_a_client_clears_the_stop_that_it_asked_for_itself(guard: Guard, claim: str | None) -> None:
+    latch, keys = StopLatch(guard, commander=lambda: "walker"), () if claim is None else (claim,)
+    stop = latch.stop(None if claim is None else claim_of(claim), by="walker")
+    assert latch.clear(stop.stop_id, stop.since_s + HOLD_S, by="walker", keys=keys) is None
+
+
+def test_in_a_minute_no_client_without_the_key_clears_a_claimed_stop(guard: Guard, latch: StopLatch) -> None:
+    stop, began_s = latch.stop(claim_of(new_clear_key()), by="mia"), time.monotonic()
+    for tenth in range(600):
+        keys = (*stop.claims, stop.stop_id, new_clear_key())
+        for stop_id in (None, "", stop.stop_id):
+            assert latch.clear(stop_id, began_s + tenth / 10, by=f"client {tenth}", keys=keys) is not None
+    assert guard.stopped == "estop"
+    assert now(latch) == stop, "its tries put off nobody else"
+
+
 def test_a_robot_that_fails_after_a_claimed_stop_stays_claimed(guard: Guard, latch: StopLatch) -> None:
     latch.stop(claim_of(new_clear_key()))
     guard.stop("fell")

@@ -12,8 +12,9 @@ import pytest
 from hexctl.control.guard import Guard
 from hexctl.serve.stops import stop_file
 from hexctl.serve.stops.latch import StopLatch
+from hexctl.serve.stops.state_folder import state_folder
 from hexctl.serve.stops.stop import HOLD_S
-from hexctl.serve.stops.stop_file import StopFile, state_folder
+from hexctl.serve.stops.stop_file import StopFile
 from hexctl.serve.stops.stop_place import StopPlace
 from hexctl.waiting import comes_true
 from tests.control.posed import connected

@@ -4,6 +4,7 @@ import random
 import socket
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -170,17 +171,38 @@ def test_a_stop_comes_through_a_flood(flooded_with: str) -> None:
         assert bench.stop_socket.dropped == 0, "the kernel has dropped them"
 
 
-def test_it_rests_from_questions_in_a_row_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    bench, rests_s = Bench(), list[float]()
-    monkeypatch.setattr(stop_socket, "time", SimpleNamespace(sleep=rests_s.append))
-    monkeypatch.setattr(stop_socket, "LOOK_S", 10.0)  # no pause counts, however busy the machine is
+def test_a_repeated_datagram_gets_no_second_answer_and_one_that_asks_again_does() -> None:
+    bench = Bench()
     with opened(bench) as client:
-        for _ in range(3 * stop_socket.MOST_IN_A_ROW):
+        stop: dict[str, Any] = {"kind": Kind.STOP, "epoch": bench.latch.epoch, "request": b"mine    "}
+        recorded = bench.datagram(**stop)
+        for data, nonce in ((recorded, 1), (bench.datagram(), 2), (bench.datagram(**stop), 3)):
+            client.send(data)
+            answer = StopDatagram.unpacked(client.recv(DATAGRAM_BYTES), b"")
+            assert int.from_bytes(answer.nonce) == nonce
+            client.send(recorded)
+    assert answer.request == b"mine    ", "a client whose confirmation was lost gets another one"
+
+
+def test_of_a_flood_the_stop_and_the_newest_question_are_answered_and_then_it_rests(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    bench, rests_s, goes_on = Bench(), list[float](), threading.Event()
+    clock = SimpleNamespace(sleep=rests_s.append, monotonic=time.monotonic)
+    monkeypatch.setattr(stop_socket, "time", clock)
+    bench.stop_socket = StopSocket(bench.link, "ant", bench.latch, lambda: goes_on.wait(60.0))
+    with opened(bench) as client:
+        client.send(bench.datagram())
+        assert comes_true(lambda: bench.stop_socket.answered == 1, 10.0)  # its thread waits
+        client.send(bench.datagram(Kind.STOP, epoch=bench.latch.epoch, request=b"mine    "))
+        for _ in range(stop_socket.FLOOD):
             client.send(bench.datagram())
-            client.recv(DATAGRAM_BYTES)
-        bench.stop_socket._ended = True
-        client.send(bench.datagram())  # ends the wait
-    assert rests_s == [stop_socket.REST_S] * 3
+        goes_on.set()
+        answers = [StopDatagram.unpacked(client.recv(DATAGRAM_BYTES), b"") for _ in range(3)]
+        assert comes_true(lambda: bool(rests_s), 10.0)
+    assert [int.from_bytes(answer.nonce) for answer in answers] == [1, 2, bench.sent]
+    assert bench.stop_socket.answered == 3
+    assert len(rests_s) == 1
 
 
 def test_it_answers_over_a_socket_and_no_more_than_was_asked() -> None:

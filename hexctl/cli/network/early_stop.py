@@ -1,0 +1,104 @@
+"""Send the stop of `hexctl estop` before the command line is loaded, which takes longer than the stop itself.
+
+Only the datagram is sent, and only if arguments and settings leave no doubt where to. The command then parses
+both as always, and goes on with the stop that has begun.
+"""
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hexctl.serve.stops.estop import ReadyStop
+    from hexctl.settings import Layer, Setting
+
+#: How long the loading of the command line waits for the robot's confirmation, in s.
+CONFIRM_S = 0.05
+
+#: Options that change nothing about where a stop is sent, and those that say where it is.
+PLAIN, PLACES = ("json", "insecure"), ("connect", "keys")
+
+#: The shell sets it when it asks for completions: nothing is stopped then.
+COMPLETION = "_HEXCTL_COMPLETE"
+
+_begun: "list[ReadyStop]" = []
+
+
+def begin_stop(arguments: Sequence[str]) -> None:
+    """Send the stop that the arguments of `hexctl estop` ask for; an error is left to the command."""
+    try:
+        place = place_of(arguments)
+        if place is not None:
+            from hexctl.serve.stops.estop import ReadyStop
+
+            stop = ReadyStop(**place, again=False)
+            _begun.append(stop)
+            stop.press_by_datagram(CONFIRM_S)
+    except Exception:  # noqa: BLE001  the command reports it
+        return
+
+
+def take_stop(place: Mapping[str, Any]) -> "ReadyStop | None":
+    """Return the stop that has begun, once; None if there is none, or the place is another one."""
+    from hexctl.wire.links import load_link
+
+    if not _begun:
+        return None
+    stop = _begun.pop()
+    same = dict(place)
+    link = load_link(same.pop("link"), endpoint=same.pop("connect"), **same)
+    if stop.link == link:
+        return stop
+    stop.end_datagrams()
+    return None
+
+
+def place_of(arguments: Sequence[str]) -> dict[str, Any] | None:
+    """Arguments of `ReadyStop` that arguments of `hexctl estop` and settings ask for; None in any doubt."""
+    typed = _typed(arguments)
+    if typed is None or any(name.startswith(COMPLETION) for name in os.environ):
+        return None
+    from hexctl.settings import find_settings
+
+    settings = find_settings()
+    if settings.problems:
+        return None
+    connect, keys = typed.get("connect"), typed.get("keys")
+    if _said(settings.layers, "link", common=connect is None) is not None:
+        return None  # a file that takes long to read
+    if connect is None:
+        said = _said(settings.layers, "connect", common=True)
+        connect = None if said is None else said.value
+    if keys is None:
+        said = _said(settings.layers, "keys", common=str(connect).startswith(("tls/", "quic/")))
+        keys = None if said is None else said.placed(said.value)
+    credentials = None if keys is None else Path(keys)
+    return {"connect": connect, "credentials": credentials, "insecure": "insecure" in typed}
+
+
+def _typed(arguments: Sequence[str]) -> dict[str, str] | None:
+    """Values of options by name; None for any argument of which another reading is possible."""
+    typed: dict[str, str] = {}
+    words = iter(arguments)
+    for word in words:
+        option, equals, value = word.removeprefix("--").partition("=")
+        if not word.startswith("--") or option in typed or option not in (*PLAIN, *PLACES):
+            return None
+        if option in PLACES:
+            typed[option] = value if equals else next(words, "")
+            if not typed[option] or typed[option].startswith("-"):
+                return None
+        elif equals:
+            return None
+        else:
+            typed[option] = ""
+    return typed
+
+
+def _said(layers: "Sequence[Layer]", option: str, *, common: bool) -> "Setting | None":
+    """Setting of an option of `hexctl estop`, or if allowed that of all commands."""
+    found = (
+        layer.option(("estop",), option) or (layer.common(option) if common else None) for layer in layers
+    )
+    return next((setting for setting in found if setting is not None), None)

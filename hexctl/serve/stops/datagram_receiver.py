@@ -1,0 +1,166 @@
+"""Receive all datagrams that wait at a UDP socket with one system call, for a thread that shares its time.
+
+Each call of Python's own `recvfrom` gives up the interpreter and waits for it again, for up to 5 ms while
+another thread computes. `recvmmsg` of Linux receives a thousand datagrams in one call.
+"""
+
+import ctypes
+import select
+import socket
+import struct
+from contextlib import suppress
+
+from hexctl.wire.links import Endpoint
+
+#: Datagrams that one system call receives (UIO_MAXIOV of Linux), and calls in a row.
+MOST_PER_CALL, MOST_CALLS = 1024, 4
+
+#: Space for datagrams that wait, in bytes. The kernel counts each as about 800, and allows a user who is not
+#: root at most net.core.rmem_max.
+BUFFER_BYTES = 8 << 20
+
+#: Linux (asm-generic/socket.h): a program that the kernel runs for each datagram, and a buffer of any size.
+SO_ATTACH_FILTER, SO_RCVBUFFORCE = 26, 33
+
+#: The header in front of a datagram as such a program sees it.
+UDP_HEADER_BYTES = 8
+
+#: Longest address of a sender: a sockaddr_in6.
+ADDRESS_BYTES = 28
+
+#: Address of a sender: as the kernel has it, or as `socket` has it where the system lacks `recvmmsg`.
+Sender = bytes | tuple[object, ...]
+
+
+class _Vector(ctypes.Structure):
+    _fields_ = (("base", ctypes.c_void_p), ("size", ctypes.c_size_t))
+
+
+class _Header(ctypes.Structure):
+    _fields_ = (
+        ("name", ctypes.c_void_p),
+        ("name_size", ctypes.c_uint32),
+        ("vectors", ctypes.c_void_p),
+        ("vector_count", ctypes.c_size_t),
+        ("control", ctypes.c_void_p),
+        ("control_size", ctypes.c_size_t),
+        ("flags", ctypes.c_int),
+    )
+
+
+class _Message(ctypes.Structure):
+    _fields_ = (("header", _Header), ("size", ctypes.c_uint))
+
+
+class DatagramReceiver:
+    """Receives the datagrams of a socket.
+
+    Args:
+        bound: a UDP socket.
+        most_bytes: longest datagram of interest; a longer one arrives one byte too long.
+    """
+
+    def __init__(self, bound: socket.socket, most_bytes: int) -> None:
+        self._socket, self._step = bound, most_bytes + 1
+        bound.setblocking(False)
+        self._poll = select.poll()
+        self._poll.register(bound, select.POLLIN)
+        self._receive = getattr(ctypes.CDLL(None), "recvmmsg", None)
+        self._data = ctypes.create_string_buffer(MOST_PER_CALL * self._step)
+        self._senders = ctypes.create_string_buffer(MOST_PER_CALL * ADDRESS_BYTES)
+        self._vectors = (_Vector * MOST_PER_CALL)()
+        self._messages = (_Message * MOST_PER_CALL)()
+        for number, (vector, message) in enumerate(zip(self._vectors, self._messages, strict=True)):
+            vector.base = ctypes.addressof(self._data) + number * self._step
+            vector.size = self._step
+            message.header.name = ctypes.addressof(self._senders) + number * ADDRESS_BYTES
+            message.header.name_size = ADDRESS_BYTES
+            message.header.vectors = ctypes.addressof(vector)
+            message.header.vector_count = 1
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait for a datagram; return whether there is one, or an error to be received."""
+        return bool(self._poll.poll(1000 * timeout_s))
+
+    def take(self) -> list[tuple[bytes, Sender]]:
+        """Return the datagrams that wait, oldest first, with their senders."""
+        take = self._take_one_by_one if self._receive is None else self._take_many
+        taken: list[tuple[bytes, Sender]] = []
+        for _ in range(MOST_CALLS):
+            part = take()
+            taken += part
+            if len(part) < MOST_PER_CALL:
+                break
+        return taken
+
+    def _take_many(self) -> list[tuple[bytes, Sender]]:
+        assert self._receive is not None  # noqa: S101  for the type
+        number = self._socket.fileno()
+        count = self._receive(number, self._messages, MOST_PER_CALL, socket.MSG_DONTWAIT, None)
+        step, size = self._step, ADDRESS_BYTES
+        data = ctypes.string_at(self._data, max(0, count) * step)
+        senders = ctypes.string_at(self._senders, max(0, count) * size)
+        return [
+            (data[i * step : i * step + self._messages[i].size], senders[i * size : (i + 1) * size])
+            for i in range(count)  # -1 for an error: nothing came, or an earlier answer did not arrive
+        ]
+
+    def _take_one_by_one(self) -> list[tuple[bytes, Sender]]:
+        taken: list[tuple[bytes, Sender]] = []
+        with suppress(OSError):
+            while len(taken) < MOST_PER_CALL:
+                taken.append(self._socket.recvfrom(self._step))
+        return taken
+
+
+def address_of(sender: Sender) -> tuple[object, ...]:
+    """Return the address of a sender as `socket` has it."""
+    if not isinstance(sender, bytes):
+        return sender
+    (family,) = struct.unpack_from("=H", sender)
+    (port,) = struct.unpack_from("!H", sender, 2)
+    if family == socket.AF_INET:
+        return socket.inet_ntop(socket.AF_INET, sender[4:8]), port
+    (flow,) = struct.unpack_from("!I", sender, 4)
+    (scope,) = struct.unpack_from("=I", sender, 24)
+    return socket.inet_ntop(socket.AF_INET6, sender[8:24]), port, flow, scope
+
+
+def bound_socket(endpoint: Endpoint) -> socket.socket:
+    """Return a UDP socket at an endpoint, with much space for what waits; raises OSError."""
+    kind = socket.SOCK_DGRAM
+    family, _, _, _, address = socket.getaddrinfo(endpoint.host, endpoint.port, type=kind)[0]
+    bound = socket.socket(family, kind)
+    try:
+        if family == socket.AF_INET6 and endpoint.is_everywhere:
+            bound.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 0)
+        for option in (socket.SO_RCVBUF, SO_RCVBUFFORCE):
+            with suppress(OSError):  # only root may force it
+                bound.setsockopt(socket.SOL_SOCKET, option, BUFFER_BYTES)
+        bound.bind(address)
+    except OSError:
+        bound.close()
+        raise
+    return bound
+
+
+def drop_in_kernel(bound: socket.socket, size: int, mark: bytes) -> None:
+    """Let the kernel drop what lacks a size and a mark of 8 bytes, without waking the thread; Linux only.
+
+    A classic BPF program: load a word, compare, skip so many lines if equal, so many if not.
+    """
+    first, second = struct.unpack(">II", mark)
+    program = (
+        (0x80, 0, 0, 0),  # length
+        (0x15, 0, 5, UDP_HEADER_BYTES + size),
+        (0x20, 0, 0, UDP_HEADER_BYTES),  # first word
+        (0x15, 0, 3, first),
+        (0x20, 0, 0, UDP_HEADER_BYTES + 4),  # second word
+        (0x15, 0, 1, second),
+        (0x06, 0, 0, 0xFFFFFFFF),  # take it
+        (0x06, 0, 0, 0),  # drop it
+    )
+    lines = ctypes.create_string_buffer(b"".join(struct.pack("HBBI", *line) for line in program))
+    with suppress(OSError):
+        where = struct.pack("HL", len(program), ctypes.addressof(lines))
+        bound.setsockopt(socket.SOL_SOCKET, SO_ATTACH_FILTER, where)
