@@ -193,12 +193,17 @@ def line_of(status: dict[str, Any]) -> str:
         _command_of(status["velocity"]),
         status["gait"],
         *([f"body {status['body_raise']:+.2f}"] if status["body_raise"] else []),
-        status["mode"] if status["stopped"] is None else f"STOPPED: {status['stopped']} (1 goes on)",
+        status["mode"] if status["stopped"] is None else _stop_in_words(status),
         *([said] if said else _travel_of(status)),
         *([] if battery is None else [f"{battery:.1f} V"]),
         *([] if status["source"] is None else [status["source"]]),
     ]
     return " · ".join(parts)
+
+
+def _stop_in_words(status: dict[str, Any]) -> str:
+    clear = status.get("clear")
+    return f"STOPPED: {status['stopped']} ({'' if clear is None else f'after {clear}: '}1 goes on)"
 
 
 def _command_of(velocity: Sequence[float]) -> str:
