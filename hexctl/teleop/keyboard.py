@@ -21,6 +21,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from hexctl.control.drive.arbiter import Velocity, VelocitySource
+from hexctl.errors import printable
 
 #: By how much a key changes the speed, of the greatest.
 STEP = 0.2
@@ -304,7 +305,7 @@ class KeyTerminal:
                 return
             try:
                 width = os.get_terminal_size(self._lines).columns or 80
-                shown = f"\r\x1b[K{self._newest[: width - 1]}{ASK_STATUS}"
+                shown = f"\r\x1b[K{printable(self._newest)[: width - 1]}{ASK_STATUS}"
                 os.write(self._lines, shown.encode())
             except OSError:
                 return
