@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import hexctl.adapt.overview
 from hexctl.adapt.sessions.session import SessionSpec
 from hexctl.adapt.sessions.store import load_session
 from hexctl.cli.main import exit_code
@@ -74,7 +73,7 @@ COMMANDS = [
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_foreign_session_runs_no_code(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(hexctl.adapt.overview, "open_viewer", lambda _: 0)
+    monkeypatch.setattr("hexctl.adapt.overview.open_viewer", lambda _: 0)
     every = {"optimizer": NAMED, "objective": NAMED, "backend": NAMED, "policy": NAMED}
     name = foreign_session(monkeypatch, **every)
     other = foreign_session(monkeypatch, **every)
@@ -175,7 +174,8 @@ def test_the_keeper_takes_no_module_from_the_working_folder() -> None:
         def runs() -> bool:
             status = Path(f"/proc/{keeper._process.pid}/status").read_text()
             ignored = next(line for line in status.splitlines() if line.startswith("SigIgn"))
-            return keeper._process.poll() is not None or int(ignored.split()[1], 16) & 1 << signal.SIGTERM - 1
+            ready = int(ignored.split()[1], 16) & 1 << signal.SIGTERM - 1
+            return keeper._process.poll() is not None or bool(ready)
 
         wait_for(runs, 60.0, "the keeper does not start")
         assert keeper._process.poll() is None

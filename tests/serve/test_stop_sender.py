@@ -16,7 +16,8 @@ def test_stops_in_a_row_have_one_claim_and_one_after_a_clear_has_another(tmp_pat
 
         def stop() -> dict[str, Any] | None:
             sender.press()
-            return robot.status()["stop"]
+            stopped: dict[str, Any] | None = robot.status()["stop"]
+            return stopped
 
         first = wait_for(stop, WAIT_S, "the robot is not stopped")
         for _ in range(20):
