@@ -10,15 +10,14 @@ import sys
 from collections.abc import Callable
 from numbers import Integral, Real
 from reprlib import Repr
+from typing import Any
 
 #: The name of an argument as a message holds it, between marks that no text has.
 _ARGUMENT = re.compile("\0([a-z0-9_.]+)\0")
 
-#: An argument, or what no line of text has: ends of lines, control codes, marks that reorder a line
-#: (bidirectional), bytes that are no UTF-8.
-_UNPRINTABLE = re.compile(
-    _ARGUMENT.pattern + "|[\0-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
-)
+#: What no line of text has: ends of lines, control codes, marks that reorder a line (bidirectional), bytes
+#: that are no UTF-8.
+_UNPRINTABLE = re.compile("[\0-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 
 #: A very long value in a message: one word, or what is quoted; paths and commands to be typed are shorter.
 _LONG = re.compile("(?<=got ')[^'\0]{401,}(?=')|[^\\s'\"\0]{401,}")
@@ -39,9 +38,24 @@ def argument(name: str) -> str:
 
 def printable(text: str) -> str:
     """Text as one line that every terminal and encoding takes: what is unprintable in it is escaped."""
-    return _UNPRINTABLE.sub(
-        lambda found: found[0] if found[1] else found[0].encode("unicode_escape").decode("ascii"), text
-    )
+    return _UNPRINTABLE.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)
+
+
+def printable_parts(value: Any) -> Any:
+    """JSON value with `printable` texts: what comes from the network or from a file of another person."""
+    if isinstance(value, str):
+        return printable(value)
+    if isinstance(value, list):
+        return [printable_parts(part) for part in value]
+    if isinstance(value, dict):
+        return {printable(str(name)): printable_parts(part) for name, part in value.items()}
+    return value
+
+
+def _line_of(message: str) -> str:
+    """A message as one printable line, in which arguments keep their marks."""
+    parts = _ARGUMENT.split(message)  # texts and names by turns
+    return "".join(argument(part) if number % 2 else printable(part) for number, part in enumerate(parts))
 
 
 def shortened(text: str) -> str:
@@ -56,7 +70,7 @@ class HexctlError(Exception):
     """
 
     def __init__(self, message: str = "") -> None:
-        self._message = shortened(printable(str(message)))
+        self._message = shortened(_line_of(str(message)))
         super().__init__(_ARGUMENT.sub(r"\1", self._message))
 
     def worded(self, name: Callable[[str], str]) -> str:

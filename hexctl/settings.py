@@ -86,11 +86,13 @@ class Setting:
         value: text; from a file also a number, True or False, or a list of them.
         origin: where it was said.
         folder: folder at which its relative paths begin.
+        nearby: whether it is of a file in the working folder or above, which may be of another person.
     """
 
     value: Any
     origin: Origin
     folder: Path = Path()
+    nearby: bool = False
 
     def placed(self, text: str) -> str:
         """A path of this setting: one that is not absolute begins at `folder`, `~` is the home folder."""
@@ -105,11 +107,13 @@ class Layer:
         place: name of the file for messages, `environment` for variables.
         values: of a file nested by command, as in TOML; of the environment by variable.
         folder: folder of the file; None for the environment.
+        nearby: whether the file is in the working folder or above.
     """
 
     place: str
     values: Mapping[str, Any]
     folder: Path | None
+    nearby: bool = False
 
     def common(self, key: str) -> Setting | None:
         """Setting of robot and connection, by its name in `COMMON`."""
@@ -124,7 +128,8 @@ class Layer:
             return Setting(text, Origin(name)) if text else None
         for path in _tables(command):
             if (value := self._table(path).get(option)) is not None:
-                return Setting(value, Origin(self.place, ".".join((*path, option))), self.folder)
+                origin = Origin(self.place, ".".join((*path, option)))
+                return Setting(value, origin, self.folder, self.nearby)
         return None
 
     def options(self, command: tuple[str, ...]) -> dict[str, Any]:
@@ -209,7 +214,7 @@ def find_settings(folder: Path = Path()) -> Settings:
     layers, problems = [Layer("environment", variables, None)], []
     for path in settings_files(folder):
         try:
-            layers.append(Layer(shown_path(path), _content(path), path.parent))
+            layers.append(Layer(shown_path(path), _content(path), path.parent, path not in _own_files()))
         except InputError as error:
             problems.append(str(error))
     common: dict[str, Setting] = {}
@@ -231,15 +236,19 @@ def settings_files(folder: Path = Path()) -> tuple[Path, ...]:
     The nearest `hexctl.toml` from the folder upwards, to the root of its repository or the home folder; where
     it lies in neither, only its own. Then that of the user, in the folder of configurations.
     """
-    chosen = os.environ.get(CHOSEN, "")
+    if os.environ.get(CHOSEN):
+        return _own_files()
+    near = (place / FILE for place in _upwards(folder, _home()))
+    return (*islice(filter(_is_there, near), 1), *filter(_is_there, _own_files()))
+
+
+def _own_files() -> tuple[Path, ...]:
+    """Files that the user has chosen, or that lie in the user's folder of configurations."""
+    chosen, users, home = os.environ.get(CHOSEN, ""), os.environ.get("XDG_CONFIG_HOME"), _home()
     if chosen:
         return () if chosen == "none" else (_expanded(chosen),)
-    home = _home()
-    users = os.environ.get("XDG_CONFIG_HOME")
     config = Path(users) if users else None if home is None else home / ".config"
-    own = () if config is None else (config / "hexctl" / FILE,)
-    near = (place / FILE for place in _upwards(folder, home))
-    return (*islice(filter(_is_there, near), 1), *filter(_is_there, own))
+    return () if config is None else (config / "hexctl" / FILE,)
 
 
 def _expanded(text: str) -> Path:

@@ -31,6 +31,8 @@ REALTIME = (
     "tests/serve/stops/test_estop.py",
     "tests/serve/boards/test_servo_board.py",
     "tests/serve/test_remote.py",
+    "tests/serve/test_stop_sender.py",
+    "tests/cli/test_foreign_text.py::test_a_ro",
     "tests/backends/test_port_thread.py",
     "tests/backends/bus/test_packet_line.py",
     "tests/backends/bus/register/test_bus.py",

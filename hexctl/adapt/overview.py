@@ -1,5 +1,6 @@
 """The overview of a session, made from what the store keeps, and the viewer on sessions and recordings."""
 
+import shlex
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -269,7 +270,9 @@ def _find_run(name: str, runs: Path) -> Path | StoredSession:
         raise InputError(f"view: got {name!r}; allowed: an .rrd file or a session (newest last): {known}")
     loaded, folder = load_session(session, runs), runs / session
     if not loaded.trials:
-        raise InputError(f"session {session}: has no trial yet; hexctl adapt --resume {session} continues it")
+        raise InputError(
+            f"session {session}: has no trial yet; hexctl adapt --resume {shlex.quote(session)} continues it"
+        )
     return loaded, folder
 
 

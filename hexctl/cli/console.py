@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import typer
 
-from hexctl.errors import HexctlError, RobotFaultError
+from hexctl.errors import HexctlError, RobotFaultError, printable
 from hexctl.signals import ending_signals
 
 if TYPE_CHECKING:
@@ -59,13 +59,18 @@ def note_never_commanded() -> None:
     print_note("hexctl: interrupted before the robot was commanded")
 
 
+def printable_lines(text: str) -> str:
+    """Text of lines in which what is unprintable is escaped."""
+    return "\n".join(map(printable, text.split("\n")))
+
+
 def print_result(*parts: "RenderableType") -> None:
     """Print on stdout: texts as they are, tables as wide as the terminal.
 
     A reader that has closed the pipe, as `head` does, is not an error. Raises RobotFaultError when the result
     cannot be written, as on a full disk.
     """
-    text = "\n".join(part if isinstance(part, str) else _rendered(part) for part in parts)
+    text = "\n".join(printable_lines(part) if isinstance(part, str) else _rendered(part) for part in parts)
     try:
         typer.echo(text)
         sys.stdout.flush()
@@ -81,7 +86,8 @@ def _rendered(part: "RenderableType") -> str:
 
     terminal = sys.stdout.isatty()
     written = io.StringIO()
-    console = Console(file=written, force_terminal=terminal, width=None if terminal else PIPE_COLUMNS)
+    width = None if terminal else PIPE_COLUMNS
+    console = Console(file=written, force_terminal=terminal, width=width, markup=False, emoji=False)
     console.print(part)
     return "\n".join(line.rstrip() for line in written.getvalue().splitlines())
 
@@ -138,7 +144,12 @@ def in_flags(error: HexctlError) -> str:
 
 def print_note(text: str) -> None:
     """Print a line on stderr."""
-    typer.echo(text, err=True)
+    typer.echo(printable_lines(text), err=True)
+
+
+def print_question(text: str) -> None:
+    """Print a question on stderr and stay on its line."""
+    typer.echo(printable_lines(text), err=True, nl=False)
 
 
 class StatusLine:
@@ -153,7 +164,7 @@ class StatusLine:
             print_note(text)
             return
         width = os.get_terminal_size(sys.stderr.fileno()).columns or 80
-        typer.echo(f"\r\x1b[K{text[: width - 1]}", err=True, nl=False)
+        typer.echo(f"\r\x1b[K{printable(text)[: width - 1]}", err=True, nl=False)
         self._shown = True
 
     def print_above(self, text: str) -> None:
@@ -197,7 +208,7 @@ def make_bar(counter: str | None = None, *, quiet: bool = False) -> "Progress":
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     return Progress(
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn() if counter is None else TextColumn(counter),
         TimeRemainingColumn(),
@@ -210,9 +221,9 @@ def make_bar(counter: str | None = None, *, quiet: bool = False) -> "Progress":
 def print_above(bar: "Progress", text: str, *, err: bool) -> None:
     """Print a line above a bar; where the bar shows nothing, on stderr or stdout."""
     if bar.disable:
-        typer.echo(text, err=err)
+        typer.echo(printable_lines(text), err=err)
     else:
-        bar.console.print(text, highlight=False, markup=False)
+        bar.console.print(printable_lines(text), highlight=False, markup=False, emoji=False)
 
 
 class StopOnInterrupt:

@@ -13,7 +13,7 @@ from hexctl.cli.bus.board import board
 from hexctl.cli.bus.calibrate import calibrate
 from hexctl.cli.bus.servos import ports, servos
 from hexctl.cli.check import check
-from hexctl.cli.console import BAD_INPUT, FAULT, INTERRUPTED, in_flags
+from hexctl.cli.console import BAD_INPUT, FAULT, INTERRUPTED, in_flags, print_note
 from hexctl.cli.doctor import doctor
 from hexctl.cli.network.estop import estop
 from hexctl.cli.network.keys import keys
@@ -41,7 +41,6 @@ from hexctl.errors import (
     MissingExtraError,
     ReachError,
     is_of_disk,
-    printable,
     shortened,
 )
 
@@ -168,5 +167,5 @@ def _print_error(message: str, code: int) -> int:
     text = (
         message if message.lstrip().startswith("Usage") else f"hexctl: {shortened(' '.join(message.split()))}"
     )
-    typer.echo("\n".join(map(printable, text.split("\n"))), err=True)
+    print_note(text)
     return code

@@ -5,11 +5,9 @@ import select
 import stat
 import sys
 
-import typer
-
 from hexctl.adapt.measurement import Answer
 from hexctl.adapt.sessions.session import BASELINE_INDEX, SessionSpec
-from hexctl.cli.console import print_note
+from hexctl.cli.console import print_note, print_question
 from hexctl.control.calibration import EndedError
 from hexctl.control.preparation import StopRequested
 from hexctl.errors import InputError
@@ -78,7 +76,7 @@ class TrialPrompt:
             question = f"got {said!r}; allowed: up to {at_most_m:.1f} m, in metres: "
 
     def _ask(self, question: str) -> str:
-        typer.echo(question, err=True, nl=False)
+        print_question(question)
         while (line := self._lines.poll(LOOK_S)) is None:
             if self._stop_requested() or self._lines.ended:
                 print_note("" if self._stop_requested() else "\nhexctl: stdin has ended: quit")
@@ -111,7 +109,7 @@ class CalibrationPrompt:
 
     def prompt(self, text: str) -> None:
         """Print a question and stay on its line."""
-        typer.echo(f"{text} ", err=True, nl=False)
+        print_question(f"{text} ")
 
     def poll(self) -> str | None:
         """The next whole line without its end, or None while there is none.
@@ -163,7 +161,7 @@ class LegPrompt:
         """Ask whether a leg lifted, swung and stood again; None for an operator who ends the questions."""
         question = f"leg {leg} was told to lift, swing and stand again: did it? yes, no or quit: "
         while True:
-            typer.echo(question, err=True, nl=False)
+            print_question(question)
             while (line := self._lines.poll(LOOK_S)) is None:
                 if self._lines.ended:
                     print_note("\nhexctl: stdin has ended: quit")

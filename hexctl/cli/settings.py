@@ -22,7 +22,10 @@ if TYPE_CHECKING:
 FunctionT = TypeVar("FunctionT", bound=Callable[..., Any])
 
 #: Options that only a person at the keyboard gives: consent, the end of a stop, links that nothing guards.
-TYPED_ONLY = ("yes", "clear", "ready", "insecure", "ros-drive")
+TYPED_ONLY = ("yes", "clear", "ready", "insecure", "ros-drive", "trust")
+
+#: Options whose value may be code to be imported, as `module:Name`.
+CODE_OPTIONS = ("backend", "policy", "optimizer", "objective", "optimizers", "methods")
 
 #: Commands that do their work whatever is wrong with the settings, and say it: a stop, and the look at them.
 UNSTOPPABLE = (("estop",), ("doctor",))
@@ -124,7 +127,9 @@ def _said(ctx: Any, typed: Mapping[str, Any]) -> "dict[str, tuple[Setting, Any]]
     params = {param.name: param for param in ctx.command.params}
     for name, setting in _Following(ctx, path, settings, typed).settings().items():
         try:
-            said[name] = setting, _as_typed(params[name], setting)
+            value = _as_typed(params[name], setting)
+            _check_no_code(_flag(params[name]), setting)
+            said[name] = setting, value
         except InputError as error:
             problems.append(str(error))
     if problems and path not in UNSTOPPABLE:
@@ -304,6 +309,15 @@ def _unknown_variable(root: Any, name: str) -> Iterator[str]:
 def _flag(param: Any) -> str:
     """Name of an option without hyphens; empty for an argument."""
     return next((name[2:] for name in param.opts if name.startswith("--")), "")
+
+
+def _check_no_code(option: str, setting: "Setting") -> None:
+    """Raise InputError for code that a file in the working folder names: it may be of another person."""
+    if setting.nearby and option in CODE_OPTIONS and ":" in str(setting.value):
+        raise InputError(
+            f"{setting.origin}: got {shown(setting.value)}, code to be imported; allowed here: names that "
+            f"hexctl ships; if you trust it, type --{option}, or set it in ~/.config/hexctl/hexctl.toml"
+        )
 
 
 def _as_typed(param: Any, setting: "Setting") -> Any:

@@ -52,7 +52,7 @@ def _renderer(name: str) -> str | None:
     """What draws with a library, asked in a process of its own; None where nothing does."""
     try:
         done = subprocess.run(
-            [sys.executable, "-c", PROGRAM, name],
+            [sys.executable, "-P", "-c", PROGRAM, name],  # -P: no module of the working folder
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,

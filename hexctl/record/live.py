@@ -70,7 +70,8 @@ class LiveView:
         where = web_options(port, web_port) if web else ["--bind", LOCAL, "--port", str(port)]
         command = [str(viewer_binary()), *where, *options]
         self._viewer = _start(command)
-        feeder = [sys.executable, "-m", "hexctl.record.live_feed", str(port)]
+        # -P: a file in the working folder stands for no module.
+        feeder = [sys.executable, "-P", "-m", "hexctl.record.live_feed", str(port)]
         self._feeder = _start(feeder, stdin=subprocess.PIPE)
         assert self._feeder.stdin is not None  # noqa: S101  asked for
         self._pipe = self._feeder.stdin.fileno()

@@ -92,7 +92,8 @@ class Keeper:
     def __init__(self, spec: KeeperSpec) -> None:
         words = {**asdict(spec), "server": os.getpid()}
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "hexctl.serve.keeper", json.dumps(words)],
+            # -P: a file in the working folder stands for no module.
+            [sys.executable, "-P", "-m", "hexctl.serve.keeper", json.dumps(words)],
             stdin=subprocess.PIPE,
             start_new_session=True,  # Ctrl-C in the terminal is for the server
         )

@@ -13,7 +13,7 @@ from hexctl.errors import RobotFaultError
 from hexctl.robot.failure_event import parse_failure_now, parse_healing
 from hexctl.serve.stops.clear_keys import NewClaim, forget, keys_for
 from hexctl.serve.stops.stop import HOLD_S, MOST_CLAIMS, MOST_OTHERS_HOLD_S, MOST_UNCLAIMED_HOLD_S
-from hexctl.wire.description import RobotIdentity, check_may_command, status_of
+from hexctl.wire.description import RobotIdentity, check_may_command, robot_name, status_of
 from hexctl.wire.links import KeyMap, Link, Role, load_link
 from hexctl.wire.session import open_session
 
@@ -92,7 +92,7 @@ class RemoteRobots:
         if isinstance(stop, dict):  # servers of earlier versions know no ids
             asked["id"] = str(stop.get("id"))
             asked["keys"] = _wait_to_clear(stop, waiting)
-        key = self._link.keys(str(status["robot"])).estop if "robot" in status else self._keys.estop
+        key = self._link.keys(robot_name(status)).estop if "robot" in status else self._keys.estop
         answers = self._ask(key, asked)
         for answer in answers:
             if "stopped" not in answer:

@@ -21,6 +21,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from hexctl.control.drive.arbiter import Velocity, VelocitySource
+from hexctl.errors import printable
 
 #: By how much a key changes the speed, of the greatest.
 STEP = 0.2
@@ -193,12 +194,17 @@ def line_of(status: dict[str, Any]) -> str:
         _command_of(status["velocity"]),
         status["gait"],
         *([f"body {status['body_raise']:+.2f}"] if status["body_raise"] else []),
-        status["mode"] if status["stopped"] is None else f"STOPPED: {status['stopped']} (1 goes on)",
+        status["mode"] if status["stopped"] is None else _stop_in_words(status),
         *([said] if said else _travel_of(status)),
         *([] if battery is None else [f"{battery:.1f} V"]),
         *([] if status["source"] is None else [status["source"]]),
     ]
     return " · ".join(parts)
+
+
+def _stop_in_words(status: dict[str, Any]) -> str:
+    clear = status.get("clear")
+    return f"STOPPED: {status['stopped']} ({'' if clear is None else f'after {clear}: '}1 goes on)"
 
 
 def _command_of(velocity: Sequence[float]) -> str:
@@ -299,7 +305,7 @@ class KeyTerminal:
                 return
             try:
                 width = os.get_terminal_size(self._lines).columns or 80
-                shown = f"\r\x1b[K{self._newest[: width - 1]}{ASK_STATUS}"
+                shown = f"\r\x1b[K{printable(self._newest)[: width - 1]}{ASK_STATUS}"
                 os.write(self._lines, shown.encode())
             except OSError:
                 return

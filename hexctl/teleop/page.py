@@ -7,7 +7,7 @@ that a large picture holds up no status: any message asks for the next picture, 
 `{"trouble": why}` where none comes.
 
 A client may send 100 messages a second; the connection of one that sends more is closed. A stop is looked for
-before anything is parsed or counted.
+before anything is parsed or counted. If 16 clients are connected, one that is silent gives way to a new one.
 
 Every client that opens the page may drive. So it is served to this computer alone unless a token and TLS are
 asked for; requests for a name that is not this computer's, and sockets of pages from elsewhere, are refused.
@@ -39,7 +39,7 @@ from websockets.typing import Subprotocol
 from hexctl.control.drive.arbiter import COMMAND_EXPIRY_S, VelocitySource
 from hexctl.errors import HexctlError, InputError, RobotFaultError, argument
 from hexctl.teleop.keyboard import Share
-from hexctl.teleop.page_connection import Addresses, LimitedConnection
+from hexctl.teleop.page_connection import Addresses, LimitedConnection, least_needed
 from hexctl.teleop.picture_relay import PERIOD_S, Picture, PictureRelay
 from hexctl.wire.certificates import Credentials, hosts_of_this_computer
 
@@ -285,10 +285,18 @@ class DrivePage:
             return _response(HTTPStatus.FORBIDDEN, b"another origin\n")
         if not self._knows_token(request.headers):
             return _response(HTTPStatus.FORBIDDEN, b"wrong token\n")
-        most = MOST_CLIENTS if request.path == SOCKET_PATH else MOST_VIEWERS
-        if len(_on(connection.server, request.path)) >= most:
+        if request.path == SOCKET_PATH:
+            self._make_room(cast(LimitedConnection, connection))
+        elif len(_on(connection.server, VIEW_PATH)) >= MOST_VIEWERS:
             return _response(HTTPStatus.SERVICE_UNAVAILABLE, b"too many clients\n")
         return None
+
+    def _make_room(self, newcomer: LimitedConnection) -> None:
+        """Close the connection of a client if there are too many, but never of the one that drives."""
+        others = [one for one in _on(newcomer.server, SOCKET_PATH) if not one.gives_way]
+        if len(others) >= MOST_CLIENTS:
+            driver = self._driver if self._now_s() - self._driver_at_s <= COMMAND_EXPIRY_S else None
+            least_needed([one for one in others if one is not driver], newcomer.address).give_way()
 
     def _is_ours(self, host: str) -> bool:
         """Whether a Host header names this computer: by a name of its own, or by an address.
@@ -389,9 +397,9 @@ class DrivePage:
             self._source.release()
 
 
-def _on(server: Server | None, path: str) -> list[ServerConnection]:
+def _on(server: Server | None, path: str) -> list[LimitedConnection]:
     """Open sockets at a path."""
-    connections = () if server is None else server.connections
+    connections = cast("set[LimitedConnection]", set() if server is None else server.connections)
     return [one for one in connections if one.request is not None and one.request.path == path]
 
 

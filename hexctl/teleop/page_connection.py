@@ -6,8 +6,8 @@ counted before anything is parsed, and messages as they are taken.
 
 import time
 from asyncio import BaseTransport, Transport
-from collections import OrderedDict
-from collections.abc import Callable
+from collections import Counter, OrderedDict
+from collections.abc import Callable, Sequence
 from typing import Any, cast
 
 from websockets.asyncio.server import ServerConnection
@@ -76,6 +76,11 @@ class LimitedConnection(ServerConnection):
     Args:
         addresses: counts of all connections of a page.
         arguments: those of ServerConnection.
+
+    Attributes:
+        address: of the client.
+        heard_at_s: when its last message came, or when it connected, on time.monotonic.
+        gives_way: whether it was closed for a new client.
     """
 
     def __init__(self, *arguments: Any, addresses: Addresses, **options: Any) -> None:
@@ -83,9 +88,16 @@ class LimitedConnection(ServerConnection):
         self._addresses = addresses
         self._messages, self._bytes = Allowance(MESSAGES_S), Allowance(BYTES_S)
         self._refused = False
+        self.address, self.heard_at_s, self.gives_way = "", time.monotonic(), False
+
+    def give_way(self) -> None:
+        """Close the connection for a new client."""
+        self.gives_way = True
+        self.transport.abort()
 
     def may_send(self) -> bool:
         """Whether one more message is within the limit; otherwise the connection is closed."""
+        self.heard_at_s = time.monotonic()
         allowed = self._messages.take()
         if not allowed:
             self.transport.abort()
@@ -94,7 +106,8 @@ class LimitedConnection(ServerConnection):
     def connection_made(self, transport: BaseTransport) -> None:
         """Begin, or close the connection before anything is read from it."""
         peer = transport.get_extra_info("peername") or ("",)
-        self._refused = not self._addresses.admit(str(peer[0]))
+        self.address = str(peer[0])
+        self._refused = not self._addresses.admit(self.address)
         if self._refused:
             cast(Transport, transport).abort()
         else:
@@ -118,3 +131,16 @@ class LimitedConnection(ServerConnection):
         """Note the loss of a connection that was begun."""
         if not self._refused:
             super().connection_lost(exc)
+
+
+def least_needed(connections: Sequence[LimitedConnection], newcomer: str) -> LimitedConnection:
+    """The connection that gives way to a new one: of the address with the most, the longest silent.
+
+    Therefore a client that opens many connections takes their places from its own address.
+
+    Args:
+        connections: that may be closed, at least one.
+        newcomer: address of the new connection.
+    """
+    counts = Counter([newcomer, *(one.address for one in connections)])
+    return min(connections, key=lambda one: (-counts[one.address], one.heard_at_s))

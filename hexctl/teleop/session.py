@@ -1,15 +1,17 @@
 """A session of driving by hand: devices are polled every tick, and what they ask for is done."""
 
 import math
+import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import takewhile
 from typing import Any, Protocol
 
+from hexctl.control.drive.arbiter import Velocity
 from hexctl.control.drive.drive import Drive
 from hexctl.control.drive.velocity_limits import VelocityLimits
-from hexctl.errors import HexctlError, InputError
+from hexctl.errors import EStopError, HexctlError, InputError
 from hexctl.gait.gait import NAMED_SLOTS, Gait
 from hexctl.robot.failure_event import in_words
 from hexctl.robot.model import Robot
@@ -31,6 +33,8 @@ REPORT_TICKS = 5
 #: Ticks in which a robot comes to a stand before the session ends, at most.
 LAST_TICKS = 50
 
+#: Time between two looks at the devices while the robot is stopped.
+STOPPED_POLL_S = 0.1
 
 #: Reports over which the speed of the body is measured.
 SPEED_REPORTS = 10
@@ -87,14 +91,33 @@ class Device(Protocol):
         """Show what the robot does, plain values as `DriveSession.status` has them."""
 
 
+class RobotStop(Protocol):
+    """A stop at the robot, which only a clear ends.
+
+    Attributes:
+        clear_command: command that clears it.
+        trouble: why the last stop did not reach the robot, or None.
+    """
+
+    clear_command: str
+    trouble: str | None
+
+    def press(self) -> None:
+        """Stop the robot now; from any thread, and without waiting."""
+
+
 class DriveSession:
     """Drives a robot by hand until it is told to quit.
+
+    A stop of a device is latched at a robot on the network too. The session waits then: "stand" connects
+    again, which the robot refuses until its stop was cleared.
 
     The heights at which the gait can walk are calculated before anything moves: a robot that walks cannot
     wait for them.
 
     Args:
         drive: connected before `run`.
+        robot_stop: stops the robot for all its clients; None for one that only this process commands.
 
     Attributes:
         ended: why the session has ended, or None.
@@ -102,8 +125,9 @@ class DriveSession:
         said: what the robot said last.
     """
 
-    def __init__(self, drive: Drive) -> None:
-        self.drive = drive
+    def __init__(self, drive: Drive, robot_stop: RobotStop | None = None) -> None:
+        self.drive, self._robot_stop = drive, robot_stop
+        self._stop_sent = False
         self.ended: str | None = None
         self.commanded = False
         self.said = ""
@@ -124,6 +148,9 @@ class DriveSession:
         if request == "stop":
             self.drive.stop("stop button")  # in force for this tick already
             self._asked.clear()
+            if self._robot_stop is not None:
+                self._stop_sent = True
+                self._robot_stop.press()
         elif request == "quit":
             self._quit = why or request
         else:
@@ -143,13 +170,17 @@ class DriveSession:
         while self.ended is None:
             if stop_requested():
                 self.ended = "interrupted"
-            state = self.drive.step(lambda: self._poll(devices))
+            try:
+                state = self.drive.step(lambda: self._poll(devices))
+            except EStopError:
+                if not self._stop_sent:
+                    raise
+                self._wait_stopped(devices, stop_requested)
+                continue
             self._listen()
             if ticks % REPORT_TICKS == 0:
                 self._travel.add(state, self.drive.guard.clock.now_s)
-                status = self.status(state)
-                for device in devices:
-                    device.report(status)
+                self._report(devices, state)
             ticks += 1
         self.drive.stop(self.ended)
         for _ in range(LAST_TICKS):
@@ -159,14 +190,52 @@ class DriveSession:
         self.drive.pause()
         return self.ended
 
+    def _wait_stopped(self, devices: Sequence[Device], stop_requested: Callable[[], bool]) -> None:
+        """Wait until the robot, which this session has stopped, is cleared and a device asks to stand.
+
+        Raises EStopError when the session is to end before.
+        """
+        state, self.said = self.drive.guard.peek(), ""
+        while not self._stands_again():
+            self._report(devices, state)
+            time.sleep(STOPPED_POLL_S)
+            for device in devices:
+                device.poll()
+            if self._quit is not None or stop_requested():
+                raise EStopError("stopped by a device of the drive")
+
+    def _stands_again(self) -> bool:
+        """Whether a device has asked to stand and the robot takes commands again."""
+        asked = {self._asked.popleft() for _ in range(len(self._asked))}
+        if "stand" not in asked:
+            return False
+        self._stop_sent = False
+        try:
+            self.drive.reconnect()
+        except HexctlError as error:
+            self._stop_sent, self.said = True, str(error)
+            return False
+        self.said = ""
+        return True
+
+    def _report(self, devices: Sequence[Device], state: RobotState) -> None:
+        status = self.status(state)
+        for device in devices:
+            device.report(status)
+
     def status(self, state: RobotState) -> dict[str, Any]:
-        """What the robot does, in plain values."""
-        drive = self.drive
-        velocity, decision = drive.velocity, drive.decision
+        """What the robot does, in plain values.
+
+        `clear` is the command that clears a stop which this session has latched at the robot, or None.
+        """
+        drive, robot_stop = self.drive, self._robot_stop
+        latched = robot_stop is not None and self._stop_sent and drive.guard.stopped is not None
+        velocity, decision = Velocity() if latched else drive.velocity, drive.decision
         return {
             "robot": drive.robot.name,
             "mode": drive.mode,
             "stopped": drive.stopped,
+            "clear": robot_stop.clear_command if robot_stop is not None and latched else None,
             "source": decision.source,
             "velocity": [velocity.forward_m_s, velocity.left_m_s, velocity.turn_rad_s],
             "distance_m": self._travel.distance_m,
@@ -177,7 +246,7 @@ class DriveSession:
             "battery_v": state.battery_v,
             "battery_share": state.battery_share,
             "failures": [f"leg {one.leg} {in_words(one)}" for one in drive.failures],
-            "said": state.fault or self._no_walk() or self.said,
+            "said": state.fault or (robot_stop and robot_stop.trouble) or self._no_walk() or self.said,
         }
 
     def _no_walk(self) -> str:

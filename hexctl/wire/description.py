@@ -3,6 +3,7 @@
 import json
 import os
 import pwd
+import re
 import socket
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, is_dataclass
@@ -10,11 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.errors import InputError, MessageError, RobotFaultError, argument
+from hexctl.errors import InputError, MessageError, RobotFaultError, argument, printable_parts, shown
 from hexctl.robot.model import Body, GaitDefaults, Robot, ServoModel, told_fields
 from hexctl.types import JOINT_NAMES
 from hexctl.wire import MAX_PAYLOAD_BYTES, PROTOCOL_VERSION
 from hexctl.wire.links import Link
+
+#: A name of a robot on the network: one part of a key, and shown as it is.
+ROBOT_NAME = re.compile(r"[\w.-]{1,60}")
 
 #: Tolerance for numbers of two descriptions.
 SAME = 1e-9
@@ -143,10 +147,31 @@ def decode_json(payload: bytes) -> dict[str, Any]:
     return content
 
 
+def decode_answer(payload: bytes) -> dict[str, Any]:
+    """JSON object that a robot has sent; what is unprintable in its texts is escaped.
+
+    Raises MessageError for anything else.
+    """
+    try:
+        return dict(printable_parts(decode_json(payload)))
+    except RecursionError as error:
+        raise MessageError(f"JSON: got {payload[:40]!r}; allowed: one JSON object") from error
+
+
 def status_of(answer: Mapping[str, Any]) -> dict[str, Any]:
     """Status in a robot's answer to a query; empty for an answer without one."""
     status = answer.get("status")
     return status if isinstance(status, dict) else {}
+
+
+def robot_name(content: Mapping[str, Any], key: str = "robot") -> str:
+    """Name of the robot in its status or description; raises RobotFaultError for what cannot be one."""
+    name = content.get(key)
+    if not isinstance(name, str) or ROBOT_NAME.fullmatch(name) is None:
+        raise RobotFaultError(
+            f"the robot at the other end calls itself {shown(name)}; allowed: up to 60 letters, digits, _ . -"
+        )
+    return name
 
 
 def check_same_robot(answer: dict[str, Any], robot: Robot) -> None:
@@ -176,6 +201,7 @@ def robot_of(answer: dict[str, Any]) -> Robot:
     content = answer.get("robot")
     if answer.get("protocol") != PROTOCOL_VERSION or not isinstance(content, dict):
         raise RobotFaultError("the robot at the other end describes itself in another way; update hexctl")
+    robot_name(content, "name")
     parts: dict[str, Any] = {"body": Body, "servo": ServoModel, "gait": GaitDefaults}
     try:
         values: dict[str, Any] = {name: _array(value) for name, value in content.items()}

@@ -10,12 +10,13 @@ from typing import Any
 
 import pytest
 from websockets.exceptions import InvalidStatus
+from websockets.protocol import State
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin, Subprotocol
 
 from hexctl.control.drive.arbiter import Arbiter, Decision, Velocity
 from hexctl.errors import InputError
-from hexctl.teleop.page import MOST_VIEWERS, PROTOCOL, DrivePage, PageAddress, new_token
+from hexctl.teleop.page import MOST_CLIENTS, MOST_VIEWERS, PROTOCOL, DrivePage, PageAddress, new_token
 from hexctl.teleop.picture_relay import Picture, PictureRelay
 from hexctl.waiting import wait_for
 from hexctl.wire.certificates import find_credentials, make_certificates
@@ -313,6 +314,19 @@ def test_those_who_look_do_not_keep_out_who_drives(pictures: PictureRelay) -> No
         client = stack.enter_context(robot.client())
         client.send(json.dumps({"v": [1, 0, 0]}))
         robot.wait(Decision(Velocity(1, 0, 0), "page"))
+
+
+def test_idle_clients_give_way_to_a_new_one_and_the_one_that_drives_stays() -> None:
+    with served() as robot, ExitStack() as stack:
+        driver = stack.enter_context(robot.client())
+        driver.send(json.dumps({"v": [1, 0, 0]}))
+        robot.wait(Decision(Velocity(1, 0, 0), "page"))
+        idle = [stack.enter_context(robot.client()) for _ in range(MOST_CLIENTS - 1)]
+        stopping = stack.enter_context(robot.client())
+        stopping.send(json.dumps({"do": "stop"}))
+        wait_for(lambda: robot.asked == ["stop"], 5.0, "the stop does not come")
+        wait_for(lambda: idle[0].state is State.CLOSED, 5.0, "the client that was silent for longest stays")
+        assert [one.state is State.OPEN for one in (driver, *idle[1:])] == [True] * (MOST_CLIENTS - 1)
 
 
 def test_without_a_camera_there_is_no_place_for_its_picture(pictures: PictureRelay) -> None:

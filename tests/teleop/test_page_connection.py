@@ -8,6 +8,8 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from typing import cast
 
 import pytest
 from websockets.exceptions import ConnectionClosed
@@ -17,7 +19,15 @@ from websockets.typing import Origin, Subprotocol
 
 from hexctl.control.drive.drive import Drive
 from hexctl.teleop.page import PROTOCOL, DrivePage, PageAddress
-from hexctl.teleop.page_connection import CONNECTIONS_S, MESSAGES_S, MOST_ADDRESSES, Addresses, Allowance
+from hexctl.teleop.page_connection import (
+    CONNECTIONS_S,
+    MESSAGES_S,
+    MOST_ADDRESSES,
+    Addresses,
+    Allowance,
+    LimitedConnection,
+    least_needed,
+)
 from hexctl.teleop.session import DriveSession
 from hexctl.waiting import wait_for
 
@@ -59,6 +69,21 @@ def test_addresses_without_end_take_no_memory_without_end() -> None:
     for number in range(2 * MOST_ADDRESSES):
         assert addresses.admit(str(number))
     assert len(addresses._allowances) == MOST_ADDRESSES
+
+
+@dataclass
+class Connected:
+    """A connection, as far as its place goes."""
+
+    address: str
+    heard_at_s: float
+
+
+def test_an_address_with_many_connections_takes_no_place_of_another() -> None:
+    alone, crowd = Connected("192.0.2.1", 0.0), [Connected("192.0.2.2", at_s) for at_s in (3.0, 1.0, 2.0)]
+    connections = cast("list[LimitedConnection]", [alone, *crowd])
+    for newcomer in ("192.0.2.1", "192.0.2.2", "192.0.2.3"):
+        assert least_needed(connections, newcomer).heard_at_s == 1.0
 
 
 class Driven:

@@ -22,7 +22,7 @@ from hexctl.adapt.sessions.session import (
 )
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.result import STATUSES
-from hexctl.errors import printable
+from hexctl.errors import printable, printable_parts
 from hexctl.gait.encoding import check_permutation
 from hexctl.robot.configs import first_problem
 
@@ -199,7 +199,7 @@ def _mapping(text: Any) -> dict[str, Any]:
     values = json.loads(text)
     if not isinstance(values, dict):
         raise TypeError("it is no mapping")
-    return values
+    return dict(printable_parts(values))
 
 
 def _spec(text: Any) -> SessionSpec:

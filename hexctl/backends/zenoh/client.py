@@ -26,7 +26,7 @@ from hexctl.wire.description import (
     RobotIdentity,
     check_may_command,
     check_same_robot,
-    decode_json,
+    decode_answer,
     encode_json,
     robot_of,
     status_of,
@@ -83,7 +83,7 @@ def ask(
     for reply in session.get(key, payload=payload, timeout=timeout_s):
         if reply.ok is not None:
             try:
-                answers.append(decode_json(bytes(reply.ok.payload)))
+                answers.append(decode_answer(bytes(reply.ok.payload)))
             except MessageError:
                 continue
     return answers
@@ -400,8 +400,7 @@ class ZenohServos(LegServos):
         for answer in ask(session, any_robot.describe):
             with suppress(RobotFaultError):
                 names.add(robot_of(answer).name)
-        # What comes over the network is printed only where it is a name.
-        return sorted(name for name in names - {self._robot.name} if re.fullmatch(r"[\w.-]{1,60}", name))
+        return sorted(names - {self._robot.name})
 
     def _check_ours(self, state: RobotState) -> None:
         """Raise RobotFaultError when the lease is lost.

@@ -10,11 +10,11 @@ from typing import Any
 
 import zenoh
 
-from hexctl.errors import InputError, MessageError, RobotFaultError
+from hexctl.errors import InputError, MessageError, RobotFaultError, printable
 from hexctl.robot.failure import Failure, each_failure, parse_failure
 from hexctl.types import FloatArray, RobotState, ServoReadings
 from hexctl.waiting import wait_for
-from hexctl.wire.description import decode_json
+from hexctl.wire.description import decode_answer
 from hexctl.wire.links import KeyMap
 from hexctl.wire.messages import StateTag, contacts_of, decode_battery, decode_joints, stale_joints_of
 from hexctl.wire.pose import decode_pose
@@ -156,8 +156,8 @@ class StateSubscriber:
             foot_contacts=contacts_of(tag),
             age_s=now_s - sample.at_s + tag.age_us / 1e6,
             healthy=tag.healthy,
-            fault=tag.fault,
-            stopped=tag.stopped,
+            fault=_told(tag.fault),
+            stopped=_told(tag.stopped),
             battery_v=battery_v,
             battery_share=battery_share,
             joint_torques_nm=torques_nm,
@@ -179,7 +179,7 @@ class StateSubscriber:
             return
         self._status_of = sample
         try:
-            status = decode_json(sample.payload)
+            status = decode_answer(sample.payload)
         except MessageError:
             status = {}
         self._failures, self._servos = _failures_of(status), _servos_of(status)
@@ -208,6 +208,11 @@ class StateSubscriber:
             return (None, None) if sample is None else decode_battery(sample.payload)
         except MessageError:
             return None, None
+
+
+def _told(text: str | None) -> str | None:
+    """A text of the robot with what is unprintable escaped."""
+    return None if text is None else printable(text)
 
 
 def _failures_of(status: Mapping[str, Any]) -> tuple[Failure, ...] | None:

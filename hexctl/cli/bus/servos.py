@@ -381,7 +381,7 @@ def _check_answerable() -> None:
 
 def _ask_consent(text: str, *, yes: bool) -> None:
     """Ask whether a servo may move; raises InputError where the operator does not want it, or cannot say."""
-    from hexctl.cli.console import print_note
+    from hexctl.cli.console import print_note, print_question
     from hexctl.cli.prompts import LOOK_S, StdinLines, can_answer
     from hexctl.errors import InputError
 
@@ -389,7 +389,7 @@ def _ask_consent(text: str, *, yes: bool) -> None:
         return
     if not can_answer():
         raise InputError("--yes: got none, and no answer can come on stdin; allowed: --yes, or a terminal")
-    typer.echo(f"{text} Hold the robot so that its legs hang free. Go on? yes or no: ", err=True, nl=False)
+    print_question(f"{text} Hold the robot so that its legs hang free. Go on? yes or no: ")
     lines = StdinLines()
     while (said := lines.poll(LOOK_S)) is None and not lines.ended:
         pass

@@ -182,7 +182,8 @@ def _ros_options(router: str | None, **given: Any) -> "RosOptions | None":
 def _viewer(settings: "Link", link: str | None) -> Iterator[None]:
     """Show the robot with a process that is a viewer like any other: it cannot delay the robot."""
     here = settings.endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:")
-    command = [sys.executable, "-m", "hexctl", "view", "--connect", here]
+    # -P: a file in the working folder stands for no module.
+    command = [sys.executable, "-P", "-m", "hexctl", "view", "--connect", here]
     command += ["--keys", str(settings.credentials)] if settings.credentials is not None else []
     command += ["--link", link] if link is not None else []
     command += ["--insecure"] if settings.insecure else []

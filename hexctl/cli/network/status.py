@@ -14,8 +14,7 @@ from hexctl.cli.options.output import JsonOption
 from hexctl.errors import printable
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
+    from hexctl.cli.render.tables import PlainTable
     from hexctl.serve.remote import RemoteRobots
 
 Status = Mapping[str, Any]
@@ -70,7 +69,7 @@ def status(
         elif as_json:
             print_result(json.dumps(statuses[0]))
         else:
-            Console().print(status_table(statuses, robots.link.clear_command))
+            Console(markup=False, emoji=False).print(status_table(statuses, robots.link.clear_command))
 
 
 def _watch(robots: "RemoteRobots") -> None:
@@ -80,7 +79,7 @@ def _watch(robots: "RemoteRobots") -> None:
 
     from hexctl.cli.console import StopOnInterrupt
 
-    console = Console()
+    console = Console(markup=False, emoji=False)
     with StopOnInterrupt() as interrupt, ExitStack() as stack:
         live = stack.enter_context(Live(console=console, auto_refresh=False)) if console.is_terminal else None
         while not interrupt.requested():
@@ -93,19 +92,18 @@ def _watch(robots: "RemoteRobots") -> None:
             time.sleep(WATCH_PERIOD_S)
 
 
-def status_table(statuses: list[dict[str, Any]], clear: str) -> "Table":
+def status_table(statuses: list[dict[str, Any]], clear: str) -> "PlainTable":
     """Statuses of robots as two columns, with an empty line between robots; `clear` ends a stop of theirs."""
-    from rich.table import Table
-    from rich.text import Text
+    from hexctl.cli.render.tables import PlainTable
 
-    table = Table(show_header=False, box=None, pad_edge=False)
+    table = PlainTable(show_header=False, box=None, pad_edge=False)
     table.add_column(no_wrap=True)
     table.add_column()
     for number, status in enumerate(statuses):
         if number:
             table.add_row("", "")
         for name, text in status_rows(status, clear):
-            table.add_row(name, Text(text))
+            table.add_row(name, text)
     return table
 
 

@@ -273,7 +273,7 @@ def after_stop(spec: SessionSpec, error: HexctlError) -> str:
     if isinstance(error, LegFailedError):
         legs = ",".join(map(str, sorted({spec.failed_leg, *error.legs})))
         return f"mend the leg, or walk without it (hexctl run --failed-leg {legs}), "
-    at = f" --connect {spec.connect}" if spec.connect else ""
+    at = f" --connect {shlex.quote(spec.connect)}" if spec.connect else ""
     at += f" --keys {shlex.quote(str(spec.credentials))}" if spec.credentials else ""
     clear = f"clear the stop (hexctl estop --clear{at}), " if spec.backend == "zenoh" else ""
     return f"stand it up, {clear}" if reason == "fell" else clear
@@ -304,7 +304,7 @@ def finding_parts(session: Session) -> list[RenderableType]:
 def resume_command(session: Session) -> str:
     """Command that continues a session of this user."""
     trust = " --trust" if foreign_parts(session.spec) else ""
-    return f"hexctl adapt --resume {session.name}{trust}"
+    return f"hexctl adapt --resume {shlex.quote(session.name)}{trust}"
 
 
 def _ending(session: Session, ended: str | None) -> str:
@@ -321,7 +321,7 @@ def _commands(session: Session) -> list[str]:
     if walk is not None:
         lines.append(f"walk on with: {_walking(session, walk)}")
     if any(trial.recording for trial in session.trials):
-        lines.append(f"look at it with: hexctl view {session.name}")
+        lines.append(f"look at it with: hexctl view {shlex.quote(session.name)}")
     return lines
 
 

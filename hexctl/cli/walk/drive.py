@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from hexctl.control.drive.drive import Drive
     from hexctl.control.log import Recorder
     from hexctl.robot.failure import Failure
+    from hexctl.serve.stop_sender import StopSender
     from hexctl.teleop.page import DrivePage
     from hexctl.teleop.session import Device, DriveSession
     from hexctl.wire.certificates import Credentials
@@ -274,17 +275,32 @@ def _why(drive: "Drive", stopped: str) -> str:
     )
 
 
+def _robot_stop(drive: "Drive") -> "StopSender | None":
+    """What stops a robot on the network for all its clients; None for another backend."""
+    from hexctl.wire.links import Link
+
+    link = getattr(drive.guard.unwrapped, "link", None)
+    if not isinstance(link, Link) or link.plain:
+        return None
+    from hexctl.serve.stop_sender import StopSender
+
+    return StopSender(link)
+
+
 def _drive(stack: ExitStack, drive: "Drive", wanted: _Wanted, keep: Callable[[], None]) -> int:
     """Connect, drive, and say how it ended; the exit code."""
     from hexctl.backends.clock import realtime_priority
     from hexctl.teleop.session import DriveSession
 
-    session = DriveSession(drive)
+    robot_stop = _robot_stop(drive)
+    session = DriveSession(drive, robot_stop)
     interrupt = stack.enter_context(StopOnInterrupt())
     _end_on_hangup(session)
     stack.enter_context(drive)
     for note in drive.notes:
         print_note(f"hexctl: {note}")
+    if robot_stop is not None:
+        stack.enter_context(robot_stop)
     try:
         with ExitStack() as open_devices:
             devices = _devices(open_devices, session, wanted)

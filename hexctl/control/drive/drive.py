@@ -161,6 +161,19 @@ class Drive:
             state = self.step()
         return state
 
+    def reconnect(self) -> None:
+        """Connect to the robot again after its stop was cleared; it begins to stand up with the next step.
+
+        Raises what connecting raises: RobotFaultError for a robot that is still stopped, or that another
+        client commands.
+        """
+        self._connected  # noqa: B018  raises
+        self._guard.close()
+        self.arbiter.clear()  # first: a stop that comes meanwhile stays
+        self._guard.connect()
+        self._guard.clear()
+        self._begin()
+
     def step(self, poll: Callable[[], None] | None = None) -> RobotState:
         """Wait for the next control period, follow the command in it, and return the state it began with.
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 
-from hexctl.errors import HexctlError, InputError, MessageError
+from hexctl.errors import HexctlError, InputError, MessageError, printable
 from hexctl.wire.links import Endpoint, Link, Role
 from hexctl.wire.stop_datagram import DATAGRAM_BYTES, NONCE_BYTES, Kind, StopDatagram
 from hexctl.wire.stop_secret import find_stop_secret
@@ -228,10 +228,10 @@ class DatagramWay:
 def _sighting(answer: StopDatagram) -> Sighting:
     return Sighting(
         at_s=time.monotonic(),
-        stopped=answer.reason if answer.stopped else None,
+        stopped=printable(answer.reason) if answer.stopped else None,
         stop_id=answer.stop_id.hex() if answer.stopped else None,
         at_rest=answer.at_rest,
         kept=answer.kept,
-        robot=answer.robot,
+        robot=printable(answer.robot),
         echoed=answer.echoed,
     )

@@ -3,10 +3,13 @@
 import json
 import re
 import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
-from websockets.sync.client import connect
+from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin, Subprotocol
 
 from hexctl.backends.zenoh.client import ZenohServos
@@ -19,6 +22,7 @@ from hexctl.waiting import wait_for
 from hexctl.wire.links import Link
 from tests.cli.terminals import WAIT_S, on_terminal
 from tests.record.conftest import ReadBack
+from tests.serve.processes import hexctl, served
 
 
 def test_keys_drive_until_q_and_the_drive_is_recorded(tmp_path: Path) -> None:
@@ -83,10 +87,7 @@ def test_the_page_drives_and_stops(tmp_path: Path) -> None:
         url = terminal.wait(r"drive on http://127\.0\.0\.1:\d+/\s")
         port = re.search(r"127\.0\.0\.1:(\d+)", url)
         assert port is not None
-        own = f"127.0.0.1:{port[1]}"
-        with connect(
-            f"ws://{own}/drive", origin=Origin(f"http://{own}"), subprotocols=[Subprotocol("hexctl.drive.1")]
-        ) as page:
+        with paged(port[1]) as page:
 
             def told(**wanted: object) -> bool:
                 status = json.loads(page.recv(timeout=WAIT_S))
@@ -98,6 +99,57 @@ def test_the_page_drives_and_stops(tmp_path: Path) -> None:
             wait_for(lambda: told(stopped="stop button", velocity=[0, 0, 0]), WAIT_S, "it does not stop")
             page.send(json.dumps({"do": "quit"}))
         assert terminal.code() == 0
+
+
+def test_a_stop_of_the_page_is_latched_at_a_served_robot_until_a_person_clears_it(tmp_path: Path) -> None:
+    with served(tmp_path, backend="sim") as robot:
+        link = ("--backend", "zenoh", "--connect", robot.endpoint)
+        with on_terminal(tmp_path, "--page", "127.0.0.1:0", "--no-keyboard", *link) as terminal:
+            port = re.search(r"127\.0\.0\.1:(\d+)/\s", terminal.wait(r"drive on http://127\.0\.0\.1:\d+/\s"))
+            assert port is not None
+            with paged(port[1]) as page:
+
+                def status(**wanted: object) -> dict[str, Any]:
+                    said: dict[str, Any] = {}
+                    while any(said.get(name, "") != value for name, value in wanted.items()):
+                        said = json.loads(page.recv(timeout=WAIT_S))
+                    return said
+
+                status(mode="driving")
+                page.send(json.dumps({"do": "stop"}))
+                clear = status(stopped="estop")["clear"]
+                assert clear == f"hexctl estop --clear --connect {robot.endpoint}"
+                stop = robot.status()["stop"]
+                assert len(stop["claims"]) == 1
+
+                def stand_refused() -> bool:
+                    page.send(json.dumps({"do": "stand"}))
+                    return "estop --clear" in json.loads(page.recv(timeout=WAIT_S)).get("said", "")
+
+                wait_for(stand_refused, WAIT_S, "the robot stands again")
+                walk = hexctl("run", "--no-record", "--duration", "0.1", *link)
+                assert walk.returncode != 0
+                assert "estop --clear" in walk.stderr
+                assert robot.status()["stop"]["id"] == stop["id"]
+
+                assert hexctl("estop", "--clear", "--connect", robot.endpoint).returncode == 0
+                page.send(json.dumps({"do": "stand"}))
+                assert status(stopped=None)["clear"] is None
+                status(mode="driving")
+                page.send(json.dumps({"do": "stop"}))
+                status(stopped="estop")
+                page.send(json.dumps({"do": "quit"}))
+            assert terminal.code() == 4
+        assert robot.status()["stopped"] == "estop"
+
+
+@contextmanager
+def paged(port: str) -> Iterator[ClientConnection]:
+    own = f"127.0.0.1:{port}"
+    with connect(
+        f"ws://{own}/drive", origin=Origin(f"http://{own}"), subprotocols=[Subprotocol("hexctl.drive.1")]
+    ) as page:
+        yield page
 
 
 @pytest.mark.parametrize(

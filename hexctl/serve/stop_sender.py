@@ -1,0 +1,88 @@
+"""Stops of a driver, sent to the robot by a thread, so that no control period waits for the network."""
+
+import threading
+from contextlib import ExitStack, suppress
+from types import TracebackType
+from typing import Self
+
+import zenoh
+
+from hexctl.errors import HexctlError
+from hexctl.serve.remote import ANY_ROBOT, RemoteRobots
+from hexctl.serve.stops.clear_keys import NewClaim
+from hexctl.wire.links import KeyMap, Link, Role
+from hexctl.wire.session import open_session
+
+#: How long the end waits for a stop that is being sent.
+END_S = 2.0
+
+
+class StopSender:
+    """Stops the robot at a link when pressed, as `hexctl estop` does: only a clear ends the stop.
+
+    All stops that no clear came between have one claim, which this user can clear quickly.
+
+    Args:
+        link: to the robot.
+
+    Attributes:
+        clear_command: command that clears the stop.
+        trouble: why the last stop did not reach the robot, or None.
+    """
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self.clear_command = link.clear_command
+        self.trouble: str | None = None
+        self._claim: str | None = None
+        self._stop_ids: set[object] = set()
+        self._pressed, self._ended = threading.Event(), False
+        self._thread = threading.Thread(target=self._run, name="stop sender", daemon=True)
+
+    def __enter__(self) -> Self:
+        """Begin to connect; returns immediately."""
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._ended = True
+        self._pressed.set()
+        self._thread.join(END_S)
+
+    def press(self) -> None:
+        """Stop the robot now; from any thread, and without waiting."""
+        self._pressed.set()
+
+    def _run(self) -> None:
+        with ExitStack() as stack:
+            robots: RemoteRobots | None = None
+            with suppress(HexctlError):  # the next stop tries again
+                robots = self._connected(stack)
+            while True:
+                self._pressed.wait()
+                if self._ended:
+                    return
+                self._pressed.clear()
+                try:
+                    robots = robots or self._connected(stack)
+                    self._stop(robots)
+                    self.trouble = None
+                except (HexctlError, zenoh.ZError) as error:
+                    self.trouble = f"the stop is not confirmed by the robot: {error}"
+
+    def _connected(self, stack: ExitStack) -> RemoteRobots:
+        keys = KeyMap.of(ANY_ROBOT).renamed(dict(self._link.names))
+        return RemoteRobots(stack.enter_context(open_session(self._link, Role.CONTROLLER, keys)), self._link)
+
+    def _stop(self, robots: RemoteRobots) -> None:
+        """Stop the robot, under a new claim if the last stop was cleared or repeated meanwhile."""
+        if self._claim is not None:
+            again = robots.stop(self._claim)
+            if {answer.get("stop_id") for answer in again} <= self._stop_ids:
+                return
+        claimed = NewClaim()
+        claimed.keep()
+        answers = robots.stop(claimed.claim)
+        self._claim, self._stop_ids = claimed.claim, {answer.get("stop_id") for answer in answers}
