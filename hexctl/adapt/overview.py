@@ -113,22 +113,20 @@ def _facts(session: Session) -> list[str]:
         f"score: {spec.score_label}" + ("" if spec.target_m is None else f", target {spec.target_text}"),
     ]
     if best is not None:
-        lines.append(
-            f"**best: trial {best.index}, code {best.code}, score {spec.uncertain_text(best.score)}**"
-        )
+        lines.append(f"**best: trial {best.index}, code {best.code}, score {spec.score_text(best.score)}**")
     if session.baseline:
         walks = [
-            f"{walk.gait} {spec.uncertain_text(walk.score) if walk.valid else walk.outcome['status']}"
+            f"{walk.gait} {spec.score_text(walk.score) if walk.valid else walk.outcome['status']}"
             for walk in session.baseline
         ]
         lines.append(f"without a search: {', '.join(walks)}")
     for milestone_m in MILESTONES_M if spec.objective_unit == "m" else ():
         reached = session.trials_to(milestone_m)
-        plus_minus = f", ± {spec.uncertainty_text}" if spec.uncertainty_text else ""
         lines.append(
-            f"within {100 * milestone_m:g} cm "
-            + (f"after {trials_text(reached)}{plus_minus}" if reached else "not yet")
+            f"within {100 * milestone_m:g} cm " + (f"after {trials_text(reached)}" if reached else "not yet")
         )
+    if spec.uncertainty_text:
+        lines.append(f"the simulation knows the end of a walk to ± {spec.uncertainty_text}")
     return lines
 
 

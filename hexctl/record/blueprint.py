@@ -49,8 +49,8 @@ def make_blueprint(
     ]
     side = rrb.Vertical(
         rrb.Tabs(_summary_view(), _events_view(), active_tab=1 if live else 0),
-        _plot(paths.DEVIATION, "deviation from the line (m), left is up", plot_legend=hidden),
-        _plot(paths.MARGIN, "stability margin (m), below 0 the feet do not carry it", plot_legend=hidden),
+        _plot(paths.DEVIATION, "deviation from the line (m), left +", plot_legend=hidden),
+        _plot(paths.MARGIN, "stability margin (m), unstable below 0", plot_legend=hidden),
         rrb.Tabs(
             *evidence,
             *(_plot(paths.leg_path(leg), f"leg {leg} (rad)") for leg in paths.LEGS),
@@ -135,7 +135,7 @@ def _lanes_view() -> Any:
     return rrb.StateTimelineView(
         origin="/",
         contents=[f"+ {paths.PHASE}", f"+ {paths.GUARD}", "+ gait/**", "+ failures/**"],
-        name="gait diagram: light is stance, orange hangs, red drags",
+        name="gait: light stance, dark swing, orange no contact, red drags",
         defaults=[lanes],
         time_view=_linked(),
     )
