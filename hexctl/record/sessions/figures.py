@@ -198,13 +198,13 @@ def _send_baseline(stream: Any, overview: Overview) -> None:
 
 def _spread_ends_m(walks: Sequence[OverviewTrial], overview: Overview) -> list[FloatArray]:
     """A place beside the end of each path, a gap apart, below the legend and inside the picture."""
-    gap_m, (right_m, top_m) = 1.4 * MARGIN * overview.course_m, visible_m(overview)[1]
+    gap_m, (right_m, top_m) = 0.7 * MARGIN * overview.course_m, visible_m(overview)[1]
     ceiling_m = top_m - 2.5 * MARGIN * overview.course_m
     places: dict[int, FloatArray] = {}
     for number in sorted(range(len(walks)), key=lambda one: -float(walks[one].end_m[1])):
         along_m, across_m = walks[number].end_m
         place_m = min(float(across_m) + gap_m / 2, ceiling_m)
-        places[number] = np.array([min(along_m + gap_m, right_m - gap_m), place_m])
+        places[number] = np.array([min(along_m + 2 * gap_m, right_m - 2 * gap_m), place_m])
         ceiling_m = place_m - gap_m
     return [places[number] for number in range(len(walks))]
 
