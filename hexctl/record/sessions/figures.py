@@ -21,6 +21,7 @@ from hexctl.palette import (
     baseline_color,
     deviation_color,
 )
+from hexctl.record.blueprint import side_panels
 from hexctl.record.rrd import (
     check_whole,
     create_file,
@@ -334,8 +335,8 @@ def _send_baseline_scores(stream: Any, overview: Overview) -> None:
 LEGEND_SHARE = 0.15
 
 
-def make_layout(overview: Overview) -> Any:
-    """Blueprint of an overview."""
+def make_layout(overview: Overview, *, several: bool = False) -> Any:
+    """Blueprint of an overview, with the list of recordings if it is one of several."""
     import rerun.blueprint as rrb
 
     views = [_above_view(overview), belief_view(overview), _curve_view(overview)]
@@ -346,8 +347,7 @@ def make_layout(overview: Overview) -> Any:
     right = rrb.Vertical(table, steps_view(), row_shares=heights) if overview.steps else table
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[5, 3]),
-        rrb.BlueprintPanel(state="hidden"),
-        rrb.SelectionPanel(state="hidden"),
+        *side_panels(several=several),
         # Following: the time cursor begins at the last trial, so that all are shown.
         rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following", fps=4.0),
         auto_views=False,
@@ -399,8 +399,8 @@ def _curve_view(overview: Overview) -> Any:
 APPLICATION_ID = "hexctl session"
 
 
-def write_overview_file(path: Path, overview: Overview) -> None:
-    """Write an overview atomically, in place of an earlier one.
+def write_overview_file(path: Path, overview: Overview, *, several: bool = False) -> None:
+    """Write an overview atomically, in place of an earlier one; as one of several it lists the recordings.
 
     Raises InputError for an overview without trials or a place that cannot be written, RecordingError when
     the disk did not take everything, and MissingExtraError without Rerun.
@@ -412,16 +412,16 @@ def write_overview_file(path: Path, overview: Overview) -> None:
         create_folders(path)
         with replacing(path) as draft:
             create_file(draft)
-            _write(draft, path, overview)
+            _write(draft, path, overview, make_layout(overview, several=several))
     except HexctlError:
         raise
     except OSError as error:
         raise RecordingError(f"{path}: the overview cannot be written: {error.strerror}") from error
 
 
-def _write(draft: Path, path: Path, overview: Overview) -> None:
+def _write(draft: Path, path: Path, overview: Overview, layout: Any) -> None:
     stream = load_rerun().RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
-    save_stream(stream, draft, make_layout(overview))
+    save_stream(stream, draft, layout)
     try:
         _send(stream, overview)
         flush(stream, path)
