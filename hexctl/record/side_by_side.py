@@ -251,6 +251,5 @@ def _scene_view(lanes: Sequence[_Lane]) -> Any:
 def _ends_m(lane: _Lane) -> Any:
     """Where a walk begins and ends in the common scene, (2, 3); its start if its place is unknown."""
     known = np.flatnonzero(lane.trial.posed)
-    rows = known[[0, -1]] if known.size else []
-    ends = lane.trial.base_position_world[rows] if known.size else np.zeros((1, 3))
+    ends = lane.trial.base_position_world[known[[0, -1]]] if known.size else np.zeros((1, 3))
     return ends * [1.0, 1.0, 0.0] + [0.0, lane.left_m, 0.0]

@@ -291,15 +291,19 @@ def _send_invalid(stream: Any, overview: Overview) -> None:
 def _send_best_so_far(stream: Any, overview: Overview) -> None:
     rr = load_rerun()
     pairs = zip(overview.trials, overview.best_so_far(), strict=True)
-    known = [(trial.index, best.score_m) for trial, best in pairs if best is not None]
+    factor, _ = overview.curve_unit
+    known = [
+        (trial.index, factor * best.score_m)
+        for trial, best in pairs
+        if best is not None and best.score_m is not None
+    ]
     if not known:
         return
     look = rr.SeriesLines(
         names=["best so far"], colors=[BEST_COLOR], widths=[2.5], interpolation_mode="StepAfter"
     )
     stream.log(BEST_SO_FAR, look, static=True)
-    factor, _ = overview.curve_unit
-    scalars = rr.Scalars.columns(scalars=[factor * score_m for _, score_m in known])
+    scalars = rr.Scalars.columns(scalars=[score for _, score in known])
     stream.send_columns(BEST_SO_FAR, [at([index for index, _ in known])], scalars)
 
 
