@@ -221,7 +221,7 @@ def _send_best(stream: Any, overview: Overview) -> None:
             strips=[picture(best.path_m)], colors=[BEST_COLOR], radii=[BOLD], draw_order=[BEST_ORDER]
         )
         stream.send_columns(BEST, when, line)
-        label = f"best: trial {best.index}, code {best.code}, {deviation_text(best.deviation_m)}"
+        label = f"best so far: trial {best.index}, code {best.code}, {deviation_text(best.deviation_m)}"
         mark = rr.Points2D.columns(
             positions=[picture(best.end_m)],
             colors=[BEST_COLOR],

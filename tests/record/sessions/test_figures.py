@@ -61,8 +61,8 @@ def test_the_best_so_far_changes_where_it_is_beaten(written: Path) -> None:
     assert list(rows(written, "/above/best", "LineStrips2D:strips")) == [1, 3]
     labels = rows(written, "/above/best/name", "Points2D:labels")
     assert labels == {
-        1: ["best: trial 1, code 10, 80.0 cm right"],
-        3: ["best: trial 3, code 30, 30.0 cm left"],
+        1: ["best so far: trial 1, code 10, 80.0 cm right"],
+        3: ["best so far: trial 3, code 30, 30.0 cm left"],
     }
 
 
