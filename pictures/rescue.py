@@ -1,29 +1,17 @@
-"""A leg fails in mid-walk: the robot that recovers beside the same robot without recovery, as a GIF."""
+"""A leg fails in mid-walk: the robot that recovers races the same robot without recovery, as a GIF."""
 
 from pathlib import Path
 
-from hexctl.demo.rescue import RECOVER, WALK_ON, caption_of, walk_and_fail
+from hexctl.demo.rescue import PICTURE, RECOVER, WALK_ON, walk_and_fail
 from hexctl.export.export import export
 
-#: What is shown: from a moment before the failure on, which the recording has some 2 s later than the walk.
-FROM_S, SHOWN_S = 6.3, 9.6
-
-WIDTH_PX, FPS = 720, 12.5
+#: The picture of the demo, with more pictures a second.
+RACE = PICTURE | {"fps": 16.0}
 
 
 def draw_rescue(folder: Path) -> Path:
-    """Walk twice, and draw both walks side by side, each above the share of its speed that it keeps."""
-    recordings, captions = [], []
-    for policy in (WALK_ON, RECOVER):
-        recordings.append(folder / f"{policy}.rrd")
-        walk = walk_and_fail(policy, recordings[-1])
-        captions.append(caption_of(walk, recovered=policy == RECOVER))
-    return export(
-        *recordings,
-        output=folder / "rescue.gif",
-        captions=tuple(captions),
-        from_s=FROM_S,
-        duration_s=SHOWN_S,
-        width_px=WIDTH_PX,
-        fps=FPS,
-    )
+    """Walk twice in the world of the demo, and draw both walks as a race."""
+    recordings = [folder / f"{policy}.rrd" for policy in (WALK_ON, RECOVER)]
+    for policy, recording in zip((WALK_ON, RECOVER), recordings, strict=True):
+        walk_and_fail(policy, recording)
+    return export(*recordings, output=folder / "rescue.gif", **RACE)

@@ -25,6 +25,7 @@ from hexctl.errors import HexctlError, InputError
 from hexctl.record.rerun_program import OnDamage, log_damage, look_at
 from hexctl.record.sessions.figures import write_overview_file
 from hexctl.record.sessions.overview import Overview, OverviewTrial, SearchStep, drawable
+from hexctl.record.side_by_side import write_together
 from hexctl.record.viewer import (
     FileServer,
     check_viewable,
@@ -38,6 +39,9 @@ from hexctl.scratch import scratch_folder
 
 FILE_NAME = "overview.rrd"
 
+#: Walks in larger files than this, together, open one by one: to write them again would take too long.
+MOST_TOGETHER_BYTES = 60_000_000
+
 #: Paths of the recordings of a session by trial index, or by gait for its baseline.
 RecordingPaths = dict[int | str, Path]
 
@@ -49,6 +53,7 @@ def write_overview(
     into: Path | None = None,
     base: str = "",
     recordings: RecordingPaths | None = None,
+    several: bool = False,
 ) -> Path:
     """Write `overview.rrd`, in place of an earlier one, and return its path.
 
@@ -58,6 +63,7 @@ def write_overview(
         into: the folder to write to; None is the session's.
         base: URL under which the recordings are found, with a slash at its end; without one they are files.
         recordings: those that it leads to; None for all of `recordings_of`.
+        several: whether it is opened with others; the list of recordings is then open.
 
     Raises InputError for a session without trials or a folder that cannot be written, RecordingError when the
     disk did not take everything, and MissingExtraError without Rerun.
@@ -69,7 +75,7 @@ def write_overview(
         index: base + quote(recording.name) if base else recording.resolve().as_uri()
         for index, recording in recordings.items()
     }
-    write_overview_file(path, make_overview(session, addresses, search_steps(session)))
+    write_overview_file(path, make_overview(session, addresses, search_steps(session)), several=several)
     return path
 
 
@@ -114,22 +120,20 @@ def _facts(session: Session) -> list[str]:
         f"score: {spec.score_label}" + ("" if spec.target_m is None else f", target {spec.target_text}"),
     ]
     if best is not None:
-        lines.append(
-            f"**best: trial {best.index}, code {best.code}, score {spec.uncertain_text(best.score)}**"
-        )
+        lines.append(f"**best: trial {best.index}, code {best.code}, score {spec.score_text(best.score)}**")
     if session.baseline:
         walks = [
-            f"{walk.gait} {spec.uncertain_text(walk.score) if walk.valid else walk.outcome['status']}"
+            f"{walk.gait} {spec.score_text(walk.score) if walk.valid else walk.outcome['status']}"
             for walk in session.baseline
         ]
         lines.append(f"without a search: {', '.join(walks)}")
     for milestone_m in MILESTONES_M if spec.objective_unit == "m" else ():
         reached = session.trials_to(milestone_m)
-        plus_minus = f", ± {spec.uncertainty_text}" if spec.uncertainty_text else ""
         lines.append(
-            f"within {100 * milestone_m:g} cm "
-            + (f"after {trials_text(reached)}{plus_minus}" if reached else "not yet")
+            f"within {100 * milestone_m:g} cm " + (f"after {trials_text(reached)}" if reached else "not yet")
         )
+    if spec.uncertainty_text:
+        lines.append(f"the simulation knows the end of a walk to ± {spec.uncertainty_text}")
     return lines
 
 
@@ -164,7 +168,8 @@ StoredSession = tuple[Session, Path]
 def view_runs(names: Sequence[str], runs: Path, *, on_damage: OnDamage = log_damage) -> int:
     """Open recordings and sessions in one viewer, wait until it is closed, and return its exit code.
 
-    A session opens as its overview, from which its trials are opened.
+    A session opens as its overview, from which its trials are opened; several recordings of walks open as one
+    scene, from which each is opened.
 
     Args:
         names: paths of recordings, and names or folders of sessions; empty is the newest of either.
@@ -176,11 +181,15 @@ def view_runs(names: Sequence[str], runs: Path, *, on_damage: OnDamage = log_dam
     RecordingError for a viewer that cannot start, and MissingExtraError without Rerun.
     """
     with scratch_folder() as spare:
+        chosen = _find_runs(names, runs)
+        scene, alone = _together(chosen, spare / "walks")
         paths = [
-            one if isinstance(one, Path) else _current_overview(*one, spare / str(number), on_damage)
-            for number, one in enumerate(_find_runs(names, runs))
+            one
+            if isinstance(one, Path)
+            else _current_overview(*one, spare / str(number), on_damage, several=len(chosen) > 1)
+            for number, one in enumerate(alone)
         ]
-        return open_viewer(paths)
+        return open_viewer([*scene[:1], *paths])
 
 
 def serve_runs(
@@ -205,7 +214,13 @@ def serve_runs(
     chosen = _find_runs(names, runs)
     port = free_port()
     with FileServer(web_origin(port)) as files, scratch_folder() as folder:
-        urls = [_serve(one, files, folder / str(number), on_damage) for number, one in enumerate(chosen)]
+        walks = folder / "walks"
+        scene, alone = _together(chosen, walks, files.base(walks.name))
+        urls = [files.add(walks.name, path) for path in scene][:1]
+        urls += [
+            _serve(one, files, folder / str(number), on_damage, several=len(chosen) > 1)
+            for number, one in enumerate(alone)
+        ]
         with serve_web(port, urls) as served:
             on_url(served.url)
             while not stop_requested():
@@ -213,7 +228,28 @@ def serve_runs(
                 time.sleep(0.1)
 
 
-def _serve(chosen: Path | StoredSession, files: FileServer, into: Path, on_damage: OnDamage) -> str:
+def _together(
+    chosen: Sequence[Path | StoredSession], folder: Path, base: str = ""
+) -> tuple[list[Path], Sequence[Path | StoredSession]]:
+    """What shows the walks of several recordings and sessions, written to a folder; and the rest.
+
+    Raises InputError for a missing or damaged file.
+    """
+    walks = [one for one in chosen if isinstance(one, Path) and one.name != FILE_NAME]
+    for walk in walks:
+        check_viewable(walk)
+    if len(chosen) < 2 or not walks or sum(walk.stat().st_size for walk in walks) > MOST_TOGETHER_BYTES:
+        return [], chosen
+    try:
+        scene = write_together(walks, folder, base)
+    except InputError:  # a recording without a walk, such as that of a diagnosis
+        return [], chosen
+    return scene, [one for one in chosen if one not in walks]
+
+
+def _serve(
+    chosen: Path | StoredSession, files: FileServer, into: Path, on_damage: OnDamage, *, several: bool
+) -> str:
     """URL of a recording, or of a session's overview, whose links lead to recordings on the same server."""
     if isinstance(chosen, Path):
         return files.add(into.name, chosen)
@@ -221,7 +257,8 @@ def _serve(chosen: Path | StoredSession, files: FileServer, into: Path, on_damag
     sound = _sound_ones(recordings_of(session, folder), on_damage)
     for recording in sound.values():
         files.add(session.name, recording)
-    overview = write_overview(session, folder, into=into, base=files.base(session.name), recordings=sound)
+    base = files.base(session.name)
+    overview = write_overview(session, folder, into=into, base=base, recordings=sound, several=several)
     return files.add(session.name, overview)
 
 
@@ -276,7 +313,9 @@ def _find_run(name: str, runs: Path) -> Path | StoredSession:
     return loaded, folder
 
 
-def _current_overview(session: Session, folder: Path, spare: Path, on_damage: OnDamage) -> Path:
+def _current_overview(
+    session: Session, folder: Path, spare: Path, on_damage: OnDamage, *, several: bool
+) -> Path:
     """Write the overview again: a session that was cut off, or still runs, left an old one or none.
 
     It goes to the spare folder where that of the session takes nothing.
@@ -284,9 +323,9 @@ def _current_overview(session: Session, folder: Path, spare: Path, on_damage: On
     found = recordings_of(session, folder)
     sound = _sound_ones(found, on_damage)
     try:
-        return write_overview(session, folder, recordings=sound)
+        return write_overview(session, folder, recordings=sound, several=several)
     except (HexctlError, OSError):
         # An old one may lead to what is damaged.
         if len(sound) == len(found) and (folder / FILE_NAME).is_file():
             return folder / FILE_NAME
-        return write_overview(session, folder, into=spare, recordings=sound)
+        return write_overview(session, folder, into=spare, recordings=sound, several=several)

@@ -44,7 +44,7 @@ def export(
 
     Args:
         sources: a robot (name, file or `Robot`), recordings (.rrd), or the name of a session. Several
-            recordings make one LeRobot dataset, or stand side by side in a GIF or MP4.
+            recordings make one LeRobot dataset, and two of them race in a GIF or MP4.
         to: one of `FORMATS`; None goes by the ending of `output`.
         output: the new file or folder; None gives it the name of the source.
         robot: of recordings that do not hold theirs.

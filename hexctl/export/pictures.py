@@ -1,17 +1,18 @@
-"""Pictures that move, drawn by MuJoCo itself without a screen: GIF and MP4 of one walk, or of two abreast."""
+"""Pictures that move, drawn by MuJoCo itself without a screen: GIF and MP4 of one walk, or a race of two."""
 
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hexctl.errors import InputError, MissingExtraError, argument
+from hexctl.export import race
+from hexctl.export.captions import Picture, even_pixels, make_caption
 from hexctl.export.recordings import OnProgress, Trials, title_of
 from hexctl.export.render import CAMERAS, RunRenderer
-from hexctl.palette import BACKGROUND, TEXT_COLOR
 from hexctl.record.recorded_trial import RecordedTrial
 
 
@@ -20,15 +21,16 @@ class PictureOptions:
     """How GIF and MP4 look.
 
     Attributes:
-        camera: `side`, `top` or `follow`.
-        width_px: width of the picture; two runs share it.
+        camera: `side`, `top` or `follow`, which moves with the robot; a race has fixed ones, without
+            `follow`. None is `follow` for one run and `side` for a race.
+        width_px: width of the picture.
         fps: pictures per second; None for 20 in a GIF and 50 in an MP4.
         from_s: first second of the recording that is shown.
         duration_s: how much of it is shown; None for all of it.
-        captions: a line below each run; None for its robot and failure.
+        captions: a line below a run, or the name of each in a race; None for robot and failure in a race.
     """
 
-    camera: str = "follow"
+    camera: str | None = None
     width_px: int = 480
     fps: float | None = None
     from_s: float = 0.0
@@ -36,7 +38,7 @@ class PictureOptions:
     captions: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        if self.camera not in CAMERAS:
+        if self.camera is not None and self.camera not in CAMERAS:
             raise InputError(f"{argument('camera')}: got {self.camera}; allowed: {', '.join(CAMERAS)}")
         ranges = {
             "width_px": WIDTHS_PX,
@@ -55,85 +57,126 @@ WIDTHS_PX, RATES_HZ = (64, 1920), (1, 50)
 #: Pictures per second where none are asked for: a GIF is several times as large as an MP4.
 GIF_FPS, MP4_FPS = 20.0, 50.0
 
-#: Height of a pane by its width: one run, and two abreast.
-ONE_PANE, TWO_PANES = 0.75, 1.0
-#: Height of a caption, and that of its letters.
-CAPTION_PX, LETTER_PX = 26, 14
-
+#: Height of a picture of one run, by its width.
+HEIGHT_SHARE = 0.75
 #: Colours of a GIF, and the pictures from which they are taken.
 GIF_COLORS, PALETTE_FRAMES = 48, 6
 
-Picture = NDArray[np.uint8]
-
 
 def write_pictures(trials: Trials, path: Path, options: PictureOptions, on_progress: OnProgress) -> None:
-    """Draw one walk, or two abreast, into a new GIF or MP4, by the ending of its name.
+    """Draw one walk, or two as a race, into a new GIF or MP4, by the ending of its name.
 
-    Walks that stand abreast begin to walk at the same moment; the shorter one stands still at its end.
+    The walks of a race begin at the same moment; the shorter one stands still at its end.
 
-    Raises InputError for more runs or other captions than that, MissingExtraError without MuJoCo, Pillow or
-    PyAV, and HexctlError where the machine has nothing that draws without a screen.
+    Raises InputError for more runs, and for other captions or cameras than that, MissingExtraError without
+    MuJoCo, Pillow or PyAV, and HexctlError where the machine has nothing that draws without a screen.
     """
     if len(trials) > 2:
-        raise InputError(f"export: got {len(trials)} recordings; allowed: one, or two abreast")
+        raise InputError(f"export: got {len(trials)} recordings; allowed: one, or two for a race")
     runs = list(trials)
-    captions = _captions(runs, options.captions)
     gif = path.suffix == ".gif"
     fps = options.fps or (GIF_FPS if gif else MP4_FPS)
     if gif:
         fps = 100 / round(100 / fps)  # a GIF counts in hundredths of a second
     times_s = _times_s(runs, options, fps)
-    with _Panes(runs, captions, options) as panes:
-        (_write_gif if gif else _write_mp4)(path, _Film(panes, times_s, fps, on_progress))
+    _check_captions(options.captions, runs)
+    stage = _OneRun(runs[0], options) if len(runs) == 1 else _Race(runs, options, times_s)
+    try:
+        (_write_gif if gif else _write_mp4)(path, _Film(stage, times_s, fps, on_progress))
+    finally:
+        stage.close()
 
 
-class _Panes:
-    """Draws all runs at a time of the film into one picture."""
-
-    def __init__(
-        self, runs: Sequence[RecordedTrial], captions: Sequence[str] | None, options: PictureOptions
-    ) -> None:
-        width_px = _even(options.width_px / len(runs))
-        height_px = _even(width_px * (ONE_PANE if len(runs) == 1 else TWO_PANES))
-        self._runs, self._starts_s = runs, _starts_s(runs)
-        self._renderers: list[RunRenderer] = []
-        self._bars = None if captions is None else [_caption(text, width_px) for text in captions]
-        self._size_px, self._camera = (width_px, height_px), options.camera
-
-    def __enter__(self) -> "_Panes":
-        for run in self._runs:
-            self._renderers.append(RunRenderer(run, self._camera, *self._size_px))
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for renderer in self._renderers:
-            renderer.close()
+class _Stage(Protocol):
+    """Draws pictures of a film."""
 
     def picture(self, time_s: float) -> Picture:
         """The picture at a time, (height, width, 3)."""
-        panes = []
-        for index, renderer in enumerate(self._renderers):
-            pane = renderer.draw(int(self._rows(index, [time_s])[0]))
-            panes.append(pane if self._bars is None else np.vstack([pane, self._bars[index]]))
-        return np.hstack(panes)
 
-    def first_of_each_look(self, times_s: Sequence[float]) -> NDArray[np.intp]:
-        """Indices of the first times at which legs are drawn in the colours of other conditions."""
-        conditions = [run.leg_conditions[self._rows(index, times_s)] for index, run in enumerate(self._runs)]
-        return np.asarray(np.unique(np.hstack(conditions), axis=0, return_index=True)[1])
+    def moments_s(self) -> Sequence[float]:
+        """Times from which there are other colours in the picture."""
 
-    def _rows(self, index: int, times_s: Sequence[float]) -> NDArray[np.intp]:
-        """Ticks of a run that are shown at times."""
-        run = self._runs[index]
-        shown_s = np.asarray(times_s) + self._starts_s[index] + 1e-6
-        return np.asarray(np.clip(np.searchsorted(run.time_s, shown_s, side="right") - 1, 0, len(run) - 1))
+    def close(self) -> None:
+        """Free what it draws with."""
+
+
+class _OneRun:
+    """One run, with a line of text below it if there is one."""
+
+    def __init__(self, run: RecordedTrial, options: PictureOptions) -> None:
+        width_px = even_pixels(options.width_px)
+        camera = options.camera or "follow"
+        self._run = run
+        self._renderer = RunRenderer(run, camera, width_px, even_pixels(width_px * HEIGHT_SHARE))
+        self._bar = None if options.captions is None else make_caption(options.captions[0], width_px)
+
+    def picture(self, time_s: float) -> Picture:
+        """The picture at a time, (height, width, 3)."""
+        scene = self._renderer.draw(_row(self._run, time_s))
+        return scene if self._bar is None else np.vstack([scene, self._bar])
+
+    def moments_s(self) -> Sequence[float]:
+        """Times at which legs change their colours."""
+        return _color_changes_s(self._run)
+
+    def close(self) -> None:
+        """Free what it draws with."""
+        self._renderer.close()
+
+
+class _Race:
+    """Two runs in one scene."""
+
+    def __init__(
+        self, runs: Sequence[RecordedTrial], options: PictureOptions, times_s: Sequence[float]
+    ) -> None:
+        camera, starts_s = options.camera or "side", _starts_s(runs)
+        if camera not in race.CAMERAS:
+            raise InputError(
+                f"{argument('camera')}: got {camera} for two recordings; allowed: {', '.join(race.CAMERAS)}"
+            )
+        self._runs, self._starts_s = runs, starts_s
+        self._renderer = race.RaceRenderer(
+            runs,
+            starts_s,
+            options.captions or [title_of(run) for run in runs],
+            times_s,
+            camera=camera,
+            width_px=even_pixels(options.width_px),
+        )
+
+    def picture(self, time_s: float) -> Picture:
+        """The picture at a time, (height, width, 3)."""
+        return self._renderer.draw(time_s)
+
+    def moments_s(self) -> Sequence[float]:
+        """Times at which legs change their colours, or something is announced."""
+        pairs = zip(self._runs, self._starts_s, strict=True)
+        changes_s = [at_s - start_s for run, start_s in pairs for at_s in _color_changes_s(run)]
+        return [*changes_s, *self._renderer.moments_s]
+
+    def close(self) -> None:
+        """Free what it draws with."""
+        self._renderer.close()
+
+
+def _row(run: RecordedTrial, time_s: float) -> int:
+    """Tick of a run that is shown at a second of its recording."""
+    found = int(np.searchsorted(run.time_s, time_s + 1e-6, side="right")) - 1
+    return min(max(found, 0), len(run) - 1)
+
+
+def _color_changes_s(run: RecordedTrial) -> list[float]:
+    """Seconds of the recording at which a leg is in another condition than before."""
+    changes = np.flatnonzero((np.diff(run.leg_conditions, axis=0) != 0).any(axis=1)) + 1
+    return [float(at_s) for at_s in run.time_s[changes]]
 
 
 @dataclass(frozen=True, slots=True)
 class _Film:
     """A film that is to be written: what draws it, the times of its pictures, and their number per second."""
 
-    panes: _Panes
+    stage: _Stage
     times_s: Sequence[float]
     fps: float
     on_progress: OnProgress
@@ -141,14 +184,15 @@ class _Film:
     def pictures(self) -> Iterator[Picture]:
         """All pictures in order; each counts as done when the next one is asked for."""
         for done, time_s in enumerate(self.times_s, start=1):
-            yield self.panes.picture(time_s)
+            yield self.stage.picture(time_s)
             self.on_progress(done, len(self.times_s))
 
     def sample(self) -> Picture:
         """A few pictures, one below another, with all colours of the film."""
         evenly = np.linspace(0, len(self.times_s) - 1, PALETTE_FRAMES).astype(int)
-        missed = np.setdiff1d(self.panes.first_of_each_look(self.times_s), evenly)
-        return np.vstack([self.panes.picture(self.times_s[index]) for index in (*evenly, *missed)])
+        after = np.searchsorted(self.times_s, np.asarray(self.stage.moments_s(), dtype=float))
+        shown = np.union1d(evenly, after[after < len(self.times_s)])
+        return np.vstack([self.stage.picture(self.times_s[index]) for index in shown])
 
 
 def _starts_s(runs: Sequence[RecordedTrial]) -> list[float]:
@@ -170,28 +214,12 @@ def _times_s(runs: Sequence[RecordedTrial], options: PictureOptions, fps: float)
     return [options.from_s + index / fps for index in range(max(1, round(length_s * fps)))]
 
 
-def _captions(runs: Sequence[RecordedTrial], given: tuple[str, ...] | None) -> Sequence[str] | None:
-    """A line for each run; none for a single run unless it is given."""
-    if given is not None:
-        if len(given) != len(runs):
-            raise InputError(
-                f"{argument('captions')}: got {len(given)} for {len(runs)} recordings; allowed: one for each"
-            )
-        return given
-    return None if len(runs) == 1 else [title_of(run) for run in runs]
-
-
-def _caption(text: str, width_px: int) -> Picture:
-    """A line of text as a bar below a picture, smaller where it does not fit."""
-    from PIL import Image, ImageDraw, ImageFont
-
-    bar = Image.new("RGB", (width_px, CAPTION_PX), BACKGROUND)
-    draw, size_px = ImageDraw.Draw(bar), LETTER_PX
-    while size_px > 7 and draw.textlength(text, font=ImageFont.load_default(size_px)) > width_px - 8:
-        size_px -= 1
-    font = ImageFont.load_default(size_px)
-    draw.text((width_px / 2, CAPTION_PX / 2), text, fill=TEXT_COLOR, font=font, anchor="mm")
-    return np.asarray(bar)
+def _check_captions(captions: tuple[str, ...] | None, runs: Sequence[RecordedTrial]) -> None:
+    """Raise InputError for captions that are not one for each run."""
+    if captions is not None and len(captions) != len(runs):
+        raise InputError(
+            f"{argument('captions')}: got {len(captions)} for {len(runs)} recordings; allowed: one for each"
+        )
 
 
 def _write_gif(path: Path, film: _Film) -> None:
@@ -217,7 +245,7 @@ def _write_mp4(path: Path, film: _Film) -> None:
         raise MissingExtraError("an MP4", "pictures") from error
     from fractions import Fraction
 
-    height_px, width_px = film.panes.picture(film.times_s[0]).shape[:2]
+    height_px, width_px = film.stage.picture(film.times_s[0]).shape[:2]
     with av.open(str(path), "w", options={"movflags": "faststart"}) as file:
         stream = file.add_stream("libx264", rate=Fraction(film.fps).limit_denominator(1000))
         stream.width, stream.height, stream.pix_fmt = width_px, height_px, "yuv420p"
@@ -226,8 +254,3 @@ def _write_mp4(path: Path, film: _Film) -> None:
             frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
             file.mux(stream.encode(frame))
         file.mux(stream.encode())
-
-
-def _even(pixels: float) -> int:
-    """An even number of pixels, as videos need."""
-    return 2 * max(1, round(pixels / 2))

@@ -1,6 +1,7 @@
 """Pictures of a recorded trial by MuJoCo, without a screen: EGL, and where that does not work OSMesa."""
 
 import os
+from collections.abc import Sequence
 from importlib import import_module
 from itertools import pairwise
 from typing import Any
@@ -68,6 +69,72 @@ def open_context(width_px: int, height_px: int) -> Any:
     )
 
 
+class Canvas:
+    """A picture that MuJoCo draws into. Close it: its context belongs to the thread that made it."""
+
+    def __init__(self, width_px: int, height_px: int) -> None:
+        """Open a context of that size; raises what `open_context` raises."""
+        self._context = open_context(width_px, height_px)
+        import mujoco
+
+        self._mujoco, self._opengl = mujoco, None
+        self._view = mujoco.MjrRect(0, 0, width_px, height_px)
+        self._pixels = np.empty((height_px, width_px, 3), dtype=np.uint8)
+
+    def new_scene(self, model: Any) -> Any:
+        """An empty scene that is drawn with the textures of a model, without shadows and reflections."""
+        mujoco = self._mujoco
+        scene = mujoco.MjvScene(model, MOST_GEOMS)
+        scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
+        scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
+        self._opengl = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._opengl)
+        return scene
+
+    def draw(self, scene: Any) -> NDArray[np.uint8]:
+        """Picture of a scene, (height, width, 3)."""
+        mujoco = self._mujoco
+        self._context.make_current()
+        mujoco.mjr_render(self._view, scene, self._opengl)
+        mujoco.mjr_readPixels(self._pixels, None, self._view, self._opengl)
+        return np.flipud(self._pixels).copy()
+
+    def close(self) -> None:
+        """Free the context."""
+        if self._opengl is not None:
+            self._opengl.free()
+        self._context.free()
+
+
+class PosedRobot:
+    """The model of a robot, put where a trial had it.
+
+    Attributes:
+        model: of MuJoCo.
+        data: its state.
+    """
+
+    def __init__(self, trial: RecordedTrial, floor_quaternion: FloatArray) -> None:
+        """Make the model, on a floor of an orientation (w, x, y, z)."""
+        import mujoco
+
+        self._mujoco, self._trial = mujoco, trial
+        spec = mujoco.MjSpec.from_string(mjcf_of(trial.robot))
+        spec.geom("floor").quat = floor_quaternion
+        self.model = spec.compile()
+        self.data = mujoco.MjData(self.model)
+        self._legs = _Legs(self.model)
+
+    def place(self, row: int, position_m: FloatArray, quaternion: FloatArray) -> None:
+        """Put the robot at a pose with the joints of a tick, its legs in the colours of their conditions."""
+        mujoco, trial, qpos = self._mujoco, self._trial, self.data.qpos
+        qpos[:3], qpos[3:7], qpos[7:] = position_m, quaternion, trial.measured_rad[row]
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_comPos(self.model, self.data)
+        mujoco.mj_camlight(self.model, self.data)
+        self._legs.paint(trial.leg_conditions[row])
+
+
 class RunRenderer:
     """Draws ticks of a trial. Close it: the context belongs to the thread that made it."""
 
@@ -76,76 +143,93 @@ class RunRenderer:
 
         Raises what `open_context` raises.
         """
-        self._context = open_context(width_px, height_px)
+        self._canvas = Canvas(width_px, height_px)
         import mujoco
 
         self._mujoco, self._trial = mujoco, trial
-        spec = mujoco.MjSpec.from_string(mjcf_of(trial.robot))
-        spec.geom("floor").quat = trial.floor_quaternion
-        self.model = spec.compile()
-        self.data = mujoco.MjData(self.model)
-        self._legs = _Legs(self.model)
-        self._positions_m = _positions_m(trial)
+        self._robot = PosedRobot(trial, trial.floor_quaternion)
+        self.model, self.data = self._robot.model, self._robot.data
+        self._positions_m, self._quaternions = positions_m(trial), quaternions(trial)
         self._way_world = _way_world(trial)
-        self._scene = mujoco.MjvScene(self.model, MOST_GEOMS)
-        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
-        self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
+        self._scene = self._canvas.new_scene(self.model)
         self._look, self._camera = mujoco.MjvOption(), mujoco.MjvCamera()
         self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
         self._camera.fixedcamid = self.model.camera(camera).id
-        self._opengl = mujoco.MjrContext(self.model, mujoco.mjtFontScale.mjFONTSCALE_100)
-        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._opengl)
-        self._view = mujoco.MjrRect(0, 0, width_px, height_px)
-        self._pixels = np.empty((height_px, width_px, 3), dtype=np.uint8)
 
     def place(self, row: int) -> None:
         """Put the robot where it was at a tick, its legs in the colours of their conditions."""
-        mujoco, trial, qpos = self._mujoco, self._trial, self.data.qpos
-        qpos[:3], qpos[7:] = self._positions_m[row], trial.measured_rad[row]
-        quaternion = trial.base_quaternion_world[row]
-        qpos[3:7] = quaternion if np.isfinite(quaternion).all() else (1.0, 0.0, 0.0, 0.0)
-        mujoco.mj_kinematics(self.model, self.data)
-        mujoco.mj_comPos(self.model, self.data)
-        mujoco.mj_camlight(self.model, self.data)
-        self._legs.paint(trial.leg_conditions[row])
+        self._robot.place(row, self._positions_m[row], self._quaternions[row])
 
     def draw(self, row: int) -> NDArray[np.uint8]:
         """Picture of a tick, (height, width, 3)."""
         mujoco = self._mujoco
-        self._context.make_current()
         self.place(row)
         everything = mujoco.mjtCatBit.mjCAT_ALL
         mujoco.mjv_updateScene(self.model, self.data, self._look, None, self._camera, everything, self._scene)
-        self._draw_way(row)
-        mujoco.mjr_render(self._view, self._scene, self._opengl)
-        mujoco.mjr_readPixels(self._pixels, None, self._view, self._opengl)
-        return np.flipud(self._pixels).copy()
-
-    def _draw_way(self, row: int) -> None:
-        """Add the line of travel and the way of the body until a tick, both on the floor."""
         foot_m = self._trial.robot.foot_radius_m
         if (course := self._trial.course_world) is not None:
-            self._add_line(course[0], course[1], foot_m / 2, LINE_COLOR)
-        walked = self._way_world[: row // PIECE_TICKS + 1][-MOST_PIECES:]
-        for begin, end in pairwise(walked):
-            if np.isfinite([begin, end]).all():
-                self._add_line(begin, end, foot_m / 2, TRAIL_COLOR)
-
-    def _add_line(self, begin: FloatArray, end: FloatArray, radius_m: float, color: Color) -> None:
-        """Add a line between two points of the world to the scene, as long as there is room for it."""
-        mujoco, scene = self._mujoco, self._scene
-        if scene.ngeom >= scene.maxgeom:
-            return
-        geom, line = scene.geoms[scene.ngeom], mujoco.mjtGeom.mjGEOM_CAPSULE
-        rgba = np.array([*(part / 255 for part in color), 1.0], dtype=np.float32)
-        mujoco.mjv_initGeom(geom, line, np.zeros(3), np.zeros(3), np.zeros(9), rgba)
-        mujoco.mjv_connector(geom, line, radius_m, begin, end)
-        scene.ngeom += 1
+            add_line(self._scene, course[0], course[1], foot_m / 2, LINE_COLOR)
+        add_way(self._scene, self._way_world[: row // PIECE_TICKS + 1], foot_m / 2)
+        return self._canvas.draw(self._scene)
 
     def close(self) -> None:
         """Free the context."""
-        self._opengl.free()
-        self._context.free()
+        self._canvas.close()
+
+
+def add_way(scene: Any, way_m: FloatArray, radius_m: float) -> None:
+    """Add the last pieces of a way through points of the world, (N, 3), to a scene; not through NaN."""
+    for begin, end in pairwise(way_m[-MOST_PIECES:]):
+        if np.isfinite([begin, end]).all():
+            add_line(scene, begin, end, radius_m, TRAIL_COLOR)
+
+
+def add_line(scene: Any, begin: FloatArray, end: FloatArray, radius_m: float, color: Color) -> None:
+    """Add a line between two points of the world to a scene, as long as there is room for it."""
+    import mujoco
+
+    geom = add_geom(scene, mujoco.mjtGeom.mjGEOM_CAPSULE, color)
+    if geom is not None:
+        mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_CAPSULE, radius_m, begin, end)
+
+
+def add_box(scene: Any, low_m: Sequence[float], high_m: Sequence[float], color: Color) -> None:
+    """Add a box along the axes of the world, between two corners, to a scene, as long as there is room."""
+    import mujoco
+
+    low, high = np.asarray(low_m, dtype=float), np.asarray(high_m, dtype=float)
+    add_geom(scene, mujoco.mjtGeom.mjGEOM_BOX, color, (high - low) / 2, (low + high) / 2)
+
+
+def add_geom(
+    scene: Any,
+    kind: Any,
+    color: Color,
+    size_m: FloatArray | None = None,
+    at_m: FloatArray | None = None,
+    axes: FloatArray | None = None,
+) -> Any:
+    """Add a solid to a scene and return it; None where there is no room.
+
+    Args:
+        scene: of MuJoCo.
+        kind: of the solid, an `mjtGeom`.
+        color: red, green, blue.
+        size_m: half sizes along its axes, (3,); None leaves them to the caller.
+        at_m: position, (3,); None is the origin.
+        axes: of the solid as columns, (3, 3); None are those of the world.
+    """
+    import mujoco
+
+    if scene.ngeom >= scene.maxgeom:
+        return None
+    geom = scene.geoms[scene.ngeom]
+    rgba = np.array([*(part / 255 for part in color), 1.0], dtype=np.float32)
+    size_m, at_m = (np.zeros(3) if given is None else given for given in (size_m, at_m))
+    mujoco.mjv_initGeom(geom, kind, size_m, at_m, (np.eye(3) if axes is None else axes).ravel(), rgba)
+    geom.size[:] = size_m  # as in a scene, which for capsules and cylinders is not as in a model
+    scene.ngeom += 1
+    return geom
 
 
 class _Legs:
@@ -189,12 +273,19 @@ def _way_world(trial: RecordedTrial) -> FloatArray:
     return way
 
 
-def _positions_m(trial: RecordedTrial) -> FloatArray:
+def positions_m(trial: RecordedTrial) -> FloatArray:
     """Positions of the base, (T, 3): where they are unknown, above the origin, or the last known one."""
-    positions_m = trial.base_position_world.copy()
+    found_m = trial.base_position_world.copy()
     known = trial.posed
     if not known.any():
-        positions_m[:] = (0.0, 0.0, trial.robot.standing_height_m)
-        return positions_m
+        found_m[:] = (0.0, 0.0, trial.robot.standing_height_m)
+        return found_m
     last = np.maximum.accumulate(np.where(known, np.arange(len(known)), int(known.argmax())))
-    return np.asarray(positions_m[last])
+    return np.asarray(found_m[last])
+
+
+def quaternions(trial: RecordedTrial) -> FloatArray:
+    """Orientations of the base as w, x, y, z, (T, 4): level and straight ahead where they are unknown."""
+    found = trial.base_quaternion_world.copy()
+    found[~np.isfinite(found).all(axis=-1)] = (1.0, 0.0, 0.0, 0.0)
+    return np.asarray(found)

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from hexctl.backends.sim.terrain import Floor
-from hexctl.control.plan import TrialPlan
 from hexctl.palette import BACKGROUND
 from hexctl.record import paths, style
 from hexctl.record.rrd import load_rerun
@@ -18,52 +17,53 @@ EYE = (-1.1, -2.1, 1.5)
 
 def make_blueprint(
     robot: Robot,
-    plan: TrialPlan,
+    heading_rad: float,
     floor: Floor,
     *,
     watched: bool = False,
     servos: bool = False,
     live: bool = False,
+    several: bool = False,
 ) -> Any:
     """Blueprint of a trial's recording.
 
     Args:
         robot: who walks.
-        plan: what it is asked to do.
+        heading_rad: where it is asked to walk.
         floor: what it walks on.
         watched: whether its legs are watched; the layout then has the evidence against each.
         servos: whether its servos may report temperatures and voltages; the layout then has them.
         live: whether it is shown while it walks; the time cursor then follows it, and the events are in
             front, as there is no summary yet.
+        several: whether it is one of several recordings; their list is then open.
     """
     import rerun.blueprint as rrb
 
     hidden = rrb.PlotLegend(visible=False)
     # All legs have a lane in a window of 760 points.
-    scene = rrb.Vertical(scene_view(robot, plan, floor), _lanes_view(), row_shares=[5, 6])
-    evidence = [_plot(paths.SUSPICION, "evidence, alarm at 1")] if watched else []
+    scene = rrb.Vertical(scene_view(robot, heading_rad, floor), _lanes_view(), row_shares=[5, 6])
+    evidence = [plot(paths.SUSPICION, "evidence, alarm at 1")] if watched else []
     reports = [
-        _plot(path, name, plot_legend=hidden)
+        plot(path, name, plot_legend=hidden)
         for path, name in ((paths.TEMPERATURES, "servos (°C)"), (paths.VOLTAGES, "servos (V)"))
         if servos
     ]
     side = rrb.Vertical(
         rrb.Tabs(_summary_view(), _events_view(), active_tab=1 if live else 0),
-        _plot(paths.DEVIATION, "deviation from the line (m), left is up", plot_legend=hidden),
-        _plot(paths.MARGIN, "stability margin (m), below 0 the feet do not carry it", plot_legend=hidden),
+        plot(paths.DEVIATION, "deviation from the line (m), left +", plot_legend=hidden),
+        plot(paths.MARGIN, "stability margin (m), unstable below 0", plot_legend=hidden),
         rrb.Tabs(
             *evidence,
-            *(_plot(paths.leg_path(leg), f"leg {leg} (rad)") for leg in paths.LEGS),
-            _plot(paths.TORQUES, "torques (N m)", plot_legend=hidden),
-            _plot(paths.VELOCITY, "commanded velocity"),
+            *(plot(paths.leg_path(leg), f"leg {leg} (rad)") for leg in paths.LEGS),
+            plot(paths.TORQUES, "torques (N m)", plot_legend=hidden),
+            plot(paths.VELOCITY, "commanded velocity"),
             *reports,
         ),
         row_shares=[10, 4, 4, 6],
     )
     return rrb.Blueprint(
         rrb.Horizontal(scene, side, column_shares=[5, 3]),
-        rrb.BlueprintPanel(state="hidden"),
-        rrb.SelectionPanel(state="hidden"),
+        *side_panels(several=several),
         rrb.TimePanel(
             state="collapsed",
             timeline=paths.WALK_TIMELINE,
@@ -75,11 +75,19 @@ def make_blueprint(
     )
 
 
-def scene_view(robot: Robot, plan: TrialPlan, floor: Floor) -> Any:
+def side_panels(*, several: bool) -> tuple[Any, Any]:
+    """The panels at both sides: the list of recordings, open if there are several, and the selection."""
+    import rerun.blueprint as rrb
+
+    left = rrb.BlueprintPanel(state="expanded" if several else "hidden")
+    return left, rrb.SelectionPanel(state="hidden")
+
+
+def scene_view(robot: Robot, heading_rad: float, floor: Floor) -> Any:
     """3-D view: the eye follows the robot, trail and ribbon end at the time cursor."""
     import rerun.blueprint as rrb
 
-    cos, sin = math.cos(plan.heading_rad), math.sin(plan.heading_rad)
+    cos, sin = math.cos(heading_rad), math.sin(heading_rad)
     back, left, up = (robot.stance_radius_m * share for share in EYE)
     position = np.array([cos * back - sin * left, sin * back + cos * left, up])
     plane = load_rerun().encodings.Plane3D(normal=floor.normal_world, distance=0.0)
@@ -103,14 +111,14 @@ def scene_view(robot: Robot, plan: TrialPlan, floor: Floor) -> Any:
             tracking_entity=paths.FRAME,
         ),
         overrides={
-            paths.TRAIL: _up_to_cursor(),
-            paths.RIBBON: _up_to_cursor(),
+            paths.TRAIL: up_to_cursor(),
+            paths.RIBBON: up_to_cursor(),
             paths.GROUND: rrb.EntityBehavior(interactive=False),
         },
     )
 
 
-def _up_to_cursor() -> Any:
+def up_to_cursor() -> Any:
     """Time range of everything up to the time cursor."""
     import rerun.blueprint as rrb
 
@@ -135,7 +143,7 @@ def _lanes_view() -> Any:
     return rrb.StateTimelineView(
         origin="/",
         contents=[f"+ {paths.PHASE}", f"+ {paths.GUARD}", "+ gait/**", "+ failures/**"],
-        name="gait diagram: light is stance, orange hangs, red drags",
+        name="gait: light stance, dark swing, orange no contact, red drags",
         defaults=[lanes],
         time_view=_linked(),
     )
@@ -153,7 +161,8 @@ def _events_view() -> Any:
     return rrb.TextLogView(origin=paths.EVENTS, name="events")
 
 
-def _plot(origin: str, name: str, **more: Any) -> Any:
+def plot(origin: str, name: str, **more: Any) -> Any:
+    """View of scalars over the time that all views share."""
     import rerun.blueprint as rrb
 
     return rrb.TimeSeriesView(origin=origin, name=name, axis_x=_linked(), **more)

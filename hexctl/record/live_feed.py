@@ -38,7 +38,7 @@ class Feed:
         self._log = TickLog()
         self._stream: Any = rr.RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
         shown = {name: header[name] for name in ("watched", "servos")}
-        blueprint = make_blueprint(robot, plan, floor, live=True, **shown)
+        blueprint = make_blueprint(robot, plan.heading_rad, floor, live=True, **shown)
         with Layout(blueprint) as layout:
             self._stream.connect_grpc(address, default_blueprint=layout)
         self._stream.send_recording_name(header["title"])

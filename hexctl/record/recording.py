@@ -108,7 +108,7 @@ class Recording:
         create_file(path)
         self._stream: Any = rr.RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
         floor = self._subject.floor
-        blueprint = make_blueprint(robot, plan, floor, watched=watched, servos=servos)
+        blueprint = make_blueprint(robot, plan.heading_rad, floor, watched=watched, servos=servos)
         self._sound = True
         self._indexed = not (plan.duration_s > LONG_S if long is None else long)
         save_stream(self._stream, path, blueprint, index=self._indexed)

@@ -15,6 +15,10 @@ from hexctl.robot.model import Robot
 
 Row = tuple[str, str]
 
+#: What stands for a result until there is one, which a viewer also shows while it loads a finished walk. That
+#: of a walk that was cut off keeps it.
+PENDING: Row = ("**result**", "*appears when the recording is complete*")
+
 
 def make_markdown(
     title: str,
@@ -24,7 +28,7 @@ def make_markdown(
     stability: float | None,
     facts: Mapping[str, Any],
 ) -> str:
-    """Text panel in Markdown; without a result the trial counts as not finished.
+    """Text panel in Markdown; without a result it says when there will be one.
 
     Args:
         title: heading.
@@ -34,7 +38,7 @@ def make_markdown(
         stability: share of the walk with the centre of gravity above the feet that stand, None if unknown.
         facts: anything else, a row each.
     """
-    outcome = [("**result**", "*not finished*")] if result is None else _result_rows(result, stability)
+    outcome = [PENDING] if result is None else _result_rows(result, stability)
     rows = [*outcome, *_plan_rows(robot, plan), *_fact_rows(result, facts)]
     return f"## {_cell(title)}\n\n{_table(rows)}\n"
 
@@ -146,11 +150,15 @@ def _result_rows(result: TrialResult, stability: float | None) -> Iterator[Row]:
     if result.cause is not None:
         yield "likely cause", f"{result.cause}: {CAUSES.get(result.cause, '')}"
     if result.distance_m is not None:
-        yield "distance", f"{result.distance_m:.3f} m of {result.ideal_distance_m:.3f} m without slip"
+        yield "distance", f"{result.distance_m:.2f} m of {result.ideal_distance_m:.2f} m without slip"
     if result.deviation is not None:
         off = result.deviation
-        whole = f", {off.mean:.3f} mean, {off.max:.3f} max" if math.isfinite(off.mean) else ", by hand"
-        yield "**deviation**", f"**{off.final:.3f} m** at the end{whole}"
+        whole = (
+            f", mean {100 * off.mean:.1f}, max {100 * off.max:.1f}"
+            if math.isfinite(off.mean)
+            else ", by hand"
+        )
+        yield "**deviation**", f"**{100 * off.final:.1f} cm** at the end{whole}"
     if result.duration_s:
         yield "held", held_in_words(result.to_dict())
     for one in result.noticed:

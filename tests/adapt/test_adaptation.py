@@ -347,9 +347,9 @@ def test_a_target_may_be_a_share_of_the_distance() -> None:
     ideal_m = 1.5 * 0.11 * 0.9 * 10.0
     assert spec.target_m == pytest.approx(0.01 * ideal_m)
     assert spec.target_share == 0.01
-    assert spec.target_text == "0.0149 m (1 % of 1.49 m)"
+    assert spec.target_text == "1.49 cm (1 % of 1.49 m)"
     metres = new_spec(failed_leg=5, prior="none", target="0.05")
-    assert (metres.target_m, metres.target_share, metres.target_text) == (0.05, None, "0.05 m")
+    assert (metres.target_m, metres.target_share, metres.target_text) == (0.05, None, "5 cm")
     assert new_spec(failed_leg=5, prior="none", target=0.05) == metres
     assert new_spec(failed_leg=5, prior="none", target_m=0.05) == metres
 

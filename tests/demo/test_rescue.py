@@ -60,22 +60,6 @@ def test_the_picture_is_there_or_the_reason_is_said(result: hexctl.DemoResult) -
         assert result.picture.stat().st_size < 3_000_000
 
 
-def test_the_captions_say_which_share_of_its_speed_each_walk_keeps(
-    result: hexctl.DemoResult, monkeypatch: Any
-) -> None:
-    assert result.walked_on is not None
-    assert result.recovered is not None
-    walks = [result.walked_on, result.recovered]
-    share = round(100 * rescue.speed_kept(result.walked_on))
-    given: dict[str, Any] = {}
-    monkeypatch.setattr(rescue, "export", lambda *_, **options: given.update(options))
-    rescue._draw(walks, result.folder)
-    assert given["captions"] == (
-        f"without recovery: {share} % of its speed",
-        "with recovery: all of its speed",
-    )
-
-
 def test_the_result_is_plain_json(result: hexctl.DemoResult) -> None:
     told = json.loads(json.dumps(result.to_dict()))
     assert told["event"] == "5:locked@6.3"
@@ -91,7 +75,6 @@ def test_a_stop_ends_it_after_the_walk(tmp_path: Path, monkeypatch: Any) -> None
     assert result.walked_on is not None
     assert (result.recovered, result.adaptation, result.picture) == (None, None, None)
     assert len(result.recordings) == 1
-    assert rescue.caption_of(result.walked_on, recovered=False) == "without recovery"
 
 
 def test_a_stop_between_the_walks_and_the_search_leaves_the_walks(tmp_path: Path, monkeypatch: Any) -> None:

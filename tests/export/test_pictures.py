@@ -13,7 +13,6 @@ from hexctl.errors import InputError
 from hexctl.export.pictures import PictureOptions, write_pictures
 from hexctl.export.render import NoRendererError, open_context
 from hexctl.record.recorded_trial import LEG_CONDITIONS, RecordedTrial
-from tests.export.test_lerobot import cut
 
 
 class Drawn:
@@ -78,17 +77,6 @@ def test_an_mp4_that_decodes(walk: RecordedTrial, tmp_path: Path) -> None:
     assert frames[40].mean() > frames[0].mean()
 
 
-def test_two_walks_begin_together_and_the_shorter_one_waits(
-    walk: RecordedTrial, tmp_path: Path, drawn: Any
-) -> None:
-    short = cut(walk, len(walk) - 60)
-    write(tmp_path / "a.gif", walk, short, width_px=200)
-    with Image.open(tmp_path / "a.gif") as gif:
-        assert gif.size == (200, 126)
-    assert drawn.rows[-2] >= len(walk) - 4
-    assert drawn.rows[-1] == len(short) - 1
-
-
 @pytest.mark.usefixtures("drawn")
 def test_captions(walk: RecordedTrial, tmp_path: Path) -> None:
     write(tmp_path / "a.gif", walk, duration_s=0.2, captions=("a caption",), width_px=100)
@@ -109,8 +97,10 @@ def test_what_is_out_of_range_is_refused(walk: RecordedTrial, tmp_path: Path) ->
     for options, told in cases:
         with pytest.raises(InputError, match=told):
             PictureOptions(**options)
-    with pytest.raises(InputError, match="got 3 recordings; allowed: one, or two abreast"):
+    with pytest.raises(InputError, match="got 3 recordings; allowed: one, or two for a race"):
         write(tmp_path / "a.gif", walk, walk, walk)
+    with pytest.raises(InputError, match="camera: got follow for two recordings; allowed: side, top"):
+        write(tmp_path / "a.gif", walk, walk, camera="follow")
 
 
 def test_a_leg_that_fails_for_a_moment_has_its_colour_in_a_gif(

@@ -56,7 +56,7 @@ def test_a_recording_opens_with_the_time_of_the_walk_and_a_live_view_follows_it(
     shown = {}
     for live in (False, True):
         path = tmp_path / f"{live}.rbl"
-        layout = make_blueprint(trial.robot, trial.plan, trial.floor, watched=True, live=live)
+        layout = make_blueprint(trial.robot, trial.plan.heading_rad, trial.floor, watched=True, live=live)
         layout.save("hexctl", str(path))
         reader = rr.chunk.RrdReader(path)
         columns: dict[str, Any] = {}

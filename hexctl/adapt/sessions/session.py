@@ -14,6 +14,7 @@ from hexctl.adapt.optimizers.trim import mean_trim_rad, mean_turn_trim_rad_s
 from hexctl.adapt.sessions.recommendation import recommended
 from hexctl.control.result import QUALITIES, TrialResult
 from hexctl.gait.gait import AUTO
+from hexctl.record.sessions.overview import METRES, mark_text, score_text
 from hexctl.robot.failure import Failure, parse_failure
 
 #: The policy of sessions whose trials watch no legs.
@@ -142,11 +143,13 @@ class SessionSpec:
         """The target, for a person; both figures for a share of the distance. None without a target."""
         if self.target_m is None:
             return None
-        text = f"{self.target_m:.3g} {self.objective_unit}".rstrip()
+        unit = self.objective_unit
+        rounded = float(f"{self.target_m:.3g}")
+        text = mark_text(rounded) if unit == METRES else f"{rounded:g} {unit}".rstrip()
         if self.target_share is None:
             return text
         share = self.target_share
-        return f"{text} ({100 * share:g} % of {self.target_m / share:.2f} {self.objective_unit})"
+        return f"{text} ({100 * share:g} % of {self.target_m / share:.2f} {unit})"
 
     @property
     def greatest_chance(self) -> float | None:
@@ -159,18 +162,14 @@ class SessionSpec:
         return math.erf(self.target_m / (math.sqrt(2) * self.uncertainty_m))
 
     def score_text(self, score: float) -> str:
-        """Score with its unit, for a person."""
-        return f"{score:.3f} {self.objective_unit}".rstrip()
-
-    def uncertain_text(self, score: float) -> str:
-        """Score with its unit and the simulation's own uncertainty, where that is known."""
-        return self.score_text(score) + (f" ± {self.uncertainty_text}" if self.uncertainty_text else "")
+        """Score with its unit, for a person; a length in cm."""
+        return score_text(score, self.objective_unit)
 
     @property
     def uncertainty_text(self) -> str:
-        """The simulation's own uncertainty of a score; empty where it is not known, or the score no end."""
+        """The simulation's own uncertainty of a score; empty if unknown, or if the score is no end."""
         uncertain = self.uncertainty_m > 0 and self.objective == "final"
-        return f"{self.uncertainty_m:.3f} m" if uncertain else ""
+        return score_text(self.uncertainty_m, METRES) if uncertain else ""
 
     def as_json(self) -> dict[str, Any]:
         """The spec as JSON values."""

@@ -21,7 +21,7 @@ from hexctl.adapt.sessions.session import Session, SessionSpec, TrialRecord, tri
 from hexctl.adapt.sessions.stored import DAMAGE
 from hexctl.adapt.setting import load_setting
 from hexctl.errors import HexctlError, InputError
-from hexctl.record.sessions.overview import GaitBeliefs, SearchStep, deviation_text
+from hexctl.record.sessions.overview import GaitBeliefs, SearchStep, deviation_text, mark_text
 
 #: How far a prediction that is computed again may be off: other processors round otherwise.
 SAME_M = 1e-4
@@ -104,7 +104,7 @@ def _replayed(session: Session, search: Bayes) -> Iterator[_Known]:
         search.restore({**state, "asked": None, "search": {**state["search"], "trials": told[:done]}})
         if done < len(told):
             _check(session.trials[done], search)
-        yield _known(search)
+        yield _known(search, session.spec.uncertainty_m)
 
 
 def _check(trial: TrialRecord, search: Bayes) -> None:
@@ -115,9 +115,10 @@ def _check(trial: TrialRecord, search: Bayes) -> None:
         raise InputError(f"steps: trial {trial.index} was expected to end elsewhere, by another version")
 
 
-def _known(search: Bayes) -> _Known:
+def _known(search: Bayes, uncertainty_m: float) -> _Known:
+    """What a search knows now; the intervals include the simulation's own uncertainty, as the chances do."""
     forecast, choice = search.forecast(), search.choice()
-    reach_m = NINETY_PERCENT * np.hypot(forecast.sd_m, forecast.noise_m)
+    reach_m = NINETY_PERCENT * np.hypot(np.hypot(forecast.sd_m, forecast.noise_m), uncertainty_m)
     beliefs = GaitBeliefs(
         signed_m=forecast.mean_m, low_m=forecast.mean_m - reach_m, high_m=forecast.mean_m + reach_m
     )
@@ -131,15 +132,15 @@ def _step(session: Session, done: int, known: _Known | None, missing: str) -> Se
     following = session.trials[done] if done < len(session.trials) else None
     lines = [f"### {f'After {trials_text(done)}' if done else 'Before the first trial'}", ""]
     if done:
-        lines += [f"- {_ended(session.trials[done - 1])}"]
+        lines += [f"- {_ended(session.trials[done - 1], session.spec.uncertainty_m)}"]
     lines += [f"- {_next(session, following, known)}"]
     if known is None:
         lines += [f"- {missing}"]
     if session.baseline:
         gaits = ", ".join(walk.gait for walk in session.baseline)
-        lines += [f"- the search is not told of the walks without it: {gaits}"]
+        lines += [f"- the search does not see the baseline walks: {gaits}"]
     if known is not None:
-        lines += ["", *_table(known.likeliest)]
+        lines += ["", *_table(known)]
     return SearchStep(
         trials=done,
         note="\n".join(lines) + "\n",
@@ -148,12 +149,12 @@ def _step(session: Session, done: int, known: _Known | None, missing: str) -> Se
     )
 
 
-def _ended(trial: TrialRecord) -> str:
-    """How a trial ended, beside what was expected of it."""
+def _ended(trial: TrialRecord, uncertainty_m: float) -> str:
+    """How a trial ended, and what was expected of it."""
     result = trial.result
     off = "at an unknown place" if result.deviation is None else deviation_text(result.deviation.signed)
     text = f"trial {trial.index}, gait {trial.code}: {result.status}, {off}"
-    return text if trial.expected is None else f"{text}; expected {_expected(trial.expected)}"
+    return text if trial.expected is None else f"{text}; expected {_expected(trial.expected, uncertainty_m)}"
 
 
 def _next(session: Session, following: TrialRecord | None, known: _Known | None) -> str:
@@ -165,20 +166,24 @@ def _next(session: Session, following: TrialRecord | None, known: _Known | None)
         return f"{text}, a repeat of the best gait after the search"
     if known is not None and known.code == following.code:
         text += f", {known.why}"
-    return text if following.expected is None else f"{text}; expected {_expected(following.expected)}"
+    if following.expected is None:
+        return text
+    return f"{text}; expected {_expected(following.expected, session.spec.uncertainty_m)}"
 
 
-def _expected(expected: dict[str, Any]) -> str:
-    """A stored prediction in words."""
-    ends = " to ".join(deviation_text(expected[name]) for name in ("low_m", "high_m"))
-    return f"{deviation_text(expected['signed_m'])}, 9 of 10: {ends}"
+def _expected(expected: dict[str, Any], uncertainty_m: float) -> str:
+    """A stored prediction in words; its interval includes the simulation's own uncertainty."""
+    middle_m = expected["signed_m"]
+    reach_m = np.hypot(expected["high_m"] - middle_m, NINETY_PERCENT * uncertainty_m)
+    ends = " to ".join(map(deviation_text, (middle_m - reach_m, middle_m + reach_m)))
+    return f"{deviation_text(middle_m)}, 90 % interval {ends}"
 
 
-def _table(likeliest: list[tuple[int, Prediction]]) -> Iterator[str]:
+def _table(known: _Known) -> Iterator[str]:
     """Markdown: a row for each of some gaits."""
-    target_m = likeliest[0][1].target_m
-    yield f"| gait | expected | 9 of 10 trials | within {target_m:.3g} m |"
+    target_m, beliefs = known.likeliest[0][1].target_m, known.beliefs
+    yield f"| gait | expected | 90 % interval | within {mark_text(float(f'{target_m:.3g}'))} |"
     yield "|--:|--:|---|--:|"
-    for code, one in likeliest:
-        low, high = map(deviation_text, one.interval_m)
+    for code, one in known.likeliest:
+        low, high = (deviation_text(float(ends_m[code - 1])) for ends_m in (beliefs.low_m, beliefs.high_m))
         yield f"| {code} | {deviation_text(one.signed_m)} | {low} to {high} | {100 * one.chance:.0f} % |"

@@ -32,7 +32,7 @@ def export(
             metavar="ROBOT|RECORDING|SESSION...",
             autocompletion=completion.exportable,
             help=f"A robot ({ROBOTS}, or a YAML file), recordings (.rrd), or the name of a "
-            "session. Two recordings stand side by side in a GIF or MP4; several make one LeRobot dataset.",
+            "session. Two recordings race in a GIF or MP4; several make one LeRobot dataset.",
         ),
     ],
     to: Annotated[
@@ -64,7 +64,11 @@ def export(
     ] = False,
     camera: Annotated[
         Camera | None,
-        choice("--camera", Camera, "Of a GIF or MP4: side, top or follow. (default: follow)"),
+        choice(
+            "--camera",
+            Camera,
+            "Of a GIF or MP4: side, top or follow; of a race side or top. (default: follow, of a race side)",
+        ),
     ] = None,
     width: Annotated[
         int | None,
@@ -86,7 +90,7 @@ def export(
         list[str] | None,
         typer.Option(
             "--caption",
-            help="Line below a run, once for each recording. (default: gait and failure below two runs)",
+            help="Line below a run, or the name of each in a race. (default: gait and failure in a race)",
         ),
     ] = None,
 ) -> None:

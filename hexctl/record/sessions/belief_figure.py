@@ -16,7 +16,7 @@ from hexctl.palette import (
     deviation_color,
 )
 from hexctl.record.rrd import load_rerun
-from hexctl.record.sessions.overview import GaitBeliefs, Overview, SearchStep
+from hexctl.record.sessions.overview import GaitBeliefs, Overview, SearchStep, mark_text
 from hexctl.types import FloatArray
 
 #: The timeline of an overview: the number of trials.
@@ -99,7 +99,7 @@ def _send_axes(stream: Any, gaits: int) -> None:
     strips = rr.LineStrips2D(lines, colors=colors, radii=[THIN], draw_order=AXIS_ORDER)
     stream.log(AXES, strips, static=True)
     places = [(-4.0, float(height(mark)) - 1.5) for mark in marks_m]
-    texts = [f"{mark:+g} m" for mark in marks_m]
+    texts = [f"{'-' if mark < 0 else '+'}{mark_text(abs(mark))}" for mark in marks_m]
     codes = range(NAMED_GAITS, gaits + 1, NAMED_GAITS)
     places += [(float(code), HEIGHT) for code in codes]
     texts += [f"gait {code}" for code in codes]
@@ -116,7 +116,7 @@ def _send_not_told(stream: Any, overview: Overview) -> None:
         color = baseline_color(walk.gait or "")
         dot = rr.Points2D(place, radii=[MARK], colors=[color], draw_order=WALKED_ORDER)
         stream.log(f"{NOT_TOLD}/{walk.gait}", dot, static=True)
-        label = [f"{walk.gait}, not told"]
+        label = [str(walk.gait)]
         name = rr.Points2D(place, radii=[0.0], colors=[TEXT_COLOR], labels=label, show_labels=True)
         stream.log(f"{NOT_TOLD}/{walk.gait}/name", name, static=True)
 
@@ -190,7 +190,7 @@ def belief_view(overview: Overview) -> Any | None:
         return None
     return rrb.Spatial2DView(
         origin=BELIEF,
-        name="expected end of every gait, 9 of 10 trials (m)",
+        name="predicted end of every gait, 90 % interval",
         background=[*BACKGROUND],
         visual_bounds=rrb.VisualBounds2D(
             x_range=[-9.0, len(beliefs.signed_m) + 3.0], y_range=[-HEIGHT - 3.0, HEIGHT + 6.0]

@@ -21,6 +21,7 @@ from hexctl.palette import (
     baseline_color,
     deviation_color,
 )
+from hexctl.record.blueprint import side_panels
 from hexctl.record.rrd import (
     check_whole,
     create_file,
@@ -31,7 +32,7 @@ from hexctl.record.rrd import (
     save_stream,
 )
 from hexctl.record.sessions.belief_figure import TIMELINE, belief_view, send_steps, steps_view
-from hexctl.record.sessions.overview import Overview, OverviewTrial, deviation_text, make_table
+from hexctl.record.sessions.overview import Overview, OverviewTrial, deviation_text, make_table, mark_text
 from hexctl.types import FloatArray
 
 #: Where on it the baseline is.
@@ -156,7 +157,7 @@ def _send_legend(stream: Any, overview: Overview) -> None:
     colors = [deviation_color(mark, valid=True) for mark in LEGEND_M]
     dots = load_rerun().Points2D(picture(places), radii=[MARK], colors=colors, draw_order=MARK_ORDER)
     stream.log(LEGEND, dots, static=True)
-    names = [f"{mark:g} m" for mark in LEGEND_M]
+    names = [mark_text(mark) for mark in LEGEND_M]
     names[0], names[-1] = f"deviation ≤ {names[0]}", f"≥ {names[-1]}"
     _send_names(stream, f"{LEGEND}/names", list(zip(places, names, strict=True)))
 
@@ -192,21 +193,20 @@ def _send_baseline(stream: Any, overview: Overview) -> None:
         path = f"{BASELINE}/{walk.gait}"
         look = {"colors": [baseline_color(walk.gait or "")], "radii": [TRACK], "draw_order": TRACK_ORDER}
         stream.log(path, rr.LineStrips2D([picture(walk.path_m)], **look), static=True)
-    (_, top_m) = visible_m(overview)[1]
-    for walk, place in zip(walks, _spread_ends_m(walks, overview.course_m), strict=True):
-        # Below the legend.
-        place[1] = min(place[1], top_m - 2.5 * MARGIN * overview.course_m)
-        _send_names(stream, f"{BASELINE}/{walk.gait}/name", [(place, f"{walk.gait}, not told")])
+    for walk, place in zip(walks, _spread_ends_m(walks, overview), strict=True):
+        _send_names(stream, f"{BASELINE}/{walk.gait}/name", [(place, str(walk.gait))])
 
 
-def _spread_ends_m(walks: Sequence[OverviewTrial], course_m: float) -> list[FloatArray]:
-    """A place beside the end of each path, moved to the left of the line where two would share it."""
-    gap_m, free_m = 1.2 * MARGIN * course_m, -np.inf
+def _spread_ends_m(walks: Sequence[OverviewTrial], overview: Overview) -> list[FloatArray]:
+    """A place beside the end of each path, a gap apart, below the legend and inside the picture."""
+    gap_m, (right_m, top_m) = 0.7 * MARGIN * overview.course_m, visible_m(overview)[1]
+    ceiling_m = top_m - 2.5 * MARGIN * overview.course_m
     places: dict[int, FloatArray] = {}
-    for number in sorted(range(len(walks)), key=lambda one: float(walks[one].end_m[1])):
+    for number in sorted(range(len(walks)), key=lambda one: -float(walks[one].end_m[1])):
         along_m, across_m = walks[number].end_m
-        free_m = max(float(across_m), free_m + gap_m)
-        places[number] = np.array([along_m + 2 * gap_m, free_m + gap_m / 2])
+        place_m = min(float(across_m) + gap_m / 2, ceiling_m)
+        places[number] = np.array([min(along_m + 2 * gap_m, right_m - 2 * gap_m), place_m])
+        ceiling_m = place_m - gap_m
     return [places[number] for number in range(len(walks))]
 
 
@@ -221,7 +221,7 @@ def _send_best(stream: Any, overview: Overview) -> None:
             strips=[picture(best.path_m)], colors=[BEST_COLOR], radii=[BOLD], draw_order=[BEST_ORDER]
         )
         stream.send_columns(BEST, when, line)
-        label = f"best: trial {best.index}, code {best.code}, {deviation_text(best.deviation_m)}"
+        label = f"best so far: trial {best.index}, code {best.code}, {deviation_text(best.deviation_m)}"
         mark = rr.Points2D.columns(
             positions=[picture(best.end_m)],
             colors=[BEST_COLOR],
@@ -243,11 +243,12 @@ def name_place_m(overview: Overview) -> FloatArray:
     return np.array([0.5 * overview.course_m, y_low + 2.5 * MARGIN * overview.course_m])
 
 
-def score_top_m(overview: Overview) -> float:
-    """Score above those of all valid walks, at which invalid trials are drawn."""
+def score_top(overview: Overview) -> float:
+    """Height in the curve above all valid walks, at which invalid trials are drawn."""
     walks = (*overview.baseline, *overview.trials)
     scores_m = [walk.score_m for walk in walks if walk.score_m is not None]
-    return 1.1 * max([TARGET_BANDS[0][0], *scores_m])
+    factor, _ = overview.curve_unit
+    return factor * 1.1 * max([TARGET_BANDS[0][0], *scores_m])
 
 
 def send_curve(stream: Any, overview: Overview) -> None:
@@ -261,7 +262,7 @@ def send_curve(stream: Any, overview: Overview) -> None:
 
 def _send_scores(stream: Any, overview: Overview) -> None:
     """Send a point per valid trial, in the colour of its trajectory."""
-    rr = load_rerun()
+    rr, (factor, _) = load_rerun(), overview.curve_unit
     valid = [(trial, trial.score_m) for trial in overview.trials if trial.score_m is not None]
     if not valid:
         return
@@ -269,7 +270,7 @@ def _send_scores(stream: Any, overview: Overview) -> None:
     stream.log(SCORE, look, static=True)
     colors = [deviation_color(trial.deviation_m, valid=True) for trial, _ in valid]
     columns = [
-        *rr.Scalars.columns(scalars=[score_m for _, score_m in valid]),
+        *rr.Scalars.columns(scalars=[factor * score_m for _, score_m in valid]),
         *rr.SeriesPoints.columns(colors=np.array(colors, dtype=np.uint8)),
     ]
     stream.send_columns(SCORE, [at([trial.index for trial, _ in valid])], columns)
@@ -283,21 +284,26 @@ def _send_invalid(stream: Any, overview: Overview) -> None:
         return
     look = rr.SeriesPoints(names=["invalid"], markers=["cross"], marker_sizes=[4.0], colors=[INVALID_COLOR])
     stream.log(INVALID, look, static=True)
-    scalars = rr.Scalars.columns(scalars=np.full(len(indices), score_top_m(overview)))
+    scalars = rr.Scalars.columns(scalars=np.full(len(indices), score_top(overview)))
     stream.send_columns(INVALID, [at(indices)], scalars)
 
 
 def _send_best_so_far(stream: Any, overview: Overview) -> None:
     rr = load_rerun()
     pairs = zip(overview.trials, overview.best_so_far(), strict=True)
-    known = [(trial.index, best.score_m) for trial, best in pairs if best is not None]
+    factor, _ = overview.curve_unit
+    known = [
+        (trial.index, factor * best.score_m)
+        for trial, best in pairs
+        if best is not None and best.score_m is not None
+    ]
     if not known:
         return
     look = rr.SeriesLines(
         names=["best so far"], colors=[BEST_COLOR], widths=[2.5], interpolation_mode="StepAfter"
     )
     stream.log(BEST_SO_FAR, look, static=True)
-    scalars = rr.Scalars.columns(scalars=[score_m for _, score_m in known])
+    scalars = rr.Scalars.columns(scalars=[score for _, score in known])
     stream.send_columns(BEST_SO_FAR, [at([index for index, _ in known])], scalars)
 
 
@@ -309,7 +315,8 @@ def _send_targets(stream: Any, overview: Overview) -> None:
         look = rr.SeriesLines(names=[name.removeprefix("±")], colors=[INVALID_COLOR], widths=[1.0])
         stream.log(path, look, static=True)
         indices = [trial.index for trial in overview.trials]
-        scalars = rr.Scalars.columns(scalars=np.full(len(indices), half_width_m))
+        factor, _ = overview.curve_unit
+        scalars = rr.Scalars.columns(scalars=np.full(len(indices), factor * half_width_m))
         stream.send_columns(path, [at(indices)], scalars)
 
 
@@ -323,7 +330,8 @@ def _send_baseline_scores(stream: Any, overview: Overview) -> None:
         path, color = f"{BASELINE_SCORES}/{walk.gait}", baseline_color(walk.gait or "")
         name = f"{walk.gait}, without a search"
         stream.log(path, rr.SeriesLines(names=[name], colors=[color], widths=[1.5]), static=True)
-        scalars = rr.Scalars.columns(scalars=np.full(len(indices), walk.score_m))
+        factor, _ = overview.curve_unit
+        scalars = rr.Scalars.columns(scalars=np.full(len(indices), factor * walk.score_m))
         stream.send_columns(path, [at(indices)], scalars)
 
 
@@ -331,8 +339,8 @@ def _send_baseline_scores(stream: Any, overview: Overview) -> None:
 LEGEND_SHARE = 0.15
 
 
-def make_layout(overview: Overview) -> Any:
-    """Blueprint of an overview."""
+def make_layout(overview: Overview, *, several: bool = False) -> Any:
+    """Blueprint of an overview, with the list of recordings if it is one of several."""
     import rerun.blueprint as rrb
 
     views = [_above_view(overview), belief_view(overview), _curve_view(overview)]
@@ -343,8 +351,7 @@ def make_layout(overview: Overview) -> Any:
     right = rrb.Vertical(table, steps_view(), row_shares=heights) if overview.steps else table
     return rrb.Blueprint(
         rrb.Horizontal(left, right, column_shares=[5, 3]),
-        rrb.BlueprintPanel(state="hidden"),
-        rrb.SelectionPanel(state="hidden"),
+        *side_panels(several=several),
         # Following: the time cursor begins at the last trial, so that all are shown.
         rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following", fps=4.0),
         auto_views=False,
@@ -371,10 +378,10 @@ def _curve_view(overview: Overview) -> Any:
     first, last = overview.trials[0].index, overview.trials[-1].index
     # Room for the legend.
     last += max(1, round(LEGEND_SHARE * (last - first)))
-    top_m = score_top_m(overview)
+    top, (_, unit) = score_top(overview), overview.curve_unit
     return rrb.TimeSeriesView(
         origin=CURVE,
-        name=f"{overview.objective} ({overview.unit})" if overview.unit else overview.objective,
+        name=f"{overview.objective} ({unit})" if unit else overview.objective,
         plot_legend=rrb.Corner2D.RightTop,
         axis_x=rrb.TimeAxis(
             view_range=rrb.TimeRange(
@@ -388,7 +395,7 @@ def _curve_view(overview: Overview) -> Any:
             start=rrb.TimeRangeBoundary.infinite(),
             end=rrb.TimeRangeBoundary.cursor_relative(),
         ),
-        axis_y=rrb.ScalarAxis(range=(-0.05 * top_m, 1.05 * top_m)),
+        axis_y=rrb.ScalarAxis(range=(-0.05 * top, 1.05 * top)),
     )
 
 
@@ -396,8 +403,8 @@ def _curve_view(overview: Overview) -> Any:
 APPLICATION_ID = "hexctl session"
 
 
-def write_overview_file(path: Path, overview: Overview) -> None:
-    """Write an overview atomically, in place of an earlier one.
+def write_overview_file(path: Path, overview: Overview, *, several: bool = False) -> None:
+    """Write an overview atomically, in place of an earlier one; as one of several it lists the recordings.
 
     Raises InputError for an overview without trials or a place that cannot be written, RecordingError when
     the disk did not take everything, and MissingExtraError without Rerun.
@@ -409,16 +416,16 @@ def write_overview_file(path: Path, overview: Overview) -> None:
         create_folders(path)
         with replacing(path) as draft:
             create_file(draft)
-            _write(draft, path, overview)
+            _write(draft, path, overview, make_layout(overview, several=several))
     except HexctlError:
         raise
     except OSError as error:
         raise RecordingError(f"{path}: the overview cannot be written: {error.strerror}") from error
 
 
-def _write(draft: Path, path: Path, overview: Overview) -> None:
+def _write(draft: Path, path: Path, overview: Overview, layout: Any) -> None:
     stream = load_rerun().RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
-    save_stream(stream, draft, make_layout(overview))
+    save_stream(stream, draft, layout)
     try:
         _send(stream, overview)
         flush(stream, path)

@@ -8,6 +8,9 @@ import numpy as np
 
 from hexctl.types import ArrayFields, FloatArray
 
+#: Unit of scores that are lengths; they are shown in cm.
+METRES = "m"
+
 #: Points further away come from a diverged simulation and are not drawn.
 FAR_M = 1000.0
 
@@ -87,7 +90,7 @@ class Overview:
         title: name of the session.
         facts: lines on settings and outcome.
         objective: what the score is, in words.
-        unit: of the score, empty where it has none.
+        unit: of the score, empty if it has none.
         course_m: length of the line of travel: the distance of a walk without slip.
         trials: in the order in which they were walked.
         baseline: walks with the gaits that the robot would use anyway; they are never the best trial.
@@ -97,11 +100,16 @@ class Overview:
     title: str
     facts: tuple[str, ...]
     objective: str
-    unit: str = "m"
+    unit: str = METRES
     course_m: float
     trials: tuple[OverviewTrial, ...]
     baseline: tuple[OverviewTrial, ...] = ()
     steps: tuple[SearchStep, ...] = ()
+
+    @property
+    def curve_unit(self) -> tuple[float, str]:
+        """Factor and unit of the scores in a plot."""
+        return (100.0, "cm") if self.unit == METRES else (1.0, self.unit)
 
     @property
     def best(self) -> OverviewTrial | None:
@@ -118,10 +126,20 @@ class Overview:
 
 
 def deviation_text(deviation_m: float | None) -> str:
-    """Signed deviation as text, such as `0.006 m left`."""
+    """Signed deviation as text, such as `0.6 cm left`."""
     if deviation_m is None or not math.isfinite(deviation_m):
         return "-"
-    return f"{abs(deviation_m):.3f} m {'left' if deviation_m > 0 else 'right'}"
+    return f"{100 * abs(deviation_m):.1f} cm {'left' if deviation_m > 0 else 'right'}"
+
+
+def score_text(score: float, unit: str) -> str:
+    """Score with its unit, in cm where that is m."""
+    return f"{100 * score:.1f} cm" if unit == METRES else f"{score:.3f} {unit}".rstrip()
+
+
+def mark_text(length_m: float) -> str:
+    """A round length as text, such as `2.5 cm` and `3 m`."""
+    return f"{100 * length_m:g} cm" if length_m < 1 else f"{length_m:g} m"
 
 
 def drawable(path_m: FloatArray) -> FloatArray:
@@ -155,7 +173,7 @@ def _how_to_open(overview: Overview) -> tuple[str, ...]:
 
 def _cells(trial: OverviewTrial, best: OverviewTrial | None, unit: str) -> tuple[str, ...]:
     distance = "-" if trial.distance_m is None else f"{trial.distance_m:.2f} m"
-    so_far = "-" if best is None or best.score_m is None else f"{best.score_m:.3f} {unit}".rstrip()
+    so_far = "-" if best is None or best.score_m is None else score_text(best.score_m, unit)
     slots = ",".join(str(slot) for slot in trial.slots)
     off = deviation_text(trial.deviation_m)
     number = str(trial.index) if trial.address is None else f"[▶ {trial.index}]({trial.address})"

@@ -62,8 +62,14 @@ def test_the_next_gait_has_the_interval_that_was_stored_with_it(
         assert step.beliefs is not None
         assert trial.expected is not None
         row = trial.code - 1
-        assert step.beliefs.low_m[row] == pytest.approx(trial.expected["low_m"], abs=1e-9)
-        assert step.beliefs.high_m[row] == pytest.approx(trial.expected["high_m"], abs=1e-9)
+        # The simulation's own uncertainty is in the chance to reach the target, and so in the interval.
+        reach_m = np.hypot(
+            trial.expected["high_m"] - trial.expected["signed_m"], 1.645 * session.spec.uncertainty_m
+        )
+        assert session.spec.uncertainty_m > 0
+        assert step.beliefs.signed_m[row] == pytest.approx(trial.expected["signed_m"], abs=1e-9)
+        assert step.beliefs.high_m[row] - step.beliefs.signed_m[row] == pytest.approx(reach_m, rel=1e-3)
+        assert step.beliefs.signed_m[row] - step.beliefs.low_m[row] == pytest.approx(reach_m, rel=1e-3)
 
 
 def test_notes_say_why_a_gait_was_chosen_and_why_the_search_ended(
@@ -78,7 +84,7 @@ def test_notes_say_why_a_gait_was_chosen_and_why_the_search_ended(
     assert "the greatest expected gain of one trial" in notes[2]
     assert "a repeat of the best gait after the search" in notes[len(session.trials) - REPEATS]
     assert f"the search ended: {session.ended}" in notes[-1]
-    assert all("| gait | expected | 9 of 10 trials | within 0.025 m |" in note for note in notes)
+    assert all("| gait | expected | 90 % interval | within 2.5 cm |" in note for note in notes)
 
 
 def test_beliefs_that_are_not_those_of_the_session_are_not_shown(

@@ -122,6 +122,16 @@ def test_recordings_and_sessions_open_together() -> None:
     assert [Path(path).name for path in opened()] == ["mine.rrd", "overview.rrd"]
 
 
+def test_two_walks_open_as_one_scene() -> None:
+    for name in ("a.rrd", "b.rrd"):
+        run(duration_s=0.5, record=Path(name))
+    assert exit_code(["view", "a.rrd", "b.rrd"]) == 0
+    assert [Path(path).name for path in opened()] == ["side-by-side.rrd"]
+    name = session(1)
+    assert exit_code(["view", "a.rrd", name]) == 0
+    assert [Path(path).name for path in opened()] == ["1-a.rrd", "overview.rrd"]
+
+
 def test_without_a_name_the_newest_is_opened_session_or_recording() -> None:
     older, newer = session(1, age_s=30), session(1, age_s=20)
     assert exit_code(["view"]) == 0

@@ -61,8 +61,8 @@ def test_the_best_so_far_changes_where_it_is_beaten(written: Path) -> None:
     assert list(rows(written, "/above/best", "LineStrips2D:strips")) == [1, 3]
     labels = rows(written, "/above/best/name", "Points2D:labels")
     assert labels == {
-        1: ["best: trial 1, code 10, 0.800 m right"],
-        3: ["best: trial 3, code 30, 0.300 m left"],
+        1: ["best so far: trial 1, code 10, 80.0 cm right"],
+        3: ["best so far: trial 3, code 30, 30.0 cm left"],
     }
 
 
@@ -70,11 +70,11 @@ def test_the_curve_has_scores_best_so_far_and_invalid_trials_above(written: Path
     scores = rows(written, "/curve/score", "Scalars:scalars")
     best = rows(written, "/curve/best_so_far", "Scalars:scalars")
     invalid = rows(written, "/curve/invalid", "Scalars:scalars")
-    assert scores == {1: [0.8], 3: [0.3], 4: [1.2]}
-    assert best == {1: [0.8], 2: [0.8], 3: [0.3], 4: [0.3]}
+    assert scores == {1: [80.0], 3: [30.0], 4: [120.0]}
+    assert best == {1: [80.0], 2: [80.0], 3: [30.0], 4: [30.0]}
     assert list(invalid) == [2]
-    assert invalid[2][0] > 1.2
-    assert rows(written, "/curve/targets/2", "Scalars:scalars") == {index: [0.025] for index in (1, 2, 3, 4)}
+    assert invalid[2][0] > 120.0
+    assert rows(written, "/curve/targets/2", "Scalars:scalars") == {index: [2.5] for index in (1, 2, 3, 4)}
 
 
 def test_the_baseline_is_a_level_line_from_before_the_first_trial(tmp_path: Path) -> None:
@@ -87,13 +87,29 @@ def test_the_baseline_is_a_level_line_from_before_the_first_trial(tmp_path: Path
     path = tmp_path / "overview.rrd"
     write_overview_file(path, session)
     levels = {name: rows(path, f"/curve/baseline/{name}", "Scalars:scalars") for name in ("demo", "tripod")}
-    assert levels["demo"] == {index: [1.6] for index in (0, 1, 2, 3, 4)}
-    assert levels["tripod"] == {index: [0.001] for index in (0, 1, 2, 3, 4)}
+    assert levels["demo"] == {index: [160.0] for index in (0, 1, 2, 3, 4)}
+    assert levels["tripod"] == {index: [0.1] for index in (0, 1, 2, 3, 4)}
     names = [ReadBack(path).values(f"/curve/baseline/{name}", "SeriesLines:names") for name in levels]
     assert names == [[["demo, without a search"]], [["tripod, without a search"]]]
     assert "/curve/baseline/wave" not in ReadBack(path).entities
     invalid = rows(path, "/curve/invalid", "Scalars:scalars")
-    assert invalid[2][0] > 1.6, "a baseline that is worse than every trial is inside the picture"
+    assert invalid[2][0] > 160.0, "a baseline that is worse than every trial is inside the picture"
+
+
+def test_the_names_of_baseline_paths_that_end_together_stand_apart(tmp_path: Path) -> None:
+    walks = [
+        replace(make_trial(0, off_m), gait=name)
+        for name, off_m in (("demo", 1.1), ("auto", 1.12), ("tripod", 1.11))
+    ]
+    path = tmp_path / "overview.rrd"
+    session = replace(SESSION, baseline=tuple(walks))
+    write_overview_file(path, session)
+    read = ReadBack(path)
+    places = [read.values(f"/above/baseline/{walk.gait}/name", "Points2D:positions")[0][0] for walk in walks]
+    low, high = visible_m(session)
+    across = sorted(y for _, y in places)
+    assert min(np.diff(across)) > 0.04 * session.course_m
+    assert all(low[0] < x < high[0] and -high[1] < y < -low[1] for x, y in places)
 
 
 def test_line_bands_start_table_and_layout_are_in_the_file(written: Path) -> None:

@@ -10,8 +10,8 @@ def test_the_table_has_the_best_trial_in_bold() -> None:
     lines = make_table(SESSION).splitlines()
     bold = [line for line in lines if line.startswith("| **")]
     assert len(bold) == 1
-    assert "**0.300 m left** | **4.00 m** | **ok** | **0.300 m**" in bold[0]
-    assert "| 2 | 20 | 1,2,3,4,5,6 | 0.000 m right | 4.00 m | fell | 0.800 m |" in lines
+    assert "**30.0 cm left** | **4.00 m** | **ok** | **30.0 cm**" in bold[0]
+    assert "| 2 | 20 | 1,2,3,4,5,6 | 0.0 cm right | 4.00 m | fell | 80.0 cm |" in lines
 
 
 def test_points_that_cannot_be_drawn_are_left_out() -> None:

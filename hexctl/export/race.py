@@ -1,0 +1,343 @@
+"""Two walks as a race: one scene with a lane for each, a fixed camera, and a line of text on each walk."""
+
+import json
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hexctl.export.captions import Message, Picture, RaceBar, even_pixels
+from hexctl.export.render import (
+    PIECE_TICKS,
+    Canvas,
+    PosedRobot,
+    add_box,
+    add_geom,
+    add_line,
+    add_way,
+    positions_m,
+    quaternions,
+)
+from hexctl.palette import GREY, LINE_COLOR, Color
+from hexctl.record.recorded_trial import RecordedTrial
+from hexctl.robot.rotations import product
+from hexctl.types import FloatArray
+
+#: Directions of the fixed camera: its elevation in degrees.
+CAMERAS = {"side": 34.0, "top": 88.0}
+#: Vertical angle of view: a narrow one shows both lanes in nearly the same size.
+FOVY_DEG = 7.0
+#: Brightness of the light from above.
+LIGHT = 0.55
+
+#: Width of a lane, and room around the course, in stance radii of the larger robot.
+LANE_SHARE, ROOM_SHARE = 2.3, 1.5
+#: Heights of the scene that are allowed, by its width.
+LOWEST, HIGHEST = 0.3, 0.8
+
+#: The finish line is where the winner is this long before the end, on a multiple of `FINISH_STEP_M`.
+CHEER_S, FINISH_STEP_M = 1.2, 0.05
+
+#: How far the lanes go on beyond the picture.
+BEYOND_M = 9.0
+
+#: Squares of the finish line, and how far its paint is above the lanes, and these above the floor.
+SQUARE_M, PAINT_M = 0.03, 0.002
+
+#: Projection onto the floor along the light, and the opacity from which on a solid has a shadow.
+FLATTEN = np.array([[1.0, 0.0, -0.2], [0.0, 1.0, 0.3], [0.0, 0.0, 0.01]])
+SOLID = 0.5
+
+SHADOW_COLOR: Color = (36, 42, 52)
+LANE_COLORS: tuple[Color, Color] = ((58, 67, 80), (68, 79, 94))
+WHITE: Color = (236, 240, 245)
+BLACK: Color = (12, 14, 18)
+FAILED_BADGE: Color = (214, 52, 36)
+DETECTED_BADGE: Color = (196, 120, 0)
+WON_BADGE: Color = (0, 138, 88)
+
+#: How a failure is announced, by its last word in the events of a recording.
+VERBS = {
+    "locked": "locks",
+    "limp": "goes limp",
+    "stuck": "sticks",
+    "weak": "weakens",
+    "missing": "breaks off",
+}
+
+
+class Racer:
+    """A walk in a lane: poses along its own line of travel, on its own floor, with the line as x axis.
+
+    Attributes:
+        trial: the recorded walk.
+        start_s: second of the recording at which the film begins.
+        progress_m: distance along the line at each tick, (T,); None where the position is unknown.
+    """
+
+    def __init__(self, trial: RecordedTrial, start_s: float, lane_m: float) -> None:
+        self.trial, self.start_s = trial, start_s
+        axes, origin = _lane_axes(trial)
+        self._positions_m = (positions_m(trial) - origin) @ axes.T + [0.0, lane_m, 0.0]
+        self._turn, self._quaternions = _quaternion_of(axes), quaternions(trial)
+        self._robot = PosedRobot(trial, np.array([1.0, 0.0, 0.0, 0.0]))
+        self.model, self.data = self._robot.model, self._robot.data
+        self.progress_m = self._positions_m[:, 0] if trial.posed.any() else None
+
+    def row(self, time_s: float) -> int:
+        """Tick that is shown at a time of the film."""
+        at_s = time_s + self.start_s + 1e-6
+        found = int(np.searchsorted(self.trial.time_s, at_s, side="right")) - 1
+        return min(max(found, 0), len(self.trial) - 1)
+
+    def place(self, row: int) -> None:
+        """Put the robot where it was at a tick."""
+        self._robot.place(row, self._positions_m[row], product(self._turn, self._quaternions[row]))
+
+    def way_m(self, row: int) -> FloatArray:
+        """Where the body was until a tick, just above the floor, (N, 3); NaN before its walk began."""
+        at = np.arange(0, row + 1, PIECE_TICKS)
+        way = self._positions_m[at].copy()
+        way[:, 2] = self.trial.robot.foot_radius_m / 4
+        way[(self.trial.walk_s[at] <= 0) | ~self.trial.posed[at]] = np.nan
+        return way
+
+    def distance_m(self, time_s: float) -> float:
+        """Distance along the line at a time of the film; NaN where it is unknown."""
+        return math.nan if self.progress_m is None else float(self.progress_m[self.row(time_s)])
+
+    def messages(self) -> Iterator[Message]:
+        """What broke, and that the walk noticed it and reacted, each when it happened."""
+        film_s = self.trial.time_s - self.start_s
+        broke_s: dict[int, float] = {}
+        for event in self.trial.events:
+            found = re.match(r"world: (leg (\d)\b.*) (\w+)$", event.text)
+            if found and found[3] in VERBS:
+                broke_s[int(found[2])] = float(self.trial.walk_s[event.row])
+                yield Message(float(film_s[event.row]), f"{found[1]} {VERBS[found[3]]}", FAILED_BADGE)
+        before_walk_s = float(self.trial.time_s[-1] - self.trial.walk_s[-1])
+        for noticed in _noticed(self.trial):
+            if noticed["did"] != "walked on" and noticed["leg"] in broke_s:
+                late_s = noticed["at_s"] - broke_s[noticed["leg"]]
+                at_s = noticed["at_s"] + before_walk_s - self.start_s
+                yield Message(at_s, f"detected after {late_s:.1f} s", DETECTED_BADGE)
+
+
+class RaceRenderer:
+    """Draws two walks in one scene at times of a film. Close it: its context belongs to this thread."""
+
+    def __init__(
+        self,
+        trials: Sequence[RecordedTrial],
+        starts_s: Sequence[float],
+        captions: Sequence[str],
+        times_s: Sequence[float],
+        *,
+        camera: str,
+        width_px: int,
+    ) -> None:
+        """Lay out the lanes and the finish line, so that all of the film is in the picture.
+
+        Args:
+            trials: the two walks; the first one is on the far lane.
+            starts_s: second of each recording at which the film begins.
+            captions: a name for each.
+            times_s: times of the pictures.
+            camera: one of `CAMERAS`.
+            width_px: of the picture.
+
+        Raises what `open_context` raises.
+        """
+        self._reach_m = max(trial.robot.stance_radius_m for trial in trials)
+        self._lane_m = LANE_SHARE * self._reach_m
+        sides = (self._lane_m / 2, -self._lane_m / 2)
+        lanes = zip(trials, starts_s, sides, strict=True)
+        self.racers = [Racer(trial, start_s, side_m) for trial, start_s, side_m in lanes]
+        self._course = _Course.of(self.racers, times_s)
+        self._bars = [
+            RaceBar(caption, width_px, self._course.messages(racer))
+            for caption, racer in zip(captions, self.racers, strict=True)
+        ]
+        self._elevation_deg = CAMERAS[camera]
+        height_px = even_pixels(width_px * self._height_share())
+        self._open(width_px, height_px)
+
+    def _open(self, width_px: int, height_px: int) -> None:
+        self._canvas = Canvas(width_px, height_px)
+        import mujoco
+
+        model = self.racers[0].model
+        model.vis.global_.fovy, model.light_diffuse[:] = FOVY_DEG, LIGHT
+        self._mujoco, self._scene = mujoco, self._canvas.new_scene(model)
+        self._look, self._camera = mujoco.MjvOption(), mujoco.MjvCamera()
+        self._camera.azimuth, self._camera.elevation = 90.0, -self._elevation_deg
+        low_m, high_m = self._span_m()
+        half_m = (high_m - low_m) / 2 * height_px / width_px
+        self._camera.distance = half_m / math.tan(math.radians(FOVY_DEG / 2))
+        self._camera.lookat = ((low_m + high_m) / 2, 0.0, self._top_m() / 2)
+
+    def _span_m(self) -> tuple[float, float]:
+        """What the picture shows along the course."""
+        room_m = ROOM_SHARE * self._reach_m
+        return self._course.start_m - room_m, self._course.end_m + room_m
+
+    def _top_m(self) -> float:
+        """Height above the floor that has to be in the picture."""
+        return 1.4 * max(racer.trial.robot.standing_height_m for racer in self.racers)
+
+    def _height_share(self) -> float:
+        """Height of the scene by its width: both lanes with their robots."""
+        low_m, high_m = self._span_m()
+        elevation = math.radians(self._elevation_deg)
+        tall_m = 2.04 * self._lane_m * math.sin(elevation) + self._top_m() * math.cos(elevation)
+        return min(max(tall_m / (high_m - low_m), LOWEST), HIGHEST)
+
+    @property
+    def moments_s(self) -> list[float]:
+        """Times of the film at which a message appears."""
+        return [message.at_s for bar in self._bars for message in bar.messages]
+
+    def draw(self, time_s: float) -> Picture:
+        """Picture at a time of the film, (height, width, 3): the far lane's text is on top."""
+        rows = [racer.row(time_s) for racer in self.racers]
+        self._draw_robots(rows)
+        self._draw_shadows()
+        self._draw_lanes()
+        for racer, row in zip(self.racers, rows, strict=True):
+            add_way(self._scene, racer.way_m(row), racer.trial.robot.foot_radius_m / 2)
+        scene = self._canvas.draw(self._scene)
+        walked_m = [racer.distance_m(time_s) - self._course.start_m for racer in self.racers]
+        far, near = (bar.draw(time_s, way_m) for bar, way_m in zip(self._bars, walked_m, strict=True))
+        return np.vstack([far, scene, near])
+
+    def _draw_robots(self, rows: Sequence[int]) -> None:
+        """Put both robots into the scene: the first one with the floor and the light of its model."""
+        mujoco, parts = self._mujoco, self._mujoco.mjtCatBit
+        for racer, row in zip(self.racers, rows, strict=True):
+            racer.place(row)
+        first, second = self.racers
+        mujoco.mjv_updateScene(
+            first.model, first.data, self._look, None, self._camera, parts.mjCAT_ALL, self._scene
+        )
+        untouched = mujoco.MjvPerturb()
+        mujoco.mjv_addGeoms(
+            second.model, second.data, self._look, untouched, int(parts.mjCAT_DYNAMIC), self._scene
+        )
+
+    def _draw_shadows(self) -> None:
+        """Add the robots' solids flattened onto the lanes: MuJoCo's own shadows take twice the time."""
+        dynamic = int(self._mujoco.mjtCatBit.mjCAT_DYNAMIC)
+        for geom in list(self._scene.geoms[: self._scene.ngeom]):
+            if geom.category == dynamic and geom.rgba[3] > SOLID:
+                at_m = FLATTEN @ geom.pos + [0.0, 0.0, 3 * PAINT_M]
+                add_geom(self._scene, geom.type, SHADOW_COLOR, geom.size, at_m, FLATTEN @ geom.mat)
+
+    def _draw_lanes(self) -> None:
+        """Add the lanes, their lines of travel, and the start and the finish line."""
+        low_m, high_m = self._span_m()
+        width_m, foot_m = self._lane_m, self.racers[0].trial.robot.foot_radius_m
+        for side, color in zip((0, -1), LANE_COLORS, strict=True):
+            near_m = side * width_m
+            add_box(
+                self._scene,
+                (low_m - BEYOND_M, near_m, -PAINT_M),
+                (high_m + BEYOND_M, near_m + width_m, PAINT_M),
+                color,
+            )
+            middle_m = near_m + width_m / 2
+            begin, end = (np.array([x_m, middle_m, 0.0]) for x_m in (low_m - BEYOND_M, high_m + BEYOND_M))
+            add_line(self._scene, begin, end, foot_m / 3, LINE_COLOR)
+        for edge_m in (-width_m, 0.0, width_m):
+            self._paint((low_m - BEYOND_M, edge_m), (high_m + BEYOND_M, edge_m + 0.006), GREY)
+        start_m = self._course.start_m
+        self._paint((start_m - 0.006, -width_m), (start_m + 0.006, width_m), WHITE)
+        if self._course.finish_m is not None:
+            self._draw_finish(self._course.finish_m)
+
+    def _draw_finish(self, finish_m: float) -> None:
+        """Add two columns of squares, black and white."""
+        squares = round(2 * self._lane_m / SQUARE_M)
+        size_m = 2 * self._lane_m / squares
+        for column in range(2):
+            for square in range(squares):
+                corner = finish_m + (column - 1) * size_m, square * size_m - self._lane_m
+                color = WHITE if (column + square) % 2 else BLACK
+                self._paint(corner, (corner[0] + size_m, corner[1] + size_m), color)
+
+    def _paint(self, low_m: tuple[float, float], high_m: tuple[float, float], color: Color) -> None:
+        add_box(self._scene, (*low_m, 0.0), (*high_m, 2 * PAINT_M), color)
+
+    def close(self) -> None:
+        """Free the context."""
+        self._canvas.close()
+
+
+@dataclass(frozen=True, slots=True)
+class _Course:
+    """Where the race begins and ends, along the lines of travel, and who wins.
+
+    Attributes:
+        start_m: where the distances begin: at the body that is furthest behind as the film begins.
+        end_m: the furthest that a body comes.
+        finish_m: the finish line; None where nobody gets anywhere.
+        won: the winner, and the time of the film at which it is there; None without one.
+    """
+
+    start_m: float
+    end_m: float
+    finish_m: float | None
+    won: tuple[Racer, float] | None
+
+    @classmethod
+    def of(cls, racers: Sequence[Racer], times_s: Sequence[float]) -> "_Course":
+        """The course of a film."""
+        ways_m = np.array([[racer.distance_m(time_s) for time_s in times_s] for racer in racers])
+        ways_m = np.nan_to_num(ways_m)
+        start_m, end_m = float(ways_m[:, 0].min()), float(ways_m.max())
+        cheer_s = max(times_s[0], times_s[-1] - CHEER_S)
+        then = int(np.searchsorted(times_s, cheer_s))
+        lead_m = float(ways_m[:, then].max()) - start_m
+        whole_m = FINISH_STEP_M * math.floor(lead_m / FINISH_STEP_M)
+        if whole_m <= 0:
+            return cls(start_m, end_m, None, None)
+        finish_m = start_m + whole_m
+        arrivals = [np.flatnonzero(way_m >= finish_m) for way_m in ways_m]
+        at_s = [times_s[found[0]] if found.size else math.inf for found in arrivals]
+        winner = None if at_s[0] == at_s[1] else (racers[int(at_s[1] < at_s[0])], min(at_s))
+        return cls(start_m, end_m, finish_m, winner)
+
+    def messages(self, racer: Racer) -> list[Message]:
+        """All messages on a walk, in the order of time."""
+        found = list(racer.messages())
+        if self.won is not None and self.won[0] is racer:
+            found.append(Message(self.won[1], "wins", WON_BADGE, math.inf))
+        return sorted(found, key=lambda message: message.at_s)
+
+
+def _noticed(trial: RecordedTrial) -> list[dict[str, Any]]:
+    """The failures that a walk noticed, as its result names them."""
+    return list(json.loads(trial.properties.get("noticed", "[]")))
+
+
+def _lane_axes(trial: RecordedTrial) -> tuple[FloatArray, FloatArray]:
+    """Axes of a lane as rows, (3, 3), and its origin: along the line, to its left, up from the floor."""
+    w, x, y, z = trial.floor_quaternion
+    up = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x**2 + y**2)])
+    if trial.course_world is None:
+        return np.eye(3), np.zeros(3)
+    along = trial.course_world[1] - trial.course_world[0]
+    along = along - up * (along @ up)
+    along /= np.linalg.norm(along)
+    return np.array([along, np.cross(up, along), up]), trial.course_world[0]
+
+
+def _quaternion_of(axes: FloatArray) -> FloatArray:
+    """Orientation whose rotation has these rows, (4,) as w, x, y, z."""
+    import mujoco
+
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, axes.ravel())
+    return quaternion
