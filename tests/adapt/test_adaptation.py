@@ -451,7 +451,7 @@ def test_bayes_may_be_named_by_its_class() -> None:
 
 @pytest.mark.usefixtures("landscape")
 def test_an_overview_that_cannot_be_drawn_costs_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(*_: object) -> None:
+    def broken(*_: object, **__: object) -> None:
         raise ValueError("no picture")
 
     monkeypatch.setattr("hexctl.adapt.overview.write_overview_file", broken)
