@@ -4,6 +4,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import takewhile
 from typing import Any, Protocol
@@ -206,7 +207,10 @@ class DriveSession:
 
     def _stands_again(self) -> bool:
         """Whether a device has asked to stand and the robot takes commands again."""
-        asked = {self._asked.popleft() for _ in range(len(self._asked))}
+        asked = set()
+        with suppress(IndexError):  # a stop drops what waits, from another thread
+            while True:
+                asked.add(self._asked.popleft())
         if "stand" not in asked:
             return False
         self._stop_sent = False

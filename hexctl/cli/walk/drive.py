@@ -300,6 +300,7 @@ def _drive(stack: ExitStack, drive: "Drive", wanted: _Wanted, keep: Callable[[],
     for note in drive.notes:
         print_note(f"hexctl: {note}")
     if robot_stop is not None:
+        stack.callback(_say_unconfirmed, robot_stop)
         stack.enter_context(robot_stop)
     try:
         with ExitStack() as open_devices:
@@ -314,6 +315,12 @@ def _drive(stack: ExitStack, drive: "Drive", wanted: _Wanted, keep: Callable[[],
     rest = "the robot stands" if session.commanded else "the robot was not commanded"
     _say(f"\nhexctl: {'ended' if why == 'q' else why}; {rest}")
     return INTERRUPTED if why == "interrupted" else DONE
+
+
+def _say_unconfirmed(robot_stop: "StopSender") -> None:
+    """Report a stop that the robot has not confirmed until the end."""
+    if robot_stop.trouble is not None:
+        _say(f"hexctl: {robot_stop.trouble}; use hexctl estop or the switch")
 
 
 def _say(text: str) -> None:

@@ -18,9 +18,6 @@ from hexctl.serve.ros.commands import Called, RosCommand, Service, Stopped, Want
 from hexctl.serve.stops.stop import OVER_ROS
 from hexctl.types import FloatArray, RobotState
 
-#: Name of the lease under which ROS commands.
-OWNER = "ros"
-
 #: The lease of ROS, and a velocity, end after this silence.
 EXPIRY_OF_ROS_S = 0.5
 
@@ -201,7 +198,7 @@ class RosDriver:
             self._lease = self._requests.leases.renew(self._lease.lease_id, at_s, EXPIRY_OF_ROS_S)
         else:
             as_it_was = self._left_as_it_was()  # a lease lets the guard forget what it accepted last
-            self._lease = self._requests.acquire(OWNER, at_s, EXPIRY_OF_ROS_S)
+            self._lease = self._requests.acquire(OVER_ROS, at_s, EXPIRY_OF_ROS_S)
             if not as_it_was:
                 self._pilot = None
 

@@ -122,7 +122,7 @@ class ReadyStop:
         Endpoint.parse(self._link.endpoint)
         self._pressed = threading.Event()
         self._lock = threading.Lock()  # over what both ways have seen
-        self._pressed_s = 0.0
+        self._pressed_s = self._begun_s = 0.0
         self._claimed = NewClaim()
         request = bytes.fromhex(self._claimed.claim)
         self._seen: dict[str, Sighting] = {}
@@ -134,6 +134,7 @@ class ReadyStop:
 
     def __enter__(self) -> Self:
         """Begin to reach the robot; returns at once."""
+        self._begun_s = time.monotonic()
         self._datagrams.begin()
         self._session.begin()
         return self
@@ -259,7 +260,7 @@ class ReadyStop:
         )
 
     def _raise_if_late(self) -> None:
-        passed_s = time.monotonic() - self._pressed_s
+        passed_s = time.monotonic() - max(self._pressed_s, self._begun_s)
         if self._first_stop_s is None:
             failed = self._session.ended and self._session.error is not None
             if (failed and passed_s > DATAGRAM_S) or passed_s > REACH_S:

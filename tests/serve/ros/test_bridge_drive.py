@@ -86,7 +86,7 @@ def test_a_velocity_moves_the_robot_and_silence_stops_it(network: tuple[Served, 
     wait_until(lambda: poses, "a pose")
     start = poses[-1].pose.pose.position.x
     wheel.until(lambda: poses[-1].pose.pose.position.x > start + 0.1, "10 cm of walking", 0.08)
-    assert robot.status()["controller"] == "ros"
+    wheel.until(lambda: robot.status()["controller"] == "ROS 2", "the lease of ROS", 0.08)
     fastest = max(one.twist.twist.linear.x for one in poses)
     assert 0.02 < fastest < 0.4
     wait_until(lambda: robot.status()["controller"] is None, "the end of the lease")

@@ -10,6 +10,7 @@ from hexctl.errors import MessageError
 from hexctl.serve.inbox import Arrival
 from hexctl.serve.ros.commands import Called, RosCommand, Service, Stopped, WantedJoints, WantedVelocity
 from hexctl.serve.server import RobotServer
+from hexctl.serve.stops.stop import OVER_ROS
 from hexctl.serve.transport import Transport
 from hexctl.types import FloatArray
 from hexctl.wire.links import Link
@@ -103,7 +104,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
 
 def test_a_velocity_makes_the_robot_stand_up_and_walk_under_a_lease_of_ros(bench: Bench) -> None:
     bench.ticks(STANDING_UP_TICKS, FORWARD)
-    assert bench.status()["controller"] == "ros"
+    assert bench.status()["controller"] == "ROS 2"
     assert bench.status()["ros"]["motion"] == "driving"
     assert bench.moved(50, FORWARD) > 0.05
 
@@ -165,7 +166,8 @@ def test_clearing_what_is_not_stopped_disturbs_nobody(bench: Bench) -> None:
 
 def test_a_stop_ends_everything_until_it_is_cleared(bench: Bench) -> None:
     bench.ticks(STANDING_UP_TICKS + 20, FORWARD)
-    bench.server._requests.urgent(b"")
+    requests = bench.server._requests
+    requests.urgent(b"", by=OVER_ROS, clear_key=requests.ros_key)
     bench.send(Stopped())
     assert bench.moved(50, FORWARD) == 0
     assert bench.status()["stopped"] == "estop"
@@ -176,6 +178,15 @@ def test_a_stop_ends_everything_until_it_is_cleared(bench: Bench) -> None:
     assert bench.moved(20) == 0  # a command of before the stop is forgotten
     bench.ticks(STANDING_UP_TICKS, FORWARD)
     assert bench.status()["ros"]["motion"] == "driving"
+
+
+def test_ros_does_not_clear_the_stop_of_another_client_that_ended_its_walk(bench: Bench) -> None:
+    bench.ticks(STANDING_UP_TICKS, FORWARD)
+    bench.server._requests.urgent(b"")
+    bench.send(Stopped())
+    assert bench.moved(50, FORWARD) == 0
+    assert not bench.call(Service.CLEAR_STOP)[0]
+    assert bench.status()["stopped"] == "estop"
 
 
 def test_a_lease_that_is_revoked_ends_the_walk(bench: Bench) -> None:
@@ -217,7 +228,7 @@ def test_joint_commands_reach_the_servos_through_the_guard(bench: Bench) -> None
     wanted = bench.servos.robot.stance_angles_rad + 0.01
     bench.send(WantedJoints(wanted))
     np.testing.assert_array_equal(bench.joints(), wanted)
-    assert bench.status()["controller"] == "ros"
+    assert bench.status()["controller"] == "ROS 2"
     bench.send(WantedJoints(wanted + 1.0))
     most = bench.servos.robot.joint_max_speed_rad_s * bench.servos.clock.period_s
     assert (np.abs(bench.joints() - wanted) <= most + 0.01).all()
