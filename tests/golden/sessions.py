@@ -1,6 +1,5 @@
 """Stored sessions of `hexctl adapt`, whole and cut off, and how they are continued."""
 
-import json
 import shutil
 import sqlite3
 from contextlib import closing
@@ -50,20 +49,25 @@ def keep(source: Path, name: str, target: Path, new_name: str, trials: int) -> N
     if not target.exists():
         shutil.copy(source, target)
         with closing(sqlite3.connect(target)) as store:
-            store.execute("DELETE FROM trials")
-            store.execute("DELETE FROM sessions")
+            for table in ("confirmations", "baselines", "trials", "sessions"):
+                store.execute(f"DELETE FROM {table}")  # noqa: S608  a name of ours
             store.commit()
     with closing(sqlite3.connect(source)) as old, closing(sqlite3.connect(target)) as new:
-        ((_, created, spec, ended),) = old.execute("SELECT * FROM sessions WHERE name = ?", (name,))
-        values = json.loads(spec)
-        rows = old.execute(
-            "SELECT * FROM trials WHERE session = ? AND number <= ?", (name, trials)
-        ).fetchall()
-        whole = len(rows) == values["budget"]
-        new.execute(
-            "INSERT INTO sessions VALUES (?, ?, ?, ?)", (new_name, created, spec, ended if whole else None)
-        )
-        new.executemany("INSERT INTO trials VALUES (?, ?, ?, ?)", [(new_name, *row[1:]) for row in rows])
+
+        def copy(table: str, of: str, also: str = "", **changed: object) -> None:
+            cursor = old.execute(f"SELECT * FROM {table} WHERE {of} = ? {also}", (name,))  # noqa: S608
+            columns = [column for column, *_ in cursor.description]
+            rows = [{**dict(zip(columns, row, strict=True)), of: new_name, **changed} for row in cursor]
+            places = ", ".join(f":{column}" for column in columns)
+            new.executemany(f"INSERT INTO {table} VALUES ({places})", rows)  # noqa: S608
+
+        ((budget,),) = old.execute("SELECT spec ->> 'budget' FROM sessions WHERE name = ?", (name,))
+        whole = trials >= budget
+        copy("sessions", "name", **({} if whole else {"ended": None, "settled_on": None}))
+        copy("trials", "session", f"AND number <= {trials}")
+        copy("baselines", "session")
+        if whole:
+            copy("confirmations", "session")
         new.commit()
         new.execute("PRAGMA wal_checkpoint(TRUNCATE)")
         new.execute("PRAGMA journal_mode = DELETE")
