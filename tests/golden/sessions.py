@@ -54,16 +54,18 @@ def keep(source: Path, name: str, target: Path, new_name: str, trials: int) -> N
             store.commit()
     with closing(sqlite3.connect(source)) as old, closing(sqlite3.connect(target)) as new:
 
-        def copy(table: str, of: str, also: str = "", **changed: object) -> None:
+        def copy(table: str, of: str, also: str = "", *, changed: dict[str, None] | None = None) -> None:
             cursor = old.execute(f"SELECT * FROM {table} WHERE {of} = ? {also}", (name,))  # noqa: S608
             columns = [column for column, *_ in cursor.description]
-            rows = [{**dict(zip(columns, row, strict=True)), of: new_name, **changed} for row in cursor]
+            rows = [
+                {**dict(zip(columns, row, strict=True)), of: new_name, **(changed or {})} for row in cursor
+            ]
             places = ", ".join(f":{column}" for column in columns)
             new.executemany(f"INSERT INTO {table} VALUES ({places})", rows)  # noqa: S608
 
         ((budget,),) = old.execute("SELECT spec ->> 'budget' FROM sessions WHERE name = ?", (name,))
         whole = trials >= budget
-        copy("sessions", "name", **({} if whole else {"ended": None, "settled_on": None}))
+        copy("sessions", "name", changed=None if whole else {"ended": None, "settled_on": None})
         copy("trials", "session", f"AND number <= {trials}")
         copy("baselines", "session")
         if whole:

@@ -24,7 +24,7 @@ def test_ant_has_the_numbers_of_the_paper() -> None:
     np.testing.assert_allclose(ant.link_vectors_m, [[0.0503, -0.0112], [0.0724, 0.0], [0.1165, 0.0]])
     np.testing.assert_allclose(ant.stance_feet_body, 0.204 * circle + [0, 0, -0.121], atol=1e-12)
     np.testing.assert_allclose(ant.joint_max_torque_nm, 2.5)
-    np.testing.assert_allclose(ant.joint_max_speed_rad_s, np.radians(360))
+    np.testing.assert_allclose(ant.joint_max_speed_rad_s, np.radians(450))
     assert ant.mass_kg == pytest.approx(1.000)
     assert (ant.body.mass_kg, ant.size_m) == (0.100, 1.0)
     assert (ant.gait.pace_hz, ant.gait.amplitude, ant.gait.height) == (0.9, 0.11, 0.02)
@@ -251,10 +251,10 @@ BAD_VALUES: dict[str, tuple[Edit, list[str]]] = {
     ),
     "faster than without load": (
         put("joints", "femur", "no_load_speed_deg_s", 300),
-        ["joints.femur", "max_speed_deg_s 360", "no_load_speed_deg_s 300", "up to the speed without load"],
+        ["joints.femur", "max_speed_deg_s 450", "no_load_speed_deg_s 300", "up to the speed without load"],
     ),
     "a speed without load for one joint": (
-        put("joints", "coxa", "no_load_speed_deg_s", 400),
+        put("joints", "coxa", "no_load_speed_deg_s", 500),
         ["joints.femur", "no no_load_speed_deg_s", "every joint kind, or for none"],
     ),
     "no stiffness": (

@@ -33,7 +33,7 @@ def test_equal_descriptions_have_equal_fingerprints(tmp_path: Path) -> None:
 
 #: Fingerprints that sessions and priors were written with.
 FINGERPRINTS = {
-    "ant": "bd0d38a18059a3ae7bb9be6228a1d318fc4110ecf98e8568c9a018ec406e4619",
+    "ant": "977850e5e368bbb671c6d1113073b5cd4e3155d5744d1e562ad93657ed6e6c28",
     "pexod": "03474e14803b036830878662745cd09400e0c374e30be028085a2f8d58fe84c5",
 }
 

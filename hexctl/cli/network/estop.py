@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 #: How often keys and buttons are looked at.
 LOOK_S = 0.01
 
+#: How long `--json` waits for the robot's identity once the robot rests.
+IDENTITY_S = 1.5
+
 
 def estop(
     clear: Annotated[
@@ -70,7 +73,7 @@ def estop(
             # What is asked is asked on the watch's thread: nothing may come before the stop.
             known, note = partial(_is_known, stop), partial(note_refusal, then=f". {NOT_CONFIRMED}")
             with RefusalWatch(stop.link.endpoint, note, answered=known):
-                result = stop.wait_for_rest()
+                result = stop.wait_for_rest(identity_s=IDENTITY_S if as_json else 0.0)
         _print(result, stop.link, as_json=as_json)
         if not as_json and all(stream.isatty() for stream in (sys.stdin, sys.stdout, sys.stderr)):
             _watch(stop, result)
@@ -150,7 +153,7 @@ def _print(result: "StopResult", link: "Link", *, as_json: bool) -> None:
     for answer in result.answers:
         print_note(f"hexctl: the robot is {RobotIdentity.of_answer(answer)}")
     if not result.answers:
-        print_note(f"hexctl: the robot is {result.robot}; the datagram was faster than any session")
+        print_note(f"hexctl: the robot is {result.robot}; it answered by datagram")
 
 
 def _rest_in_words(result: "StopResult") -> str:

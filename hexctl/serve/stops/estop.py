@@ -192,22 +192,33 @@ class ReadyStop:
         robot = next((one.robot for one in fresh.values()), "")
         return Reach(robot, tuple(sorted(fresh)), "; ".join(trouble))
 
-    def wait_for_rest(self) -> StopResult:
+    def wait_for_rest(self, *, identity_s: float = 0.0) -> StopResult:
         """Wait until the robot is at rest and has stayed so for half a second.
+
+        Args:
+            identity_s: how long to wait then for the session, which has the robot's identity, if it may still
+                open.
 
         Raises InputError for certificates that are not allowed, RobotFaultError for a robot that cannot be
         reached, that does not stop, or that moves on.
         """
         self.press()
+        rests_since_s = time.monotonic()
         while True:
             with self._lock:
                 rested_s = self._rested_since_s()
                 result = None if rested_s is None else self._result(rested_s)
-            if result is not None:
+            if result is None:
+                self._raise_if_late()
+                rests_since_s = time.monotonic()
+            elif self._session_is_over() or time.monotonic() - rests_since_s >= identity_s:
                 self._claimed.wait(KEY_WRITE_S)
                 return result
-            self._raise_if_late()
             time.sleep(POLL_S)
+
+    def _session_is_over(self) -> bool:
+        """Whether the session has answered, or will not."""
+        return bool(self._session.answers) or self._session.ended or self._session.error is not None
 
     def watch(self, result: StopResult) -> Iterator[str]:
         """Report what becomes of a stop: a line for each change, without end.

@@ -34,7 +34,7 @@ class StoppedRobot:
     ) -> None:
         pass
 
-    def wait_for_rest(self) -> StopResult:
+    def wait_for_rest(self, *, identity_s: float = 0.0) -> StopResult:
         """Result of a stop by datagram."""
         return StopResult(
             stopped="estop",
@@ -78,7 +78,7 @@ def test_a_stop_that_failed_ends_with_what_the_operator_has_to_do(
     words: str,
     code: int,
 ) -> None:
-    def fail(_: object) -> None:
+    def fail(_: object, **__: object) -> None:
         raise error
 
     monkeypatch.setattr("hexctl.serve.stops.estop.ReadyStop", StoppedRobot)
@@ -126,7 +126,7 @@ def test_a_link_file_that_has_gone_meanwhile_is_no_error_of_a_stop(
     file.write_text("endpoint: tcp/127.0.0.1:7448\n", encoding="utf-8")
     result = StoppedRobot.wait_for_rest
 
-    def remove(robot: StoppedRobot) -> StopResult:
+    def remove(robot: StoppedRobot, **_: object) -> StopResult:
         file.unlink()
         return result(robot)
 
