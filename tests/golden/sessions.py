@@ -57,7 +57,8 @@ def keep(source: Path, name: str, target: Path, new_name: str, trials: int) -> N
         def copy(table: str, of: str, also: str = "", *, changed: dict[str, None] | None = None) -> None:
             cursor = old.execute(f"SELECT * FROM {table} WHERE {of} = ? {also}", (name,))  # noqa: S608
             columns = [column for column, *_ in cursor.description]
-            rows = [
+            kept = {of: new_name, **(changed or {})}
+            rows = [{**dict(zip(columns, row, strict=True)), **kept} for row in cursor]
                 {**dict(zip(columns, row, strict=True)), of: new_name, **(changed or {})} for row in cursor
             ]
             places = ", ".join(f":{column}" for column in columns)
