@@ -59,8 +59,6 @@ def keep(source: Path, name: str, target: Path, new_name: str, trials: int) -> N
             columns = [column for column, *_ in cursor.description]
             kept = {of: new_name, **(changed or {})}
             rows = [{**dict(zip(columns, row, strict=True)), **kept} for row in cursor]
-                {**dict(zip(columns, row, strict=True)), of: new_name, **(changed or {})} for row in cursor
-            ]
             places = ", ".join(f":{column}" for column in columns)
             new.executemany(f"INSERT INTO {table} VALUES ({places})", rows)  # noqa: S608
 
