@@ -79,7 +79,8 @@ class LimitedConnection(ServerConnection):
 
     Attributes:
         address: of the client.
-        heard_at_s: when its last message came, or when it connected, on time.monotonic.
+        begun_at_s: when it connected, on time.monotonic.
+        has_spoken: whether a message has come, as each page sends one at its start.
         gives_way: whether it was closed for a new client.
     """
 
@@ -88,7 +89,8 @@ class LimitedConnection(ServerConnection):
         self._addresses = addresses
         self._messages, self._bytes = Allowance(MESSAGES_S), Allowance(BYTES_S)
         self._refused = False
-        self.address, self.heard_at_s, self.gives_way = "", time.monotonic(), False
+        self.address, self.begun_at_s = "", time.monotonic()
+        self.has_spoken = self.gives_way = False
 
     def give_way(self) -> None:
         """Close the connection for a new client."""
@@ -97,7 +99,7 @@ class LimitedConnection(ServerConnection):
 
     def may_send(self) -> bool:
         """Whether one more message is within the limit; otherwise the connection is closed."""
-        self.heard_at_s = time.monotonic()
+        self.has_spoken = True
         allowed = self._messages.take()
         if not allowed:
             self.transport.abort()
@@ -134,13 +136,19 @@ class LimitedConnection(ServerConnection):
 
 
 def least_needed(connections: Sequence[LimitedConnection], newcomer: str) -> LimitedConnection:
-    """The connection that gives way to a new one: of the address with the most, the longest silent.
+    """The connection that gives way to a new one: of the address with the most, silent ones first.
 
-    Therefore a client that opens many connections takes their places from its own address.
+    Of those that have sent nothing it is the oldest, of the others the newest. Therefore a client that opens
+    many connections takes their places from its own address, and none from a page that was there before.
 
     Args:
         connections: that may be closed, at least one.
         newcomer: address of the new connection.
     """
     counts = Counter([newcomer, *(one.address for one in connections)])
-    return min(connections, key=lambda one: (-counts[one.address], one.heard_at_s))
+
+    def preference(one: LimitedConnection) -> tuple[float, ...]:
+        age_s = -one.begun_at_s if one.has_spoken else one.begun_at_s
+        return (-counts[one.address], one.has_spoken, age_s)
+
+    return min(connections, key=preference)

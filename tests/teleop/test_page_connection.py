@@ -76,14 +76,23 @@ class Connected:
     """A connection, as far as its place goes."""
 
     address: str
-    heard_at_s: float
+    begun_at_s: float
+    has_spoken: bool = False
 
 
 def test_an_address_with_many_connections_takes_no_place_of_another() -> None:
     alone, crowd = Connected("192.0.2.1", 0.0), [Connected("192.0.2.2", at_s) for at_s in (3.0, 1.0, 2.0)]
     connections = cast("list[LimitedConnection]", [alone, *crowd])
     for newcomer in ("192.0.2.1", "192.0.2.2", "192.0.2.3"):
-        assert least_needed(connections, newcomer).heard_at_s == 1.0
+        assert least_needed(connections, newcomer).begun_at_s == 1.0
+
+
+def test_a_page_that_was_there_keeps_its_place_from_later_ones_of_its_address() -> None:
+    page = Connected("192.0.2.1", 0.0, has_spoken=True)
+    silent, speaking = Connected("192.0.2.1", 1.0), Connected("192.0.2.1", 2.0, has_spoken=True)
+    for others, expected in (([silent, speaking], silent), ([speaking], speaking)):
+        connections = cast("list[LimitedConnection]", [page, *others])
+        assert least_needed(connections, "192.0.2.1") is cast("LimitedConnection", expected)
 
 
 class Driven:
@@ -99,9 +108,11 @@ class Driven:
     def client(self) -> ClientConnection:
         """A client that has connected."""
         own = f"127.0.0.1:{self.page.port}"
-        return connect(
+        client: ClientConnection = connect(
             f"ws://{own}/drive", origin=Origin(f"http://{own}"), subprotocols=[Subprotocol(PROTOCOL)]
         )
+        client.send(json.dumps({"release": True}))  # as the page does at its start
+        return client
 
     def stop_s(self, client: ClientConnection) -> float:
         """Time from a client's stop to the tick that obeys it; `LOST_S` for one that is lost."""

@@ -14,6 +14,7 @@ import rerun as rr
 from hexctl.adapt import overview
 from hexctl.adapt.sessions.session import TrialRecord
 from hexctl.adapt.sessions.store import SessionStore
+from hexctl.adapt.space import GaitSpace
 from hexctl.cli.main import exit_code
 from hexctl.control.log import TickLog
 from hexctl.record import live, viewer
@@ -30,6 +31,8 @@ from tests.serve.processes import (
     served,
     wait_until,
 )
+
+SPACE = GaitSpace((SPEC.failed_leg,))
 
 
 @pytest.fixture(autouse=True)
@@ -65,7 +68,7 @@ def session(trials: int, *, age_s: int = 10, missing: tuple[int, ...] = ()) -> s
             trial = TrialRecord(
                 index=index,
                 code=index,
-                slots=(1, 2, 3, 4, 5, 6),
+                slots=SPACE.slots_of(index),
                 score=0.1 * index,
                 outcome=result.to_dict(),
                 path_m=np.round(result.path_m[::10], 4).tolist(),
