@@ -11,8 +11,8 @@ STORE = Path(__file__).parents[1] / "data" / "sessions.sqlite"
 
 #: What was asked for: name in the store, options, and how many trials were kept of it.
 BEGUN = {
-    "whole-bayes": ("--failed-leg 5 --budget 3 --seed 1", 3),
-    "cut-bayes": ("--failed-leg 2 --budget 4 --seed 1 --target 0.001", 2),
+    "whole-bayes": ("--failed-leg 5 --budget 3 --seed 1 --target 0.0001 --worth 0", 3),
+    "cut-bayes": ("--failed-leg 2 --budget 4 --seed 1 --target 0.0001 --worth 0", 2),
     "whole-pso": ("--failed-leg 2 --budget 8 --seed 3 --optimizer pso --duration 2", 8),
     "cut-pso": ("--failed-leg 2 --budget 8 --seed 3 --optimizer pso --duration 2", 4),
     "cut-dps": ("--failed-leg 6 --budget 6 --confirm 2 --seed 4 --optimizer dps --duration 1", 3),
