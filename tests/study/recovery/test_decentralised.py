@@ -53,14 +53,14 @@ def test_a_walk_by_it_goes_on_without_a_leg_and_is_in_a_batch_as_alone() -> None
             legs=legs,
             failure="limp" if legs else "intact",
             at_s=2.5,
-            heading_deg=60.0,
+            heading_deg=0.0,
             method="decentralised",
         )
-        for legs in ((), (2,))
+        for legs in ((), (2,), (3,), (5,))
     ]
     together = walk_episodes(place, cases)
-    assert [one.status for one in together] == ["ok", "ok"]
-    assert [one.alarms for one in together] == [(), ()]
-    assert repr(walk_episodes(place, cases[1:])) == repr(together[1:])
-    (left,) = walk_episodes(place, [replace(cases[1], method="nothing")])
-    assert together[1].last_m_s > left.last_m_s
+    assert {one.status for one in together} == {"ok"}
+    assert {one.alarms for one in together} == {()}
+    assert repr(walk_episodes(place, cases[1:2])) == repr(together[1:2])
+    left = walk_episodes(place, [replace(case, method="nothing") for case in cases[1:]])
+    assert np.mean([one.last_m_s for one in together[1:]]) > np.mean([one.last_m_s for one in left])
