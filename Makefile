@@ -44,17 +44,18 @@ help:
 
 setup: $(INSTALLED)
 
-# What is installed in the environment, which is made where there is none.
+# What is installed in the environment, which is made where there is none, and options of pip. The demo's modules are
+# compiled at their first import: compiling all takes longer than the demo.
 define install
 	@test -n "$(PYTHON)" || { echo "the simulation needs Python 3.11 or 3.12, and there is neither; with its \
 	place: make PYTHON=/path/to/python3.12"; exit 1; }
 	@echo "setting up $(VENV), which takes a minute or two"
 	$(PYTHON) -m venv $(VENV)
-	@set -o pipefail; $(PIP) -e ".[$1]" | $(COUNTED)
+	@set -o pipefail; $(PIP) $2 -e ".[$1]" | $(COUNTED)
 endef
 
 $(RUNNABLE): pyproject.toml constraints.txt
-	$(call install,demo)
+	$(call install,demo,--no-compile)
 	touch $@
 
 # Two of them at a time would spoil one another.

@@ -8,7 +8,8 @@ of it in one simulated world that no prior and no threshold of hexctl was made w
 """
 
 import math
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -147,6 +148,8 @@ def demo(
             return DemoResult(event=EVENT, world=WORLD, folder=into, **_named(walks))
         if on_walk is not None:
             on_walk(walks[-1])
+    drawing = _Drawing(walks, into)
+    drawing.start()
     try:
         adaptation = Adaptation(spec, folder=folder, note=note).run(
             on_begin=on_begin,
@@ -157,8 +160,11 @@ def demo(
         )
     except NotBegunError:
         return DemoResult(event=EVENT, world=WORLD, folder=into, **_named(walks))
-    drawn: dict[str, Any] = {} if stop_requested() else _draw(walks, into)
-    return DemoResult(event=EVENT, world=WORLD, folder=into, adaptation=adaptation, **_named(walks), **drawn)
+    if not stop_requested():
+        drawing.join()
+    return DemoResult(
+        event=EVENT, world=WORLD, folder=into, adaptation=adaptation, **_named(walks), **drawing.drawn
+    )
 
 
 def speed_kept(walk: RunResult) -> float:
@@ -199,14 +205,25 @@ def _named(walks: list[RunResult]) -> dict[str, Any]:
     return dict(zip(("walked_on", "recovered"), walks, strict=False))
 
 
-def _draw(walks: list[RunResult], into: Path) -> dict[str, Any]:
-    """Draw both walks as a race; the picture, or why there is none."""
-    path = into / "rescue.gif"
-    try:
-        recordings = [walk.recording for walk in walks if walk.recording is not None]
-        return {"picture": export(*recordings, output=path, **PICTURE)}
-    except HexctlError as error:
-        return {"no_picture": str(error)}
+class _Drawing(threading.Thread):
+    """Draws both walks as a race while the search goes on; one that is interrupted ends with the process.
+
+    Attributes:
+        drawn: the picture, or why there is none, by field of the result; empty until then.
+    """
+
+    def __init__(self, walks: Sequence[RunResult], into: Path) -> None:
+        super().__init__(name="race", daemon=True)
+        self._recordings = [walk.recording for walk in walks if walk.recording is not None]
+        self._path = into / "rescue.gif"
+        self.drawn: dict[str, Any] = {}
+
+    def run(self) -> None:
+        """Draw."""
+        try:
+            self.drawn = {"picture": export(*self._recordings, output=self._path, **PICTURE)}
+        except HexctlError as error:
+            self.drawn = {"no_picture": str(error)}
 
 
 def _new_folder(folder: Path) -> Path:
