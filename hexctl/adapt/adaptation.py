@@ -255,9 +255,9 @@ class Adaptation:
         """Session to be continued, as it stands now that no other process adds to it."""
         stack.enter_context(store.held(name))
         session = self._resumed = store.load(name)
+        check_trusted(session.spec, self._given, trust=self._trust)  # it may have changed since
         left = remove_unfinished(store.folder_of(name), session)
         self._tell(None if left is None else f"removed {left}: its trial was killed and is walked again")
-        check_trusted(session.spec, self._given, trust=self._trust)  # it may have changed since
         if self._budget is not None:
             session.spec = extended(session, self._budget)
         return session

@@ -21,7 +21,7 @@ from hexctl.adapt.sessions.session import (
 )
 from hexctl.adapt.sessions.steps import search_steps
 from hexctl.adapt.sessions.store import load_session, stored_names
-from hexctl.errors import HexctlError, InputError
+from hexctl.errors import HexctlError, InputError, RecordingError
 from hexctl.record.rerun_program import OnDamage, log_damage, look_at
 from hexctl.record.sessions.figures import write_overview_file
 from hexctl.record.sessions.overview import Overview, OverviewTrial, SearchStep, drawable
@@ -242,7 +242,7 @@ def _together(
         return [], chosen
     try:
         scene = write_together(walks, folder, base)
-    except InputError:  # a recording without a walk, such as that of a diagnosis
+    except (InputError, RecordingError):  # without a walk, as that of a diagnosis; or the disk is full
         return [], chosen
     return scene, [one for one in chosen if one not in walks]
 

@@ -234,10 +234,13 @@ class StopOnInterrupt:
 
     Args:
         plain: whether there is no soft stop that a second one would leave out.
+
+    Attributes:
+        terminal_gone: whether SIGHUP has come.
     """
 
     def __init__(self, *, plain: bool = False) -> None:
-        self._requested = self._interrupted = False
+        self._requested = self._interrupted = self.terminal_gone = False
         self._terminals: list[int] = []
         self._again = "quit at once" if plain else "quit without a soft stop"
         self._before: dict[int, Any] = {}
@@ -262,6 +265,7 @@ class StopOnInterrupt:
         if number not in QUITS:
             self._requested = True
             if number == signal.SIGHUP:
+                self.terminal_gone = True
                 self._leave_terminal()
             return
         if self._interrupted:

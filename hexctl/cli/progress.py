@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Self
 
 import typer
 
-from hexctl.cli.console import INTERRUPTED, make_bar, print_above, print_note
+from hexctl.cli.console import INTERRUPTED, QUITS, make_bar, print_above, print_note
 from hexctl.signals import ending_signals
 
 if TYPE_CHECKING:
@@ -31,9 +31,13 @@ def interruptible(
         count: how many gaits, or whatever `what` says, a cache has, and how many there are in all.
         what: is counted.
     """
+    interrupted = False
 
-    def interrupt(_number: int, _frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
+    def interrupt(number: int, _frame: FrameType | None) -> None:
+        nonlocal interrupted
+        first, interrupted = not interrupted, True
+        if first or number in QUITS:  # SIGXCPU comes every second, and SIGHUP twice
+            raise KeyboardInterrupt
 
     before = {number: signal.signal(number, interrupt) for number in ending_signals()}
     try:

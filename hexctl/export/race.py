@@ -1,11 +1,9 @@
 """Two walks as a race: one scene with a lane for each, a fixed camera, and a line of text on each walk."""
 
-import json
 import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -119,7 +117,7 @@ class Racer:
                 broke_s[int(found[2])] = float(self.trial.walk_s[event.row])
                 yield Message(float(film_s[event.row]), f"{found[1]} {VERBS[found[3]]}", FAILED_BADGE)
         before_walk_s = float(self.trial.time_s[-1] - self.trial.walk_s[-1])
-        for noticed in _noticed(self.trial):
+        for noticed in self.trial.noticed:
             if noticed["did"] != "walked on" and noticed["leg"] in broke_s:
                 late_s = noticed["at_s"] - broke_s[noticed["leg"]]
                 at_s = noticed["at_s"] + before_walk_s - self.start_s
@@ -317,15 +315,9 @@ class _Course:
         return sorted(found, key=lambda message: message.at_s)
 
 
-def _noticed(trial: RecordedTrial) -> list[dict[str, Any]]:
-    """The failures that a walk noticed, as its result names them."""
-    return list(json.loads(trial.properties.get("noticed", "[]")))
-
-
 def _lane_axes(trial: RecordedTrial) -> tuple[FloatArray, FloatArray]:
     """Axes of a lane as rows, (3, 3), and its origin: along the line, to its left, up from the floor."""
-    w, x, y, z = trial.floor_quaternion
-    up = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x**2 + y**2)])
+    up = trial.floor_normal_world
     if trial.course_world is None:
         return np.eye(3), np.zeros(3)
     along = trial.course_world[1] - trial.course_world[0]

@@ -266,8 +266,7 @@ def _way_world(trial: RecordedTrial) -> FloatArray:
     way[trial.walk_s[at] <= 0] = np.nan
     if trial.course_world is None:
         return np.full_like(way, np.nan)
-    w, x, y, z = trial.floor_quaternion
-    normal_world = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x**2 + y**2)])
+    normal_world = trial.floor_normal_world
     way[:, 2] -= (way - trial.course_world[0]) @ normal_world / normal_world[2]
     way[:, 2] += trial.robot.foot_radius_m / 4
     return way

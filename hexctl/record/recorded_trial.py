@@ -1,5 +1,6 @@
 """A recorded trial, read back from its .rrd file as arrays."""
 
+import json
 import warnings
 from collections import defaultdict
 from collections.abc import Iterator
@@ -112,6 +113,17 @@ class RecordedTrial(ArrayFields):
 
     def __len__(self) -> int:
         return len(self.time_s)
+
+    @property
+    def noticed(self) -> list[dict[str, Any]]:
+        """Failures that the walk noticed, as `hexctl run --json` names them."""
+        return list(json.loads(self.properties.get("noticed", "[]")))
+
+    @property
+    def floor_normal_world(self) -> FloatArray:
+        """Unit normal of the floor, (3,)."""
+        w, x, y, z = self.floor_quaternion
+        return np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x**2 + y**2)])
 
     @property
     def posed(self) -> BoolArray:

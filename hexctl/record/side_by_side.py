@@ -1,6 +1,5 @@
 """Recordings of walks that are opened together: all in one scene, and each with the list of recordings."""
 
-import json
 import math
 import uuid
 from collections.abc import Iterator, Sequence
@@ -92,15 +91,10 @@ def _name(trial: RecordedTrial) -> str:
     """First what the walk did about a failure: lists of recordings show the beginning of a name."""
     told = trial.properties
     parts = [str(part) for part in (told.get("title", trial.path.stem), told.get("world")) if part]
-    reactions = {one["did"] for one in _noticed(trial)}
+    reactions = {one["did"] for one in trial.noticed}
     if not reactions:
         return ", ".join(parts)
     return f"{'no recovery' if reactions == {'walked on'} else 'recovered'}: {', '.join(parts)}"
-
-
-def _noticed(trial: RecordedTrial) -> list[dict[str, Any]]:
-    """The failures that a walk noticed."""
-    return list(json.loads(trial.properties.get("noticed", "[]")))
 
 
 def _copy(trial: RecordedTrial, name: str, path: Path) -> None:
@@ -113,7 +107,7 @@ def _copy(trial: RecordedTrial, name: str, path: Path) -> None:
     stream = load_rerun().RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
     save_stream(stream, path, blueprint)
     try:
-        stream.send_chunks(RrdReader(trial.path).stream())
+        stream.send_walk_chunks(RrdReader(trial.path).stream())
         stream.send_recording_name(name)
         flush(stream, path)
     finally:
@@ -122,9 +116,7 @@ def _copy(trial: RecordedTrial, name: str, path: Path) -> None:
 
 def _floor(trial: RecordedTrial) -> Floor:
     """The plane of a trial's floor; a recording keeps no heights."""
-    w, x, y, z = quaternion = trial.floor_quaternion
-    normal = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x**2 + y**2)])
-    return Floor(quaternion, normal, None)
+    return Floor(trial.floor_quaternion, trial.floor_normal_world, None)
 
 
 def _lanes(trials: Sequence[RecordedTrial], names: Sequence[str], addresses: Sequence[str]) -> list[_Lane]:
@@ -149,18 +141,18 @@ def _write_scene(path: Path, lanes: Sequence[_Lane]) -> None:
         stream.send_recording_name("side by side")
         stream.log("/", load_rerun().ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         for lane in lanes:
-            stream.send_chunks(list(_chunks(lane, with_floor=lane is lanes[0])))
+            stream.send_walk_chunks(list(_walk_chunks(lane, with_floor=lane is lanes[0])))
             _send_looks(stream, lane)
         flush(stream, path)
     finally:
         disconnect(stream)
 
 
-def _chunks(lane: _Lane, *, with_floor: bool) -> Iterator[Any]:
+def _walk_chunks(lane: _Lane, *, with_floor: bool) -> Iterator[Any]:
     """What a recording has of its walk, below the entity of its lane."""
     from rerun.chunk import RrdReader
 
-    for chunk in RrdReader(lane.trial.path).stream().to_chunks():
+    for chunk in RrdReader(lane.trial.path).stream().to_walk_chunks():
         entity = chunk.entity_path.lstrip("/")
         floor = entity == paths.GROUND and not with_floor
         # Labels of legs would cover one another, and the names of the walks.
@@ -190,7 +182,7 @@ def _summary(lane: _Lane) -> Any:
         rows.append(("deviation", f"{100 * told['deviation_final_m']:.1f} cm at the end"))
     rows += [
         ("noticed", f"{one['at_s']:.1f} s: leg {one['leg']} {one['kind']}, {one['did']}")
-        for one in _noticed(lane.trial)
+        for one in lane.trial.noticed
     ]
     lines = [f"| {name} | {text} |" for name, text in rows]
     link = f"[▶ open this walk]({lane.address}); ← at the top comes back"

@@ -20,7 +20,7 @@ VERSION = 1
 #: Mark, kind, flags, epoch, nonce, request, id of the stop, its reason, name of the robot.
 _CONTENT = struct.Struct("<8sBB16s8s8s8s54s24s")
 
-MAC_BYTES, BLOCK_BYTES = hashlib.sha256().digest_size, hashlib.sha256().block_size
+MAC_BYTES = hashlib.sha256().digest_size
 DATAGRAM_BYTES = _CONTENT.size + MAC_BYTES
 
 MARK_BYTES, EPOCH_BYTES, NONCE_BYTES, REQUEST_BYTES, ID_BYTES = 8, 16, 8, 8, 8
@@ -129,24 +129,18 @@ def mark_of(secret: bytes) -> bytes:
 
 
 def _mac(secret: bytes, content: bytes) -> bytes:
-    """HMAC-SHA256, without the steps that depend on the secret only.
+    """HMAC-SHA256.
 
     Unlike `hmac.digest` it never gives up the interpreter, which a thread may get back 5 ms later.
     """
-    inner, outer = (state.copy() for state in _keyed(secret))
-    inner.update(content)
-    outer.update(inner.digest())
-    return outer.digest()
+    keyed = _keyed(secret).copy()
+    keyed.update(content)
+    return keyed.digest()
 
 
 @lru_cache(maxsize=8)
-def _keyed(secret: bytes) -> "tuple[hashlib._Hash, hashlib._Hash]":
-    """Both hashes of an HMAC after their first block (RFC 2104)."""
-    block = (hashlib.sha256(secret).digest() if len(secret) > BLOCK_BYTES else secret).ljust(
-        BLOCK_BYTES, b"\0"
-    )
-    inner, outer = (hashlib.sha256(bytes(byte ^ pad for byte in block)) for pad in (0x36, 0x5C))
-    return inner, outer
+def _keyed(secret: bytes) -> hmac.HMAC:
+    return hmac.new(secret, digestmod=hashlib.sha256)
 
 
 def _shortened(text: str, most: int) -> bytes:

@@ -23,7 +23,7 @@ MOST_PROBED = 10_000
 #: What the schema of a store may have; SQLite writes it this way. A view can be endless, a trigger runs code.
 _PLAIN = ("CREATE TABLE ", "CREATE INDEX ", "CREATE UNIQUE INDEX ")
 
-#: Steps of SQLite's machine that one read or write may take; a trial is read in about 30.
+#: Steps of SQLite's machine that one connection may take; a trial is read in about 30.
 MOST_STEPS = 10_000_000
 
 #: Steps between two looks at how many there were.

@@ -192,7 +192,7 @@ class SessionStore(SessionRows):
                     "UPDATE sessions SET spec = ?, ended = ?, settled_on = ? WHERE name = ?", values
                 )
         except StoreError as error:
-            raise _not_stored(session, "it", error) from error
+            raise _not_stored(session, "its end", error) from error
 
     def delete(self, name: str) -> None:
         """Remove a session from the store; its recordings are left to the caller.

@@ -272,7 +272,7 @@ def after_stop(spec: SessionSpec, error: HexctlError) -> str:
         return ""
     if isinstance(error, LegFailedError):
         legs = ",".join(map(str, sorted({spec.failed_leg, *error.legs})))
-        return f"mend the leg, or walk without it (hexctl run --failed-leg {legs}), "
+        return f"repair the leg, or walk without it (hexctl run --failed-leg {legs}), "
     at = f" --connect {shlex.quote(spec.connect)}" if spec.connect else ""
     at += f" --keys {shlex.quote(str(spec.credentials))}" if spec.credentials else ""
     clear = f"clear the stop (hexctl estop --clear{at}), " if spec.backend == "zenoh" else ""

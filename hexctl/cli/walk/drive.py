@@ -1,13 +1,11 @@
 """`hexctl drive`: a robot driven by hand."""
 
 import shlex
-import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
@@ -295,7 +293,6 @@ def _drive(stack: ExitStack, drive: "Drive", wanted: _Wanted, keep: Callable[[],
     robot_stop = _robot_stop(drive)
     session = DriveSession(drive, robot_stop)
     interrupt = stack.enter_context(StopOnInterrupt())
-    _end_on_hangup(session)
     stack.enter_context(drive)
     for note in drive.notes:
         print_note(f"hexctl: {note}")
@@ -308,6 +305,8 @@ def _drive(stack: ExitStack, drive: "Drive", wanted: _Wanted, keep: Callable[[],
             keep()
             with realtime_priority():
                 why = session.run(devices, interrupt.requested)
+        if interrupt.terminal_gone:
+            why = "the terminal has gone"
     except EStopError:
         why = drive.guard.stopped or "stopped"
         _say(f"\nhexctl: the robot has stopped{_why(drive, why)}")
@@ -327,15 +326,6 @@ def _say(text: str) -> None:
     """Print a note, on a terminal that may have gone."""
     with suppress(OSError):
         print_note(text)
-
-
-def _end_on_hangup(session: "DriveSession") -> None:
-    """Come to a stand when the terminal goes, instead of dying in mid-step."""
-
-    def end(_number: int, _frame: FrameType | None) -> None:
-        session.ask("quit", "the terminal has gone")
-
-    signal.signal(signal.SIGHUP, end)
 
 
 def _devices(stack: ExitStack, session: "DriveSession", wanted: _Wanted) -> "list[Device]":

@@ -17,8 +17,8 @@ NAME_WAIT_S = 1.0
 class State(Enum):
     """State of a robot after a stop, with its words for an operator; `{by}` is who cleared the stop."""
 
-    STOPPED = "the robot is stopped again"
-    STIRS = "the robot is stopped, and its joints MOVE"
+    STOPPED = "the robot is stopped and at rest"
+    JOINTS_MOVE = "the robot is stopped, and its joints MOVE"
     CLEARED = "the stop was CLEARED{by}; the robot moves when a client commands it"
     MOVES = "the robot MOVES AGAIN; the stop was cleared{by}"
     SILENT = "the robot no longer answers; whether it is still stopped is not known"
@@ -64,4 +64,4 @@ def _state_of(seen: Collection[Sighting], at_s: float) -> State:
         return State.SILENT
     if newest.stopped is None:
         return State.MOVES if newest.at_rest is False else State.CLEARED
-    return State.STIRS if newest.at_rest is False else State.STOPPED
+    return State.JOINTS_MOVE if newest.at_rest is False else State.STOPPED
