@@ -79,9 +79,11 @@ check: lint
 
 # Tests of a lane, by its marks ($2), in so many workers ($1). One that failed beside others runs once more with
 # nothing beside it: then it is the test, and not the machine. Where pytest itself fails, nothing is repeated.
-lane = $(BIN)/pytest -n $1 -m "$2 and not soak"; code=$$?; [ $$code -ne 1 ] || { \
+# A test that hangs is ended, and fails, with the stacks of all threads.
+PYTEST := $(BIN)/pytest -o faulthandler_timeout=600 -o faulthandler_exit_on_timeout=true
+lane = $(PYTEST) -n $1 -m "$2 and not soak"; code=$$?; [ $$code -ne 1 ] || { \
 	echo "once more, alone: a test that fails only beside others is a finding too"; \
-	$(BIN)/pytest --last-failed --last-failed-no-failures none -m "$2 and not soak"; code=$$?; }; exit $$code
+	$(PYTEST) --last-failed --last-failed-no-failures none -m "$2 and not soak"; code=$$?; }; exit $$code
 
 # The tests are compiled beside mypy, once: each worker would do it for itself.
 test: $(INSTALLED)
