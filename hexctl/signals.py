@@ -1,4 +1,4 @@
-"""Signals that end a process: each of them asks a command to bring its robot to rest first."""
+"""Signals that end a process. Commands bring their robot to rest first."""
 
 import signal
 
@@ -14,7 +14,7 @@ _OTHERS = (
 
 
 def ending_signals() -> tuple[int, ...]:
-    """Signals that ask a command to stop, ascending: all that would end it, without those that it ignores.
+    """Return the numbers of all signals that would end this process and that it does not ignore, ascending.
 
     SIGHUP, of a closed terminal, is ignored under `nohup`; Python ignores SIGPIPE and SIGXFSZ.
     """

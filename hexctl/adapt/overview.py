@@ -182,7 +182,7 @@ def view_runs(names: Sequence[str], runs: Path, *, on_damage: OnDamage = log_dam
     """
     with scratch_folder() as spare:
         chosen = _find_runs(names, runs)
-        scene, alone = _together(chosen, spare / "walks")
+        scene, alone = _common_scene(chosen, spare / "walks")
         paths = [
             one
             if isinstance(one, Path)
@@ -215,7 +215,7 @@ def serve_runs(
     port = free_port()
     with FileServer(web_origin(port)) as files, scratch_folder() as folder:
         walks = folder / "walks"
-        scene, alone = _together(chosen, walks, files.base(walks.name))
+        scene, alone = _common_scene(chosen, walks, files.base(walks.name))
         urls = [files.add(walks.name, path) for path in scene][:1]
         urls += [
             _serve(one, files, folder / str(number), on_damage, several=len(chosen) > 1)
@@ -228,10 +228,12 @@ def serve_runs(
                 time.sleep(0.1)
 
 
-def _together(
+def _common_scene(
     chosen: Sequence[Path | StoredSession], folder: Path, base: str = ""
 ) -> tuple[list[Path], Sequence[Path | StoredSession]]:
-    """What shows the walks of several recordings and sessions, written to a folder; and the rest.
+    """Write a scene with the walks of several recordings to a folder.
+
+    Returns its files, empty without a scene, and what of the chosen is not in it.
 
     Raises InputError for a missing or damaged file.
     """

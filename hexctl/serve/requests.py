@@ -125,11 +125,11 @@ class RequestHandler:
             wanted = StopRequest.of(payload)
         except MessageError as error:
             self.leases.revoke()
-            return {**_told(self.latch.ensure()), **self._misunderstood(error)}
+            return {**_stop_facts(self.latch.ensure()), **self._misunderstood(error)}
         if wanted.op == "clear":
             return self.clear(wanted.stop_id, at_s, by=wanted.by, keys=wanted.keys)
         self.leases.revoke()
-        return _told(self.latch.ensure(by=wanted.by))
+        return _stop_facts(self.latch.ensure(by=wanted.by))
 
     def clear(
         self, stop_id: str | None, at_s: float, *, by: str = UNNAMED, keys: tuple[str, ...] = ()
@@ -256,7 +256,7 @@ class RequestHandler:
         return {"error": str(error)}
 
 
-def _told(stop: Stop) -> dict[str, Any]:
+def _stop_facts(stop: Stop) -> dict[str, Any]:
     """A stop in the answer to a request for it."""
     return {"stopped": stop.reason, "stop_id": stop.stop_id}
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 CONFIRM_S = 0.05
 
 #: Options that change nothing about where a stop is sent, and those that say where it is.
-PLAIN, PLACES = ("json", "insecure"), ("connect", "keys")
+FLAGS, PLACE_OPTIONS = ("json", "insecure"), ("connect", "keys")
 
 #: The shell sets it when it asks for completions: nothing is stopped then.
 COMPLETION = "_HEXCTL_COMPLETE"
@@ -55,7 +55,7 @@ def take_stop(place: Mapping[str, Any]) -> "ReadyStop | None":
 
 
 def place_of(arguments: Sequence[str]) -> dict[str, Any] | None:
-    """Arguments of `ReadyStop` that arguments of `hexctl estop` and settings ask for; None in any doubt."""
+    """Return what `ReadyStop` takes, from the command line and the settings; None if they leave a doubt."""
     typed = _typed(arguments)
     if typed is None or any(name.startswith(COMPLETION) for name in os.environ):
         return None
@@ -65,14 +65,14 @@ def place_of(arguments: Sequence[str]) -> dict[str, Any] | None:
     if settings.problems:
         return None
     connect, keys = typed.get("connect"), typed.get("keys")
-    if _said(settings.layers, "link", common=connect is None) is not None:
+    if _setting(settings.layers, "link", common=connect is None) is not None:
         return None  # a file that takes long to read
     if connect is None:
-        said = _said(settings.layers, "connect", common=True)
-        connect = None if said is None else said.value
+        setting = _setting(settings.layers, "connect", common=True)
+        connect = None if setting is None else setting.value
     if keys is None:
-        said = _said(settings.layers, "keys", common=str(connect).startswith(("tls/", "quic/")))
-        keys = None if said is None else said.placed(said.value)
+        setting = _setting(settings.layers, "keys", common=str(connect).startswith(("tls/", "quic/")))
+        keys = None if setting is None else setting.placed(setting.value)
     credentials = None if keys is None else Path(keys)
     return {"connect": connect, "credentials": credentials, "insecure": "insecure" in typed}
 
@@ -83,9 +83,9 @@ def _typed(arguments: Sequence[str]) -> dict[str, str] | None:
     words = iter(arguments)
     for word in words:
         option, equals, value = word.removeprefix("--").partition("=")
-        if not word.startswith("--") or option in typed or option not in (*PLAIN, *PLACES):
+        if not word.startswith("--") or option in typed or option not in (*FLAGS, *PLACE_OPTIONS):
             return None
-        if option in PLACES:
+        if option in PLACE_OPTIONS:
             typed[option] = value if equals else next(words, "")
             if not typed[option] or typed[option].startswith("-"):
                 return None
@@ -96,7 +96,7 @@ def _typed(arguments: Sequence[str]) -> dict[str, str] | None:
     return typed
 
 
-def _said(layers: "Sequence[Layer]", option: str, *, common: bool) -> "Setting | None":
+def _setting(layers: "Sequence[Layer]", option: str, *, common: bool) -> "Setting | None":
     """Setting of an option of `hexctl estop`, or if allowed that of all commands."""
     found = (
         layer.option(("estop",), option) or (layer.common(option) if common else None) for layer in layers
