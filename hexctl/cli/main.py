@@ -6,33 +6,11 @@ from contextlib import contextmanager
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
-from hexctl.cli.bus.board import board
-from hexctl.cli.bus.calibrate import calibrate
-from hexctl.cli.bus.servos import ports, servos
-from hexctl.cli.check import check
 from hexctl.cli.console import BAD_INPUT, FAULT, INTERRUPTED, in_flags, print_note
-from hexctl.cli.doctor import doctor
-from hexctl.cli.network.estop import estop
-from hexctl.cli.network.keys import keys
-from hexctl.cli.network.serve import ServeCommand, serve
-from hexctl.cli.network.status import status
-from hexctl.cli.network.twin import twin
-from hexctl.cli.results.export import export
-from hexctl.cli.results.sessions import sessions
-from hexctl.cli.results.view import view
-from hexctl.cli.robot import robot
-from hexctl.cli.see.group import see
+from hexctl.cli.lazy import Command, LazyCommands
 from hexctl.cli.settings import Commands, origin_of
-from hexctl.cli.study.prior import prior
-from hexctl.cli.study.study import study
-from hexctl.cli.walk.adapt import adapt
-from hexctl.cli.walk.demo import demo
-from hexctl.cli.walk.diagnose import diagnose
-from hexctl.cli.walk.drive import drive
-from hexctl.cli.walk.run import run
 from hexctl.errors import (
     EXTRAS,
     HexctlError,
@@ -57,8 +35,112 @@ def _cut_off() -> Iterator[None]:
         raise _CutOffError from None
 
 
-class _Commands(TyperGroup):
+WALK, ROBOT, NETWORK, STUDY = "Walk and adapt", "Your robot", "Over the network", "Simulate a lot"
+
+#: All commands, in the order of the help: the module of each, its group in the help, and what it does.
+COMMANDS = {
+    "run": Command("hexctl.cli.walk.run", WALK, "Walk, record it, and say how it went."),
+    "adapt": Command(
+        "hexctl.cli.walk.adapt",
+        WALK,
+        "Find a gait for a failed leg in few trials; each is kept and recorded.",
+    ),
+    "drive": Command(
+        "hexctl.cli.walk.drive", WALK, "Drive a robot by hand: keyboard, gamepad, or a page for a phone."
+    ),
+    "view": Command(
+        "hexctl.cli.results.view",
+        WALK,
+        "Open recordings or sessions in the Rerun viewer until it is closed, or watch a robot.",
+    ),
+    "demo": Command(
+        "hexctl.cli.walk.demo", WALK, "Break a leg of a simulated robot in mid-walk, and see it recover."
+    ),
+    "sessions": Command(
+        "hexctl.cli.results.sessions", WALK, "List, compare, export and delete sessions of hexctl adapt."
+    ),
+    "export": Command(
+        "hexctl.cli.results.export",
+        WALK,
+        "Write a robot, recordings or a session in a format of other programs.",
+    ),
+    "check": Command(
+        "hexctl.cli.check",
+        ROBOT,
+        "Check a robot file: can the robot walk a gait, in reach, angles, speeds, torques and servo pulses.",
+    ),
+    "robot": Command("hexctl.cli.robot", ROBOT, "Make robot files."),
+    "diagnose": Command(
+        "hexctl.cli.walk.diagnose",
+        ROBOT,
+        "Find out at rest which leg has failed, which joint, and how: 12 s of small motions.",
+    ),
+    "see": Command(
+        "hexctl.cli.see.group",
+        ROBOT,
+        "Find a robot on the floor with a camera and printed tags, and tell it where it is, until Ctrl-C.",
+    ),
+    "calibrate": Command(
+        "hexctl.cli.bus.calibrate",
+        ROBOT,
+        "Find direction, offset and limits of each servo, and write them to the robot file.",
+    ),
+    "board": Command(
+        "hexctl.cli.bus.board",
+        ROBOT,
+        "Be a servo board that speaks MAVLink 2, or servos on a bus, to try things without one.",
+    ),
+    "ports": Command(
+        "hexctl.cli.bus.servos", ROBOT, "List serial ports that have a device, with their adapters."
+    ),
+    "doctor": Command(
+        "hexctl.cli.doctor", ROBOT, "Say what this computer has and what works on it, for a bug report."
+    ),
+    "servos": Command(
+        "hexctl.cli.bus.servos",
+        ROBOT,
+        "Look at servos on a serial bus, one by one, before there is a robot file and after.",
+    ),
+    "serve": Command(
+        "hexctl.cli.network.serve",
+        NETWORK,
+        "Put a robot, real or simulated, on the network, with a guard and a stop of its own.",
+        "ServeCommand",
+    ),
+    "status": Command(
+        "hexctl.cli.network.status",
+        NETWORK,
+        "Show who commands a robot on the network, why it is stopped, what was dropped.",
+    ),
+    "estop": Command(
+        "hexctl.cli.network.estop",
+        NETWORK,
+        "Stop a robot on the network from anywhere, whichever client commands it.",
+    ),
+    "twin": Command(
+        "hexctl.cli.network.twin", NETWORK, "Let legs of a simulation on the network fail and heal."
+    ),
+    "keys": Command(
+        "hexctl.cli.network.keys", NETWORK, "Make and show certificates for robots beyond this computer."
+    ),
+    "study": Command(
+        "hexctl.cli.study.study",
+        STUDY,
+        "Repeat the paper's experiments: all gaits of each failed leg, all optimizers, one report.",
+    ),
+    "prior": Command(
+        "hexctl.cli.study.prior",
+        STUDY,
+        "Make and show priors: what hexctl adapt believes before its first trial.",
+    ),
+}
+
+
+class _Commands(LazyCommands):
     """The commands; an interrupt of one passes through Typer, which would end it without a word."""
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(COMMANDS, **attributes)
 
     def make_context(self, *arguments: Any, **more: Any) -> Any:
         with _cut_off():
@@ -76,31 +158,6 @@ app = Commands(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
-WALK, ROBOT, NETWORK, STUDY = "Walk and adapt", "Your robot", "Over the network", "Simulate a lot"
-
-app.command(rich_help_panel=WALK)(run)
-app.command(rich_help_panel=WALK)(adapt)
-app.command(rich_help_panel=WALK)(drive)
-app.command(rich_help_panel=WALK)(view)
-app.command(rich_help_panel=WALK)(demo)
-app.add_typer(sessions, name="sessions", rich_help_panel=WALK)
-app.command(rich_help_panel=WALK)(export)
-app.command(rich_help_panel=ROBOT)(check)
-app.add_typer(robot, name="robot", rich_help_panel=ROBOT)
-app.command(rich_help_panel=ROBOT)(diagnose)
-app.add_typer(see, name="see", rich_help_panel=ROBOT)
-app.command(rich_help_panel=ROBOT)(calibrate)
-app.command(rich_help_panel=ROBOT)(board)
-app.command(rich_help_panel=ROBOT)(ports)
-app.command(rich_help_panel=ROBOT)(doctor)
-app.add_typer(servos, name="servos", rich_help_panel=ROBOT)
-app.command(rich_help_panel=NETWORK, cls=ServeCommand)(serve)
-app.command(rich_help_panel=NETWORK)(status)
-app.command(rich_help_panel=NETWORK)(estop)
-app.add_typer(twin, name="twin", rich_help_panel=NETWORK)
-app.add_typer(keys, name="keys", rich_help_panel=NETWORK)
-app.command(rich_help_panel=STUDY)(study)
-app.add_typer(prior, name="prior", rich_help_panel=STUDY)
 
 
 def _print_version(wanted: bool) -> None:

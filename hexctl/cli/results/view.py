@@ -29,7 +29,7 @@ def view(
     insecure: InsecureOption = False,
     link: LinkOption = None,
 ) -> None:
-    """Open recordings or whole sessions in the Rerun viewer and wait until it is closed; or watch a robot.
+    """Open recordings or sessions in the Rerun viewer until it is closed, or watch a robot.
 
     A damaged recording of a session is named on stderr, with exit code 3; the others are shown.
     """

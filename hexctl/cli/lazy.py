@@ -1,0 +1,93 @@
+"""Commands whose modules are imported when they are called: neither the help nor a stop waits for others."""
+
+import importlib
+from collections.abc import Iterator, Mapping, MutableMapping
+from dataclasses import dataclass
+from typing import Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+from typer.main import get_group
+
+from hexctl.cli.settings import Commands
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """Where a command is found, and what the list of commands says about it.
+
+    Attributes:
+        module: has a function or a group of commands with the name of the command.
+        panel: group of the command in the help.
+        summary: what it does, one sentence.
+        kind: class of the command in its module; empty for `SettingsCommand`.
+    """
+
+    module: str
+    panel: str
+    summary: str
+    kind: str = ""
+
+
+class _Loaded(MutableMapping[str, Any]):
+    """Commands by name, each built when it is first asked for."""
+
+    def __init__(self, commands: Mapping[str, Command]) -> None:
+        self._declared, self._built = commands, dict[str, Any]()
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self._built:
+            self._built[name] = _build(name, self._declared[name])
+        return self._built[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._declared)
+
+    def __len__(self) -> int:
+        return len(self._declared)
+
+    def __setitem__(self, name: str, command: Any) -> None:
+        raise TypeError(f"commands are declared, {name} is not")
+
+    def __delitem__(self, name: str) -> None:
+        raise TypeError(f"commands are declared, {name} is kept")
+
+
+class LazyCommands(TyperGroup):
+    """A group that imports the module of a command when the command is called."""
+
+    def __init__(self, declared: Mapping[str, Command], **attributes: Any) -> None:
+        super().__init__(**attributes)
+        self.commands, self._declared, self._listing = _Loaded(declared), declared, False
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """Return a command; while the help is written only its name and summary."""
+        if cmd_name not in self._declared:
+            return None
+        if not self._listing:
+            return self.commands[cmd_name]
+        declared = self._declared[cmd_name]
+        return TyperCommand(cmd_name, help=declared.summary, rich_help_panel=declared.panel)
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names of all commands, in the order of the help."""
+        return list(self._declared)
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write the help text."""
+        self._listing = True
+        try:
+            super().format_help(ctx, formatter)
+        finally:
+            self._listing = False
+
+
+def _build(name: str, declared: Command) -> Any:
+    module = importlib.import_module(declared.module)
+    found, app = getattr(module, name), Commands()
+    if isinstance(found, typer.Typer):
+        app.add_typer(found, name=name, rich_help_panel=declared.panel)
+    else:
+        kind = getattr(module, declared.kind) if declared.kind else None
+        app.command(name, rich_help_panel=declared.panel, **({"cls": kind} if kind else {}))(found)
+    return get_group(app).commands[name]
