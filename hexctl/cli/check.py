@@ -11,8 +11,6 @@ from hexctl.cli.console import BAD_INPUT, print_note, print_result
 from hexctl.cli.options.output import JsonOption
 from hexctl.cli.options.robot import ROBOT_HELP, WORLD_HELP
 from hexctl.cli.options.walk import (
-    DURATION_S,
-    HEADING_DEG,
     AmplitudeOption,
     CheckedGaitOption,
     HeightOption,
@@ -21,6 +19,7 @@ from hexctl.cli.options.walk import (
 )
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.values import number, refuse_given
+from hexctl.control.plan import DURATION_S, HEADING_DEG
 from hexctl.errors import InputError
 
 if TYPE_CHECKING:
@@ -109,8 +108,8 @@ def check(
     checked = check_robot(
         robot_name or robot or "ant",
         gait,
-        heading_rad=None if heading is None else math.radians(heading),
-        turn_rate_rad_s=None if turn is None else math.radians(turn),
+        heading_rad=heading,
+        turn_rate_rad_s=turn,
         pace_hz=pace,
         amplitude=amplitude,
         height=height,
@@ -208,11 +207,11 @@ def _envelope_table(envelope: dict[str, Any]) -> "Table":
     return table
 
 
-def _leg_sets(checked: "RobotCheck", heading_deg: float | None) -> list[dict[str, Any]]:
+def _leg_sets(checked: "RobotCheck", heading_rad: float | None) -> list[dict[str, Any]]:
     """Verdicts on all sets of lost legs, in the direction that was asked for or the worst of four."""
     from hexctl.control.assessment.leg_sets import DIRECTIONS_RAD, MOST_JUDGED, leg_sets
 
-    directions_rad = DIRECTIONS_RAD if heading_deg is None else (math.radians(heading_deg),)
+    directions_rad = DIRECTIONS_RAD if heading_rad is None else (heading_rad,)
     return [one.to_dict() for one in leg_sets(checked.robot, checked.gait, directions_rad, MOST_JUDGED)]
 
 

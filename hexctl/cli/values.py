@@ -1,83 +1,33 @@
-"""Values of options: ranges of numbers, words of a list, and which options were typed.
+"""Values of options: numbers, words of a list, and which options were typed.
 
 Light to import: `hexctl --help` needs only these.
 """
 
-import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from typing import Any, get_args
 
 import typer
 
 from hexctl.errors import InputError
-
-#: A range with no more whole numbers than this is offered by the Tab key.
-MAX_OFFERED = 10
+from hexctl.options import Range
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Range:
-    """The numbers that an option takes; its text stands in the help and in error messages.
+def checked(parse: Callable[[str], Any]) -> Callable[[str], Any]:
+    """Parser of an option, of a function that raises ValueError with what it got and what is allowed."""
 
-    Attributes:
-        low: lowest value.
-        high: highest value.
-        above: whether `low` itself is excluded.
-        whole: whether only whole numbers are allowed.
-        unit: unit, for error messages.
-    """
-
-    low: float = -math.inf
-    high: float = math.inf
-    above: bool = False
-    whole: bool = False
-    unit: str = ""
-
-    def __str__(self) -> str:
-        return self._text(to="..", unit="")
-
-    def _text(self, *, to: str, unit: str) -> str:
-        low, high = f"{self.low:g}", f"{self.high:.15g}"
-        if math.isinf(self.low):
-            return "any finite number"
-        if math.isinf(self.high):
-            return f"above {low}{unit}" if self.above else f"{low}{unit} or more"
-        return f"above {low} up to {high}{unit}" if self.above else f"{low}{to}{high}{unit}"
-
-    def __contains__(self, value: float) -> bool:
-        above = value > self.low if self.above else value >= self.low
-        # Whole numbers are finite, and may be larger than any float.
-        return (isinstance(value, int) or math.isfinite(value)) and above and value <= self.high
-
-    def parse(self, text: str | float) -> int | float:
-        """Parse a number; raises BadParameter for anything outside the range, nan and infinity included."""
+    def parsed(text: str) -> Any:
         try:
-            value = int(text) if self.whole else float(text)
-        except ValueError:
-            kind = "a whole number" if self.whole else "a number"
-            bounds = "" if math.isinf(self.low) else f", {self._allowed}"
-            raise typer.BadParameter(f"got {text!r}; allowed: {kind}{bounds}") from None
-        if value not in self:
-            raise typer.BadParameter(f"got {text}; allowed: {self._allowed}")
-        return value
+            return parse(text)
+        except ValueError as error:
+            raise typer.BadParameter(str(error)) from None
 
-    def complete(self, incomplete: str) -> list[str]:
-        """Numbers that the shell offers: all of a short range of whole numbers, else none."""
-        if not self.whole or self.high - self.low >= MAX_OFFERED:
-            return []
-        numbers = map(str, range(int(self.low), int(self.high) + 1))
-        return [number for number in numbers if number.startswith(incomplete)]
-
-    @property
-    def _allowed(self) -> str:
-        return self._text(to=" to ", unit=f" {self.unit}") if self.unit else str(self)
+    return parsed
 
 
 def number(flag: str, allowed: Range, text: str) -> Any:
     """Option that takes a number; `{}` in the help text stands for its range."""
     return typer.Option(
-        flag, parser=allowed.parse, autocompletion=allowed.complete, help=text.format(allowed)
+        flag, parser=checked(allowed.parse), autocompletion=allowed.complete, help=text.format(allowed)
     )
 
 

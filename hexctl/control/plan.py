@@ -3,22 +3,33 @@
 import math
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Literal, get_args
 
 from hexctl.errors import InputError, check_type
 from hexctl.gait.gait import Gait, Motion
+from hexctl.options import Range
 from hexctl.robot.failure import UNKNOWN, Failure, check_further, each_failure
 
-SELF_ROTATIONS = ("rear", "front", "none")
+SelfRotation = Literal["rear", "front", "none"]
+SELF_ROTATIONS = get_args(SelfRotation)
 
 #: What a walk holds by feedback: its line, its heading alone, nothing; `auto`: the best the robot allows.
-HOLDS = ("auto", "line", "heading", "none")
-MAX_DURATION_S = 86_400.0
+Hold = Literal["auto", "line", "heading", "none"]
+HOLDS = get_args(Hold)
+
+DURATION_S = Range(low=0, high=86_400, above=True, unit="s")
+
+HEADING_DEG = Range(degrees=True)
+
+TURN_DEG_S = Range(low=-360, high=360, unit="deg/s", degrees=True)
 
 #: Where callers ask for the self-rotation that suits a walk.
 AUTO_ROTATION = "auto"
+AskedRotation = Literal["auto", "rear", "front", "none"]
 
 #: A course that is further off than this is not trimmed: the robot is not walking ahead.
-MAX_TRIM_RAD = math.radians(45.0)
+TRIM_DEG = Range(low=-45, high=45, degrees=True)
+MAX_TRIM_RAD = math.radians(TRIM_DEG.high)
 
 #: A walk that curves by more than this, 120 degrees in 30 s, is not trimmed either.
 MAX_TURN_TRIM_RAD_S = math.radians(4.0)
@@ -56,8 +67,8 @@ class GaitChange:
     def __post_init__(self) -> None:
         check_type(self.gait, Gait, "change.gait", "a Gait, as make_gait(robot, 'wave') gives")
         check_type(self.at_s, float, "change.at_s")
-        if not (math.isfinite(self.at_s) and 0 <= self.at_s <= MAX_DURATION_S):
-            raise InputError(f"gait change: got {self.at_s:g} s; allowed: 0 up to {MAX_DURATION_S:g} s")
+        if not (math.isfinite(self.at_s) and 0 <= self.at_s <= DURATION_S.high):
+            raise InputError(f"gait change: got {self.at_s:g} s; allowed: 0 up to {DURATION_S.high:g} s")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,10 +124,7 @@ class TrialPlan:
                 f"allowed: up to {math.degrees(MAX_TRIM_RAD):g} degrees either way"
             )
         self._check_turn_trim()
-        if not (math.isfinite(self.duration_s) and 0 < self.duration_s <= MAX_DURATION_S):
-            raise InputError(
-                f"duration: got {self.duration_s:g}; allowed: above 0 up to {MAX_DURATION_S:g} s"
-            )
+        DURATION_S.check("duration", self.duration_s)
         if self.self_rotation not in SELF_ROTATIONS:
             raise InputError(f"self-rotation: got {self.self_rotation}; allowed: {', '.join(SELF_ROTATIONS)}")
         if self.hold not in HOLDS:

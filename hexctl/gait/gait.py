@@ -16,20 +16,23 @@ from hexctl.gait.encoding import (
 )
 from hexctl.gait.posture import STANCE, Posture
 from hexctl.names import known_name, nearest
+from hexctl.options import Range
 from hexctl.robot.model import Robot
 from hexctl.types import N_LEGS
 
 #: Amplitudes per cycle at the speed of the stance: a foot on the floor covers one in two thirds of a cycle.
 STROKES_PER_CYCLE = 1.5
 
-MAX_PACE_HZ = 10.0
+PACE_HZ = Range(low=0, high=10, above=True, unit="Hz")
 
+#: Length and height of a step, as fractions of the robot's size.
+STEP = Range(low=0, high=1, above=True, unit="of the robot's size")
 
 #: Part of a cycle that a foot is in the air, in the paper.
 SWING_SHARE = 1 / 3
 
 #: Range of the swing share.
-MIN_SWING, MAX_SWING = 0.1, 0.5
+SWING = Range(low=0.1, high=0.5)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,13 +63,11 @@ class Gait:
         object.__setattr__(self, "slots", as_slots(self.slots))
         if len(self.slots) != N_LEGS or not all(1 <= slot <= N_LEGS for slot in self.slots):
             raise InputError(f"slots: got {self.slots}; allowed: six numbers, each 1..6")
-        _require_between("pace", self.pace_hz, 0, MAX_PACE_HZ, "Hz")
-        _require_between("amplitude", self.amplitude, 0, 1, "of the robot's size")
-        _require_between("height", self.height, 0, 1, "of the robot's size")
+        PACE_HZ.check("pace", self.pace_hz)
+        STEP.check("amplitude", self.amplitude)
+        STEP.check("height", self.height)
         check_type(self.posture, Posture, "posture", "a Posture")
-        check_type(self.swing_share, float, "swing share", f"a number, {MIN_SWING:g}..{MAX_SWING:g}")
-        if not MIN_SWING <= self.swing_share <= MAX_SWING:
-            raise InputError(f"swing share: got {self.swing_share:g}; allowed: {MIN_SWING:g}..{MAX_SWING:g}")
+        SWING.check("swing share", self.swing_share)
         self._check_phases()
 
     def _check_phases(self) -> None:
@@ -146,12 +147,6 @@ def half_amplitude_turn_rate_rad_s(robot: Robot, gait: Gait) -> float:
     return gait.strokes_per_cycle * gait.pace_hz * 0.5 * gait.amplitude * robot.size_m / robot.stance_radius_m
 
 
-def _require_between(what: str, value: float, low: float, high: float, unit: str) -> None:
-    check_type(value, float, what, f"a number above {low:g} up to {high:g} {unit}")
-    if not (math.isfinite(value) and low < value <= high):
-        raise InputError(f"{what}: got {value:g}; allowed: above {low:g} up to {high:g} {unit}")
-
-
 #: Name of the gait that stands safest: which one that is depends on robot, direction and failure
 #: (`hexctl.control.assessment.static_stability`).
 AUTO = "auto"
@@ -203,6 +198,15 @@ def make_gait(
         amplitude=default.amplitude if amplitude is None else amplitude,
         height=default.height if height is None else height,
     )
+
+
+def gait_text(text: str) -> str:
+    """A gait as hexctl writes it; slots of a gait with a name, which results print too, are that gait."""
+    if "," in text:
+        slots = "".join(text.split())
+        named = [name for name, one in NAMED_SLOTS.items() if ",".join(map(str, one)) == slots]
+        return named[0] if named else text
+    return text if ":" in text else text.strip().lower() or text
 
 
 def names_best(gait: object) -> bool:

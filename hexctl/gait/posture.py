@@ -1,14 +1,14 @@
 """How a body stands over its feet while it walks."""
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
 from hexctl.errors import InputError, check_type
+from hexctl.options import Range
 from hexctl.types import N_LEGS
 
-#: Ranges, as fractions of the robot's size.
-MAX_RAISE, MAX_SHIFT = 0.2, 0.2
+#: How far the body is raised or shifted, as fractions of the robot's size.
+POSTURE = Range(low=-0.2, high=0.2, unit="of the robot's size")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,12 +27,12 @@ class Posture:
     tucked_legs: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        _require_within("body raise", self.body_raise, MAX_RAISE)
+        POSTURE.check("body raise", self.body_raise)
         check_type(self.shift, (tuple, list), "stance shift", "two numbers, forward and left")
         if len(self.shift) != 2:
             raise InputError(f"stance shift: got {len(self.shift)} numbers; allowed: 2, forward and left")
         for value in self.shift:
-            _require_within("stance shift", value, MAX_SHIFT)
+            POSTURE.check("stance shift", value)
         check_type(self.tucked_legs, (tuple, list), "tucked legs", "legs, such as (5,)")
         for leg in self.tucked_legs:
             check_type(leg, int, "tucked legs", f"legs, each 1..{N_LEGS}")
@@ -49,13 +49,6 @@ class Posture:
             "shift": list(self.shift),
             "tucked_legs": list(self.tucked_legs),
         }
-
-
-def _require_within(what: str, value: float, most: float) -> None:
-    allowed = f"a number up to {most:g} either way, of the robot's size"
-    check_type(value, float, what, allowed)
-    if not (math.isfinite(value) and abs(value) <= most):
-        raise InputError(f"{what}: got {value:g}; allowed: {allowed}")
 
 
 #: The posture of the paper: that of the robot's stance.

@@ -1,110 +1,176 @@
 """What a run does: its options, checked, and the plan of its trial."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from pathlib import Path
 from types import NoneType
-from typing import Any
+from typing import Annotated, Any
 
+from hexctl.backends.options import RobotOptions
 from hexctl.backends.registry import check_options, option_values
 from hexctl.backends.sim.world import World
 from hexctl.control.assessment.crawl import auto_gait
 from hexctl.control.assessment.leg_sets import doubt, leg_set
 from hexctl.control.assessment.static_stability import check_tucked, stable_slots_of
 from hexctl.control.monitor.recovery import MOST_RECOVERED, RecoveryPolicy, make_policy
-from hexctl.control.plan import AUTO_ROTATION, GaitChange, TrialPlan, suited_rotation
+from hexctl.control.plan import (
+    AUTO_ROTATION,
+    DURATION_S,
+    HEADING_DEG,
+    TRIM_DEG,
+    TURN_DEG_S,
+    AskedRotation,
+    GaitChange,
+    Hold,
+    TrialPlan,
+    suited_rotation,
+)
 from hexctl.errors import InputError, argument, check_type
 from hexctl.gait.encoding import code_count
-from hexctl.gait.gait import AUTO, BEST, SWING_SHARE, Gait, make_gait, names_best, parse_slots
-from hexctl.gait.posture import Posture
+from hexctl.gait.gait import (
+    AUTO,
+    BEST,
+    PACE_HZ,
+    STEP,
+    SWING,
+    SWING_SHARE,
+    Gait,
+    gait_text,
+    make_gait,
+    names_best,
+    parse_slots,
+)
+from hexctl.gait.posture import POSTURE, Posture
+from hexctl.options import UNTYPED, Typed
 from hexctl.record.rrd import probe_file
 from hexctl.robot.failure import Failure, check_further, each_failure, failures_of
 from hexctl.robot.failure_event import FailureEvent
 from hexctl.robot.model import Robot
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunSpec:
-    """What a run does: which robot, where, and how it walks.
+def _shift(text: str) -> tuple[float, float]:
+    """Two numbers of a text such as `0.02,-0.01`."""
+    try:
+        forward, left = (float(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(f"got {text!r}; allowed: two numbers such as 0.02,-0.01") from None
+    return forward, left
 
-    Attributes:
-        backend: `sim`, `zenoh`, `mavlink`, `mock`, or `package.module:Class` for other servos. Options that
-            it would ignore are refused.
-        robot: a shipped name, a robot file, or a robot.
-        world: a name, a file, a member of a family such as `randomised:7`, or a world; None is `flat`. Only
-            with `sim`, or own servos that take one.
-        gait: a name, a code, six slots, or a gait; `auto` is the one that stands safest.
-        chosen_gait: whether the gait was chosen for the failed leg, as `auto` always is; the self-rotation
-            `auto` depends on it. `hexctl.best_gait` says so.
-        pace_hz: gait cycles per second; None is the robot's, as for the next two.
-        amplitude: stride as a fraction of the robot's size.
-        height: height of a step as a fraction of the robot's size.
-        body_raise: how much higher the body stands than in the stance, as a fraction of the robot's size;
-            None is not at all, but with the gait `auto` as `stable_gait` says.
-        stance_shift: how far the body stands forward and to the left over its feet, likewise; None for not.
-        tucked_legs: legs that are held up in the air.
-        swing_share: part of a cycle that a foot is in the air; None is a third, as in the paper.
-        then: changes of the gait in stride, such as `wave@10`: a name, a code or slots, and when in seconds;
-            the times ascend.
-        heading_rad: direction of travel, counter-clockwise from forward; None is forward, or none at all in a
-            turn in place.
-        turn_rate_rad_s: rate of turning, counter-clockwise. Without a heading the robot turns in place.
-        duration_s: how long to walk.
-        failure: the failed leg, or None.
-        further_failures: those of other legs that failed too, by leg.
-        events: failures that come to a simulation during the walk, and legs that heal; its controller is not
-            told.
-        policy: what the walk does about a leg that it notices to have failed: `walk-on`, `stop`, `glide` to a
-            gait for the others, `package.module:Class` or a policy; None walks on in a simulation and stops
-            elsewhere.
-        self_rotation: where the failed leg points before the walk: `rear`, `front` or `none`; `auto` as
-            `hexctl.control.plan.suited_rotation` says.
-        hold: what the walk holds by feedback: its `line`, its `heading` alone, or `none`, as in the paper;
-            `auto` is the best that the robot's state allows.
-        trim_rad: course correction under the hold `heading`, counter-clockwise; None is 0. `trimmed_rad` of
-            `hexctl.control.walks.steering` has the one for the next walk.
-        seed: of everything random in a simulation.
-        realtime: pace a simulation with the wall clock.
-        record: new .rrd file to record to; None for no recording, or for one in `record_folder`.
-        record_folder: folder in which a new recording is named by time, robot and gait.
-        connect: where the robot is: a Zenoh endpoint, or a MAVLink port; None is the backend's default.
-        credentials: folder with the certificates of a link beyond loopback, or None.
-        insecure: True to let a link beyond loopback do without certificates.
-        link: name or path of a link file, or None.
+
+def _legs(text: str) -> tuple[int, ...]:
+    """Legs of a text such as `2,5`, ascending."""
+    try:
+        return tuple(sorted(int(part) for part in text.split(",")))
+    except ValueError:
+        raise ValueError(f"got {text!r}; allowed: numbers 1..6 with commas, such as 2,5") from None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunSpec(RobotOptions):
+    """What a run does: which robot, where, and how it walks. Its fields are the options of `hexctl run`."""
+
+    gait: Annotated[str | int | Sequence[int] | Gait, Typed(parse=gait_text, words="gaits")] = "demo"
+    """Gait: demo, tripod, wave, ripple; auto, the one that stands safest; best, the fastest by a prior for
+    the failed leg, or best:SESSION, that of a session; a code, 1..720, or 1..120 with a failed leg; or
+    when in the cycle legs 1..6 step, six slots such as 5,1,2,4,3,6.
+
+    In Python also six slots, or a Gait.
     """
 
-    backend: str = "sim"
-    robot: str | Path | Robot = "ant"
-    world: str | Path | World | None = None
-    gait: str | int | Sequence[int] | Gait = "demo"
-    chosen_gait: bool = False
-    pace_hz: float | None = None
-    amplitude: float | None = None
-    height: float | None = None
-    body_raise: float | None = None
-    stance_shift: tuple[float, float] | None = None
-    tucked_legs: Sequence[int] = ()
-    swing_share: float | None = None
+    chosen_gait: Annotated[bool, UNTYPED] = False
+    """Whether the gait was chosen for the failed leg, as `auto` always is; the self-rotation `auto` depends
+    on it. `hexctl.best_gait` says so.
+    """
+
+    heading_rad: Annotated[float | None, HEADING_DEG] = None
+    """Direction of travel in degrees, {}, counter-clockwise from where the body points at the start: 90 goes
+    to the left. (default: 0)
+
+    In Python in rad. None is forward, or no travel in a turn in place.
+    """
+
+    turn_rate_rad_s: Annotated[float | None, TURN_DEG_S, Typed(flag="turn")] = None
+    """Rate of turning in degrees per second, {}, counter-clockwise positive; alone it turns in place, with
+    --heading it is blended with the walk. (default: 0)
+
+    In Python in rad/s.
+    """
+
+    duration_s: Annotated[float, DURATION_S] = 30.0
+    """Seconds to walk, {}."""
+
+    pace_hz: Annotated[float | None, PACE_HZ] = None
+    """Gait cycles per second, {}. (default: the robot's)"""
+
+    amplitude: Annotated[float | None, STEP] = None
+    """Length of a step as a fraction of the robot's size, {}. (default: the robot's)"""
+
+    height: Annotated[float | None, STEP] = None
+    """Height of a step as a fraction of the robot's size, {}. (default: the robot's)"""
+
+    body_raise: Annotated[float | None, POSTURE] = None
+    """How much higher the body stands, as a fraction of the robot's size, {}. (default: 0; with --gait auto
+    0.012 off a locked leg that does not trail)
+    """
+
+    stance_shift: Annotated[tuple[float, float] | None, Typed(parse=_shift)] = None
+    """How far the body stands forward and to the left over its feet, as fractions of the robot's size, such
+    as 0.02,-0.01. (default: 0,0)
+    """
+
+    tucked_legs: Annotated[Sequence[int], Typed(flag="tuck", parse=_legs)] = ()
+    """Legs held up in the air, of 1..6, with commas. (default: none)"""
+
+    swing_share: Annotated[float | None, SWING] = None
+    """How long a foot is in the air, as a fraction of the cycle, {}. (default: 1/3)"""
+
     then: Sequence[str] = ()
-    heading_rad: float | None = None
-    turn_rate_rad_s: float | None = None
-    duration_s: float = 30.0
-    failure: Failure | None = None
-    further_failures: Sequence[Failure] = ()
-    events: Sequence[FailureEvent] = ()
-    policy: str | RecoveryPolicy | None = None
-    self_rotation: str = AUTO_ROTATION
-    hold: str = "auto"
-    trim_rad: float | None = None
-    seed: int = 0
-    realtime: bool = False
+    """Change the gait in stride, to one that --gait takes, such as wave@10: from 10 s on; may be given
+    several times, with times that ascend. (default: never)
+    """
+
+    failure: Annotated[Failure | None, UNTYPED] = None
+    """The failed leg, or None."""
+
+    further_failures: Annotated[Sequence[Failure], UNTYPED] = ()
+    """Those of other legs that failed too, by leg."""
+
+    events: Annotated[Sequence[FailureEvent], UNTYPED] = ()
+    """Failures that come to a simulation during the walk, and legs that heal; its controller is not told."""
+
+    policy: Annotated[str | RecoveryPolicy | None, Typed()] = None
+    """What to do about a leg that is noticed to have failed: walk-on, stop, glide, or package.module:Class.
+    (default: walk-on with sim, else stop)
+
+    In Python also a policy.
+    """
+
+    self_rotation: AskedRotation = AUTO_ROTATION
+    """Turn before the walk until the failed leg points to the rear or the front of the way, or none: no turn.
+    auto: none with --gait auto or best where the line is held, else rear.
+    """
+
+    hold: Hold = "auto"
+    """Feedback keeps the walk on its line, by position and yaw, or keeps its heading, by yaw alone; none:
+    open loop, as in the paper; auto is the best that the robot's state allows.
+    """
+
+    trim_rad: Annotated[float | None, TRIM_DEG] = None
+    """With --hold heading, course correction in degrees, {}, counter-clockwise: after a walk that ended E to
+    the left after S, -atan(E / S) more. (default: 0)
+
+    In Python in rad: `trimmed_rad` of `hexctl.control.walks.steering` has the one for the next walk.
+    """
+
     record: str | Path | None = None
-    record_folder: str | Path | None = None
-    connect: str | None = None
-    credentials: str | Path | None = None
-    insecure: bool = False
-    link: str | None = None
+    """Recording to write, a new .rrd file, whose folder is made. (default: one in runs/)
+
+    In Python None is no recording, or one in `record_folder`.
+    """
+
+    record_folder: Annotated[str | Path | None, UNTYPED] = None
+    """Folder in which a new recording is named by time, robot and gait."""
 
     def __post_init__(self) -> None:
         path = (str, Path, NoneType)
@@ -214,9 +280,10 @@ def spec_of(options: Mapping[str, Any]) -> RunSpec:
         check_type(failure, (str, NoneType), "failure", f"words such as 'limp' with failed_leg={failed_leg}")
         found = failures_of(legs, failure)
         given["failure"], given["further_failures"] = next(iter(found), None), found[1:]
-    unknown = [name for name in given if name not in RunSpec.__slots__]
+    names = [field.name for field in fields(RunSpec)]
+    unknown = [name for name in given if name not in names]
     if unknown:
-        allowed = ("failed_leg", *RunSpec.__slots__, "controller", "recorders", "stop_requested")
+        allowed = ("failed_leg", *names, "controller", "recorders", "stop_requested")
         raise InputError(f"run: got {', '.join(unknown)}; allowed: {', '.join(allowed)}")
     return RunSpec(**given)
 

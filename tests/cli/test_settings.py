@@ -40,8 +40,9 @@ def defaults(*words: str) -> dict[str, Any]:
         command = command.commands[arguments[0]]
         context = command.make_context(arguments[0], arguments[1:], parent=context)
         arguments = [*context._protected_args, *context.args] if isinstance(command, TyperGroup) else []
+    flags = {param.name: param.opts[0].removeprefix("--").replace("-", "_") for param in command.params}
     return {
-        name: value
+        flags[name]: value
         for name, value in context.params.items()
         if getattr(context.get_parameter_source(name), "name", "") == "DEFAULT_MAP"
     }

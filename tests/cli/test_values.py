@@ -8,8 +8,9 @@ import pytest
 import typer
 
 from hexctl.cli.options.robot import RobotOption, SeedOption
-from hexctl.cli.values import Range, given, refuse_given, with_values
+from hexctl.cli.values import given, refuse_given, with_values
 from hexctl.errors import InputError
+from hexctl.options import Range
 
 
 @pytest.mark.parametrize(
@@ -29,7 +30,7 @@ def test_a_range_takes_what_it_says(allowed: Range, text: str, inside: list[str]
     assert str(allowed) == text
     assert [allowed.parse(number) for number in inside] == [float(number) for number in inside]
     for number in outside:
-        with pytest.raises(typer.BadParameter, match=f"got '?{re.escape(number)}'?; allowed: "):
+        with pytest.raises(ValueError, match=f"got '?{re.escape(number)}'?; allowed: "):
             allowed.parse(number)
 
 

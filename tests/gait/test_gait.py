@@ -193,7 +193,7 @@ def test_slots_are_taken_from_any_sequence_of_whole_numbers() -> None:
         (lambda: make_gait(shipped(), "57", pace_hz="0.9"), r"pace: got '0.9' \(str\)"),  # type: ignore[arg-type]
         (lambda: Gait(**{**GOOD, "slots": "tripod"}), "slots: got 'tripod' .*allowed: 6 whole numbers"),  # type: ignore[arg-type]
         (lambda: Gait(**{**GOOD, "slots": 57}), "slots: got 57 .*allowed: 6 whole numbers"),  # type: ignore[arg-type]
-        (lambda: Gait(**{**GOOD, "height": None}), "height: got None .*allowed: a number above 0 up to 1"),  # type: ignore[arg-type]
+        (lambda: Gait(**{**GOOD, "height": None}), "height: got None .*allowed: a number, above 0 up to 1"),  # type: ignore[arg-type]
         (lambda: Motion(heading_rad="0"), "motion.heading_rad: got '0' .*allowed: a number"),  # type: ignore[arg-type]
         (lambda: Motion(travel=True), "motion.travel: got True .*allowed: a number"),
     ],

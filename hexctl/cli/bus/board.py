@@ -9,7 +9,8 @@ from hexctl.cli.options.connection import BoardInsecureOption, BoardKeysOption
 from hexctl.cli.options.failure import SimFailedLegOption, SimFailureOption
 from hexctl.cli.options.output import JsonOption
 from hexctl.cli.options.robot import RobotOption, SeedOption, WorldOption
-from hexctl.cli.values import Range, choice, given, number
+from hexctl.cli.values import choice, given, number
+from hexctl.options import Range
 from hexctl.robot.servos.drivers import Driver
 
 if TYPE_CHECKING:

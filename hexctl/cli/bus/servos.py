@@ -11,7 +11,8 @@ import typer
 from hexctl.cli.bus.board import BAUD
 from hexctl.cli.options.output import JsonOption
 from hexctl.cli.settings import Commands
-from hexctl.cli.values import Range, choice
+from hexctl.cli.values import choice
+from hexctl.options import Range
 from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS, BusDriver
 
 if TYPE_CHECKING:
@@ -38,8 +39,8 @@ def _parse_bauds(text: str) -> str:
     if text != ALL_BAUDS:
         try:
             BAUD.parse(text)
-        except typer.BadParameter as error:
-            raise typer.BadParameter(f"{error.message}, or {ALL_BAUDS}") from None
+        except ValueError as error:
+            raise typer.BadParameter(f"{error}, or {ALL_BAUDS}") from None
     return text
 
 

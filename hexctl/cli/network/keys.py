@@ -6,7 +6,8 @@ from typing import Annotated
 import typer
 
 from hexctl.cli.settings import Commands
-from hexctl.cli.values import Range, number
+from hexctl.cli.values import number
+from hexctl.options import Range
 
 keys = Commands(help="Make and show certificates for robots beyond this computer.", no_args_is_help=True)
 

@@ -21,8 +21,9 @@ from hexctl.cli.options.connection import (
 from hexctl.cli.options.failure import SimFailedLegOption, SimFailureOption
 from hexctl.cli.options.robot import RobotOption, SeedOption, WorldOption
 from hexctl.cli.settings import SettingsCommand
-from hexctl.cli.values import Range, number
+from hexctl.cli.values import number
 from hexctl.errors import InputError
+from hexctl.options import Range
 
 if TYPE_CHECKING:
     from hexctl.serve.ros.options import RosOptions

@@ -5,8 +5,9 @@ from typing import Annotated, Any
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.values import Range, listed, number
+from hexctl.cli.values import listed, number
 from hexctl.errors import InputError
+from hexctl.options import Range
 
 #: Ranges of options. Where the library has the same limit, a test holds both together.
 LEG = Range(low=1, high=6, whole=True)
@@ -29,7 +30,7 @@ def leg_or_auto(text: str | int) -> int:
     """Number of a leg, or `AUTO_LEG` for `auto`."""
     try:
         return AUTO_LEG if text == "auto" else int(LEG.parse(text))
-    except typer.BadParameter:
+    except ValueError:
         raise typer.BadParameter(f"got {text}; allowed: {LEG}, auto") from None
 
 
@@ -39,7 +40,7 @@ def legs_or_auto(text: str | tuple[int, ...]) -> tuple[int, ...]:
         return text
     try:
         return (AUTO_LEG,) if text == "auto" else tuple(int(LEG.parse(part)) for part in listed(text) or [""])
-    except typer.BadParameter:
+    except ValueError:
         raise typer.BadParameter(f"got {text}; allowed: {LEG}, several with commas, auto") from None
 
 

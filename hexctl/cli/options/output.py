@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from hexctl.cli.values import Range, number
+from hexctl.cli.values import number
+from hexctl.options import Range
 
 JOBS = Range(low=1, high=1024, whole=True)
 

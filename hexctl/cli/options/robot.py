@@ -5,7 +5,8 @@ from typing import Annotated, Any
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.values import Range, in_lower_case, number
+from hexctl.cli.values import in_lower_case, number
+from hexctl.options import Range
 
 SEED = Range(low=0, whole=True)
 

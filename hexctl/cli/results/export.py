@@ -11,7 +11,8 @@ from hexctl.cli.options.robot import ROBOTS, robot_option
 from hexctl.cli.progress import WithBar
 from hexctl.cli.results.left_out import LeftOut
 from hexctl.cli.settings import runs_folder
-from hexctl.cli.values import Range, choice, number, with_values
+from hexctl.cli.values import choice, number, with_values
+from hexctl.options import Range
 
 if TYPE_CHECKING:
     from hexctl.robot.model import Robot

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hexctl.cli.values import Range
+from hexctl.cli.values import checked
 from hexctl.errors import InputError
+from hexctl.options import Range
 
 if TYPE_CHECKING:
     from hexctl.adapt.arena import Geofence
@@ -16,7 +17,7 @@ METRES = Range(low=0, above=True, unit="m")
 
 
 def arena_of(text: str | float | Path) -> float | Path:
-    """Radius in m, or the file of a place; raises BadParameter for anything else."""
+    """Radius in m, or the file of a place; raises ValueError for anything else."""
     if isinstance(text, Path):
         return text
     if isinstance(text, str) and text.endswith((".yaml", ".yml")):
@@ -24,7 +25,7 @@ def arena_of(text: str | float | Path) -> float | Path:
     try:
         float(text)
     except ValueError:
-        raise typer.BadParameter(
+        raise ValueError(
             f"got {text!r}; allowed: a number, above 0 m, or a file of hexctl see, such as place.yaml"
         ) from None
     return METRES.parse(text)
@@ -34,7 +35,7 @@ ArenaOption = Annotated[
     Any,
     typer.Option(
         "--arena",
-        parser=arena_of,
+        parser=checked(arena_of),
         metavar="METRES|FILE",
         help=f"On a robot that stays where a walk ends: the radius in metres, {METRES}, around its place at "
         "the session's start that it is kept in; or the place file of hexctl see, for the largest circle "
@@ -47,7 +48,7 @@ WalkArenaOption = Annotated[
     Any,
     typer.Option(
         "--arena",
-        parser=arena_of,
+        parser=checked(arena_of),
         metavar="METRES|FILE",
         help=f"Stop softly before leaving a circle: the radius in metres, {METRES}, around where the walk "
         "begins; or the place file of hexctl see, for the largest circle that its camera sees. "

@@ -21,7 +21,8 @@ from hexctl.cli.see.options import (
     RobotTagOption,
     SizeOption,
 )
-from hexctl.cli.values import Range, is_said, number
+from hexctl.cli.values import is_said, number
+from hexctl.options import Range
 
 if TYPE_CHECKING:
     from hexctl.see.pose_stream import CameraReport, CameraStatus

@@ -4,7 +4,8 @@ from typing import Annotated, Any
 
 import typer
 
-from hexctl.cli.values import Range, number
+from hexctl.cli.values import number
+from hexctl.options import Range
 
 TAG = Range(low=0, high=586, whole=True)
 EDGE_MM = Range(low=20, high=200, unit="mm")

@@ -12,7 +12,8 @@ from hexctl.cli.options.output import JsonOption
 from hexctl.cli.options.robot import SeedOption
 from hexctl.cli.see.options import FPS, LATENCY_MS, PORT, OneRobotOption, size_of
 from hexctl.cli.settings import runs_folder
-from hexctl.cli.values import Range, number
+from hexctl.cli.values import number
+from hexctl.options import Range
 
 if TYPE_CHECKING:
     from hexctl.see.twin.twin_camera import TwinReport

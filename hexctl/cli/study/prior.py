@@ -12,11 +12,13 @@ from hexctl.cli.console import print_note, print_result
 from hexctl.cli.options.failure import ALL_LEGS, FAILURE_HELP, LegsOption, listed_legs
 from hexctl.cli.options.output import DaskOption, JobsOption, JsonOption
 from hexctl.cli.options.robot import RobotOption
-from hexctl.cli.options.walk import SELF_ROTATION_HELP, SelfRotation
+from hexctl.cli.options.walk import SELF_ROTATION_HELP
 from hexctl.cli.progress import StudyProgress, interruptible
 from hexctl.cli.settings import Commands, runs_folder
-from hexctl.cli.values import Range, choice, given, listed, number, refuse_given, with_values
+from hexctl.cli.values import choice, given, listed, number, refuse_given, with_values
+from hexctl.control.plan import SelfRotation
 from hexctl.errors import InputError
+from hexctl.options import Range
 
 if TYPE_CHECKING:
     from hexctl.adapt.sessions.session import SessionSpec

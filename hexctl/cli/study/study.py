@@ -13,12 +13,14 @@ from hexctl.cli.console import print_result
 from hexctl.cli.options.failure import ALL_LEGS, FAILURE_HELP, LegsOption, listed_legs
 from hexctl.cli.options.output import DaskOption, JobsOption, JsonOption
 from hexctl.cli.options.robot import WORLD_HELP, SeedOption, robot_option
-from hexctl.cli.options.walk import SELF_ROTATION_HELP, SelfRotation, TrialDurationOption
+from hexctl.cli.options.walk import SELF_ROTATION_HELP, TrialDurationOption
 from hexctl.cli.progress import StudyProgress, interruptible
 from hexctl.cli.render.study import bar_lines, study_lines
 from hexctl.cli.settings import runs_folder
-from hexctl.cli.values import Range, choice, listed, number, refuse_given, with_values
+from hexctl.cli.values import choice, listed, number, refuse_given, with_values
+from hexctl.control.plan import SelfRotation
 from hexctl.errors import InputError
+from hexctl.options import Range
 
 if TYPE_CHECKING:
     from hexctl.backends.sim.world import DomainRandomization
@@ -432,8 +434,8 @@ def _step_s(text: str) -> float:
     """Step of the physics in s from a text in ms; raises InputError unless the tick is a multiple of it."""
     try:
         step_ms = float(TIME_STEP_MS.parse(text))
-    except typer.BadParameter as error:
-        raise InputError(f"--time-steps: {error.message}") from None
+    except ValueError as error:
+        raise InputError(f"--time-steps: {error}") from None
     if abs(round(TICK_MS / step_ms) * step_ms - TICK_MS) > 1e-6:
         raise InputError(f"--time-steps: got {text}; allowed: {TICK_MS} ms divided by a whole number")
     return step_ms / 1000

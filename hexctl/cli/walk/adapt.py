@@ -31,12 +31,14 @@ from hexctl.cli.options.failure import (
 )
 from hexctl.cli.options.output import JsonOption, QuietOption
 from hexctl.cli.options.robot import SEED, SEED_HELP, WorldOption, robot_option
-from hexctl.cli.options.walk import DURATION_S, HEADING_DEG, SELF_ROTATION_HELP, Hold, SelfRotation
+from hexctl.cli.options.walk import SELF_ROTATION_HELP
 from hexctl.cli.see.arena import ArenaOption, arena_fields
 from hexctl.cli.settings import runs_folder
-from hexctl.cli.values import Range, choice, given, number, with_values
+from hexctl.cli.values import choice, given, number, with_values
 from hexctl.cli.walk.diagnose import found_failure
+from hexctl.control.plan import DURATION_S, Hold, SelfRotation
 from hexctl.errors import HexctlError, InputError, RecordingError, argument
+from hexctl.options import Range
 
 if TYPE_CHECKING:
     from hexctl.adapt.adaptation import Adaptation
@@ -147,7 +149,7 @@ def adapt(
         float | None,
         number(
             "--heading",
-            HEADING_DEG,
+            Range(),
             "Direction of travel in degrees, {}, counter-clockwise from forward. (default: 0)",
         ),
     ] = None,

@@ -22,7 +22,8 @@ from hexctl.cli.console import (
 )
 from hexctl.cli.options.output import JsonOption
 from hexctl.cli.settings import runs_folder
-from hexctl.cli.values import Range, number
+from hexctl.cli.values import number
+from hexctl.options import Range
 
 if TYPE_CHECKING:
     from rich.console import RenderableType

@@ -24,9 +24,10 @@ from hexctl.cli.options.connection import ConnectOption, InsecureOption, KeysOpt
 from hexctl.cli.options.failure import FAILED_LEG_HELP, LEG, FailureOption
 from hexctl.cli.options.output import NoRecordOption
 from hexctl.cli.options.robot import BackendOption, RobotOption, SeedOption, WorldOption
-from hexctl.cli.options.walk import POSTURE_FRACTION, gait_text
 from hexctl.cli.values import choice, number
 from hexctl.errors import EStopError, InputError
+from hexctl.gait.gait import gait_text
+from hexctl.gait.posture import POSTURE
 
 if TYPE_CHECKING:
     from hexctl.control.drive.drive import Drive
@@ -113,7 +114,7 @@ def drive(
         float,
         number(
             "--body-raise",
-            POSTURE_FRACTION,
+            POSTURE,
             "How much higher the body stands, as a fraction of the robot's size, {}.",
         ),
     ] = 0.0,

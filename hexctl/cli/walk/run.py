@@ -3,9 +3,8 @@
 import json
 from contextlib import ExitStack
 from dataclasses import replace
-from math import radians
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -22,43 +21,25 @@ from hexctl.cli.console import (
     print_note,
     print_result,
 )
-from hexctl.cli.options.connection import ConnectOption, InsecureOption, KeysOption, LinkOption
 from hexctl.cli.options.failure import (
     AUTO_LEG,
     FailedLegOption,
     FailOption,
     FailureOption,
     HealOption,
-    PolicyOption,
     RecoverOption,
-    listed_legs,
     recovery_policy,
 )
-from hexctl.cli.options.output import JsonOption, NoRecordOption, RecordOption
-from hexctl.cli.options.robot import BackendOption, RealtimeOption, RobotOption, SeedOption, WorldOption
-from hexctl.cli.options.walk import (
-    HEADING_DEG,
-    AmplitudeOption,
-    BodyRaiseOption,
-    DurationOption,
-    GaitOption,
-    HeightOption,
-    HoldOption,
-    PaceOption,
-    StanceShiftOption,
-    SwingShareOption,
-    ThenOption,
-    TrimOption,
-    TuckOption,
-    TurnOption,
-    WalkRotationOption,
-)
+from hexctl.cli.options.output import JsonOption, NoRecordOption
 from hexctl.cli.progress import WithBar
 from hexctl.cli.see.arena import WalkArenaOption, geofence
 from hexctl.cli.settings import runs_folder
-from hexctl.cli.values import number
+from hexctl.cli.signature import with_options
 from hexctl.cli.walk.diagnose import Found, found_failure
 from hexctl.errors import InputError, LimitError, ReachError, RecordingError, RobotFaultError
+from hexctl.record.run_spec import RunSpec
+from hexctl.robot.failure import failure_of, failures_of
+from hexctl.robot.failure_event import FailureEvent, parse_failure_event, parse_healing
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -67,8 +48,6 @@ if TYPE_CHECKING:
     from hexctl.control.trial import ShouldStop
     from hexctl.record.live import LiveView
     from hexctl.record.run import Run, RunResult
-    from hexctl.record.run_spec import RunSpec
-    from hexctl.robot.failure_event import FailureEvent
 
 #: What a robot does, by the phase of its walk.
 DOING = {
@@ -79,42 +58,15 @@ DOING = {
 }
 
 
+@with_options(RunSpec)
 def run(
-    backend: BackendOption = "sim",
-    robot: RobotOption = "ant",
-    world: WorldOption = None,
-    gait: GaitOption = "demo",
-    heading: Annotated[
-        float | None,
-        number(
-            "--heading",
-            HEADING_DEG,
-            "Direction of travel in degrees, {}, counter-clockwise from where the body points "
-            "at the start: 90 goes to the left. (default: 0)",
-        ),
-    ] = None,
-    turn: TurnOption = None,
-    duration: DurationOption = 30.0,
-    pace: PaceOption = None,
-    amplitude: AmplitudeOption = None,
-    height: HeightOption = None,
-    body_raise: BodyRaiseOption = None,
-    stance_shift: StanceShiftOption = None,
-    tuck: TuckOption = None,
-    swing_share: SwingShareOption = None,
-    then: ThenOption = None,
+    walk: dict[str, Any],
     failed_leg: FailedLegOption = None,
     failure: FailureOption = None,
     fail: FailOption = None,
     heal: HealOption = None,
     recover: RecoverOption = False,
-    policy: PolicyOption = None,
-    self_rotation: WalkRotationOption = "auto",
-    hold: HoldOption = "auto",
-    trim: TrimOption = None,
     arena: WalkArenaOption = None,
-    realtime: RealtimeOption = False,
-    record: RecordOption = None,
     no_record: NoRecordOption = False,
     view: Annotated[
         bool,
@@ -124,11 +76,6 @@ def run(
             "otherwise afterwards.",
         ),
     ] = False,
-    seed: SeedOption = 0,
-    connect: ConnectOption = None,
-    keys: KeysOption = None,
-    insecure: InsecureOption = False,
-    link: LinkOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Walk, record it, and say how it went.
@@ -136,51 +83,23 @@ def run(
     Ctrl-C stops softly and keeps the recording. Exit codes: 0 done, 2 bad input, 3 fault of robot or link,
     4 fell or was stopped, 130 interrupted.
     """
-    if no_record and (record is not None or view):
+    if no_record and (walk["record"] is not None or view):
         raise InputError("--no-record: got --record or --view too; allowed: one or the other")
-    with _WalkProgress(duration, quiet=as_json) as progress:
-        from hexctl.record.run_spec import RunSpec
-        from hexctl.robot.failure import failure_of, failures_of
-        from hexctl.robot.failure_event import parse_failure_event, parse_healing
-
+    with _WalkProgress(walk["duration_s"], quiet=as_json) as progress:
         diagnosed = failed_leg == (AUTO_LEG,)
         failures = () if diagnosed else failures_of(failed_leg, failure) if failed_leg else ()
+        walk["policy"] = recovery_policy(recover=recover, policy=walk["policy"])
         spec = RunSpec(
-            backend=backend,
-            robot=robot,
-            world=world,
-            gait=gait,
-            pace_hz=pace,
-            amplitude=amplitude,
-            height=height,
-            body_raise=body_raise,
-            stance_shift=_shift_of(stance_shift),
-            tucked_legs=() if tuck is None else listed_legs(tuck, "--tuck"),
-            swing_share=swing_share,
-            then=tuple(then or ()),
-            heading_rad=None if heading is None else radians(heading),
-            turn_rate_rad_s=None if turn is None else radians(turn),
-            duration_s=duration,
+            **walk,
             failure=None if diagnosed else failures[0] if failures else failure_of(None, failure),
             further_failures=failures[1:],
             events=(
                 *_events("--fail", parse_failure_event, fail),
                 *_events("--heal", parse_healing, heal),
             ),
-            policy=recovery_policy(recover=recover, policy=policy),
-            self_rotation=self_rotation,
-            hold=hold,
-            trim_rad=None if trim is None else radians(trim),
-            seed=seed,
-            realtime=realtime,
-            record=record,
-            record_folder=None if no_record or record is not None else runs_folder(),
-            connect=connect,
-            credentials=keys,
-            insecure=insecure,
-            link=link,
+            record_folder=None if no_record or walk["record"] is not None else runs_folder(),
         )
-        fence = None if arena is None else geofence(arena, robot, simulated=spec.simulated)
+        fence = None if arena is None else geofence(arena, str(spec.robot), simulated=spec.simulated)
         found = None
         if diagnosed:
             spec.check()
@@ -192,7 +111,7 @@ def run(
         )
 
 
-def _with_best(spec: "RunSpec") -> "RunSpec":
+def _with_best(spec: RunSpec) -> RunSpec:
     """Spec with the gaits that `best` is here, which a note tells; any other spec as it is."""
     if not spec.asks_for_best:
         return spec
@@ -215,19 +134,8 @@ def _events(
             raise InputError(f"{flag}: got {text!r}{allowed if same else f' ({error})'}") from error
 
 
-def _shift_of(text: str | None) -> tuple[float, float] | None:
-    """Two numbers of a text such as `0.02,-0.01`."""
-    if text is None:
-        return None
-    try:
-        forward, left = (float(part) for part in text.split(","))
-    except ValueError:
-        raise InputError(f"--stance-shift: got {text!r}; allowed: two numbers such as 0.02,-0.01") from None
-    return forward, left
-
-
 def _walk(
-    spec: "RunSpec",
+    spec: RunSpec,
     progress: "_WalkProgress",
     *,
     view: bool,
@@ -290,7 +198,7 @@ def _walked(
         return None
 
 
-def _checked(spec: "RunSpec") -> "Run":
+def _checked(spec: RunSpec) -> "Run":
     from hexctl.record.run import Run
 
     try:
@@ -332,7 +240,7 @@ def _show(live: "LiveView | None", recording: Path | None) -> None:
             print_note(f"hexctl: {error}")
 
 
-def _clear_command(spec: "RunSpec") -> str:
+def _clear_command(spec: RunSpec) -> str:
     """Command that ends a stop of the robot of a spec; read before a walk, which may outlast a link file."""
     from hexctl.wire.links import CLEAR_COMMAND, load_link
 

@@ -26,7 +26,7 @@ from hexctl.control.walks.turning import turn_needed_rad
 from hexctl.gait.encoding import Slots
 from hexctl.gait.foot_trajectory import StepPattern, feet_at_phases
 from hexctl.gait.gait import SWING_SHARE, Gait
-from hexctl.gait.posture import MAX_SHIFT, Posture
+from hexctl.gait.posture import POSTURE, Posture
 from hexctl.ik.legs import TOLERANCE_RAD, range_excess_rad, solve_legs
 from hexctl.ik.support_polygon import centre_of_mass_body, margins_at_m
 from hexctl.robot.failure import Failure
@@ -183,7 +183,7 @@ def _shifts(robot: Robot) -> FloatArray:
     ways = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     lengths_m = robot.stance_radius_m * np.array(SHIFT_LENGTHS)
     longer = (lengths_m[:, np.newaxis, np.newaxis] * ways).reshape(-1, 2)
-    allowed = (np.abs(longer) <= MAX_SHIFT * robot.size_m).all(axis=-1)
+    allowed = (np.abs(longer) <= POSTURE.high * robot.size_m).all(axis=-1)
     return np.concatenate([np.zeros((1, 2)), longer[allowed]])
 
 

@@ -8,7 +8,7 @@ from zlib import crc32
 import numpy as np
 
 from hexctl.backends.sim.world import MAX_MEMBERS, DomainRandomization, World, load_world
-from hexctl.control.plan import MAX_DURATION_S
+from hexctl.control.plan import DURATION_S
 from hexctl.control.walks.turning import check_plan
 from hexctl.errors import InputError, LimitError, ReachError, check_type
 from hexctl.gait.gait import NAMED_SLOTS
@@ -240,8 +240,8 @@ class RecoveryPlan:
             parse_coming_failure(self.legs[0], failure)
         longest_s = max(1 / robot.gait.pace_hz for robot in self.robots)
         least_s = FAULT_S[LINE] + longest_s + LEAST_AFTER_S
-        fine = LINE not in self.protocols or least_s <= self.duration_s <= MAX_DURATION_S
-        check_setting("duration", f"{self.duration_s:g}", fine, f"{least_s:.3g} to {MAX_DURATION_S:g} s")
+        fine = LINE not in self.protocols or least_s <= self.duration_s <= DURATION_S.high
+        check_setting("duration", f"{self.duration_s:g}", fine, f"{least_s:.3g} to {DURATION_S.high:g} s")
         self._check_walks()
 
     def _check_walks(self) -> None:

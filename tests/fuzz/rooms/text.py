@@ -14,10 +14,10 @@ from hexctl.cli.options.failure import leg_or_auto, legs_or_auto, listed_legs
 from hexctl.cli.see.arena import arena_of
 from hexctl.cli.see.options import size_of
 from hexctl.cli.see.twin import point_of
-from hexctl.cli.values import Range
 from hexctl.errors import HexctlError
 from hexctl.gait.encoding import code_from_slots, slots_from_code
 from hexctl.gait.gait import parse_slots
+from hexctl.options import Range
 from hexctl.robot.configs import find_config
 from hexctl.robot.failure import failures_of, parse_failure
 from hexctl.robot.failure_event import parse_failure_event, parse_failure_now, parse_healing

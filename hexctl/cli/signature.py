@@ -1,0 +1,75 @@
+"""The options of a dataclass as options of a command."""
+
+import inspect
+from collections.abc import Callable, Container, Sequence
+from functools import wraps
+from pathlib import Path
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+import typer
+
+from hexctl.cli import completion
+from hexctl.cli.values import checked, choice, number
+from hexctl.options import Option, options_of
+
+
+def with_options(
+    spec: type, *, but: Container[str] = ()
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command the options of a dataclass. It gets their values by field, as its first argument.
+
+    Args:
+        spec: the dataclass.
+        but: fields that are not options of this command.
+    """
+    options = [option for option in options_of(spec) if option.name not in but]
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        _, *own = inspect.signature(command).parameters.values()
+        parameters = [*map(_parameter, options), *(one.replace(kind=one.KEYWORD_ONLY) for one in own)]
+
+        @wraps(command)
+        def called(**values: Any) -> None:
+            command({option.name: values.pop(option.name) for option in options}, **values)
+
+        vars(called)["__signature__"] = inspect.Signature(parameters)
+        called.__annotations__ = {one.name: one.annotation for one in parameters}
+        return called
+
+    return decorate
+
+
+def _parameter(option: Option) -> inspect.Parameter:
+    """Parameter of a command's function, as Typer reads it."""
+    kind, info = _kind_of(option)
+    default = list(option.default) if kind == list[str] else option.default
+    return inspect.Parameter(
+        option.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, info]
+    )
+
+
+def _kind_of(option: Option) -> tuple[Any, Any]:
+    flag, typed = f"--{option.flag}", option.typed
+    kinds = get_args(option.kind) if get_origin(option.kind) in (Union, UnionType) else (option.kind,)
+    if option.range is not None:
+        return (int if option.range.whole else float) | None, number(flag, option.range, option.text)
+    if get_origin(option.kind) is Literal:
+        return str, choice(flag, option.kind, option.text)
+    if option.kind is bool:
+        return bool, typer.Option(flag, help=option.text)
+    words = getattr(completion, typed.words) if typed.words else None
+    if typed.parse is not None:
+        return Any, typer.Option(
+            flag, parser=_parser(typed.parse), metavar="TEXT", autocompletion=words, help=option.text
+        )
+    if get_origin(option.kind) is Sequence:
+        return list[str], typer.Option(flag, autocompletion=words, help=option.text)
+    kind = Path if Path in kinds and not typed.words else str
+    return kind | None, typer.Option(flag, autocompletion=words, help=option.text)
+
+
+def _parser(parse: Callable[[str], Any]) -> Callable[[Any], Any]:
+    """Parser that leaves a default as it is."""
+    parsed = checked(parse)
+    return lambda value: parsed(value) if isinstance(value, str) else value

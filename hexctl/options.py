@@ -1,0 +1,170 @@
+"""Options: the fields of a frozen dataclass, each declared once.
+
+A field is an option of the command line, a key of `hexctl.toml`, a variable `HEXCTL_*` and a keyword in
+Python. Its annotation has the range, its docstring is the help:
+
+    @dataclass(frozen=True, kw_only=True)
+    class Options:
+        pace_hz: Annotated[float | None, Range(low=0, high=10, above=True)] = None
+        "Gait cycles per second. (default: the robot's)"
+"""
+
+import ast
+import inspect
+import math
+import textwrap
+from collections.abc import Callable
+from dataclasses import MISSING, Field, dataclass, fields
+from itertools import pairwise
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+from hexctl.errors import InputError, check_type
+
+#: A range with no more whole numbers than this is offered by the Tab key.
+MAX_OFFERED = 10
+
+#: Units at the end of a field's name, which its flag leaves out.
+UNITS = ("_rad_s", "_rad", "_deg", "_hz", "_m", "_s", "_c")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Range:
+    """The numbers that an option takes; its text stands in the help and in error messages.
+
+    Attributes:
+        low: lowest value.
+        high: highest value.
+        above: whether `low` itself is excluded.
+        whole: whether only whole numbers are allowed.
+        unit: unit, for error messages.
+        degrees: whether the option is in degrees and its field in radians.
+    """
+
+    low: float = -math.inf
+    high: float = math.inf
+    above: bool = False
+    whole: bool = False
+    unit: str = ""
+    degrees: bool = False
+
+    def __str__(self) -> str:
+        return self._text(to="..", unit="")
+
+    def _text(self, *, to: str, unit: str) -> str:
+        low, high = f"{self.low:g}", f"{self.high:.15g}"
+        if math.isinf(self.low):
+            return "any finite number"
+        if math.isinf(self.high):
+            return f"above {low}{unit}" if self.above else f"{low}{unit} or more"
+        return f"above {low} up to {high}{unit}" if self.above else f"{low}{to}{high}{unit}"
+
+    def __contains__(self, value: float) -> bool:
+        above = value > self.low if self.above else value >= self.low
+        # Whole numbers are finite, and may be larger than any float.
+        return (isinstance(value, int) or math.isfinite(value)) and above and value <= self.high
+
+    def parse(self, text: str | float) -> int | float:
+        """Return the number of a text; raises ValueError outside the range, nan and infinity included."""
+        try:
+            value = int(text) if self.whole else float(text)
+        except ValueError:
+            kind = "a whole number" if self.whole else "a number"
+            bounds = "" if math.isinf(self.low) else f", {self._allowed}"
+            raise ValueError(f"got {text!r}; allowed: {kind}{bounds}") from None
+        if value not in self:
+            raise ValueError(f"got {text}; allowed: {self._allowed}")
+        return math.radians(value) if self.degrees else value
+
+    def check(self, what: str, value: float) -> None:
+        """Raise InputError for a value outside the range, and for one that is no number; `what` names it."""
+        check_type(value, int if self.whole else float, what, f"a number, {self._allowed}")
+        if value not in self:
+            raise InputError(f"{what}: got {value:g}; allowed: {self._allowed}")
+
+    def complete(self, incomplete: str) -> list[str]:
+        """Numbers that the shell offers: all of a short range of whole numbers, else none."""
+        if not self.whole or self.high - self.low >= MAX_OFFERED:
+            return []
+        numbers = map(str, range(int(self.low), int(self.high) + 1))
+        return [number for number in numbers if number.startswith(incomplete)]
+
+    @property
+    def _allowed(self) -> str:
+        return self._text(to=" to ", unit=f" {self.unit}") if self.unit else str(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Typed:
+    """How an option is typed, where its field does not say it.
+
+    Attributes:
+        flag: its name without hyphens; empty for the name of the field without its unit.
+        parse: makes its value of a text; raises ValueError with what it got and what is allowed.
+        words: what the shell offers, a name in `hexctl.cli.completion`; empty for files.
+    """
+
+    flag: str = ""
+    parse: Callable[[str], Any] | None = None
+    words: str = ""
+
+
+#: In the annotation of a field that is a keyword in Python only.
+UNTYPED = object()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Option:
+    """A field as an option.
+
+    Attributes:
+        name: of the field.
+        kind: type of the field, without what is annotated.
+        default: of the field.
+        text: its help, with the range in it.
+        range: of a number, or None.
+        typed: how it is typed.
+    """
+
+    name: str
+    kind: Any
+    default: Any
+    text: str
+    range: Range | None
+    typed: Typed
+
+    @property
+    def flag(self) -> str:
+        """Flag, without hyphens."""
+        unit = next((unit for unit in UNITS if self.name.endswith(unit)), "")
+        return self.typed.flag or self.name.removesuffix(unit).replace("_", "-")
+
+
+def options_of(spec: type) -> tuple[Option, ...]:
+    """Return the options of a dataclass, in the order of its fields."""
+    hints, helps = get_type_hints(spec, include_extras=True), _docstrings(spec)
+    options = (_option(field, hints[field.name], helps.get(field.name, "")) for field in fields(spec))
+    return tuple(option for option in options if option is not None)
+
+
+def _option(field: "Field[Any]", hint: Any, text: str) -> Option | None:
+    kind, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+    if UNTYPED in marks:
+        return None
+    allowed = next((mark for mark in marks if isinstance(mark, Range)), None)
+    typed = next((mark for mark in marks if isinstance(mark, Typed)), Typed())
+    default = None if field.default is MISSING else field.default
+    shown = text if allowed is None else text.replace("{}", str(allowed))
+    return Option(name=field.name, kind=kind, default=default, text=shown, range=allowed, typed=typed)
+
+
+def _docstrings(spec: type) -> dict[str, str]:
+    """First paragraphs of the docstrings of fields, those of base classes included."""
+    found: dict[str, str] = {}
+    for owner in reversed(spec.__mro__[:-1]):
+        (declared,) = ast.parse(textwrap.dedent(inspect.getsource(owner))).body
+        body = getattr(declared, "body", [])
+        for field, text in pairwise(body):
+            match field, text:
+                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(ast.Constant(value=str() as words)):
+                    found[name] = " ".join(inspect.cleandoc(words).split("\n\n")[0].split())
+    return found
