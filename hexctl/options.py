@@ -13,12 +13,13 @@ import ast
 import inspect
 import math
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import MISSING, Field, dataclass, fields
 from itertools import pairwise
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from hexctl.errors import InputError, check_type
+from hexctl.errors import InputError, argument, check_type, shown
 
 #: A range with no more whole numbers than this is offered by the Tab key.
 MAX_OFFERED = 10
@@ -155,6 +156,32 @@ def _option(field: "Field[Any]", hint: Any, text: str) -> Option | None:
     default = None if field.default is MISSING else field.default
     shown = text if allowed is None else text.replace("{}", str(allowed))
     return Option(name=field.name, kind=kind, default=default, text=shown, range=allowed, typed=typed)
+
+
+def check_fields(spec: Any) -> None:
+    """Check the values of a dataclass of options: plain types, choices and ranges.
+
+    Raises WrongTypeError, or InputError for a value outside its choices or range.
+    """
+    hints = get_type_hints(type(spec), include_extras=True)
+    for field in fields(spec):
+        hint = hints[field.name]
+        kind, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+        _check_value(argument(field.name), getattr(spec, field.name), kind, marks)
+
+
+def _check_value(what: str, value: Any, kind: Any, marks: Sequence[Any]) -> None:
+    kinds = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+    if (None in kinds or NoneType in kinds) and value is None:
+        return
+    words = next((get_args(one) for one in kinds if get_origin(one) is Literal), ())
+    if words and value not in words:
+        raise InputError(f"{what}: got {value}; allowed: {', '.join(words)}")
+    if not words and Any not in kinds and all(isinstance(one, type) for one in kinds):
+        check_type(value, kinds, what)
+    allowed = next((mark for mark in marks if isinstance(mark, Range)), None)
+    if allowed is not None:
+        allowed.check(what, math.degrees(value) if allowed.degrees else value)
 
 
 def _docstrings(spec: type) -> dict[str, str]:

@@ -24,7 +24,7 @@ from hexctl.adapt.result import AdaptationResult
 from hexctl.adapt.runner import TrialRunner, at_finer_step, check_not_interrupted
 from hexctl.adapt.search import check_parts, extended, new_spec
 from hexctl.adapt.sessions.optimizer import make_search
-from hexctl.adapt.sessions.session import UNWATCHED, Session, SessionSpec
+from hexctl.adapt.sessions.session import Session, SessionSpec
 from hexctl.adapt.sessions.store import RUNS, SessionStore, load_session
 from hexctl.adapt.sessions.trust import check_trusted
 from hexctl.adapt.sessions.unfinished import remove_unfinished
@@ -318,36 +318,7 @@ class Adaptation:
 def adapt(
     failed_leg: int,
     *,
-    budget: int = 20,
-    robot: Path | str = "ant",
-    world: Path | str | None = None,
-    failure: str = "locked",
-    optimizer: OptimizerChoice | None = None,
-    objective: ObjectiveChoice = "final",
-    prior: Path | str | None = None,
-    target_m: float | None = None,
-    target: float | str | None = None,
-    worth_m: float | None = None,
-    uncertainty_m: float | None = None,
-    confirm: int = 0,
-    early_stop: bool = False,
-    count_repeats: bool = False,
-    baseline: bool = True,
-    duration_s: float = 30.0,
-    heading_deg: float = 0.0,
-    self_rotation: str | None = None,
-    hold: str | None = None,
-    policy: str = UNWATCHED,
-    seed: int = 0,
-    backend: str = "sim",
     servos: LegServos | None = None,
-    connect: str | None = None,
-    credentials: Path | str | None = None,
-    insecure: bool = False,
-    link: str | None = None,
-    arena_m: float | None = None,
-    home_m: tuple[float, float] | None = None,
-    cool_down_c: float | None = None,
     operator: Operator | None = None,
     record: bool = True,
     folder: Path | str = RUNS,
@@ -355,53 +326,13 @@ def adapt(
     on_trial: OnTrial | None = None,
     progress: bool = True,
     stop_requested: StopRequested = never,
+    **options: Any,
 ) -> AdaptationResult:
     """Find a gait for a failed leg, as `hexctl adapt` does; also called as `hexctl.adapt(...)`.
 
     Args:
         failed_leg: 1..6, counter-clockwise from the front.
-        budget: most trials to walk.
-        robot: name or path of a robot file.
-        world: name or path of a world, only in simulation; None is `flat`.
-        failure: `locked`, `limp`, `missing`, `weak:FRACTION`, `stuck:JOINT:DEGREES`.
-        optimizer: a name such as `random` or `pso`, `package.module:Class`, or an `Optimizer` class; None is
-            `trim` for the end of walks that hold their heading, else `bayes` where a prior fits, else
-            `random`.
-        objective: `final`, `mean`, `max`, `progress`, `speed`, `cost`, `tilt`, `steadiness`,
-            `package.module:name`, an `Objective`, or a function of a valid `TrialResult`; the smaller the
-            better.
-        prior: `auto`, `none`, or the path or name of a prior; None is `auto`.
-        target_m: score at which to stop; None is 0.025 m with `bayes` and `trim`, else none.
-        target: the same as a number, or as a share of the ideal distance of a walk, such as `"1%"`.
-        worth_m: with `bayes`, the expected gain of all trials that are left below which the search ends; None
-            is the noise between trials, or the simulation's own uncertainty where that is greater; 0
-            continues whatever the gain.
-        uncertainty_m: the simulation's own uncertainty of where walks end, counted when a gait is confirmed;
-            None is the one that was measured for such walks, 0 counts none.
-        confirm: trials of the budget that repeat the best gait.
-        early_stop: with `bayes`, end a walk once it is clear that it misses.
-        count_repeats: walk and count a gait again when the optimizer asks for it again.
-        baseline: walk the gaits that the robot would use anyway, `auto`, its default and the tripod, before
-            the first trial, to compare with; they do not count.
-        duration_s: how long each trial walks.
-        heading_deg: direction of travel, counter-clockwise from forward.
-        self_rotation: where the failed leg points during the walk: `rear`, `front` or `none`; None is
-            `none` where the walks hold their line, else `rear`.
-        hold: what the walks hold by feedback: `auto`, `line`, `heading` or `none`; None is `auto` for
-            `speed`, `cost`, `tilt` and `steadiness`, else `none`.
-        policy: what a trial does about another leg that it notices to have failed: `stop`, `glide` to a gait
-            for those that are left, or `package.module:Class`. Such a trial does not count, and the search
-            ends with LegFailedError. With `walk-on` no legs are watched.
-        seed: of the optimizer and of the simulation.
-        backend: `sim`, `zenoh`, `mavlink`, or `package.module:Class`.
         servos: a robot of your own instead of a backend, not connected yet.
-        connect: where the robot is.
-        credentials: folder with the certificates of its link.
-        insecure: let a link beyond this computer do without.
-        link: name or path of a link file.
-        arena_m: keep a robot that stays where a walk ends within this radius of its first place.
-        home_m: middle (x, y) of the arena in the world, in place of the robot's first place.
-        cool_down_c: before each trial, sit and wait until all servos are cooler, in degrees Celsius.
         operator: places the robot before each trial and measures after it.
         record: whether to record each trial.
         folder: of the session store, the recordings and the priors.
@@ -409,6 +340,7 @@ def adapt(
         on_trial: called with the session and each trial, once it is stored.
         progress: whether to show a bar on stderr, if that is a terminal and no operator is asked.
         stop_requested: asked every tick; True stops the robot softly and ends the run.
+        options: other fields of `AdaptOptions`.
 
     Raises InputError for anything that is not allowed; RobotFaultError for a robot that cannot be used, or
     that stops during the search: the session is stored, and `Adaptation.resume` continues it. RecordingError
@@ -420,50 +352,17 @@ def adapt(
     check_type(record, bool, "record", "True or False; recordings go into folder")
     check_type(progress, bool, "progress", "True or False")
     check_callable(on_trial, "on_trial", "a function of the session and a trial, or None")
-    if servos is not None and backend == "sim":
-        backend = f"{type(servos).__module__}:{type(servos).__qualname__}"
-    spec = new_spec(
-        failed_leg=failed_leg,
-        failure=failure,
-        backend=backend,
-        world=world,
-        optimizer=optimizer,
-        objective=objective,
-        prior=str(prior) if isinstance(prior, Path) else prior,
-        folder=Path(folder),
-        note=note,
-        robot=robot,
-        budget=budget,
-        target_m=target_m,
-        target=target,
-        worth_m=worth_m,
-        uncertainty_m=uncertainty_m,
-        confirm=confirm,
-        early_stop=early_stop,
-        count_repeats=count_repeats,
-        baseline=baseline,
-        duration_s=duration_s,
-        heading_deg=heading_deg,
-        self_rotation=self_rotation,
-        hold=hold,
-        policy=policy,
-        seed=seed,
-        connect=connect,
-        credentials=str(credentials) if isinstance(credentials, Path) else credentials,
-        insecure=insecure,
-        link=link,
-        arena_m=arena_m,
-        home_m=None if home_m is None else [float(value) for value in home_m],
-        cool_down_c=cool_down_c,
-        ask=operator is not None,
-    )
+    if servos is not None and options.get("backend", "sim") == "sim":
+        options["backend"] = f"{type(servos).__module__}:{type(servos).__qualname__}"
+    asked = {**options, "failed_leg": failed_leg, "ask": operator is not None}
+    spec = new_spec(folder=Path(folder), note=note, **asked)
     adaptation = Adaptation(
         spec,
         folder=folder,
         record=record,
         servos=servos,
-        optimizer=optimizer,
-        objective=objective,
+        optimizer=options.get("optimizer"),
+        objective=options.get("objective"),
         operator=operator,
         note=note,
     )

@@ -1,9 +1,10 @@
 """From what was asked for to a checked session spec."""
 
 import math
-from collections.abc import Container, Mapping
-from dataclasses import replace
+from collections.abc import Container
+from dataclasses import fields, replace
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 from hexctl.adapt.measurement import Operator
@@ -11,105 +12,56 @@ from hexctl.adapt.objectives import OBJECTIVES, Objective, ObjectiveChoice, as_o
 from hexctl.adapt.optimizer import OptimizerChoice
 from hexctl.adapt.optimizers.registry import make_optimizer, name_of
 from hexctl.adapt.optimizers.shipped import BAYES, OPTIMIZERS, TRIM
+from hexctl.adapt.options import BUDGET, AdaptOptions
 from hexctl.adapt.prior.choice import DEFAULT_TARGET_M, Advice, choose_prior, no_advice
 from hexctl.adapt.prior.find import prior_folders
-from hexctl.adapt.sessions.session import BASELINE_GAITS, Session, SessionSpec
+from hexctl.adapt.sessions.session import BASELINE_GAITS, UNWATCHED, Session, SessionSpec
 from hexctl.adapt.sessions.store import RUNS
 from hexctl.adapt.setting import Note, Setting, load_setting, log_note, start_note, with_known_uncertainty
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.base import LegServos
 from hexctl.backends.registry import check_options, option_values
 from hexctl.control.assessment.static_stability import usual_posture
-from hexctl.control.guard import TOO_HOT_C
 from hexctl.control.monitor.recovery import make_policy
-from hexctl.control.plan import AUTO_ROTATION, HOLDS, suited_rotation
+from hexctl.control.plan import AUTO_ROTATION, suited_rotation
 from hexctl.errors import InputError, argument, check_type
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.robot.configs import shipped_text
-from hexctl.robot.failure import parse_failure
 from hexctl.robot.loader import load_robot
-
-MAX_BUDGET = 100_000
 
 #: Shortest walk of which lean and steadiness are measured: its soft start and two cycles or so.
 LEAST_S = RAMP_DURATION_S + 2.0
 
 
 def new_spec(
-    *,
-    failed_leg: int,
-    failure: str = "locked",
-    backend: str = "sim",
-    world: Path | str | None = None,
-    optimizer: OptimizerChoice | None = None,
-    objective: ObjectiveChoice = "final",
-    prior: str | None = None,
-    folder: Path = RUNS,
-    note: Note = log_note,
-    advice: Advice = no_advice,
-    baseline: bool = True,
-    target: float | str | None = None,
-    uncertainty_m: float | None = None,
-    hold: str | None = None,
-    self_rotation: str | None = None,
-    body_raise: float | None = None,
-    **others: Any,
+    *, folder: Path = RUNS, note: Note = log_note, advice: Advice = no_advice, **asked: Any
 ) -> SessionSpec:
     """Spec of a new session, checked before the session exists.
 
     Args:
-        failed_leg: as in `SessionSpec`.
-        failure: as in `SessionSpec`.
-        backend: as in `SessionSpec`.
-        world: as in `SessionSpec`; None is `flat` in simulation.
-        optimizer: name or class of the optimizer; None is `trim` for the end of walks that hold their
-            heading, else `bayes` where a prior fits, else `random`.
-        objective: name of the objective, the objective or a function.
-        prior: `auto`, `none`, or the path or name of a prior; None is `auto`.
         folder: where priors were built, and the simulation's uncertainty was measured.
         note: is told why a session has no prior, and no uncertainty.
         advice: says how to make the prior that is missing.
-        baseline: whether the gaits that the robot would use anyway are walked first, to compare with.
-        target: the target in the objective's unit, or as a share of the ideal distance, such as `"1%"`.
-        uncertainty_m: as in `SessionSpec`; None is the one that was measured for such walks, if any.
-        hold: as in `SessionSpec`; None is the one of the objective.
-        self_rotation: as in `SessionSpec`; None is the one that suits the hold.
-        body_raise: as in `SessionSpec`; None is the one that suits the leg where walks are steered, else 0.
-        others: further fields of `SessionSpec`.
+        asked: fields of `AdaptOptions`.
 
     Raises InputError for anything that is not allowed.
     """
-    parse_failure(failed_leg, failure)
-    given = {"backend": backend, "world": world, "prior": prior, "baseline": baseline, "target": target}
-    _check_types({**given, "uncertainty_m": uncertainty_m, "hold": hold, "body_raise": body_raise, **others})
-    others.setdefault("baseline_gaits", list(BASELINE_GAITS) if baseline else [])
-    measure, free = as_objective(objective), optimizer is None
-    hold = measure.hold if hold is None else hold
-    spec = _spec_of(
-        measure,
-        failed_leg=failed_leg,
-        failure=failure,
-        backend=backend,
-        world=_world_of(backend, world),
-        optimizer="random" if optimizer is None else name_of(optimizer),
-        uncertainty_m=uncertainty_m or 0.0,
-        hold=hold,
-        self_rotation=_rotation_of(self_rotation, hold, asking=bool(others.get("ask"))),
-        body_raise=body_raise or 0.0,
-        **others,
-    )
-    spec = _with_trim(_with_target(spec, target), prior, free=free)
+    options = AdaptOptions(**asked)
+    measure, free = as_objective(options.objective), options.optimizer is None
+    spec = _with_trim(_with_target(_spec_of(options, measure), options.target), options.prior, free=free)
     check_numbers(spec)
     _check_options(spec, measure)
     if spec.optimizer not in (BAYES, TRIM):
-        make_optimizer(optimizer or spec.optimizer, GaitSpace((failed_leg,)), spec.seed)
-    spec, setting = _in_its_setting(spec, body_raise)
-    if uncertainty_m is None:
+        make_optimizer(options.optimizer or spec.optimizer, GaitSpace((spec.failed_leg,)), spec.seed)
+    spec, setting = _in_its_setting(spec, options.body_raise)
+    if options.uncertainty_m is None:
         spec = with_known_uncertainty(spec, setting, folder, note)
     if free and spec.optimizer == TRIM:  # it was chosen where no prior is asked for by name
         return spec
-    folders = prior_folders(folder)
-    return choose_prior(spec, setting, prior, free=free, folders=folders, note=note, advice=advice)
+    prior = None if options.prior is None else str(options.prior)
+    return choose_prior(
+        spec, setting, prior, free=free, folders=prior_folders(folder), note=note, advice=advice
+    )
 
 
 def _rotation_of(asked: str | None, hold: str, *, asking: bool) -> str:
@@ -131,15 +83,36 @@ def _in_its_setting(spec: SessionSpec, body_raise: float | None) -> tuple[Sessio
     return spec, setting
 
 
-def _spec_of(measure: Objective, *, robot: Path | str = "ant", **fields: Any) -> SessionSpec:
-    """Spec with what its objective and its robot file add."""
+#: Fields of a spec that are stored as they were asked for.
+_STORED = {field.name for field in fields(SessionSpec)} & {field.name for field in fields(AdaptOptions)}
+
+
+def _spec_of(options: AdaptOptions, measure: Objective) -> SessionSpec:
+    """Spec of what was asked for, with what its objective and its robot file add."""
+    hold, robot = options.hold or measure.hold, options.robot
+    check_type(robot, (str, Path), "robot", "the name or path of a robot file, which the session stores")
+    world, credentials, home_m = options.world, options.credentials, options.home_m
+    check_type(world, (str, Path, NoneType), "world", "the name or path of a world, which the session stores")
     return SessionSpec(
-        robot=shipped_text("robots", robot),
-        robot_fingerprint=load_robot(robot).fingerprint,
-        objective=measure.name,
-        objective_label="" if measure.name in OBJECTIVES else measure.label,
-        objective_unit=measure.unit,
-        **fields,
+        **{name: getattr(options, name) for name in _STORED}
+        | {
+            "robot": shipped_text("robots", robot),
+            "robot_fingerprint": load_robot(robot).fingerprint,
+            "world": _world_of(options.backend, world),
+            "credentials": None if credentials is None else str(credentials),
+            "optimizer": "random" if options.optimizer is None else name_of(options.optimizer),
+            "objective": measure.name,
+            "objective_label": "" if measure.name in OBJECTIVES else measure.label,
+            "objective_unit": measure.unit,
+            "hold": hold,
+            "self_rotation": _rotation_of(options.self_rotation, hold, asking=options.ask),
+            "body_raise": options.body_raise or 0.0,
+            "uncertainty_m": options.uncertainty_m or 0.0,
+            "home_m": None if home_m is None else [float(value) for value in home_m],
+            "prior": None,
+            "policy": options.policy or UNWATCHED,
+            "baseline_gaits": list(BASELINE_GAITS) if options.baseline else [],
+        }
     )
 
 
@@ -152,38 +125,6 @@ def _world_of(backend: str, world: Path | str | None) -> str | None:
             f"{argument('world')}: got {world} with {argument('backend')} {backend}; allowed: with sim"
         )
     return None
-
-
-#: Servos do not cool down further than this, in degrees Celsius.
-LEAST_COOL_C = 25.0
-
-_STORED = "which the session stores"
-
-_METRES = ("target_m", "arena_m", "worth_m", "uncertainty_m", "body_raise")
-
-#: Types of what a session is asked for, by parameter, and what a message says instead where it says more.
-_TYPES: dict[str, tuple[tuple[type, ...], str | None]] = {
-    "robot": ((str, Path), f"the name or path of a robot file, {_STORED}"),
-    "world": ((str, Path, type(None)), f"the name or path of a world, {_STORED}"),
-    "backend": ((str,), "the name of a backend; a robot of your own is given as `servos`"),
-    "prior": ((str, type(None)), "auto, none, or the name or path of a prior"),
-    **dict.fromkeys(("budget", "confirm", "seed"), ((int,), None)),
-    **dict.fromkeys(("duration_s", "heading_deg"), ((float,), None)),
-    **{name: ((float, type(None)), None) for name in _METRES},
-    "target": ((float, str, type(None)), "a number, or a share of the distance such as '1%'"),
-    **dict.fromkeys(("early_stop", "count_repeats", "insecure", "baseline"), ((bool,), None)),
-    **{name: ((str, type(None)), None) for name in ("connect", "credentials", "link", "hold")},
-    "cool_down_c": ((float, type(None)), None),
-    "policy": ((str,), "the name of a policy, which the session stores"),
-}
-
-
-def _check_types(given: Mapping[str, object]) -> None:
-    """Raise WrongTypeError for a value of a wrong type, by parameter."""
-    for name, value in given.items():
-        if name in _TYPES:
-            kinds, allowed = _TYPES[name]
-            check_type(value, kinds, name, allowed)
 
 
 def extended(session: Session, budget: int) -> SessionSpec:
@@ -200,28 +141,19 @@ def extended(session: Session, budget: int) -> SessionSpec:
 
 def check_numbers(spec: SessionSpec) -> None:
     """Raise InputError for a number of a spec that is not allowed."""
-    if not 1 <= spec.budget <= MAX_BUDGET:
-        raise InputError(f"{argument('budget')}: got {spec.budget}; allowed: 1..{MAX_BUDGET}")
+    BUDGET.check(argument("budget"), spec.budget)
     if not 0 <= spec.confirm < spec.budget:
         raise InputError(
             f"{argument('confirm')}: got {spec.confirm}; allowed: 0 to less than the budget of {spec.budget}"
         )
-    if spec.seed < 0:
-        raise InputError(f"{argument('seed')}: got {spec.seed}; allowed: 0 or more")
     if spec.target_m is not None and not (math.isfinite(spec.target_m) and spec.target_m > 0):
         unit = f" {spec.objective_unit}".rstrip()
         raise InputError(f"{argument('target_m')}: got {spec.target_m:g}; allowed: above 0{unit}")
-    if spec.worth_m is not None and not (math.isfinite(spec.worth_m) and spec.worth_m >= 0):
-        raise InputError(f"{argument('worth_m')}: got {spec.worth_m}; allowed: 0 m or more")
-    if not (math.isfinite(spec.uncertainty_m) and spec.uncertainty_m >= 0):
-        raise InputError(f"uncertainty_m: got {spec.uncertainty_m}; allowed: 0 m or more")
     if spec.uncertainty_m and not spec.simulated:
         raise InputError(
             f"uncertainty_m: got {spec.uncertainty_m} with {argument('backend')} {spec.backend}; allowed: "
             "with sim, whose own it is"
         )
-    if not math.isfinite(spec.heading_deg):
-        raise InputError(f"{argument('heading_deg')}: got {spec.heading_deg}; allowed: any finite number")
 
 
 def _with_target(spec: SessionSpec, target: float | str | None) -> SessionSpec:
@@ -248,7 +180,7 @@ def _with_target(spec: SessionSpec, target: float | str | None) -> SessionSpec:
     return replace(spec, target_share=value / 100)
 
 
-def _with_trim(spec: SessionSpec, prior: str | None, *, free: bool) -> SessionSpec:
+def _with_trim(spec: SessionSpec, prior: Path | str | None, *, free: bool) -> SessionSpec:
     """Spec of a search for a trim, with its target; one of which nothing else is asked becomes one.
 
     Where walks hold their heading, a gait ends off its line by an angle that a trim takes out: the second
@@ -278,8 +210,6 @@ def _with_trim(spec: SessionSpec, prior: str | None, *, free: bool) -> SessionSp
 def _check_options(spec: SessionSpec, objective: Objective) -> None:
     """Raise InputError for options that do not belong to the session's robot, or contradict one another."""
     make_policy(spec.policy)
-    if spec.hold not in HOLDS:
-        raise InputError(f"{argument('hold')}: got {spec.hold}; allowed: {', '.join(HOLDS)}")
     if spec.uncertainty_m and spec.objective != "final":
         raise InputError(
             f"uncertainty_m: got {spec.uncertainty_m} with {argument('objective')} {spec.objective}; "
@@ -301,7 +231,7 @@ def _check_options(spec: SessionSpec, objective: Objective) -> None:
         )
     _check_home(spec)
     if spec.cool_down_c is not None:
-        _check_cooling(spec, spec.cool_down_c)
+        _check_cooling(spec)
     if (spec.arena_m is not None or spec.ask) and spec.heading_deg and spec.self_rotation != "none":
         raise InputError(
             f"{argument('heading_deg')}: got {spec.heading_deg:g} with "
@@ -322,17 +252,12 @@ def _check_home(spec: SessionSpec) -> None:
         raise InputError(f"home_m: got {spec.home_m}; allowed: x and y in m")
 
 
-def _check_cooling(spec: SessionSpec, cool_down_c: float) -> None:
-    """Raise InputError for a temperature that servos do not reach, or that nothing tells."""
+def _check_cooling(spec: SessionSpec) -> None:
+    """Raise InputError for a temperature that nothing tells."""
     if spec.simulated:
         raise InputError(
             f"{argument('cool_down_c')}: got it with {argument('backend')} sim, whose servos do not heat up; "
             "allowed: with a real robot"
-        )
-    if not LEAST_COOL_C <= cool_down_c <= TOO_HOT_C:
-        raise InputError(
-            f"{argument('cool_down_c')}: got {cool_down_c:g}; allowed: {LEAST_COOL_C:g} to {TOO_HOT_C:g} "
-            "degrees Celsius"
         )
 
 

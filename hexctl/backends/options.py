@@ -46,9 +46,6 @@ class RobotOptions:
     seed: Annotated[int, SEED] = 0
     """Seed of everything random, a whole number, {}: the same seed gives the same result."""
 
-    realtime: bool = False
-    """Simulate at the speed of a real robot, not as fast as possible."""
-
     connect: str | None = None
     """Where the robot is. With --backend zenoh where hexctl serve listens, such as tcp/HOST:7447 or
     tls/HOST:7447 (default: tcp/127.0.0.1:7447); with mavlink the servo board's port, such as

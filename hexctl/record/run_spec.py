@@ -163,6 +163,9 @@ class RunSpec(RobotOptions):
     In Python in rad: `trimmed_rad` of `hexctl.control.walks.steering` has the one for the next walk.
     """
 
+    realtime: bool = False
+    """Simulate at the speed of a real robot, not as fast as possible."""
+
     record: str | Path | None = None
     """Recording to write, a new .rrd file, whose folder is made. (default: one in runs/)
 

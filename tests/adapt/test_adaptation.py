@@ -391,8 +391,8 @@ def test_a_search_without_a_belief_does_not_know_what_a_trial_is_worth(options: 
         ({"target": "0%"}, "target: got 0%; allowed: a number above 0, or a share"),
         ({"target": "much"}, "target: got 'much'"),
         ({"target": "1%", "target_m": 0.1}, "allowed: one of the two"),
-        ({"worth_m": -1.0}, "worth_m: got -1.0; allowed: 0 m or more"),
-        ({"uncertainty_m": -1.0}, "uncertainty_m: got -1.0; allowed: 0 m or more"),
+        ({"worth_m": -1.0}, "worth_m: got -1; allowed: 0 m or more"),
+        ({"uncertainty_m": -1.0}, "uncertainty_m: got -1; allowed: 0 m or more"),
         (
             {"uncertainty_m": 0.1, "backend": "mock"},
             "uncertainty_m: got 0.1 with backend mock; allowed: with",

@@ -2,11 +2,14 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from hexctl.adapt.options import AdaptOptions
+from hexctl.backends.options import RobotOptions
 from hexctl.cli import completion
 from hexctl.cli.console import (
     ABORTED,
@@ -19,7 +22,6 @@ from hexctl.cli.console import (
     print_note,
     print_result,
 )
-from hexctl.cli.options.connection import ConnectOption, InsecureOption, KeysOption, LinkOption
 from hexctl.cli.options.failure import (
     AUTO_LEG,
     AUTO_LEG_HELP,
@@ -30,15 +32,12 @@ from hexctl.cli.options.failure import (
     recovery_policy,
 )
 from hexctl.cli.options.output import JsonOption, QuietOption
-from hexctl.cli.options.robot import SEED, SEED_HELP, WorldOption, robot_option
-from hexctl.cli.options.walk import SELF_ROTATION_HELP
 from hexctl.cli.see.arena import ArenaOption, arena_fields
 from hexctl.cli.settings import runs_folder
-from hexctl.cli.values import choice, given, number, with_values
+from hexctl.cli.signature import with_options
+from hexctl.cli.values import given
 from hexctl.cli.walk.diagnose import found_failure
-from hexctl.control.plan import DURATION_S, Hold, SelfRotation
 from hexctl.errors import HexctlError, InputError, RecordingError, argument
-from hexctl.options import Range
 
 if TYPE_CHECKING:
     from hexctl.adapt.adaptation import Adaptation
@@ -46,16 +45,13 @@ if TYPE_CHECKING:
     from hexctl.adapt.sessions.session import Session, SessionSpec
     from hexctl.record.live import LiveView
 
-BUDGET = Range(low=1, high=100_000, whole=True)
-REPEATS = Range(low=0, whole=True)
-COOL_C = Range(low=25, high=68, unit="degrees Celsius")
-GAIN_M = Range(low=0, unit="m")
-
 #: Options that go with --resume.
 WITH_RESUME = ("--resume", "--budget", "--trust", "--view", "--no-record", "--quiet", "--json")
 
 
+@with_options(AdaptOptions)
 def adapt(
+    search: dict[str, Any],
     context: typer.Context,
     failed_leg: Annotated[
         int | None,
@@ -68,71 +64,6 @@ def adapt(
         ),
     ] = None,
     failure: FailureOption = None,
-    budget: Annotated[
-        int | None, number("--budget", BUDGET, "Most trials to walk, {}. (default: 20)")
-    ] = None,
-    optimizer: Annotated[
-        str | None,
-        typer.Option(
-            "--optimizer",
-            autocompletion=completion.optimizers,
-            help="What chooses the next gait: bayes (knows simulated worlds), trim (one gait again, with "
-            "the trim that its ends tell), random, exhaustive, or one of the paper's pso, psosp, dps, "
-            "debest, derand; or package.module:Class. (default: trim with --hold heading and the objectives "
-            "final and progress, else bayes where a prior fits, else random)",
-        ),
-    ] = None,
-    prior: Annotated[
-        str | None,
-        typer.Option(
-            "--prior",
-            autocompletion=completion.priors,
-            help="Prior, what bayes believes before the first trial: auto (made by hexctl prior build, or "
-            "shipped), a file, or none. (default: auto)",
-        ),
-    ] = None,
-    early_stop: Annotated[
-        bool,
-        typer.Option("--early-stop", help="With bayes: end a walk as soon as it is clear that it misses."),
-    ] = False,
-    objective: Annotated[
-        str | None,
-        typer.Option(
-            "--objective",
-            autocompletion=completion.objectives,
-            help="What to make small: final, mean or max distance from the line of travel, progress (final, "
-            "per share of the ideal distance walked); steered walks by their speed (time per metre), cost of "
-            "transport, tilt or steadiness; or package.module:name for your own. (default: final)",
-        ),
-    ] = None,
-    target: Annotated[
-        str | None,
-        typer.Option(
-            "--target",
-            metavar="NUMBER or PERCENT%",
-            help="Stop once the objective is this small: in its unit, which is metres (0.05), but s/m for "
-            "speed, degrees for tilt and m/s for steadiness; or as a share of the ideal distance of a walk "
-            "(1%); bayes once it is 90 % sure. (default: 0.025 with bayes and trim, else none)",
-        ),
-    ] = None,
-    worth_m: Annotated[
-        float | None,
-        number(
-            "--worth",
-            GAIN_M,
-            "With bayes: end the search once all trials that are left are expected to gain less than this, "
-            "in metres, {}; 0 goes on whatever the gain. (default: the noise between trials, or the "
-            "simulation's own uncertainty; 0.04 on a real robot; 1 % of the score of steered walks)",
-        ),
-    ] = None,
-    confirm: Annotated[
-        int | None,
-        number("--confirm", REPEATS, "Of the budget, trials kept to repeat the best gait, {}. (default: 0)"),
-    ] = None,
-    count_repeats: Annotated[
-        bool,
-        typer.Option("--count-repeats", help="Walk a gait again when the optimizer asks for it again."),
-    ] = False,
     no_baseline: Annotated[
         bool,
         typer.Option(
@@ -141,80 +72,8 @@ def adapt(
             "tripod, that come before the first trial.",
         ),
     ] = False,
-    duration_s: Annotated[
-        float | None,
-        number("--duration", DURATION_S, "Seconds that each trial walks, {}. (default: 30)"),
-    ] = None,
-    heading_deg: Annotated[
-        float | None,
-        number(
-            "--heading",
-            Range(),
-            "Direction of travel in degrees, {}, counter-clockwise from forward. (default: 0)",
-        ),
-    ] = None,
-    self_rotation: Annotated[
-        SelfRotation | None,
-        choice(
-            "--self-rotation",
-            SelfRotation,
-            f"{SELF_ROTATION_HELP} (default: none where the walks hold their line, else rear)",
-        ),
-    ] = None,
-    hold: Annotated[
-        Hold | None,
-        choice(
-            "--hold",
-            Hold,
-            "What the walks hold by feedback: line, heading, auto (the best the robot allows) or none. "
-            "(default: auto for speed, cost, tilt and steadiness, else none)",
-        ),
-    ] = None,
     recover: RecoverOption = False,
-    policy: Annotated[
-        str | None,
-        typer.Option(
-            "--policy",
-            help="What a trial does about another leg that it notices to have failed: stop, glide, or "
-            "package.module:Class; such a trial does not count and ends the search. With walk-on no legs are "
-            "watched. (default: walk-on)",
-        ),
-    ] = None,
-    backend: Annotated[
-        str | None,
-        typer.Option(
-            "--backend",
-            autocompletion=completion.backends,
-            help="What moves: sim (simulation), zenoh (a robot that hexctl serve puts on the network), "
-            "mavlink (a servo board), dynamixel, feetech or lx16a (servos on a serial bus), servo2040 or "
-            "pca9685 (boards of hobby servos), mock (no robot), or package.module:Class (your own servos). "
-            "(default: sim)",
-        ),
-    ] = None,
-    robot: Annotated[str | None, robot_option("ant")] = None,
-    world: WorldOption = None,
-    connect: ConnectOption = None,
-    credentials: KeysOption = None,
-    insecure: InsecureOption = False,
-    link: LinkOption = None,
     arena: ArenaOption = None,
-    cool_down_c: Annotated[
-        float | None,
-        number(
-            "--cool-down",
-            COOL_C,
-            "With servos that tell their temperature: sit before each trial until all are cooler than this, "
-            "in degrees Celsius, {}. (default: none, it does not wait)",
-        ),
-    ] = None,
-    ask: Annotated[
-        bool,
-        typer.Option(
-            "--ask",
-            help="On a robot that does not know where it is: you put it on its mark before each trial and "
-            "type in, in metres, where it ended.",
-        ),
-    ] = False,
     resume: Annotated[
         str | None,
         typer.Option(
@@ -236,10 +95,6 @@ def adapt(
         ),
     ] = False,
     no_record: Annotated[bool, typer.Option("--no-record", help="Leave no recordings.")] = False,
-    seed: Annotated[
-        int | None,
-        number("--seed", SEED, f"{SEED_HELP} (default: 0)"),
-    ] = None,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -254,7 +109,9 @@ def adapt(
     if resume is not None:
         _check_resumed_alone(resume, given(context))
         shown = {"quiet": quiet, "view": view, "as_json": as_json}
-        raise typer.Exit(_resume(resume, budget, trust, record=not no_record, **shown))
+        raise typer.Exit(
+            _resume(resume, given(context).get("--budget"), trust, record=not no_record, **shown)
+        )
     if trust:
         raise InputError("--trust: got it without --resume; allowed: with --resume SESSION")
     if failed_leg is None:
@@ -262,41 +119,19 @@ def adapt(
     if failed_leg == AUTO_LEG:
         from hexctl.record.run_spec import RunSpec
 
-        where = with_values(backend=backend, robot=robot, world=world, seed=seed, connect=connect, link=link)
-        found = found_failure(RunSpec(credentials=credentials, insecure=bool(insecure), **where), failure)
+        where = {field.name: search[field.name] for field in fields(RobotOptions)}
+        found = found_failure(RunSpec(**where), failure)
         if found.failure is None:
             raise InputError("--failed-leg: got auto, and no leg has failed; allowed: 1..6")
         failed_leg, failure = found.failure.leg, str(found.failure)
-    asked = with_values(
-        failed_leg=failed_leg,
-        failure=failure,
-        budget=budget,
-        optimizer=optimizer,
-        prior=prior,
-        early_stop=early_stop,
-        objective=objective,
-        target=target,
-        worth_m=worth_m,
-        confirm=confirm,
-        count_repeats=count_repeats,
-        baseline=not no_baseline,
-        duration_s=duration_s,
-        heading_deg=heading_deg,
-        self_rotation=self_rotation,
-        hold=hold,
-        policy=recovery_policy(recover=recover, policy=policy),
-        backend=backend,
-        robot=robot,
-        world=world,
-        connect=connect,
-        credentials=None if credentials is None else str(credentials),
-        insecure=insecure,
-        link=link,
-        **arena_fields(arena, robot),
-        cool_down_c=cool_down_c,
-        ask=ask,
-        seed=seed,
+    search["policy"] = recovery_policy(recover=recover, policy=search["policy"])
+    asked = (
+        search
+        | arena_fields(arena, search["robot"])
+        | {"failed_leg": failed_leg, "baseline": not no_baseline}
     )
+    if failure is not None:
+        asked["failure"] = failure
     raise typer.Exit(_begin(asked, record=not no_record, view=view, quiet=quiet, as_json=as_json))
 
 
