@@ -19,7 +19,7 @@ from itertools import pairwise
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from hexctl.errors import InputError, argument, check_type, shown
+from hexctl.errors import InputError, argument, check_type
 
 #: A range with no more whole numbers than this is offered by the Tab key.
 MAX_OFFERED = 10

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import cast
 
 from hexctl.adapt.optimizers.shipped import TRIM
 from hexctl.adapt.prior.find import find_prior, prior_folders
@@ -14,7 +15,7 @@ from hexctl.adapt.sessions.store import RUNS, load_session
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.base import as_robot
 from hexctl.control.assessment.static_stability import in_posture, usual_posture
-from hexctl.control.plan import AUTO_ROTATION, TrialPlan, suited_rotation
+from hexctl.control.plan import AUTO_ROTATION, AskedRotation, TrialPlan, suited_rotation
 from hexctl.errors import InputError, argument
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import NAMED_SLOTS, make_gait, names_best
@@ -177,4 +178,5 @@ def _with_trim(found: BestGait, slots: Sequence[int], session: Session) -> BestG
 
 def _walk_with(spec: RunSpec, gait: str | Slots, body_raise: float, rotation: str) -> RunSpec:
     gait = gait if isinstance(gait, str) else tuple(gait)
-    return replace(spec, gait=gait, chosen_gait=True, body_raise=body_raise, self_rotation=rotation)
+    self_rotation = cast(AskedRotation, rotation)
+    return replace(spec, gait=gait, chosen_gait=True, body_raise=body_raise, self_rotation=self_rotation)

@@ -4,8 +4,7 @@ import math
 from collections.abc import Container
 from dataclasses import fields, replace
 from pathlib import Path
-from types import NoneType
-from typing import Any
+from typing import Any, cast
 
 from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import OBJECTIVES, Objective, ObjectiveChoice, as_objective
@@ -89,10 +88,9 @@ _STORED = {field.name for field in fields(SessionSpec)} & {field.name for field 
 
 def _spec_of(options: AdaptOptions, measure: Objective) -> SessionSpec:
     """Spec of what was asked for, with what its objective and its robot file add."""
-    hold, robot = options.hold or measure.hold, options.robot
-    check_type(robot, (str, Path), "robot", "the name or path of a robot file, which the session stores")
-    world, credentials, home_m = options.world, options.credentials, options.home_m
-    check_type(world, (str, Path, NoneType), "world", "the name or path of a world, which the session stores")
+    hold, credentials, home_m = options.hold or measure.hold, options.credentials, options.home_m
+    robot = _named("robot", options.robot)
+    world = None if options.world is None else _named("world", options.world)
     return SessionSpec(
         **{name: getattr(options, name) for name in _STORED}
         | {
@@ -114,6 +112,12 @@ def _spec_of(options: AdaptOptions, measure: Objective) -> SessionSpec:
             "baseline_gaits": list(BASELINE_GAITS) if options.baseline else [],
         }
     )
+
+
+def _named(what: str, value: object) -> str | Path:
+    """A robot or a world as a session stores it; raises WrongTypeError for another form than name or path."""
+    check_type(value, (str, Path), what, f"the name or path of a {what} file, which the session stores")
+    return cast(str | Path, value)
 
 
 def _world_of(backend: str, world: Path | str | None) -> str | None:

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal, get_args
+from typing import Final, Literal, get_args
 
 from hexctl.errors import InputError, check_type
 from hexctl.gait.gait import Gait, Motion
@@ -24,7 +24,7 @@ HEADING_DEG = Range(degrees=True)
 TURN_DEG_S = Range(low=-360, high=360, unit="deg/s", degrees=True)
 
 #: Where callers ask for the self-rotation that suits a walk.
-AUTO_ROTATION = "auto"
+AUTO_ROTATION: Final = "auto"
 AskedRotation = Literal["auto", "rear", "front", "none"]
 
 #: A course that is further off than this is not trimmed: the robot is not walking ahead.

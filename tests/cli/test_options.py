@@ -10,9 +10,9 @@ import typer
 
 from hexctl import cli
 from hexctl.cli.main import app, exit_code
-from hexctl.cli.options import failure, robot, walk
+from hexctl.cli.options import failure, robot
 from hexctl.cli.options.groups import ELSEWHERE, GROUPS, MOST_UNGROUPED, group_of
-from hexctl.gait.gait import NAMED_SLOTS
+from hexctl.gait.gait import NAMED_SLOTS, gait_text
 from hexctl.robot.configs import config_names
 from hexctl.robot.failure import FAILURE_KINDS
 from hexctl.types import N_LEGS
@@ -145,4 +145,4 @@ def test_groups_are_shown(path: str, capsys: pytest.CaptureFixture[str]) -> None
      ("5,1,2,4,3,6", "5,1,2,4,3,6"), ("1,1,1,1,1,1", "1,1,1,1,1,1")],
 )  # fmt: skip
 def test_slots_that_are_printed_for_a_gait_may_be_typed(typed: str, gait: str) -> None:
-    assert walk.gait_text(typed) == gait
+    assert gait_text(typed) == gait
