@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 from hexctl.backends.sim.world import World
-from hexctl.options import Range, Typed
+from hexctl.options import UNTYPED, Range, Typed
 from hexctl.robot.model import Robot
 
 #: Seeds of everything random.
@@ -65,3 +65,20 @@ class RobotOptions:
     """YAML file that says where a robot is, its certificates and the names of its messages
     (docs/protocol.md). (default: none)
     """
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedOptions(RobotOptions):
+    """Which robot moves in real time or in a simulation, and where that is recorded."""
+
+    realtime: bool = False
+    """Simulate at the speed of a real robot, not as fast as possible."""
+
+    record: str | Path | None = None
+    """Recording to write, a new .rrd file, whose folder is made. (default: one in runs/)
+
+    In Python None is no recording, or one in `record_folder`.
+    """
+
+    record_folder: Annotated[str | Path | None, UNTYPED] = None
+    """Folder in which a new recording is named by time, robot and gait."""

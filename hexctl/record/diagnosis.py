@@ -1,12 +1,12 @@
 """One diagnosis at rest on any backend, recorded: what `hexctl diagnose` does, as a library call."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from types import NoneType
 from typing import Any
 
-from hexctl.backends.sim.world import World
+from hexctl.backends.options import RecordedOptions
 from hexctl.control.controllers import Stand
 from hexctl.control.diagnosis.findings import Diagnosis, diagnosis_of, told_by_operator, unsafe_legs
 from hexctl.control.diagnosis.standing_test import ALL_PROBES, LIFTS, Probe, StandingTest
@@ -18,7 +18,6 @@ from hexctl.errors import CommandRefusedError, EStopError, InputError, argument,
 from hexctl.record.run import Run
 from hexctl.record.run_spec import RunSpec
 from hexctl.robot.failure import Failure, failure_of
-from hexctl.robot.model import Robot
 
 #: Time to come to the stance and to rest, before the first probe.
 SETTLE_S = 0.8
@@ -158,37 +157,30 @@ class DiagnosisRun(Run):
 
 def diagnose(
     *,
-    backend: str = "sim",
-    robot: str | Path | Robot = "ant",
-    world: str | Path | World | None = None,
     failed_leg: int | None = None,
     failure: Failure | str | None = None,
     ask: AskOperator | None = None,
     stop_requested: StopRequested = never,
-    **options: Any,
+    **where: Any,
 ) -> DiagnosisResult:
     """Find out which leg of a standing robot has failed: `diagnose(failed_leg=5, failure="limp:femur")`.
 
     Args:
-        backend: `sim`, `zenoh`, `mavlink`, `mock`, or `package.module:Class`.
-        robot: a shipped name, a robot file, or a robot.
-        world: of a simulation, as for `run`.
         failed_leg: the leg that a simulation breaks; the diagnosis is not told.
         failure: how it breaks it, in words with a leg; or a Failure alone.
         ask: asked leg by leg where nothing that the robot measures shows its legs: whether the leg with this
             number lifted, swung and stood again; None ends the questions.
         stop_requested: asked every tick; True ends the test.
-        options: further fields of `RunSpec`: seed, realtime, record, record_folder, connect, credentials,
-            insecure, link.
+        where: fields of `RecordedOptions`, such as robot and backend.
 
     Raises InputError before anything moves, RobotFaultError for a robot or a link that fails.
     """
     check_type(failure, (Failure, str, NoneType), "failure", "a Failure, or words with a leg")
-    known = ("seed", "realtime", "record", "record_folder", "connect", "credentials", "insecure", "link")
-    unknown = [name for name in options if name not in known]
+    known = [field.name for field in fields(RecordedOptions)]
+    unknown = [name for name in where if name not in known]
     if unknown:
         raise InputError(f"diagnose: got {', '.join(unknown)}; allowed: {', '.join(known)}")
     broken = failure if isinstance(failure, Failure) else failure_of(failed_leg, failure)
-    spec = RunSpec(backend=backend, robot=robot, world=world, failure=broken, **options)
+    spec = RunSpec(failure=broken, **where)
     with DiagnosisRun(spec) as connected:
         return connected.diagnose(ask=ask, stop_requested=stop_requested)

@@ -7,7 +7,7 @@ from pathlib import Path
 from types import NoneType
 from typing import Annotated, Any
 
-from hexctl.backends.options import RobotOptions
+from hexctl.backends.options import RecordedOptions
 from hexctl.backends.registry import check_options, option_values
 from hexctl.backends.sim.world import World
 from hexctl.control.assessment.crawl import auto_gait
@@ -67,7 +67,7 @@ def _legs(text: str) -> tuple[int, ...]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RunSpec(RobotOptions):
+class RunSpec(RecordedOptions):
     """What a run does: which robot, where, and how it walks. Its fields are the options of `hexctl run`."""
 
     gait: Annotated[str | int | Sequence[int] | Gait, Typed(parse=gait_text, words="gaits")] = "demo"
@@ -162,18 +162,6 @@ class RunSpec(RobotOptions):
 
     In Python in rad: `trimmed_rad` of `hexctl.control.walks.steering` has the one for the next walk.
     """
-
-    realtime: bool = False
-    """Simulate at the speed of a real robot, not as fast as possible."""
-
-    record: str | Path | None = None
-    """Recording to write, a new .rrd file, whose folder is made. (default: one in runs/)
-
-    In Python None is no recording, or one in `record_folder`.
-    """
-
-    record_folder: Annotated[str | Path | None, UNTYPED] = None
-    """Folder in which a new recording is named by time, robot and gait."""
 
     def __post_init__(self) -> None:
         path = (str, Path, NoneType)

@@ -5,19 +5,6 @@ from typing import Annotated, Any
 
 import typer
 
-ConnectOption = Annotated[
-    str | None,
-    typer.Option(
-        "--connect",
-        help="Where the robot is. With --backend zenoh where hexctl serve listens, such as "
-        "tcp/HOST:7447 or tls/HOST:7447 (default: tcp/127.0.0.1:7447); with mavlink the servo board's port, "
-        "such as /dev/ttyACM0:115200 or udpout:HOST:PORT (default: udpout:127.0.0.1:14550); with dynamixel, "
-        "feetech and lx16a that of the bus, such as /dev/ttyUSB0:1000000 (default: that of the robot file); "
-        "with servo2040 that of the board, such as /dev/ttyACM0, and with pca9685 the I2C bus, such as 1 or "
-        "/dev/i2c-1 (default: that of the robot file).",
-    ),
-]
-
 ZenohConnectOption = Annotated[
     str | None,
     typer.Option(

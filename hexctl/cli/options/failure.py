@@ -109,15 +109,6 @@ RecoverOption = Annotated[
     ),
 ]
 
-PolicyOption = Annotated[
-    str | None,
-    typer.Option(
-        "--policy",
-        help="What to do about a leg that is noticed to have failed: walk-on, stop, glide, or "
-        "package.module:Class. (default: walk-on with sim, else stop)",
-    ),
-]
-
 SimFailedLegOption = Annotated[
     int | None, number("--failed-leg", LEG, f"{FAILED_LEG_HELP} Only with sim. (default: none)")
 ]

@@ -1,6 +1,5 @@
 """Options that say what is printed and recorded, and on what a simulation runs."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -26,12 +25,5 @@ DaskOption = Annotated[
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
 
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print the end only.")]
-
-RecordOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--record", help="Recording to write, a new .rrd file, whose folder is made. (default: one in runs/)"
-    ),
-]
 
 NoRecordOption = Annotated[bool, typer.Option("--no-record", help="Leave no recording.")]

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.values import in_lower_case, number
+from hexctl.cli.values import number
 from hexctl.options import Range
 
 SEED = Range(low=0, whole=True)
@@ -19,18 +19,6 @@ SEED_HELP = f"Seed of everything random, a whole number, {SEED}: the same seed g
 ROBOTS = "ant, phantomx, pexod, phantomx-ax, makeyourpet, freenove-big, jethexa, lukas"
 
 ROBOT_HELP = f"Robot: {ROBOTS}, or a path to a YAML file."
-
-BackendOption = Annotated[
-    str,
-    typer.Option(
-        "--backend",
-        callback=in_lower_case,
-        autocompletion=completion.backends,
-        help="What moves: sim (simulation), zenoh (a robot that hexctl serve puts on the network), "
-        "mavlink (a servo board), dynamixel, feetech or lx16a (servos on a serial bus), servo2040 "
-        "or pca9685 (boards of hobby servos), mock (no robot), or package.module:Class (your own servos).",
-    ),
-]
 
 
 def robot_option(default: str, use: str = "") -> Any:
@@ -49,7 +37,3 @@ WorldOption = Annotated[
 ]
 
 SeedOption = Annotated[int, number("--seed", SEED, SEED_HELP)]
-
-RealtimeOption = Annotated[
-    bool, typer.Option("--realtime", help="Simulate at the speed of a real robot, not as fast as possible.")
-]

@@ -3,10 +3,12 @@
 import json
 import sys
 from contextlib import ExitStack
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
+from hexctl.backends.options import RecordedOptions
 from hexctl.cli.console import (
     DONE,
     INTERRUPTED,
@@ -17,11 +19,10 @@ from hexctl.cli.console import (
     print_note,
     print_result,
 )
-from hexctl.cli.options.connection import ConnectOption, InsecureOption, KeysOption, LinkOption
 from hexctl.cli.options.failure import SimFailedLegOption, SimFailureOption
-from hexctl.cli.options.output import JsonOption, NoRecordOption, RecordOption
-from hexctl.cli.options.robot import BackendOption, RealtimeOption, RobotOption, SeedOption, WorldOption
+from hexctl.cli.options.output import JsonOption, NoRecordOption
 from hexctl.cli.settings import runs_folder
+from hexctl.cli.signature import with_options
 from hexctl.errors import InputError, RecordingError, RobotFaultError
 
 if TYPE_CHECKING:
@@ -32,20 +33,12 @@ if TYPE_CHECKING:
     from hexctl.robot.failure import Failure
 
 
+@with_options(RecordedOptions)
 def diagnose(
-    backend: BackendOption = "sim",
-    robot: RobotOption = "ant",
-    world: WorldOption = None,
+    where: dict[str, Any],
     failed_leg: SimFailedLegOption = None,
     failure: SimFailureOption = None,
-    realtime: RealtimeOption = False,
-    record: RecordOption = None,
     no_record: NoRecordOption = False,
-    seed: SeedOption = 0,
-    connect: ConnectOption = None,
-    keys: KeysOption = None,
-    insecure: InsecureOption = False,
-    link: LinkOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Find out at rest which leg has failed, which joint, and how: 12 s of small motions.
@@ -57,21 +50,12 @@ def diagnose(
     from hexctl.record.run_spec import RunSpec
     from hexctl.robot.failure import failure_of
 
-    if no_record and record is not None:
+    if no_record and where["record"] is not None:
         raise InputError("--no-record: got --record too; allowed: one or the other")
     spec = RunSpec(
-        backend=backend,
-        robot=robot,
-        world=world,
+        **where,
         failure=failure_of(failed_leg, failure),
-        seed=seed,
-        realtime=realtime,
-        record=record,
-        record_folder=None if no_record or record is not None else runs_folder(),
-        connect=connect,
-        credentials=keys,
-        insecure=insecure,
-        link=link,
+        record_folder=None if no_record or where["record"] is not None else runs_folder(),
     )
     done, code = diagnosed(spec)
     if done is None:
@@ -120,7 +104,7 @@ def found_failure(spec: "RunSpec", words: str | None) -> "Found":
     Raises InputError where nothing or more than one leg was found out, Exit where the diagnosis was stopped.
     """
     broken = _broken(spec, words)
-    names = ("backend", "robot", "world", "seed", "realtime", "connect", "credentials", "insecure", "link")
+    names = {field.name for field in fields(RecordedOptions)} - {"record", "record_folder"}
     options = {name: getattr(spec, name) for name in names}
     done, code = diagnosed(type(spec)(failure=broken, **options))
     if done is None or code != DONE:

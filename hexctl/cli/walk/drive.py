@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from hexctl.backends.options import RobotOptions
 from hexctl.cli import completion
 from hexctl.cli.console import (
     DONE,
@@ -20,10 +21,9 @@ from hexctl.cli.console import (
     note_no_window,
     print_note,
 )
-from hexctl.cli.options.connection import ConnectOption, InsecureOption, KeysOption, LinkOption
 from hexctl.cli.options.failure import FAILED_LEG_HELP, LEG, FailureOption
 from hexctl.cli.options.output import NoRecordOption
-from hexctl.cli.options.robot import BackendOption, RobotOption, SeedOption, WorldOption
+from hexctl.cli.signature import with_options
 from hexctl.cli.values import choice, number
 from hexctl.errors import EStopError, InputError
 from hexctl.gait.gait import gait_text
@@ -105,10 +105,9 @@ class _Wanted:
         return None if self.gamepad in (None, "auto", "none") else Path(str(self.gamepad))
 
 
+@with_options(RobotOptions)
 def drive(
-    backend: BackendOption = "sim",
-    robot: RobotOption = "ant",
-    world: WorldOption = None,
+    where: dict[str, Any],
     gait: DriveGaitOption = "tripod",
     body_raise: Annotated[
         float,
@@ -191,11 +190,6 @@ def drive(
         ),
     ] = None,
     no_record: NoRecordOption = False,
-    seed: SeedOption = 0,
-    connect: ConnectOption = None,
-    keys: KeysOption = None,
-    insecure: InsecureOption = False,
-    link: LinkOption = None,
 ) -> None:
     """Drive a robot by hand: keyboard, gamepad, or a page for a phone.
 
@@ -213,25 +207,17 @@ def drive(
     wanted = _Wanted(keyboard, has_keys(), gamepad, page, page_keys, page_view)
     wanted.check()
 
-    options: dict[str, Any] = {
-        name: value
-        for name, value in {
-            "world": world,
-            "seed": seed,
-            "connect": connect,
-            "credentials": keys,
-            "insecure": insecure,
-            "link": link,
-        }.items()
-        if value
-    }
+    robot, backend = where.pop("robot"), where.pop("backend")
+    options: dict[str, Any] = {name: value for name, value in where.items() if value}
     check_options(backend, **options)
     if backend == "sim":
         options["realtime"] = True
     with ExitStack() as stack:
         keep = stack.enter_context(_kept_once_driven(record))
         failed = failure_of(failed_leg, failure)
-        shown = _recorders(stack, backend, robot, world, seed, gait, failed, view=view, record=record)
+        shown = _recorders(
+            stack, backend, robot, where["world"], where["seed"], gait, failed, view=view, record=record
+        )
         made = Drive(
             robot,
             backend=backend,
