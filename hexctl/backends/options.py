@@ -7,6 +7,7 @@ from typing import Annotated
 from hexctl.backends.sim.world import World
 from hexctl.options import UNTYPED, Range, Typed
 from hexctl.robot.model import Robot
+from hexctl.wire.links import LinkOptions
 
 #: Seeds of everything random.
 SEED = Range(low=0, whole=True)
@@ -18,7 +19,7 @@ def lower_case(name: str) -> str:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RobotOptions:
+class RobotOptions(LinkOptions):
     """Which robot moves, and where it is."""
 
     backend: Annotated[str, Typed(parse=lower_case, words="backends")] = "sim"
@@ -53,17 +54,6 @@ class RobotOptions:
     lx16a that of the bus, such as /dev/ttyUSB0:1000000 (default: that of the robot file); with servo2040
     that of the board, such as /dev/ttyACM0, and with pca9685 the I2C bus, such as 1 or /dev/i2c-1 (default:
     that of the robot file).
-    """
-
-    credentials: Annotated[str | Path | None, Typed(flag="keys")] = None
-    """Folder of certificates that hexctl keys new made; needed beyond this computer. (default: none)"""
-
-    insecure: bool = False
-    """Go without certificates beyond this computer: every client there can move the robot."""
-
-    link: str | None = None
-    """YAML file that says where a robot is, its certificates and the names of its messages
-    (docs/protocol.md). (default: none)
     """
 
 

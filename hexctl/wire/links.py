@@ -7,8 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum
 from pathlib import Path
+from typing import Annotated
 
 from hexctl.errors import InputError, argument
+from hexctl.options import Typed
 
 
 class Role(Enum):
@@ -257,3 +259,27 @@ def load_link(
         credentials=link.credentials if credentials is None else credentials,
         insecure=insecure or link.insecure,
     )
+
+
+def link_of(*, connect: str | None, credentials: Path | None, insecure: bool, link: str | None) -> Link:
+    """Link of the fields of `LinkOptions`; raises InputError as `load_link` does."""
+    return load_link(link, endpoint=connect, credentials=credentials, insecure=insecure)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LinkOptions:
+    """Where a robot on the network is, and by which certificates it is reached."""
+
+    connect: str | None = None
+    """Where hexctl serve listens, such as tcp/HOST:7447 or tls/HOST:7447. (default: tcp/127.0.0.1:7447)"""
+
+    credentials: Annotated[str | Path | None, Typed(flag="keys")] = None
+    """Folder of certificates that hexctl keys new made; needed beyond this computer. (default: none)"""
+
+    insecure: bool = False
+    """Go without certificates beyond this computer: every client there can move the robot."""
+
+    link: str | None = None
+    """YAML file that says where a robot is, its certificates and the names of its messages
+    (docs/protocol.md). (default: none)
+    """

@@ -11,7 +11,7 @@ import typer
 from hexctl.cli.bus.board import BAUD
 from hexctl.cli.options.output import JsonOption
 from hexctl.cli.settings import Commands
-from hexctl.cli.values import choice
+from hexctl.cli.values import checked, choice
 from hexctl.options import Range
 from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS, BusDriver
 
@@ -65,7 +65,7 @@ BaudOption = Annotated[
     int | None,
     typer.Option(
         "--baud",
-        parser=BAUD.parse,
+        parser=checked(BAUD.parse),
         help=f"Bits per second, {BAUD}. (default: that of --robot, else 1000000, with lx16a 115200)",
     ),
 ]
@@ -91,7 +91,7 @@ YesOption = Annotated[
 
 def _an_id(help_text: str) -> Any:
     """Argument that is the id of a servo."""
-    return typer.Argument(parser=SERVO_ID.parse, metavar="ID", help=help_text, show_default=False)
+    return typer.Argument(parser=checked(SERVO_ID.parse), metavar="ID", help=help_text, show_default=False)
 
 
 @servos.command()

@@ -41,14 +41,12 @@ def begin_stop(arguments: Sequence[str]) -> None:
 
 def take_stop(place: Mapping[str, Any]) -> "ReadyStop | None":
     """Return the stop that has begun, once; None if there is none, or the place is another one."""
-    from hexctl.wire.links import load_link
+    from hexctl.wire.links import link_of
 
     if not _begun:
         return None
     stop = _begun.pop()
-    same = dict(place)
-    link = load_link(same.pop("link"), endpoint=same.pop("connect"), **same)
-    if stop.link == link:
+    if stop.link == link_of(**place):
         return stop
     stop.end_datagrams()
     return None

@@ -15,9 +15,10 @@ import typer
 
 from hexctl.cli.interrupts import NOT_CONFIRMED
 from hexctl.cli.network.early_stop import take_stop
-from hexctl.cli.options.connection import InsecureOption, KeysOption, LinkOption, ZenohConnectOption
 from hexctl.cli.options.output import JsonOption
+from hexctl.cli.signature import with_options
 from hexctl.errors import InputError, RobotFaultError, printable
+from hexctl.wire.links import LinkOptions
 
 if TYPE_CHECKING:
     from hexctl.serve.stops.estop import ReadyStop, StopResult
@@ -30,7 +31,9 @@ LOOK_S = 0.01
 IDENTITY_S = 1.5
 
 
+@with_options(LinkOptions)
 def estop(
+    place: dict[str, Any],
     clear: Annotated[
         bool, typer.Option("--clear", help="Clear the stop: the robot may be commanded again.")
     ] = False,
@@ -42,10 +45,6 @@ def estop(
             "pressed, or when the terminal goes; Ctrl-C ends it without a stop.",
         ),
     ] = False,
-    connect: ZenohConnectOption = None,
-    keys: KeysOption = None,
-    insecure: InsecureOption = False,
-    link: LinkOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Stop a robot on the network from anywhere, whichever client commands it.
@@ -56,7 +55,6 @@ def estop(
     """
     if clear and ready:
         raise InputError("--ready: got it with --clear; allowed: one of both")
-    place: dict[str, Any] = {"connect": connect, "credentials": keys, "insecure": insecure, "link": link}
     if clear:
         _clear(place, as_json=as_json)
         return

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hexctl.cli.options.connection import InsecureOption, KeysOption, LinkOption, ZenohConnectOption
 from hexctl.cli.options.output import JsonOption
+from hexctl.cli.signature import with_options
 from hexctl.errors import printable
+from hexctl.wire.links import LinkOptions
 
 if TYPE_CHECKING:
     from hexctl.cli.render.tables import PlainTable
@@ -39,11 +40,9 @@ POSTURES = {
 }
 
 
+@with_options(LinkOptions)
 def status(
-    connect: ZenohConnectOption = None,
-    keys: KeysOption = None,
-    insecure: InsecureOption = False,
-    link: LinkOption = None,
+    place: dict[str, Any],
     watch: Annotated[bool, typer.Option("--watch", help="Keep showing it, until Ctrl-C.")] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -53,15 +52,15 @@ def status(
     from hexctl.cli.console import note_refusal, print_result
     from hexctl.errors import InputError
     from hexctl.serve.remote import remote_robots
-    from hexctl.wire.links import Role, load_link
+    from hexctl.wire.links import Role, link_of
     from hexctl.wire.refusal import RefusalWatch
 
     if watch and as_json:
         raise InputError("--watch: got --json too; allowed: one or the other")
-    endpoint = load_link(link, endpoint=connect, credentials=keys, insecure=insecure).endpoint
+    endpoint = link_of(**place).endpoint
     with (
         RefusalWatch(endpoint, note_refusal),
-        remote_robots(Role.VIEWER, connect=connect, credentials=keys, insecure=insecure, link=link) as robots,
+        remote_robots(Role.VIEWER, **place) as robots,
     ):
         statuses = robots.await_statuses()
         if watch:

@@ -2,15 +2,16 @@
 
 import json
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hexctl.cli.options.connection import InsecureOption, KeysOption, LinkOption, ZenohConnectOption
 from hexctl.cli.options.failure import LEG
 from hexctl.cli.options.output import JsonOption
 from hexctl.cli.settings import Commands
+from hexctl.cli.signature import with_options
+from hexctl.cli.values import checked
+from hexctl.wire.links import LinkOptions
 
 if TYPE_CHECKING:
     from hexctl.serve.remote import RemoteRobots
@@ -19,7 +20,9 @@ twin = Commands(help="Let legs of a simulation on the network fail and heal.", n
 
 
 @twin.command()
+@with_options(LinkOptions)
 def fail(
+    place: dict[str, Any],
     failure: Annotated[
         str,
         typer.Argument(
@@ -29,49 +32,39 @@ def fail(
             show_default=False,
         ),
     ],
-    connect: ZenohConnectOption = None,
-    keys: KeysOption = None,
-    insecure: InsecureOption = False,
-    link: LinkOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Let a leg of a simulated robot fail now, untold to whatever walks it."""
-    _change(lambda robots: robots.fail(failure), connect, keys, insecure, link, as_json)
+    _change(lambda robots: robots.fail(failure), place, as_json=as_json)
 
 
 @twin.command()
+@with_options(LinkOptions)
 def heal(
+    place: dict[str, Any],
     leg: Annotated[
         int,
         typer.Argument(
-            parser=LEG.parse, metavar="LEG", help="Which leg that failed, 1..6.", show_default=False
+            parser=checked(LEG.parse), metavar="LEG", help="Which leg that failed, 1..6.", show_default=False
         ),
     ],
-    connect: ZenohConnectOption = None,
-    keys: KeysOption = None,
-    insecure: InsecureOption = False,
-    link: LinkOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Let a leg of a simulated robot be whole again."""
-    _change(lambda robots: robots.heal(leg), connect, keys, insecure, link, as_json)
+    _change(lambda robots: robots.heal(leg), place, as_json=as_json)
 
 
 def _change(
     change: "Callable[[RemoteRobots], list[dict[str, Any]]]",
-    connect: str | None,
-    keys: Path | None,
-    insecure: bool,
-    link: str | None,
+    place: dict[str, Any],
+    *,
     as_json: bool,
 ) -> None:
     from hexctl.cli.console import print_note, print_result
     from hexctl.serve.remote import remote_robots
     from hexctl.wire.links import Role
 
-    with remote_robots(
-        Role.CONTROLLER, connect=connect, credentials=keys, insecure=insecure, link=link
-    ) as robots:
+    with remote_robots(Role.CONTROLLER, **place) as robots:
         answers = change(robots)
     failures = [str(failure) for answer in answers for failure in answer["failures"]]
     for note in sorted({str(answer["note"]) for answer in answers if "note" in answer}):

@@ -5,15 +5,6 @@ from typing import Annotated, Any
 
 import typer
 
-ZenohConnectOption = Annotated[
-    str | None,
-    typer.Option(
-        "--connect",
-        help="Where hexctl serve listens, such as tcp/HOST:7447 or tls/HOST:7447. "
-        "(default: tcp/127.0.0.1:7447)",
-    ),
-]
-
 KeysOption = Annotated[
     Path | None,
     typer.Option(

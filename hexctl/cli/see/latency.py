@@ -7,15 +7,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hexctl.cli.options.connection import InsecureOption, KeysOption, LinkOption, ZenohConnectOption
 from hexctl.cli.options.output import JsonOption
 from hexctl.cli.see.options import FpsOption, LiveCameraOption, OneRobotOption, SizeOption
+from hexctl.cli.signature import with_options
+from hexctl.wire.links import LinkOptions
 
 if TYPE_CHECKING:
     from hexctl.see.latency_trial import LatencyTrial, TwistAhead
 
 
+@with_options(LinkOptions)
 def latency(
+    link: dict[str, Any],
     camera: LiveCameraOption = None,
     place: Annotated[
         Path,
@@ -23,11 +26,7 @@ def latency(
     ] = Path("place.yaml"),
     size: SizeOption = None,
     fps: FpsOption = None,
-    connect: ZenohConnectOption = None,
     robot: OneRobotOption = None,
-    keys: KeysOption = None,
-    insecure: InsecureOption = False,
-    link: LinkOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Measure how late a camera's pictures come: the standing robot twists once and is watched.
@@ -43,8 +42,7 @@ def latency(
     if camera is None:
         raise InputError("--camera: got none; allowed: a number such as 0, or an address")
     measuring = CameraLatency(
-        camera=camera, place=place, size_px=size, fps=fps, connect=connect, credentials=keys,
-        insecure=insecure, link=link, robot=robot,
+        camera=camera, place=place, size_px=size, fps=fps, robot=robot, **link,
     )  # fmt: skip
     with StopOnInterrupt() as interrupt:
         try:

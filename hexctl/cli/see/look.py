@@ -3,11 +3,10 @@
 import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hexctl.cli.options.connection import InsecureOption, KeysOption, LinkOption, ZenohConnectOption
 from hexctl.cli.options.output import JsonOption
 from hexctl.cli.see.options import (
     LATENCY_MS,
@@ -21,8 +20,10 @@ from hexctl.cli.see.options import (
     RobotTagOption,
     SizeOption,
 )
+from hexctl.cli.signature import with_options
 from hexctl.cli.values import is_said, number
 from hexctl.options import Range
+from hexctl.wire.links import LinkOptions
 
 if TYPE_CHECKING:
     from hexctl.see.pose_stream import CameraReport, CameraStatus
@@ -33,7 +34,9 @@ BAR_MM = Range(low=50, high=200, unit="mm")
 HEIGHT_MM = Range(low=-500, high=1000, unit="mm")
 
 
+@with_options(LinkOptions)
 def look(
+    link: dict[str, Any],
     context: typer.Context,
     camera: CameraOption = None,
     place: Annotated[
@@ -97,7 +100,6 @@ def look(
     ] = None,
     size: SizeOption = None,
     fps: FpsOption = None,
-    connect: ZenohConnectOption = None,
     robot: Annotated[
         str | None,
         typer.Option(
@@ -126,9 +128,6 @@ def look(
             "(default: no page)",
         ),
     ] = None,
-    keys: KeysOption = None,
-    insecure: InsecureOption = False,
-    link: LinkOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Find a robot on the floor with a camera and printed tags, and tell it where it is, until Ctrl-C.
@@ -164,10 +163,7 @@ def look(
         size_px=size,
         fps=fps,
         linked=not no_link,
-        connect=connect,
-        credentials=keys,
-        insecure=insecure,
-        link=link,
+        **link,
         robot=robot,
         output=output,
         poses=poses,

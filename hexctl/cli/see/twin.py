@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hexctl.cli.options.connection import InsecureOption, KeysOption, LinkOption, ZenohConnectOption
 from hexctl.cli.options.output import JsonOption
 from hexctl.cli.options.robot import SeedOption
 from hexctl.cli.see.options import FPS, LATENCY_MS, PORT, OneRobotOption, size_of
 from hexctl.cli.settings import runs_folder
+from hexctl.cli.signature import with_options
 from hexctl.cli.values import number
 from hexctl.options import Range
+from hexctl.wire.links import LinkOptions
 
 if TYPE_CHECKING:
     from hexctl.see.twin.twin_camera import TwinReport
@@ -37,8 +38,9 @@ def point_of(text: str | tuple[float, ...]) -> tuple[float, ...]:
     return numbers
 
 
+@with_options(LinkOptions)
 def twin(
-    connect: ZenohConnectOption = None,
+    link: dict[str, Any],
     robot: OneRobotOption = None,
     http_port: Annotated[
         int,
@@ -100,9 +102,6 @@ def twin(
         ),
     ] = None,
     seed: SeedOption = 0,
-    keys: KeysOption = None,
-    insecure: InsecureOption = False,
-    link: LinkOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Be a network camera that looks at the robot of hexctl serve --backend sim, until Ctrl-C.
@@ -115,10 +114,7 @@ def twin(
     from hexctl.see.twin.twin_camera import TwinCamera, TwinStarted
 
     camera = TwinCamera(
-        connect=connect,
-        credentials=keys,
-        insecure=insecure,
-        link=link,
+        **link,
         robot=robot,
         http_port=int(http_port),
         fps=fps,
