@@ -112,6 +112,9 @@ class Typed:
 #: In the annotation of a field that is a keyword in Python only.
 UNTYPED = object()
 
+#: In the annotation of a field that few people need: `--help-all` shows it, `--help` does not.
+RARE = object()
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Option:
@@ -124,6 +127,7 @@ class Option:
         text: its help, with the range in it.
         range: of a number, or None.
         typed: how it is typed.
+        rare: whether few people need it.
     """
 
     name: str
@@ -132,6 +136,7 @@ class Option:
     text: str
     range: Range | None
     typed: Typed
+    rare: bool
 
     @property
     def flag(self) -> str:
@@ -155,7 +160,15 @@ def _option(field: "Field[Any]", hint: Any, text: str) -> Option | None:
     typed = next((mark for mark in marks if isinstance(mark, Typed)), Typed())
     default = None if field.default is MISSING else field.default
     shown = text if allowed is None else text.replace("{}", str(allowed))
-    return Option(name=field.name, kind=kind, default=default, text=shown, range=allowed, typed=typed)
+    return Option(
+        name=field.name,
+        kind=kind,
+        default=default,
+        text=shown,
+        range=allowed,
+        typed=typed,
+        rare=RARE in marks,
+    )
 
 
 def check_fields(spec: Any) -> None:

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from hexctl.backends.options import RobotOptions
 from hexctl.control.guard import TOO_HOT_C
 from hexctl.control.plan import DURATION_S, Hold, SelfRotation
-from hexctl.options import UNTYPED, Range, Typed, check_fields
+from hexctl.options import RARE, UNTYPED, Range, Typed, check_fields
 from hexctl.robot.failure import parse_failure
 
 BUDGET = Range(low=1, high=100_000, whole=True)
@@ -50,7 +50,7 @@ class AdaptOptions(RobotOptions):
     file, or none. (default: auto)
     """
 
-    early_stop: bool = False
+    early_stop: Annotated[bool, RARE] = False
     """With bayes: end a walk as soon as it is clear that it misses."""
 
     objective: Annotated[Any, Typed(words="objectives")] = "final"
@@ -70,7 +70,7 @@ class AdaptOptions(RobotOptions):
     target_m: Annotated[float | None, UNTYPED] = None
     """The target as a number, in the unit of the objective."""
 
-    worth_m: Annotated[float | None, GAIN_M] = None
+    worth_m: Annotated[float | None, GAIN_M, RARE] = None
     """With bayes: end the search once all trials that are left are expected to gain less than this, in
     metres, {}; 0 goes on whatever the gain. (default: the noise between trials, or the simulation's own
     uncertainty; 0.04 on a real robot; 1 % of the score of steered walks)
@@ -81,10 +81,10 @@ class AdaptOptions(RobotOptions):
     that was measured for such walks, 0 counts none.
     """
 
-    confirm: Annotated[int, REPEATS] = 0
+    confirm: Annotated[int, REPEATS, RARE] = 0
     """Of the budget, trials kept to repeat the best gait, {}."""
 
-    count_repeats: bool = False
+    count_repeats: Annotated[bool, RARE] = False
     """Walk a gait again when the optimizer asks for it again."""
 
     baseline: Annotated[bool, UNTYPED] = True
@@ -98,7 +98,7 @@ class AdaptOptions(RobotOptions):
     heading_deg: Annotated[float, Range()] = 0.0
     """Direction of travel in degrees, {}, counter-clockwise from forward."""
 
-    self_rotation: SelfRotation | None = None
+    self_rotation: Annotated[SelfRotation | None, RARE] = None
     """Turn before the walk until the failed leg points to the rear or the front of the way, or none: no turn.
     (default: none where the walks hold their line, else rear)
     """
@@ -113,7 +113,7 @@ class AdaptOptions(RobotOptions):
     steered, and else is 0.
     """
 
-    policy: str | None = None
+    policy: Annotated[str | None, RARE] = None
     """What a trial does about another leg that it notices to have failed: stop, glide, or
     package.module:Class; such a trial does not count and ends the search. With walk-on no legs are
     watched. (default: walk-on)
@@ -125,7 +125,7 @@ class AdaptOptions(RobotOptions):
     home_m: Annotated[tuple[float, float] | list[float] | None, UNTYPED] = None
     """Middle (x, y) of the arena in the world, in place of the robot's first place."""
 
-    cool_down_c: Annotated[float | None, COOL_C] = None
+    cool_down_c: Annotated[float | None, COOL_C, RARE] = None
     """With servos that tell their temperature: sit before each trial until all are cooler than this, in
     degrees Celsius, {}. (default: none, it does not wait)
     """

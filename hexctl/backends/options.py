@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 from hexctl.backends.sim.world import World
-from hexctl.options import UNTYPED, Range, Typed
+from hexctl.options import RARE, UNTYPED, Range, Typed
 from hexctl.robot.model import Robot
 from hexctl.wire.links import LinkOptions
 
@@ -23,37 +23,35 @@ class RobotOptions(LinkOptions):
     """Which robot moves, and where it is."""
 
     backend: Annotated[str, Typed(parse=lower_case, words="backends")] = "sim"
-    """What moves: sim (simulation), zenoh (a robot that hexctl serve puts on the network), mavlink (a servo
-    board), dynamixel, feetech or lx16a (servos on a serial bus), servo2040 or pca9685 (boards of hobby
-    servos), mock (no robot), or package.module:Class (your own servos).
+    """What moves: sim (simulation), zenoh (a robot behind hexctl serve), mavlink, dynamixel, feetech, lx16a,
+    servo2040, pca9685, mock (no robot), or package.module:Class (your own servos).
 
     Options that the backend would ignore are refused.
     """
 
     robot: Annotated[str | Path | Robot, Typed(words="robots")] = "ant"
-    """Robot: ant, phantomx, pexod, phantomx-ax, makeyourpet, freenove-big, jethexa, lukas, or a path to a
-    YAML file.
+    """Robot: ant, phantomx, pexod, phantomx-ax, makeyourpet, freenove-big, jethexa, lukas, or a YAML file.
 
     In Python also a Robot.
     """
 
     world: Annotated[str | Path | World | None, Typed(words="worlds")] = None
     """Simulated world: flat, slippery, slope, rough, a YAML file, or one of a family such as randomised:7.
-    Only with sim. (default: flat)
+    (default: flat)
 
-    In Python also a World.
+    Only with sim. In Python also a World.
     """
 
-    seed: Annotated[int, SEED] = 0
-    """Seed of everything random, a whole number, {}: the same seed gives the same result."""
+    seed: Annotated[int, SEED, RARE] = 0
+    """Seed of everything random, a whole number, {}."""
 
     connect: str | None = None
-    """Where the robot is. With --backend zenoh where hexctl serve listens, such as tcp/HOST:7447 or
-    tls/HOST:7447 (default: tcp/127.0.0.1:7447); with mavlink the servo board's port, such as
-    /dev/ttyACM0:115200 or udpout:HOST:PORT (default: udpout:127.0.0.1:14550); with dynamixel, feetech and
-    lx16a that of the bus, such as /dev/ttyUSB0:1000000 (default: that of the robot file); with servo2040
-    that of the board, such as /dev/ttyACM0, and with pca9685 the I2C bus, such as 1 or /dev/i2c-1 (default:
-    that of the robot file).
+    """Where the robot is: where hexctl serve listens, such as tls/HOST:7447, or the port of its servos, such
+    as /dev/ttyUSB0:1000000. (default: tcp/127.0.0.1:7447, or the port in the robot file)
+
+    With mavlink it is the servo board's port, such as /dev/ttyACM0:115200 or udpout:HOST:PORT (default:
+    udpout:127.0.0.1:14550), with servo2040 that of the board, such as /dev/ttyACM0, and with pca9685 the
+    I2C bus, such as 1 or /dev/i2c-1.
     """
 
 
@@ -61,7 +59,7 @@ class RobotOptions(LinkOptions):
 class RecordedOptions(RobotOptions):
     """Which robot moves in real time or in a simulation, and where that is recorded."""
 
-    realtime: bool = False
+    realtime: Annotated[bool, RARE] = False
     """Simulate at the speed of a real robot, not as fast as possible."""
 
     record: str | Path | None = None

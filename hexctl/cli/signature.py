@@ -27,10 +27,15 @@ def with_options(
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         _, *own = inspect.signature(command).parameters.values()
-        parameters = [*map(_parameter, options), *(one.replace(kind=one.KEYWORD_ONLY) for one in own)]
+        parameters = [
+            *map(_parameter, options),
+            *(one.replace(kind=one.KEYWORD_ONLY) for one in own),
+            _HELP_ALL,
+        ]
 
         @wraps(command)
         def called(**values: Any) -> None:
+            values.pop(_HELP_ALL.name)
             command({option.name: values.pop(option.name) for option in options}, **values)
 
         vars(called)["__signature__"] = inspect.Signature(parameters)
@@ -40,9 +45,36 @@ def with_options(
     return decorate
 
 
+def _help_all(context: typer.Context, wanted: bool) -> None:
+    """Print the help with all options."""
+    if not wanted:
+        return
+    for parameter in context.command.params:
+        vars(parameter)["hidden"] = False
+    typer.echo(context.get_help())
+    raise typer.Exit
+
+
+_HELP_ALL = inspect.Parameter(
+    "help_all",
+    inspect.Parameter.KEYWORD_ONLY,
+    default=False,
+    annotation=Annotated[
+        bool,
+        typer.Option(
+            "--help-all",
+            is_eager=True,
+            callback=_help_all,
+            help="Show all options.",
+        ),
+    ],
+)
+
+
 def _parameter(option: Option) -> inspect.Parameter:
     """Parameter of a command's function, as Typer reads it."""
     kind, info = _kind_of(option)
+    info.hidden = option.rare
     default = list(option.default) if kind == list[str] else option.default
     return inspect.Parameter(
         option.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, info]

@@ -42,7 +42,7 @@ from hexctl.gait.gait import (
     parse_slots,
 )
 from hexctl.gait.posture import POSTURE, Posture
-from hexctl.options import UNTYPED, Typed
+from hexctl.options import RARE, UNTYPED, Typed
 from hexctl.record.rrd import probe_file
 from hexctl.robot.failure import Failure, check_further, each_failure, failures_of
 from hexctl.robot.failure_event import FailureEvent
@@ -71,11 +71,10 @@ class RunSpec(RecordedOptions):
     """What a run does: which robot, where, and how it walks. Its fields are the options of `hexctl run`."""
 
     gait: Annotated[str | int | Sequence[int] | Gait, Typed(parse=gait_text, words="gaits")] = "demo"
-    """Gait: demo, tripod, wave, ripple; auto, the one that stands safest; best, the fastest by a prior for
-    the failed leg, or best:SESSION, that of a session; a code, 1..720, or 1..120 with a failed leg; or
-    when in the cycle legs 1..6 step, six slots such as 5,1,2,4,3,6.
+    """Gait: demo, tripod, wave, ripple; auto (the most stable); best or best:SESSION (the best that is known
+    for the failed leg); a code, 1..720, or 1..120 with a failed leg; or six slots such as 5,1,2,4,3,6.
 
-    In Python also six slots, or a Gait.
+    Slots say when in the cycle legs 1..6 step. In Python also a Gait.
     """
 
     chosen_gait: Annotated[bool, UNTYPED] = False
@@ -84,15 +83,15 @@ class RunSpec(RecordedOptions):
     """
 
     heading_rad: Annotated[float | None, HEADING_DEG] = None
-    """Direction of travel in degrees, {}, counter-clockwise from where the body points at the start: 90 goes
-    to the left. (default: 0)
+    """Direction of travel in degrees, {}, counter-clockwise from where the body points; 90 is to the left.
+    (default: 0)
 
     In Python in rad. None is forward, or no travel in a turn in place.
     """
 
     turn_rate_rad_s: Annotated[float | None, TURN_DEG_S, Typed(flag="turn")] = None
-    """Rate of turning in degrees per second, {}, counter-clockwise positive; alone it turns in place, with
-    --heading it is blended with the walk. (default: 0)
+    """Turn rate in degrees per second, {}, counter-clockwise. Without --heading the robot turns in place.
+    (default: 0)
 
     In Python in rad/s.
     """
@@ -103,29 +102,29 @@ class RunSpec(RecordedOptions):
     pace_hz: Annotated[float | None, PACE_HZ] = None
     """Gait cycles per second, {}. (default: the robot's)"""
 
-    amplitude: Annotated[float | None, STEP] = None
+    amplitude: Annotated[float | None, STEP, RARE] = None
     """Length of a step as a fraction of the robot's size, {}. (default: the robot's)"""
 
-    height: Annotated[float | None, STEP] = None
+    height: Annotated[float | None, STEP, RARE] = None
     """Height of a step as a fraction of the robot's size, {}. (default: the robot's)"""
 
-    body_raise: Annotated[float | None, POSTURE] = None
+    body_raise: Annotated[float | None, POSTURE, RARE] = None
     """How much higher the body stands, as a fraction of the robot's size, {}. (default: 0; with --gait auto
     0.012 off a locked leg that does not trail)
     """
 
-    stance_shift: Annotated[tuple[float, float] | None, Typed(parse=_shift)] = None
+    stance_shift: Annotated[tuple[float, float] | None, Typed(parse=_shift), RARE] = None
     """How far the body stands forward and to the left over its feet, as fractions of the robot's size, such
     as 0.02,-0.01. (default: 0,0)
     """
 
-    tucked_legs: Annotated[Sequence[int], Typed(flag="tuck", parse=_legs)] = ()
+    tucked_legs: Annotated[Sequence[int], Typed(flag="tuck", parse=_legs), RARE] = ()
     """Legs held up in the air, of 1..6, with commas. (default: none)"""
 
-    swing_share: Annotated[float | None, SWING] = None
+    swing_share: Annotated[float | None, SWING, RARE] = None
     """How long a foot is in the air, as a fraction of the cycle, {}. (default: 1/3)"""
 
-    then: Sequence[str] = ()
+    then: Annotated[Sequence[str], RARE] = ()
     """Change the gait in stride, to one that --gait takes, such as wave@10: from 10 s on; may be given
     several times, with times that ascend. (default: never)
     """
@@ -139,24 +138,24 @@ class RunSpec(RecordedOptions):
     events: Annotated[Sequence[FailureEvent], UNTYPED] = ()
     """Failures that come to a simulation during the walk, and legs that heal; its controller is not told."""
 
-    policy: Annotated[str | RecoveryPolicy | None, Typed()] = None
-    """What to do about a leg that is noticed to have failed: walk-on, stop, glide, or package.module:Class.
+    policy: Annotated[str | RecoveryPolicy | None, Typed(), RARE] = None
+    """What to do when a leg fails: walk-on, stop, glide (walk on without it), or package.module:Class.
     (default: walk-on with sim, else stop)
 
     In Python also a policy.
     """
 
-    self_rotation: AskedRotation = AUTO_ROTATION
-    """Turn before the walk until the failed leg points to the rear or the front of the way, or none: no turn.
-    auto: none with --gait auto or best where the line is held, else rear.
+    self_rotation: Annotated[AskedRotation, RARE] = AUTO_ROTATION
+    """Turn before the walk until the failed leg points to the rear or the front, or none: no turn. auto:
+    none with --gait auto or best where the line is held, else rear.
     """
 
     hold: Hold = "auto"
-    """Feedback keeps the walk on its line, by position and yaw, or keeps its heading, by yaw alone; none:
-    open loop, as in the paper; auto is the best that the robot's state allows.
+    """What feedback holds: line (by position and yaw), heading (by yaw), none (open loop), or auto: the best
+    that the robot's sensors allow.
     """
 
-    trim_rad: Annotated[float | None, TRIM_DEG] = None
+    trim_rad: Annotated[float | None, TRIM_DEG, RARE] = None
     """With --hold heading, course correction in degrees, {}, counter-clockwise: after a walk that ended E to
     the left after S, -atan(E / S) more. (default: 0)
 

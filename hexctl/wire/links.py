@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated
 
 from hexctl.errors import InputError, argument
-from hexctl.options import Typed
+from hexctl.options import RARE, Typed
 
 
 class Role(Enum):
@@ -276,10 +276,10 @@ class LinkOptions:
     credentials: Annotated[str | Path | None, Typed(flag="keys")] = None
     """Folder of certificates that hexctl keys new made; needed beyond this computer. (default: none)"""
 
-    insecure: bool = False
+    insecure: Annotated[bool, RARE] = False
     """Go without certificates beyond this computer: every client there can move the robot."""
 
-    link: str | None = None
+    link: Annotated[str | None, RARE] = None
     """YAML file that says where a robot is, its certificates and the names of its messages
     (docs/protocol.md). (default: none)
     """

@@ -15,9 +15,8 @@ LEG = Range(low=1, high=6, whole=True)
 ALL_LEGS = "1,2,3,4,5,6"
 
 FAILURE_HELP = (
-    "What is wrong with the failed leg: locked (holds its stance), limp (no torque), missing, "
-    "weak:FRACTION of its torque, 0..1 (0.3), stuck:JOINT:DEGREES with coxa, femur or tibia (coxa, 0), or "
-    "unknown: the controller is not told, and a simulation draws one of these with the seed."
+    "How it failed: locked (stiff), limp, missing, weak:FRACTION of its torque, 0..1 (0.3), "
+    "stuck:JOINT:DEGREES with coxa, femur or tibia (coxa, 0), or unknown to the controller."
 )
 
 FAILED_LEG_HELP = f"Leg that failed, {LEG}, counter-clockwise from the front."
@@ -57,10 +56,7 @@ def complete_leg(incomplete: str) -> list[str]:
     return [*LEG.complete(incomplete), *(["auto"] if "auto".startswith(incomplete) else [])]
 
 
-AUTO_LEG_HELP = (
-    f"{FAILED_LEG_HELP[:-1]}; or auto: hexctl diagnose finds it first. With auto, --failure is what a "
-    "simulation breaks, as 5:limp."
-)
+AUTO_LEG_HELP = f"{FAILED_LEG_HELP[:-1]}; auto: hexctl diagnose finds it."
 
 FailedLegOption = Annotated[
     Any,
@@ -69,8 +65,8 @@ FailedLegOption = Annotated[
         parser=legs_or_auto,
         metavar="LEGS",
         autocompletion=complete_leg,
-        help=f"{AUTO_LEG_HELP} Several with commas, such as 2,5, then with one --failure for all or one for "
-        "each (limp,locked). (default: none)",
+        help=f"{AUTO_LEG_HELP} Several with commas, such as 2,5, with one --failure or one for each. "
+        "(default: none)",
     ),
 ]
 
@@ -85,9 +81,8 @@ FailOption = Annotated[
     list[str] | None,
     typer.Option(
         "--fail",
-        help="With sim, let a leg fail during the walk, untold: LEG:FAILURE@SECONDS, such as 5:locked@8 or "
-        "2:stuck:femur@4, FAILURE as with --failure but unknown; a joint sticks where it is. May be given "
-        "several times. (default: never)",
+        help="In a simulation, let a leg fail during the walk: LEG:FAILURE@SECONDS, such as 5:locked@8 or "
+        "2:stuck:femur@4. Repeatable. (default: never)",
     ),
 ]
 
@@ -95,7 +90,8 @@ HealOption = Annotated[
     list[str] | None,
     typer.Option(
         "--heal",
-        help="With sim, let a leg be whole again: LEG@SECONDS, such as 5@20. May be given several times. "
+        hidden=True,
+        help="In a simulation, let a leg be whole again: LEG@SECONDS, such as 5@20. Repeatable. "
         "(default: never)",
     ),
 ]
@@ -104,8 +100,7 @@ RecoverOption = Annotated[
     bool,
     typer.Option(
         "--recover",
-        help="Walk on without a leg that fails: glide to a gait for the others, on the same line. It is "
-        "--policy glide.",
+        help="Walk on without a leg that fails, on the same line: --policy glide.",
     ),
 ]
 

@@ -53,7 +53,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "ROS": ("ros", "ros-domain", "ros-namespace", "ros-drive", "ros-humble"),
     "Recording": ("record", "no-record", "view"),
     "Computing": ("jobs", "dask"),
-    "Output": ("to", "output", "out", "poses", "verbose", "quiet", "json", "help"),
+    "Output": ("to", "output", "out", "poses", "verbose", "quiet", "json", "help-all", "help"),
 }
 
 _GROUP_OF = {option: group for group, options in GROUPS.items() for option in options}
@@ -86,4 +86,11 @@ class GroupedHelp:
         if len(options) - 1 > MOST_UNGROUPED:  # without --help
             for param, option in options:
                 param.rich_help_panel = group_of(str(ctx.command.name), option)
+            self.params.sort(key=_place)  # type: ignore[attr-defined]  groups are shown in the order of their first option
         super().format_help(ctx, formatter)  # type: ignore[misc]
+
+
+def _place(param: Any) -> int:
+    """Place of a parameter's group in the help; arguments come first."""
+    group = getattr(param, "rich_help_panel", None)
+    return list(GROUPS).index(group) if group in GROUPS else -1

@@ -48,6 +48,7 @@ WalkArenaOption = Annotated[
     Any,
     typer.Option(
         "--arena",
+        hidden=True,
         parser=checked(arena_of),
         metavar="METRES|FILE",
         help=f"Stop softly before leaving a circle: the radius in metres, {METRES}, around where the walk "
