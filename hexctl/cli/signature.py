@@ -86,19 +86,20 @@ def _kind_of(option: Option) -> tuple[Any, Any]:
     kinds = get_args(option.kind) if get_origin(option.kind) in (Union, UnionType) else (option.kind,)
     if option.range is not None:
         return (int if option.range.whole else float) | None, number(flag, option.range, option.text)
-    if get_origin(option.kind) is Literal:
-        return str, choice(flag, option.kind, option.text)
+    words = next((one for one in kinds if get_origin(one) is Literal), None)
+    if words is not None:
+        return str | None, choice(flag, words, option.text)
     if option.kind is bool:
         return bool, typer.Option(flag, help=option.text)
-    words = getattr(completion, typed.words) if typed.words else None
+    offered = getattr(completion, typed.words) if typed.words else None
     if typed.parse is not None:
         return Any, typer.Option(
-            flag, parser=_parser(typed.parse), metavar="TEXT", autocompletion=words, help=option.text
+            flag, parser=_parser(typed.parse), metavar="TEXT", autocompletion=offered, help=option.text
         )
     if get_origin(option.kind) is Sequence:
-        return list[str], typer.Option(flag, autocompletion=words, help=option.text)
+        return list[str], typer.Option(flag, autocompletion=offered, help=option.text)
     kind = Path if Path in kinds and not typed.words else str
-    return kind | None, typer.Option(flag, autocompletion=words, help=option.text)
+    return kind | None, typer.Option(flag, autocompletion=offered, help=option.text)
 
 
 def _parser(parse: Callable[[str], Any]) -> Callable[[Any], Any]:

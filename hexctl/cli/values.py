@@ -43,6 +43,12 @@ def choice(flag: str, literal: Any, text: str) -> Any:
     return typer.Option(flag, parser=parse, help=text)
 
 
+def rare(option: Any) -> Any:
+    """Option that `--help` leaves out, for commands with `--help-all`."""
+    option.hidden = True
+    return option
+
+
 def in_lower_case(name: str | None) -> str | None:
     """A name as hexctl writes it; what holds a name of somebody else's, after a colon, as it is."""
     return name if name is None or ":" in name else name.strip().lower()

@@ -86,11 +86,12 @@ class GroupedHelp:
         if len(options) - 1 > MOST_UNGROUPED:  # without --help
             for param, option in options:
                 param.rich_help_panel = group_of(str(ctx.command.name), option)
-            self.params.sort(key=_place)  # type: ignore[attr-defined]  groups are shown in the order of their first option
+            # Groups are shown in the order of their first option.
+            self.params.sort(key=_place)  # type: ignore[attr-defined]
         super().format_help(ctx, formatter)  # type: ignore[misc]
 
 
 def _place(param: Any) -> int:
     """Place of a parameter's group in the help; arguments come first."""
-    group = getattr(param, "rich_help_panel", None)
+    group = str(getattr(param, "rich_help_panel", None))
     return list(GROUPS).index(group) if group in GROUPS else -1

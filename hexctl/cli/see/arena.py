@@ -35,6 +35,7 @@ ArenaOption = Annotated[
     Any,
     typer.Option(
         "--arena",
+        hidden=True,
         parser=checked(arena_of),
         metavar="METRES|FILE",
         help=f"On a robot that stays where a walk ends: the radius in metres, {METRES}, around its place at "

@@ -35,7 +35,7 @@ from hexctl.cli.options.output import JsonOption, QuietOption
 from hexctl.cli.see.arena import ArenaOption, arena_fields
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
-from hexctl.cli.values import given
+from hexctl.cli.values import given, rare
 from hexctl.cli.walk.diagnose import found_failure
 from hexctl.errors import HexctlError, InputError, RecordingError, argument
 
@@ -66,10 +66,11 @@ def adapt(
     failure: FailureOption = None,
     no_baseline: Annotated[
         bool,
-        typer.Option(
-            "--no-baseline",
-            help="Leave out the walks with the gaits that the robot would use anyway, its default and the "
-            "tripod, that come before the first trial.",
+        rare(
+            typer.Option(
+                "--no-baseline",
+                help="Leave out the walks before the first trial with gaits that need no search.",
+            )
         ),
     ] = False,
     recover: RecoverOption = False,

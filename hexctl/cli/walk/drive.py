@@ -24,7 +24,7 @@ from hexctl.cli.console import (
 from hexctl.cli.options.failure import FAILED_LEG_HELP, LEG, FailureOption
 from hexctl.cli.options.output import NoRecordOption
 from hexctl.cli.signature import with_options
-from hexctl.cli.values import choice, number
+from hexctl.cli.values import choice, number, rare
 from hexctl.errors import EStopError, InputError
 from hexctl.gait.gait import gait_text
 from hexctl.gait.posture import POSTURE
@@ -111,18 +111,22 @@ def drive(
     gait: DriveGaitOption = "tripod",
     body_raise: Annotated[
         float,
-        number(
-            "--body-raise",
-            POSTURE,
-            "How much higher the body stands, as a fraction of the robot's size, {}.",
+        rare(
+            number(
+                "--body-raise",
+                POSTURE,
+                "How much higher the body stands, as a fraction of the robot's size, {}.",
+            )
         ),
     ] = 0.0,
     failed_leg: Annotated[
         int | None,
-        number(
-            "--failed-leg",
-            LEG,
-            f"{FAILED_LEG_HELP} A simulation breaks it, and the drive knows of it. (default: none)",
+        rare(
+            number(
+                "--failed-leg",
+                LEG,
+                f"{FAILED_LEG_HELP} A simulation breaks it, and the drive knows of it. (default: none)",
+            )
         ),
     ] = None,
     failure: FailureOption = None,
@@ -137,10 +141,12 @@ def drive(
     ] = "auto",
     policy: Annotated[
         str | None,
-        typer.Option(
-            "--policy",
-            help="What to do about a leg that is noticed to have failed: walk-on, stop, glide, or "
-            "package.module:Class. (default: glide with sim, else stop)",
+        rare(
+            typer.Option(
+                "--policy",
+                help="What to do about a leg that is noticed to have failed: walk-on, stop, glide, or "
+                "package.module:Class. (default: glide with sim, else stop)",
+            )
         ),
     ] = None,
     keyboard: Annotated[
