@@ -131,7 +131,8 @@ def test_every_group_is_of_options_that_exist() -> None:
 
 @pytest.mark.parametrize("path", LONG)
 def test_groups_are_shown(path: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert exit_code([*path.split()[1:], "--help"]) == 0
+    flag = "--help-all" if "help-all" in LONG[path] else "--help"
+    assert exit_code([*path.split()[1:], flag]) == 0
     shown = re.findall(r"^╭─ ([\w ]+) ─", capsys.readouterr().out, re.MULTILINE)
     groups = {group_of(path.split()[-1], option) for option in (*LONG[path], "help")}
     assert groups <= set(shown)
@@ -146,3 +147,11 @@ def test_groups_are_shown(path: str, capsys: pytest.CaptureFixture[str]) -> None
 )  # fmt: skip
 def test_slots_that_are_printed_for_a_gait_may_be_typed(typed: str, gait: str) -> None:
     assert gait_text(typed) == gait
+
+
+def test_help_leaves_out_what_help_all_shows(capsys: pytest.CaptureFixture[str]) -> None:
+    for flag, shown in (("--help", False), ("--help-all", True)):
+        assert exit_code(["run", flag]) == 0
+        printed = capsys.readouterr().out
+        assert "--gait" in printed
+        assert ("--swing-share" in printed) is shown
