@@ -4,9 +4,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, Self, runtime_checkable
 
-from hexctl.backends.clock import Clock, accept_former_names
+from hexctl.backends.clock import Clock
 from hexctl.errors import CommandRefusedError, InputError, RobotFaultError, check_type
 from hexctl.robot.failure import Failure, Failures, each_failure, failure_text, untold_note
 from hexctl.robot.loader import load_robot
@@ -51,10 +51,6 @@ class LegServos(ABC):
 
     #: Once connected to a robot over a link: which robot answered and who started it; else None.
     identity: "RobotIdentity | None" = None
-
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
-        accept_former_names(cls, {"rest": "pause_watchdog", "relax": "disable_torque"})
 
     @property
     @abstractmethod

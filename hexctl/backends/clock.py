@@ -3,12 +3,10 @@
 import math
 import os
 import time
-import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import Any
 
 #: The control period of hexctl, 50 Hz.
 PERIOD_S = 0.02
@@ -56,15 +54,6 @@ class Tick:
     late_s: float = 0.0
 
 
-def accept_former_names(cls: type, names: Mapping[str, str]) -> None:
-    """Let a class that still defines a method under its former name, {former: new}, keep working."""
-    for former, new in names.items():
-        if former in vars(cls) and new not in vars(cls):
-            words = f"{cls.__name__}.{former} is called {new} now; rename it"
-            warnings.warn(words, DeprecationWarning, stacklevel=4)
-            setattr(cls, new, vars(cls)[former])
-
-
 class Clock(ABC):
     """One tick per control period.
 
@@ -81,10 +70,6 @@ class Clock(ABC):
     def __init__(self, period_s: float = PERIOD_S) -> None:
         self.period_s = period_s
         self.overruns = 0
-
-    def __init_subclass__(cls, **options: Any) -> None:
-        super().__init_subclass__(**options)
-        accept_former_names(cls, {"rest": "pause"})
 
     @abstractmethod
     def tick(self) -> Tick:

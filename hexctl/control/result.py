@@ -14,7 +14,7 @@ from hexctl.types import ArrayFields, FloatArray
 #: `ok` is the only valid outcome; the others rank behind every valid trial.
 STATUSES = ("ok", "fell", "diverged", "no_progress", "cut_short", "aborted")
 
-#: Fields of a result that say how it walked, not where to; results from before there were any have none.
+#: Fields of a result that say how it walked, not where to.
 QUALITIES = ("energy_j", "cost_of_transport", "tilt_deg", "steadiness")
 
 
@@ -162,8 +162,7 @@ class TrialResult(ArrayFields):
         Raises InputError for anything else.
         """
         try:
-            miss_deg = data.get("turn_miss_deg")
-            yaw_change_deg, path = data["yaw_change_deg"], data.get("path_m") or np.zeros((0, 2))
+            path, true_deviation_m = data.get("path_m") or np.zeros((0, 2)), data["true_deviation_m"]
             return cls(
                 status=str(data["status"]),
                 stopped=data["stopped"],
@@ -172,20 +171,20 @@ class TrialResult(ArrayFields):
                 distance_m=data["distance_m"],
                 ideal_distance_m=float(data["ideal_distance_m"]),
                 deviation=Deviation.from_dict(data["deviation_m"]),
-                yaw_change_rad=None if yaw_change_deg is None else math.radians(yaw_change_deg),
+                yaw_change_rad=_radians(data["yaw_change_deg"]),
                 clipped_ticks=int(data["clipped_ticks"]),
                 path_m=np.array(path, dtype=float),
-                cause=data.get("cause"),
-                turn_miss_rad=None if miss_deg is None else math.radians(miss_deg),
-                hold=str(data.get("hold", "none")),
-                hold_caveat=data.get("hold_caveat"),
-                hold_lost_s=float(data.get("hold_lost_s", 0.0)),
-                limited_ticks=int(data.get("limited_ticks", 0)),
-                true_deviation=Deviation.from_dict(data.get("true_deviation_m") or {"signed": None}),
-                **{name: data.get(name) for name in QUALITIES},
-                trim_rad=_radians(data.get("trim_deg")),
-                turn_trim_rad_s=_radians(data.get("turn_trim_deg_s")),
-                noticed=tuple(NoticedFailure.from_dict(each) for each in data.get("noticed", ())),
+                cause=data["cause"],
+                turn_miss_rad=_radians(data["turn_miss_deg"]),
+                hold=str(data["hold"]),
+                hold_caveat=data["hold_caveat"],
+                hold_lost_s=float(data["hold_lost_s"]),
+                limited_ticks=int(data["limited_ticks"]),
+                true_deviation=None if true_deviation_m is None else Deviation.from_dict(true_deviation_m),
+                **{name: data[name] for name in QUALITIES},
+                trim_rad=_radians(data["trim_deg"]),
+                turn_trim_rad_s=_radians(data["turn_trim_deg_s"]),
+                noticed=tuple(NoticedFailure.from_dict(each) for each in data["noticed"]),
             )
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise InputError(

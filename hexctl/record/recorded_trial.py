@@ -19,7 +19,6 @@ from hexctl.record.rerun_program import check_sound
 from hexctl.record.rrd import check_name, load_rerun
 from hexctl.record.tracks.servos import READINGS
 from hexctl.robot.formats.json_model import robot_from_json
-from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wxyz
 from hexctl.types import JOINT_KINDS, N_JOINTS, N_LEGS, ArrayFields, BoolArray, FloatArray
@@ -136,11 +135,10 @@ def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
 
     Args:
         path: the file.
-        robot: the robot that walked; None takes it from the recording, and for a recording that does not
-            hold it from the robot files that ship with hexctl.
+        robot: the robot that walked; None takes it from the recording.
 
-    Raises InputError for a file that is missing, damaged or no recording of a trial, and for a robot that is
-    not known; MissingExtraError without Rerun.
+    Raises InputError for a file that is missing, damaged or no recording of a trial, and for one that does
+    not hold its robot; MissingExtraError without Rerun.
     """
     path = Path(path)
     check_name(path)
@@ -154,7 +152,7 @@ def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
     servos = {name: at.samples(columns, entity, N_JOINTS) for name, entity in READINGS.items()}
     return RecordedTrial(
         path=path,
-        robot=robot or _robot(columns, properties, path),
+        robot=robot or _robot(columns, path),
         properties=properties,
         stamps_ns=times_ns + columns.wall_start_ns(),
         time_s=times_ns / 1e9,
@@ -328,11 +326,10 @@ class _Ticks:
         return np.asarray(np.concatenate([[before], values])[found])
 
 
-def _robot(columns: _Columns, properties: dict[str, Any], path: Path) -> Robot:
-    """The robot that the recording holds, or the shipped one of its name."""
-    held = columns.properties("robot").get("model")
+def _robot(columns: _Columns, path: Path) -> Robot:
+    """The robot that the recording holds."""
     try:
-        return load_robot(str(properties["robot"])) if held is None else robot_from_json(str(held))
+        return robot_from_json(str(columns.properties("robot")["model"]))
     except (HexctlError, KeyError) as error:
         raise InputError(
             f"recording: {path} does not hold its robot; allowed: --robot FILE with it"

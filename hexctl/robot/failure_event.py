@@ -120,7 +120,7 @@ class NoticedFailure:
             failure=failure,
             evidence=str(data["evidence"]),
             did=str(data["did"]),
-            healed=bool(data.get("healed", False)),
+            healed=bool(data["healed"]),
         )
 
 

@@ -175,8 +175,7 @@ class Robot(ArrayFields):
     def fingerprint(self) -> str:
         """SHA-256 of the description: equal for two robots exactly if their descriptions are.
 
-        A field that has a default counts where it differs from it, with its name, so that a robot that
-        does without a new field keeps its fingerprint.
+        A field that has a default counts with its name, and only if it differs from the default.
         """
         digest = hashlib.sha256()
         for name, value in told_fields(self):

@@ -89,7 +89,7 @@ class RemoteRobots:
         """Clear the stop that a status tells of."""
         stop = status.get("stop")
         asked: dict[str, Any] = {"op": "clear", "owner": owner_name()}
-        if isinstance(stop, dict):  # servers of earlier versions know no ids
+        if isinstance(stop, dict):
             asked["id"] = str(stop.get("id"))
             asked["keys"] = _wait_to_clear(stop, waiting)
         key = self._link.keys(robot_name(status)).estop if "robot" in status else self._keys.estop

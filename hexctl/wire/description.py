@@ -33,16 +33,16 @@ class RobotIdentity:
     Attributes:
         robot: name of the robot.
         backend: name of its backend.
-        host: name of the computer that serves it; None from a server that does not say.
-        user: owner of the server's process; None from a server that does not say.
-        pid: number of the server's process; None from a server that does not say.
+        host: name of the computer that serves it; `?` if the answer has none.
+        user: owner of the server's process; `?` if the answer has none.
+        pid: number of the server's process; None if the answer has none.
     """
 
     robot: str
     backend: str
-    host: str | None = None
-    user: str | None = None
-    pid: int | None = None
+    host: str
+    user: str
+    pid: int | None
 
     @classmethod
     def of_this_process(cls, robot: str, backend: str) -> "RobotIdentity":
@@ -51,16 +51,16 @@ class RobotIdentity:
 
     @classmethod
     def of_answer(cls, answer: Mapping[str, Any]) -> "RobotIdentity":
-        """Identity in a robot's status or answer to a stop; fields of wrong types are left out."""
+        """Identity in a robot's status or answer to a stop; a text of a wrong type is `?`."""
 
-        def text(key: str) -> str | None:
+        def text(key: str) -> str:
             value = answer.get(key)
-            return value if isinstance(value, str) and value and value.isprintable() else None
+            return value if isinstance(value, str) and value and value.isprintable() else "?"
 
         pid = answer.get("pid")
         return cls(
-            robot=text("robot") or "?",
-            backend=text("backend") or "?",
+            robot=text("robot"),
+            backend=text("backend"),
             host=text("host"),
             user=text("user"),
             pid=pid if isinstance(pid, int) else None,
@@ -71,27 +71,19 @@ class RobotIdentity:
         return asdict(self)
 
     @property
-    def known(self) -> bool:
-        """Whether the server says who started it; older servers do not."""
-        return self.host is not None and self.user is not None
-
-    @property
     def is_ours(self) -> bool:
         """Whether this user started it on this computer."""
         return (self.host, self.user) == (socket.gethostname(), user_name())
 
     @property
     def started_by(self) -> str:
-        """User, computer and process, such as `alice on lab-pc, process 4711`; empty where unknown."""
-        if not self.known:
-            return ""
+        """User, computer and process, such as `alice on lab-pc, process 4711`."""
         process = "" if self.pid is None else f", process {self.pid}"
         return f"{self.user} on {self.host}{process}"
 
     def __str__(self) -> str:
         """Robot, backend and who started it."""
-        by = f"started by {self.started_by}" if self.known else "which does not say who started it"
-        return f"{self.robot} ({self.backend}), {by}"
+        return f"{self.robot} ({self.backend}), started by {self.started_by}"
 
 
 def user_name() -> str:
@@ -105,11 +97,10 @@ def user_name() -> str:
 def check_may_command(identity: RobotIdentity, link: Link) -> None:
     """Refuse to command a robot of another user that was reached by default, not by name.
 
-    A robot on an endpoint or a link that the operator named is meant, whichever user started it. So is one
-    whose server does not say who started it.
+    A robot on an endpoint or a link that the operator named is meant, whichever user started it.
     Raises InputError that says how to name it.
     """
-    if link.named or identity.is_ours or not identity.known:
+    if link.named or identity.is_ours:
         return
     raise InputError(
         f"the robot that answers at {link.endpoint} is {identity}, not by {user_name()} on "

@@ -445,7 +445,7 @@ def test_a_baseline_is_walked_once_whenever_the_session_was_cut_off(store: Sessi
     assert [trial.code for trial in store.load(session.name).trials] == [one.code for one in whole.trials]
 
 
-def test_an_old_session_is_continued_without_a_baseline(store: SessionStore) -> None:
+def test_a_session_without_baseline_gaits_walks_no_baseline(store: SessionStore) -> None:
     session = store.create(SPEC)
     assert not AdaptLoop(session, store, optimizer_of(SPEC), Landscape()).run().startswith("inter")
     assert session.baseline == []

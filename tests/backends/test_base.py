@@ -1,4 +1,4 @@
-"""The servos wrapper, names that are still understood, and robots given by name."""
+"""The servos wrapper, and robots given by name."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hexctl.backends.base import LegServos, ServosWrapper, as_robot
-from hexctl.backends.clock import Clock, Tick, WallClock
+from hexctl.backends.clock import WallClock
 from hexctl.backends.mock import MockServos
 from hexctl.control.guard import Guard
 from hexctl.errors import InputError, WrongTypeError
@@ -90,37 +90,6 @@ def test_what_a_simulation_says_after_connecting_is_forwarded() -> None:
     servos.simulated, servos.failure = {"failure": "none"}, Failure(leg=2)
     assert guard.simulated == {"failure": "none"}
     assert guard.failure == Failure(leg=2)
-
-
-def test_servos_and_clocks_with_former_method_names_keep_working() -> None:
-    calls = []
-    with pytest.warns(
-        DeprecationWarning,
-        match="Old.rest is called pause_watchdog now|Old.relax is called disable_torque now",
-    ):
-
-        class Old(MockServos):
-            def rest(self) -> None:
-                calls.append("rest")
-
-            def relax(self) -> bool:
-                return False
-
-    with pytest.warns(DeprecationWarning, match="Sundial.rest is called pause now"):
-
-        class Sundial(Clock):
-            now_s = 0.0
-
-            def tick(self) -> Tick:
-                return Tick(1, 0.02)
-
-            def rest(self) -> None:
-                calls.append("clock")
-
-    with Guard(Old(shipped(), clock=Sundial())) as guard:  # type: ignore[abstract]  # pause is its rest
-        guard.pause_watchdog()
-        assert not guard.disable_torque()
-    assert calls == ["rest", "clock"]
 
 
 def test_a_robot_is_taken_by_its_name() -> None:

@@ -51,13 +51,14 @@ def test_a_robot_of_another_user_or_computer_is_not_commanded_by_default(other: 
         {"robot": "ant", "backend": "sim", "host": 5, "user": ["x"], "pid": "1"},
         {"robot": "ant", "backend": "sim", "host": "a\nb", "user": "", "pid": None},
     ],
-    ids=["older server", "wrong types", "unprintable"],
+    ids=["nothing", "wrong types", "unprintable"],
 )
-def test_a_robot_that_does_not_say_who_started_it_is_accepted_with_a_note(said: dict[str, object]) -> None:
+def test_a_robot_that_does_not_say_who_started_it_is_commanded_only_by_name(said: dict[str, object]) -> None:
     identity = RobotIdentity.of_answer(said)
-    assert not identity.known
-    assert str(identity) == "ant (sim), which does not say who started it"
-    check_may_command(identity, load_link())
+    assert str(identity) == "ant (sim), started by ? on ?"
+    with pytest.raises(InputError, match="connect tcp/127"):
+        check_may_command(identity, load_link())
+    check_may_command(identity, load_link("loopback"))
 
 
 @pytest.mark.parametrize("name", ["ant", "phantomx", "pexod"])
@@ -111,10 +112,3 @@ def test_a_robot_with_masses_and_friction_of_its_own_arrives_whole() -> None:
     check_same_robot(answer, robot)
     with pytest.raises(RobotFaultError, match=r"another one: body\.com_m"):
         check_same_robot(answer, replace(robot, body=shipped().body))
-
-
-def test_a_robot_that_uses_no_new_key_is_described_as_before() -> None:
-    """An earlier version at the other end compares every key."""
-    told = describe(shipped())["robot"]
-    assert told["body"].keys() == {"shape", "size_m", "mass_kg"}
-    assert not [name for name in told if name.endswith(("friction_nm", "load_speed_rad_s", "coms_m"))]

@@ -46,9 +46,6 @@ LOOKING_AHEAD = 2
 SIMULATED_NOISE_M = 0.001
 REAL_NOISE_M = 0.04
 
-#: What sessions believed of a real robot before they stored it.
-FORMER_REAL_NOISE_M = 0.02
-
 
 @dataclass(frozen=True, slots=True)
 class Choice:
@@ -297,7 +294,7 @@ class Bayes(Optimizer):
         return {"trials": [[*trial[:3], list(trial[3])] for trial in self._trials], "sag_rad": sag}
 
     def _restore_search(self, state: dict[str, Any]) -> None:
-        trials, sag = list(state["trials"]), state.get("sag_rad")
+        trials, sag = list(state["trials"]), state["sag_rad"]
         if sag is not None:
             sag = np.array([np.nan if number is None else float(number) for number in sag])
             if sag.shape != (N_JOINTS,):

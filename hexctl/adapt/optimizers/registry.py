@@ -11,10 +11,6 @@ from hexctl.robot.plugins import load_named
 
 _CLASSES = {"hexctl.adapt.optimizers.bayes:Bayes": BAYES, "hexctl.adapt.optimizers.trim:TrimSearch": TRIM}
 
-#: Where the modules of the optimizers were before, and are now: names in sessions may be of then.
-_FORMER, _PACKAGE = "hexctl.adapt", "hexctl.adapt.optimizers"
-_MOVED = ("baselines", "bayes", "deduplication", "population", "score_bayes", "trim")
-
 
 def name_of(optimizer: OptimizerChoice) -> str:
     """Name of an optimizer, by which a session finds it again."""
@@ -62,16 +58,9 @@ def make_optimizer(name: OptimizerChoice | OptimizerClass, space: GaitSpace, see
     )
 
 
-def _place_now(name: str) -> str:
-    """Module and class of a name, where the module may have moved since the name was written down."""
-    place, _, kind = name.partition(":")
-    package, _, module = place.rpartition(".")
-    return f"{_PACKAGE}.{module}:{kind}" if package == _FORMER and module in _MOVED else name
-
-
 def _own(name: str) -> type[Optimizer]:
     try:
-        found = load_named(_place_now(name), "optimizer")
+        found = load_named(name, "optimizer")
     except (ImportError, AttributeError, ValueError) as error:
         raise InputError(
             f"{argument('optimizer')}: {name!r} cannot be loaded ({error}); allowed: an Optimizer class "

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from hexctl.adapt.optimizers.bayes import FORMER_REAL_NOISE_M, REAL_NOISE_M, SIMULATED_NOISE_M
+from hexctl.adapt.optimizers.bayes import REAL_NOISE_M, SIMULATED_NOISE_M
 from hexctl.adapt.optimizers.shipped import BAYES
 from hexctl.adapt.prior.find import check_prior, find_prior, named_prior
 from hexctl.adapt.prior.prior import SCORES, read_head
@@ -119,7 +119,7 @@ def _with_bayes(spec: SessionSpec, path: Path) -> SessionSpec:
         _check_scored(spec)
         return kept
     target_m = DEFAULT_TARGET_M if spec.target_m is None else spec.target_m
-    believed_m = SIMULATED_NOISE_M if spec.simulated else REAL_NOISE_M
+    believed_m = noise_m(spec)
     worth_m = max(believed_m, spec.uncertainty_m) if spec.worth_m is None else spec.worth_m
     return replace(
         kept,
@@ -147,4 +147,4 @@ def noise_m(spec: SessionSpec) -> float:
     """Standard deviation between trials of one gait that is assumed before any repeat."""
     if spec.noise_m is not None:
         return spec.noise_m
-    return SIMULATED_NOISE_M if spec.simulated else FORMER_REAL_NOISE_M
+    return SIMULATED_NOISE_M if spec.simulated else REAL_NOISE_M

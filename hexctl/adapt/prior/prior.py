@@ -51,8 +51,8 @@ class PriorKey:
     pace_hz: float
     amplitude: float
     height: float
-    hold: str = "none"
-    posture: str = "stance"
+    hold: str
+    posture: str
 
     @classmethod
     def of(cls, robot: Robot, plan: TrialPlan) -> "PriorKey":
@@ -73,8 +73,8 @@ class PriorKey:
         )
 
     def as_json(self) -> dict[str, Any]:
-        """The key as plain JSON values; without what priors from before it was stored have."""
-        return {name: value for name, value in asdict(self).items() if _FORMER.get(name) != value}
+        """The key as plain JSON values."""
+        return asdict(self)
 
     def differences(self, other: "PriorKey") -> list[str]:
         """Differences of another key, a few words each; empty for an equal one."""
@@ -99,9 +99,6 @@ def _posture_of(robot: Robot, plan: TrialPlan) -> str:
         return "auto"
     return "stance" if posture == STANCE else f"raised by {posture.body_raise:g}"
 
-
-#: Hold and posture of the priors from before these were stored.
-_FORMER = {"hold": "none", "posture": "stance"}
 
 _LABELS = {
     "self_rotation": ("self-rotation", ""),
@@ -202,7 +199,7 @@ class Prior(Outcomes):
         progress_m: distance along the heading at the checkpoints, likewise.
         yaw_rad: how far the body had turned at the end, likewise NaN, (legs, worlds, gaits).
         sag_rad: by how much each joint stayed behind what it was told, at rest in the stance before any turn,
-            (legs, worlds, 18); None in priors that were built without.
+            (legs, worlds, 18); None if that is not known.
     """
 
     version: ClassVar[int] = 1

@@ -49,8 +49,6 @@ _NOT_ITS_FAULT = (
 
 _READ = ("sessions", "trials", "baselines", "confirmations")
 
-_HEAD = ("created", "spec", "ended", "settled_on")
-
 
 class StoreError(HexctlError, OSError):
     """The store, or a session in it, cannot be read or written."""
@@ -192,10 +190,8 @@ class SessionRows:
         return sorted(found.items())
 
     def _head(self, row: int) -> Any:
-        """The columns of a session; those that came later are None in a store of before."""
-        there = {column[1] for column in self._connection.execute("PRAGMA table_info(sessions)")}
-        columns = ", ".join(name if name in there else "NULL" for name in _HEAD)
-        query = f"SELECT typeof(name), {columns} FROM sessions WHERE rowid = ?"  # noqa: S608  ours
+        """The columns of a session."""
+        query = "SELECT typeof(name), created, spec, ended, settled_on FROM sessions WHERE rowid = ?"
         kind, *head = self._connection.execute(query, (row,)).fetchone()
         if kind != "text":
             raise ValueError("its name is no text")
@@ -208,9 +204,7 @@ class SessionRows:
         return [record for (record,) in self._of(row, table, "record", "rowid")]
 
     def _of(self, row: int, table: str, columns: str, order: str) -> list[Any]:
-        """Rows of another table that belong to a session; the first stores have no table but the trials."""
-        if table != "trials" and table not in self._tables:
-            return []
+        """Rows of another table that belong to a session."""
         query = (
             f"SELECT {columns} FROM {table} {{}} "  # noqa: S608  ours
             f"WHERE session = (SELECT name FROM sessions WHERE rowid = ?) ORDER BY {order}"

@@ -50,11 +50,10 @@ class SessionSpec:
             empty where they do not.
         confirmed_uncertainty_m: likewise of the walks at a finer time step that confirm the end of a gait; 0
             where it is not known, so that nothing is confirmed.
-        hold: what the walks hold by feedback, one of `hexctl.control.plan.HOLDS`; `none` in sessions from
-            before it was stored.
+        hold: what the walks hold by feedback, one of `hexctl.control.plan.HOLDS`.
         body_raise: how much higher the body stands than in the stance, as a fraction of the robot's size.
         noise_m: standard deviation between trials of one gait that `bayes` believes until repeats tell; None
-            in sessions from before it was stored, and without `bayes`.
+            without `bayes`, and for steered walks.
         confirm: repeats of the best gait after the search, within the budget.
         count_repeats: True to walk and count a code again when the optimizer asks for it again (the paper's
             count), False to answer from memory.
@@ -189,8 +188,7 @@ class WalkRecord:
         wanted_trim_deg: trim with which it would have ended on its line; None where it did not hold its
             heading, or is not valid.
         wanted_turn_trim_deg_s: likewise the turn that a walk in open loop wants, where it was trimmed.
-        margin_m: smallest static stability margin of its gait over a cycle; None in sessions from before it
-            was stored.
+        margin_m: smallest static stability margin of its gait over a cycle; None where it is not known.
     """
 
     slots: tuple[int, ...]
@@ -209,8 +207,7 @@ class WalkRecord:
         points = list(self.path_m)
         if distance_m is not None and signed_m is not None:
             points.append([distance_m, signed_m])
-        # Sessions of the first versions have no reason of a stop.
-        return TrialResult.from_dict({"stopped": None, **self.outcome, "path_m": points})
+        return TrialResult.from_dict({**self.outcome, "path_m": points})
 
     @property
     def valid(self) -> bool:
@@ -231,13 +228,9 @@ class WalkRecord:
             "slots": list(self.slots),
             "score": self.score if self.valid else None,
             **{name: outcome[name] for name in ("deviation_m", "distance_m", "yaw_change_deg", "status")},
-            "stopped": outcome.get("stopped"),
-            "clipped_ticks": outcome["clipped_ticks"],
-            "hold": outcome.get("hold", "none"),
-            **{name: outcome.get(name) for name in QUALITIES},
-            "trim_deg": outcome.get("trim_deg"),
+            **{name: outcome[name] for name in ("stopped", "clipped_ticks", "hold", *QUALITIES, "trim_deg")},
             "wanted_trim_deg": self.wanted_trim_deg,
-            "turn_trim_deg_s": outcome.get("turn_trim_deg_s"),
+            "turn_trim_deg_s": outcome["turn_trim_deg_s"],
             "wanted_turn_trim_deg_s": self.wanted_turn_trim_deg_s,
             "margin_m": None if self.margin_m is None else round(self.margin_m, 4),
         }
@@ -269,7 +262,7 @@ class TrialRecord(WalkRecord):
             "walked_s": self.outcome["duration_s"],
             "expected": self.expected,
             "recording": self.recording,
-            "cause": self.outcome.get("cause"),
+            "cause": self.outcome["cause"],
         }
 
 
@@ -302,7 +295,7 @@ class BaselineRecord(WalkRecord):
             **self._measured_json(),
             "walked_s": self.outcome["duration_s"],
             "recording": self.recording,
-            "cause": self.outcome.get("cause"),
+            "cause": self.outcome["cause"],
         }
 
 

@@ -254,9 +254,6 @@ class SessionStore(SessionRows):
         with self._transaction():
             for statement in filter(str.strip, _TABLES.split(";")):
                 connection.execute(statement)
-            columns = {row[1] for row in connection.execute("PRAGMA table_info(sessions)")}
-            for later in sorted({"ended", "settled_on"} - columns):  # of a store made before there was this
-                connection.execute(f"ALTER TABLE sessions ADD COLUMN {later} TEXT")
             connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
             self._tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master")}
 

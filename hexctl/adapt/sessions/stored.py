@@ -59,7 +59,7 @@ class _Deviation(_Plain):
 
 
 class _Outcome(_Plain):
-    """What `TrialResult.to_dict` writes; the first versions wrote less."""
+    """What `TrialResult.to_dict` writes."""
 
     status: Annotated[str, Field(pattern=f"^({'|'.join(STATUSES)})$")]
     duration_s: Annotated[float, Field(ge=0)]
@@ -69,16 +69,16 @@ class _Outcome(_Plain):
     yaw_change_deg: float | None
     self_rotation_deg: float
     clipped_ticks: Annotated[int, Field(ge=0)]
-    stopped: str | None = None
-    cause: str | None = None
-    hold: str = "none"
-    hold_caveat: str | None = None
-    energy_j: float | None = None
-    cost_of_transport: float | None = None
-    tilt_deg: float | None = None
-    steadiness: float | None = None
-    trim_deg: float | None = None
-    turn_trim_deg_s: float | None = None
+    stopped: str | None
+    cause: str | None
+    hold: str
+    hold_caveat: str | None
+    energy_j: float | None
+    cost_of_transport: float | None
+    tilt_deg: float | None
+    steadiness: float | None
+    trim_deg: float | None
+    turn_trim_deg_s: float | None
 
 
 class _Expected(_Plain):
@@ -106,16 +106,16 @@ class _Walk(_Plain):
         Annotated[list[Annotated[float, Field(allow_inf_nan=True)]], Field(min_length=2, max_length=2)]
     ]
     recording: str | None
-    wanted_trim_deg: float | None = None
-    wanted_turn_trim_deg_s: float | None = None
-    margin_m: float | None = None
+    wanted_trim_deg: float | None
+    wanted_turn_trim_deg_s: float | None
+    margin_m: float | None
 
 
 class _Trial(_Walk):
     index: Annotated[int, Field(ge=1)]
     code: int
-    confirms: bool = False
-    expected: _Expected | None = None
+    confirms: bool
+    expected: _Expected | None
 
 
 class _Baseline(_Walk):
@@ -211,6 +211,8 @@ def _spec(text: Any) -> SessionSpec:
         raise ValueError(f"{'.'.join(map(str, problem['loc']))}: {problem['msg']}") from error
     if unknown := set(values) - set(spec.as_json()):
         raise ValueError(f"unknown key {sorted(unknown)[0]}")
+    if missing := set(spec.as_json()) - set(values):
+        raise ValueError(f"{sorted(missing)[0]} is missing")
     for key, value in spec.as_json().items():
         if isinstance(value, float) and not math.isfinite(value):
             raise ValueError(f"{key}: {value} is not finite")

@@ -14,7 +14,7 @@ EXPECTED = ("signed_m", "low_m", "high_m", "chance")
 
 FORMATS = (".csv", ".parquet")
 
-#: Columns that were added before those of the baseline, and after them, in the order in which they came.
+#: Columns before those of the baseline, and after them.
 LATER_COLUMNS = ("cause",)
 LAST_COLUMNS = (
     "hold",
@@ -59,14 +59,13 @@ def flat_rows(session: Session) -> list[dict[str, Any]]:
         spec = session.spec
         head = {"session": session.name, "optimizer": spec.optimizer, "failed_leg": spec.failed_leg}
         asked = {name: getattr(spec, name) for name in ASKED_COLUMNS}
-        # Columns that came later stay behind those of before.
         later, last = ({name: values.pop(name) for name in names} for names in (LATER_COLUMNS, LAST_COLUMNS))
         rows.append({**head, "seed": spec.seed, **values, **later, **baseline, **last, **asked})
     return rows
 
 
 def _baseline_columns(session: Session) -> dict[str, Any]:
-    """Four columns for each gait of a baseline, None where it was not walked; the newest gait comes last."""
+    """Four columns for each gait of a baseline, None where it was not walked."""
     walked = {walk.gait: walk.as_json() for walk in session.baseline}
     columns: dict[str, Any] = {}
     for gait in dict.fromkeys((*BASELINE_GAITS[1:], *BASELINE_GAITS, *walked)):

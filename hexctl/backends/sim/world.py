@@ -132,12 +132,9 @@ class World(Section):
     state_latency_s: Annotated[Number, Field(ge=0, le=0.1, allow_inf_nan=False)] = 0.0
     lost_commands: Annotated[Number, Field(ge=0, le=0.5, allow_inf_nan=False), DRAWN] = 0.0
     lost_poses: Annotated[Number, Field(ge=0, le=0.95, allow_inf_nan=False), DRAWN] = 0.0
-    # Worlds that were written down before there were faults are the same worlds.
-    sensor_faults: Annotated[SensorFaults, Field(exclude_if=lambda faults: faults == SensorFaults())] = (
-        SensorFaults()
-    )
-    failures: Annotated[tuple[str, ...], Field(exclude_if=lambda events: not events)] = ()
-    healings: Annotated[tuple[str, ...], Field(exclude_if=lambda events: not events)] = ()
+    sensor_faults: SensorFaults = SensorFaults()
+    failures: tuple[str, ...] = ()
+    healings: tuple[str, ...] = ()
 
     @property
     def seeded(self) -> bool:
@@ -295,8 +292,7 @@ class DomainRandomization(BaseModel):
     seed: Annotated[int, Field(ge=0, strict=True)]
     ranges: dict[str, Distribution]
     kinds: tuple[Kind, ...] = (Kind(name="plain"),)
-    # Families that were written down before there were any are the same families.
-    failures: Annotated[tuple[DrawnFailure, ...], Field(exclude_if=lambda draws: not draws)] = ()
+    failures: tuple[DrawnFailure, ...] = ()
 
     @model_validator(mode="after")
     def _makes_worlds(self) -> "DomainRandomization":

@@ -133,7 +133,7 @@ def granted(answer: Mapping[str, Any]) -> tuple[bytes, int, float]:
 
 
 def state_before(answer: Mapping[str, Any]) -> int:
-    """Number of the newest state before a lease was granted; 0 from robots that do not tell."""
+    """Number of the newest state before a lease was granted; 0 if it is not a number."""
     state = answer.get("state")
     return state if type(state) is int and state > 0 else 0
 
@@ -144,7 +144,7 @@ class LeaseClient:
     Attributes:
         lease_id: identifier that commands carry.
         sequence: number of the lease.
-        after_state: number of the newest state before it was granted, 0 from robots that do not tell.
+        after_state: number of the newest state before it was granted.
         lost: why the lease is gone, or None while it is in force.
         lost_at_s: when it was lost, on time.monotonic.
     """

@@ -156,8 +156,6 @@ def _print(result: "StopResult", link: "Link", *, as_json: bool) -> None:
 
 def _rest_in_words(result: "StopResult") -> str:
     """What is known of a stopped robot's motion."""
-    if not result.at_rest:
-        return "it does not say whether it is at rest"
     if result.echoed:
         return "its targets no longer change (its servos do not report where they are: look at the robot)"
     return "at rest"

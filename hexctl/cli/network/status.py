@@ -137,7 +137,7 @@ def status_rows(status: Status, clear: str) -> list[tuple[str, str]]:
 
 
 def _line(make: Callable[[Status], str], status: Status) -> str:
-    """A line about a robot; one that another version tells in another way costs no other line."""
+    """A line about a robot; a value that cannot be shown costs no other line."""
     try:
         return printable(str(make(status)))
     except (AttributeError, LookupError, TypeError, ValueError, OverflowError):
@@ -174,7 +174,7 @@ def _stopped(status: Status, clear: str) -> str:
 
 
 def _stop_in_words(stop: object, *, stays: bool) -> str:
-    """Which stop it is, and since when; nothing of a server that does not say.
+    """Which stop it is, and since when; empty without a stop.
 
     Silence ends with the next controller, and is not kept on the disk.
     """

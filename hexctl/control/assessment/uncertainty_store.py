@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field
 
 from hexctl.backends.base import as_robot
 from hexctl.backends.sim.world import World, as_world
@@ -94,9 +94,6 @@ class SimulationUncertainty:
 _Metres = Annotated[Number, Field(ge=0, allow_inf_nan=False)]
 _Seconds = Annotated[Number, Field(gt=0, allow_inf_nan=False)]
 
-#: What the first form of the file knew of a world.
-_FORMER_WORLD = ("time_step_s", "friction_cone")
-
 
 class _Entry(BaseModel):
     """A measurement in a file."""
@@ -105,7 +102,7 @@ class _Entry(BaseModel):
 
     robot: str
     fingerprint: str
-    world: World | None
+    world: World
     duration_s: _Seconds
     step_m: _Metres
     solver_m: _Metres
@@ -115,16 +112,6 @@ class _Entry(BaseModel):
     high_m: _Metres | None = None
     walks: Annotated[int, Field(ge=1)]
     how: str = ""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _former_form(cls, given: Any) -> Any:
-        """Read the first form, which names the world in `how` only: one that is not flat stays unknown."""
-        if not isinstance(given, dict) or "world" in given or not set(_FORMER_WORLD) <= set(given):
-            return given
-        kept = {key: value for key, value in given.items() if key not in (*_FORMER_WORLD, "numerical_m")}
-        flat = str(given.get("how", "")).endswith(", in flat")
-        return kept | {"world": {key: given[key] for key in _FORMER_WORLD} if flat else None}
 
     @classmethod
     def of(cls, robot: Robot, world: World, found: SimulationUncertainty, how: str) -> "_Entry":
@@ -230,9 +217,5 @@ def keep_uncertainty(
 
 
 def _entries(path: Path) -> list[_Entry]:
-    """Measurements in a file whose world is known; none where there is no file."""
-    if not path.is_file():
-        return []
-    return [
-        entry for entry in validate(_Entries, read_mapping(path), path).measured if entry.world is not None
-    ]
+    """Measurements in a file; none where there is no file."""
+    return validate(_Entries, read_mapping(path), path).measured if path.is_file() else []

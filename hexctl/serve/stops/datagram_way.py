@@ -40,7 +40,7 @@ class Sighting:
         at_s: when, on time.monotonic.
         stopped: why it is stopped by a stop that stays, or None.
         stop_id: id of that stop, or None.
-        at_rest: whether no joint moves; None from a robot that does not say.
+        at_rest: whether no joint moves.
         kept: whether the stop is on the disk.
         robot: its name.
         echoed: whether it knows that by its targets alone, as its servos do not report their angles.
@@ -50,7 +50,7 @@ class Sighting:
     at_s: float
     stopped: str | None
     stop_id: str | None
-    at_rest: bool | None
+    at_rest: bool
     kept: bool
     robot: str
     echoed: bool = False

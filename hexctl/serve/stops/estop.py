@@ -46,8 +46,8 @@ class StopResult:
 
     Attributes:
         stopped: why it is stopped: `estop`, or what else was wrong before.
-        stop_id: id by which the stop is cleared; None from a robot that knows none.
-        at_rest: True, or None for a robot of an earlier version, which says that it is stopped and no more.
+        stop_id: id by which the stop is cleared; None if the robot did not report it.
+        at_rest: whether no joint moves; always True.
         kept: whether the stop will survive a restart of the server.
         robot: name of the robot.
         ways: by which the robot confirmed it: `datagram`, `session`.
@@ -60,7 +60,7 @@ class StopResult:
 
     stopped: str
     stop_id: str | None
-    at_rest: bool | None
+    at_rest: bool
     kept: bool
     robot: str
     ways: tuple[str, ...]
@@ -248,7 +248,7 @@ class ReadyStop:
             return
         if self._first_stop_s is None:
             self._first_stop_s = time.monotonic()
-        if sighting.at_rest is False:
+        if not sighting.at_rest:
             self._rested.pop(way, None)
         elif way not in self._rested or before is None or sighting.at_s - before.at_s > MOST_PAUSE_S:
             self._rested[way] = sighting.at_s
@@ -267,7 +267,7 @@ class ReadyStop:
         """Whether a robot was seen to move, by the newest answer of a way: of after a time, and fresh."""
         from_s = max(at_s, time.monotonic() - SILENCE_S)
         return any(
-            one.at_s > from_s and (one.stopped is None or one.at_rest is False) for one in self._seen.values()
+            one.at_s > from_s and (one.stopped is None or not one.at_rest) for one in self._seen.values()
         )
 
     def _raise_if_late(self) -> None:

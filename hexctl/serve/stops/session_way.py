@@ -129,13 +129,12 @@ class SessionWay:
         if self.answers and left:
             self.error = RobotFaultError(f"asked to stop, and not seen stopped: {', '.join(sorted(left))}")
         stops = [one for status in statuses if isinstance(one := status.get("stop"), dict)]
-        rests = [status.get("at_rest") for status in statuses]
         self._see(
             Sighting(
                 at_s=asked_s,
                 stopped=str(stopped[0]) if stays else None,
                 stop_id=str(stops[0].get("id")) if stays and stops else None,
-                at_rest=False if False in rests else None if None in rests else True,
+                at_rest=all(status.get("at_rest") is True for status in statuses),
                 kept=bool(stops) and all(one.get("kept") for one in stops),
                 robot=str(statuses[0].get("robot", "?")),
                 echoed=any(status.get("joints") == "echoed" for status in statuses),

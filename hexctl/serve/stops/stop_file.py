@@ -49,7 +49,7 @@ class KeptStop(BaseModel):
         reason: as `Guard.stopped` has it.
         stop_id: by which it is cleared.
         at: when it was stopped, UTC by the clock of that time, for readers.
-        backend: as `StopPlace` has it, and so the next three; None in files of earlier versions.
+        backend: as `StopPlace` has it, and so the next three; None if another file was not readable.
         where: port of the servos, or endpoint of the server.
         serial_number: of the adapter at that port.
         location: of that adapter.
@@ -65,17 +65,17 @@ class KeptStop(BaseModel):
     reason: Annotated[str, Field(min_length=1)]
     stop_id: Annotated[str, Field(pattern=f"^[0-9a-f]{{{2 * ID_BYTES}}}$")]
     at: AwareDatetime
-    backend: str | None = None
-    where: str | None = None
-    serial_number: str | None = None
-    location: str | None = None
-    by: str | None = None
+    backend: str | None
+    where: str | None
+    serial_number: str | None
+    location: str | None
+    by: str | None
     cleared: tuple[str, ...] = ()
     claims: tuple[Annotated[str, Field(max_length=CLAIM_DIGITS)], ...] = ()
 
     @property
     def place(self) -> StopPlace | None:
-        """Where the robot was served, None in files of earlier versions."""
+        """Where the robot was served; None if that is not known."""
         if self.backend is None or self.where is None:
             return None
         return StopPlace(
@@ -249,7 +249,7 @@ class StopFile:
             return f"{path} cannot be read: {self._unread[path]}"
         if path == self.path:
             return str(kept)
-        place = "an earlier version, at a port it does not name" if kept.place is None else str(kept.place)
+        place = "a place that is not known" if kept.place is None else str(kept.place)
         return f"{kept}, kept for {kept.robot}, {place}, which may be this one"
 
     def _copied(self, kept: KeptStop) -> KeptStop:

@@ -28,7 +28,7 @@ class StopWatch:
     """Reports each change of a stopped robot once.
 
     Args:
-        stop_id: of the stop in force; None from a robot that knows no ids.
+        stop_id: of the stop in force; None if the robot did not report it.
     """
 
     def __init__(self, stop_id: str | None) -> None:
@@ -63,5 +63,5 @@ def _state_of(seen: Collection[Sighting], at_s: float) -> State:
     if newest is None or at_s - newest.at_s > SILENCE_S:
         return State.SILENT
     if newest.stopped is None:
-        return State.MOVES if newest.at_rest is False else State.CLEARED
-    return State.JOINTS_MOVE if newest.at_rest is False else State.STOPPED
+        return State.CLEARED if newest.at_rest else State.MOVES
+    return State.STOPPED if newest.at_rest else State.JOINTS_MOVE

@@ -34,9 +34,8 @@ def test_an_unknown_name_lists_the_known_ones() -> None:
         make_optimizer("genetic", ONE_FAILED, 0)
 
 
-@pytest.mark.parametrize("module", ["hexctl.adapt.optimizers.baselines", "hexctl.adapt.baselines"])
-def test_an_optimizer_of_ones_own_also_by_a_name_that_a_session_has_from_before(module: str) -> None:
-    optimizer = make_optimizer(f"{module}:RandomSearch", ONE_FAILED, 0)
+def test_a_custom_optimizer_by_the_name_of_its_module() -> None:
+    optimizer = make_optimizer("hexctl.adapt.optimizers.baselines:RandomSearch", ONE_FAILED, 0)
     assert isinstance(optimizer, RandomSearch)
 
 

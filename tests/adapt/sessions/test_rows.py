@@ -68,6 +68,14 @@ def trial(**keys: object) -> str:
     return json.dumps({**asdict(record(2)), **keys})
 
 
+def spec_without(key: str) -> str:
+    return json.dumps({name: value for name, value in SPEC.as_json().items() if name != key})
+
+
+def trial_without(key: str) -> str:
+    return json.dumps({name: value for name, value in json.loads(trial()).items() if name != key})
+
+
 def baseline(**keys: object) -> str:
     values = json.loads(trial(gait="demo", **keys))
     return json.dumps({key: values[key] for key in values if key not in ("index", "confirms", "expected")})
@@ -84,6 +92,7 @@ BAD_ROWS: dict[str, tuple[str, tuple[object, ...], str]] = {
     "spec is bytes": (SET_SPEC, (b"\xff\x00",), "spec: "),
     "spec with NaN": (SET_SPEC, (spec(duration_s=float("nan")),), "duration_s"),
     "spec of another version": (SET_SPEC, (spec(wings=2),), "unknown key wings"),
+    "spec without a key": (SET_SPEC, (spec_without("seed"),), "spec: seed is missing"),
     "spec of a leg 7": (SET_SPEC, (spec(failed_leg=7),), "leg"),
     "spec with text for a number": (SET_SPEC, (spec(budget="many"),), "budget"),
     "spec with an escape code": (SET_SPEC, (spec(robot="\x1b[2Jant"),), "robot"),
@@ -115,6 +124,12 @@ BAD_ROWS: dict[str, tuple[str, tuple[object, ...], str]] = {
     ),
     "trial with unknown keys": (SET_RECORD, (trial(wings=2),), "trial 2: "),
     "trial without an outcome": (SET_RECORD, (trial(outcome={}),), "trial 2: outcome"),
+    "trial without a margin": (SET_RECORD, (trial_without("margin_m"),), "margin_m is missing"),
+    "trial without a cause": (
+        SET_RECORD,
+        (trial(outcome={name: value for name, value in record(2).outcome.items() if name != "cause"}),),
+        "outcome.cause is missing",
+    ),
     "trial with a status of its own": (SET_RECORD, (trial(outcome=outcome(status="flew")),), "status"),
     "trial with a distance in words": (SET_RECORD, (trial(outcome=outcome(distance_m="far")),), "distance_m"),
     "trial with a path of one": (SET_RECORD, (trial(path_m=[[1.0]]),), "path_m"),

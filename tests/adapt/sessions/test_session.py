@@ -61,7 +61,7 @@ def test_of_gaits_that_need_no_search_the_one_with_the_largest_margin_is_recomme
     assert recommended(*near, trials=(trial(1, 0.0),), uncertainty_m=0.0001) == 1
     assert recommended(*near, trials=(trial(1, 0.1),), uncertainty_m=0.001) == "demo"
     unknown = (walk("auto", 0.03), walk("demo", 0.001))
-    assert recommended(*unknown, trials=(trial(1, 0.0),)) == "demo", "stored without margins: the straightest"
+    assert recommended(*unknown, trials=(trial(1, 0.0),)) == "demo", "without margins: the straightest"
 
 
 def test_if_nothing_is_known_of_the_resolution_the_straightest_is_recommended() -> None:

@@ -9,7 +9,6 @@ import sqlite3
 import subprocess
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -63,20 +62,6 @@ def test_an_unknown_name_is_refused_with_the_known_ones(tmp_path: Path) -> None:
         name = store.create(SPEC).name
         with pytest.raises(InputError, match=name):
             store.load("nobody")
-
-
-def test_a_store_from_before_ends_were_kept_is_read_and_used(tmp_path: Path) -> None:
-    with SessionStore(tmp_path) as store:
-        name = store.create(SPEC).name
-    with sqlite3.connect(tmp_path / "sessions.sqlite") as connection:
-        connection.execute("ALTER TABLE sessions DROP COLUMN ended")
-    with SessionStore(tmp_path) as store:
-        session = store.load(name)
-        assert session.ended is None
-        session.ended = "budget"
-        store.keep(session)
-        assert store.load(name).ended == "budget"
-        assert store.load(store.create(SPEC).name).ended is None
 
 
 def test_the_same_trial_is_not_kept_twice(tmp_path: Path) -> None:
@@ -204,8 +189,6 @@ def test_a_stored_trial_gives_its_result_again(tmp_path: Path) -> None:
     assert trial.result.to_dict() == trial.outcome
     assert (trial.result.status, trial.result.deviation) == ("ok", result_of(0.2).deviation)
     assert trial.result.path_m[-1].tolist() == pytest.approx([4.0, 0.2])
-    without = {name: value for name, value in trial.outcome.items() if name != "stopped"}
-    assert replace(trial, outcome=without).result.stopped is None, "as the first versions wrote it"
 
 
 def test_a_session_of_an_optimizer_of_ones_own_has_a_name_that_every_tool_takes(tmp_path: Path) -> None:

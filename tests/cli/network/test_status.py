@@ -15,6 +15,9 @@ from tests.serve.processes import hexctl, served
 CALM: dict[str, Any] = {
     "robot": "ant",
     "backend": "sim",
+    "host": "lab-pc",
+    "user": "mia",
+    "pid": 12,
     "simulated": {"world": "rough", "failure": "leg 5 locked"},
     "stopped": None,
     "posture": "idle",
@@ -49,6 +52,7 @@ SERVOS = {
 def test_a_calm_robot() -> None:
     assert dict(status_rows(CALM, CLEAR_COMMAND)) == {
         "robot": "ant (sim), world rough, failure leg 5 locked",
+        "served by": "mia on lab-pc, process 12",
         "stopped": "no",
         "posture": "waiting for a command",
         "controller": "none",

@@ -119,7 +119,7 @@ def test_the_search_is_compared_with_the_gaits_that_need_none() -> None:
 
 
 def test_the_uncertainty_is_only_of_the_end_of_a_walk() -> None:
-    """Sessions of before may have stored one with another objective: its ± was metres, whatever the unit."""
+    """One that is given with another objective is in metres, whatever the unit of its scores."""
     turned = session(uncertainty_m=0.0213, objective="scores:heading_lost", objective_unit="rad")
     for text in (closing_lines(turned, "budget"), "\n".join(opening_lines(turned))):
         assert "±" not in text

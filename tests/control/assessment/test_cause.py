@@ -53,12 +53,9 @@ def test_the_cause_is_named(
     assert TrialResult.from_dict(result.to_dict()).cause == cause
 
 
-def test_a_good_walk_has_none_and_old_results_are_read() -> None:
+def test_a_good_walk_has_none() -> None:
     result = run_sim_trial(trial_of(shipped("ant"), FLAT))
     assert (result.status, result.cause) == ("ok", None)
-    old = result.to_dict()
-    del old["cause"]
-    assert TrialResult.from_dict(old).cause is None
 
 
 def test_a_batch_finds_what_each_trial_finds_alone() -> None:

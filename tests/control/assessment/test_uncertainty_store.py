@@ -93,32 +93,6 @@ def test_the_interval_is_kept_too(tmp_path: Path) -> None:
     assert entry["world"]["friction"] == 0.8
 
 
-FORMER = {
-    "robot": "ant",
-    "fingerprint": shipped().fingerprint,
-    "time_step_s": 0.002,
-    "friction_cone": "elliptic",
-    "duration_s": 12.0,
-    "step_m": 0.03,
-    "solver_m": 0.04,
-    "contact_m": 0.1,
-    "numerical_m": 0.05,
-    "walks": 7,
-}
-
-
-@pytest.mark.parametrize(("place", "found"), [("flat", FOUND), ("slope", None)])
-def test_a_file_of_the_first_form_is_read_where_it_says_that_the_world_is_flat(
-    place: str, found: SimulationUncertainty | None, tmp_path: Path
-) -> None:
-    entry = {**FORMER, "how": f"hexctl check --physics: codes 5, 16 with leg 2 and 5 locked, in {place}"}
-    (tmp_path / UNCERTAINTIES).write_text(yaml.safe_dump({"measured": [entry]}))
-    assert known(tmp_path) == found
-    keep(tmp_path, duration_s=5.0)
-    assert known(tmp_path) == found
-    assert known(tmp_path, duration_s=5.0) is not None
-
-
 def test_looking_up_loads_no_simulation() -> None:
     code = "import sys, hexctl.control.assessment.uncertainty_store; print('mujoco' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, check=True)

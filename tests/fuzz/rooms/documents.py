@@ -206,7 +206,8 @@ LINK = (
 
 STOP = (
     b'{"version": 1, "robot": "ant", "reason": "estop: key", "stop_id": "0011223344556677", '
-    b'"at": "2026-11-23T12:00:00Z"}'
+    b'"at": "2026-11-23T12:00:00Z", "backend": "mock", "where": "fuzz", "serial_number": null, '
+    b'"location": null, "by": "mia"}'
 )
 
 CERTIFICATE = b"-----BEGIN CERTIFICATE-----\nMIIBszCCAVmgAwIBAgIUQ1F1\n-----END CERTIFICATE-----\n"

@@ -225,6 +225,7 @@ def _small_store() -> bytes:
         "CREATE TABLE trials (session TEXT, number INTEGER, record TEXT, optimizer_state TEXT,"
         " PRIMARY KEY (session, number));"
         "CREATE TABLE baselines (session TEXT, gait TEXT, record TEXT, PRIMARY KEY (session, gait));"
+        "CREATE TABLE confirmations (session TEXT, slots TEXT, record TEXT, PRIMARY KEY (session, slots));"
         "PRAGMA user_version = 1"
     )
     connection.execute("INSERT INTO sessions VALUES (?, ?, ?, ?, ?)", (name, created, about, ended, settled))

@@ -161,10 +161,10 @@ def test_a_robot_that_falls_silent_is_not_taken_for_stopped(monkeypatch: pytest.
 
 @pytest.mark.parametrize(
     ("first", "second", "together"),
-    [(None, False, False), (False, True, False), (None, True, None), (True, True, True)],
+    [(None, False, False), (False, True, False), (None, True, False), (True, True, True)],
 )
-def test_robots_are_at_rest_together_only_if_none_moves(
-    monkeypatch: pytest.MonkeyPatch, first: bool | None, second: bool | None, together: bool | None
+def test_robots_are_at_rest_together_only_if_each_says_so(
+    monkeypatch: pytest.MonkeyPatch, first: bool | None, second: bool, together: bool
 ) -> None:
     robots = OnTheLink("ant", at_rest=first), OnTheLink("ben", at_rest=second)
     with asking(monkeypatch, *robots) as (_, _, seen):

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal
 
 #: How a number has its sign: not at all, in two's complement, or in its bit 10 or 15.
@@ -139,13 +140,13 @@ class RegisterTable:
     errors: Mapping[int, str] = field(default_factory=dict)
     refusals: Mapping[int, str] = field(default_factory=dict)
 
-    @property
+    @cached_property
     def reports(self) -> tuple[Register, ...]:
         """Registers that are read in every report of a servo."""
         known = (self.position, self.effort, self.current, self.voltage, self.temperature)
         return tuple(each for each in known if each is not None)
 
-    @property
+    @cached_property
     def block(self) -> tuple[int, int]:
         """First address of a report, and its size in bytes."""
         first = min(each.address for each in self.reports)
