@@ -156,7 +156,7 @@ def _require_between(what: str, value: float, low: float, high: float, unit: str
 #: (`hexctl.control.assessment.static_stability`).
 AUTO = "auto"
 
-#: Name of the best gait by a prior; with a colon and a session, of its best walk (`hexctl.best_gait`).
+#: Name of the best gait by a prior; with a colon and a session, of its best walk.
 BEST = "best"
 
 #: A leg swings when u = 1/3, so swings follow one another in descending slot order.
@@ -206,7 +206,7 @@ def make_gait(
 
 
 def names_best(gait: object) -> bool:
-    """Whether a gait is `best` or `best:SESSION`, which stands for the one that `hexctl.best_gait` finds."""
+    """Whether a gait is `best` or `best:SESSION`, which stands for another gait."""
     return isinstance(gait, str) and gait.partition(":")[0].strip() == BEST
 
 

@@ -36,7 +36,7 @@ class RunSpec:
             with `sim`, or own servos that take one.
         gait: a name, a code, six slots, or a gait; `auto` is the one that stands safest.
         chosen_gait: whether the gait was chosen for the failed leg, as `auto` always is; the self-rotation
-            `auto` depends on it. `hexctl.best_gait` says so.
+            `auto` depends on it. `best_gait` of `hexctl.adapt.best` says so.
         pace_hz: gait cycles per second; None is the robot's, as for the next two.
         amplitude: stride as a fraction of the robot's size.
         height: height of a step as a fraction of the robot's size.
@@ -142,7 +142,7 @@ class RunSpec:
 
     @property
     def asks_for_best(self) -> bool:
-        """Whether its gait, or one that it changes to, is `best`, which `hexctl.best_gait` finds."""
+        """Whether its gait, or one that it changes to, is `best`, which `best_gait` finds."""
         return names_best(self.gait) or any(names_best(text.rpartition("@")[0]) for text in self.then)
 
     @property
@@ -243,7 +243,7 @@ def _gait_of(spec: RunSpec, robot: Robot) -> Gait:
     if names_best(spec.gait):
         raise InputError(
             f"{argument('gait')}: got {spec.gait}, which stands for another; allowed: the spec that "
-            "hexctl.best_gait(spec) gives for it"
+            "hexctl.adapt.best.best_gait(spec) gives for it"
         )
     gait = make_gait(
         robot,
@@ -353,7 +353,7 @@ def _change_of(text: str, robot: Robot, plan: TrialPlan, *, stand_up: bool) -> G
     if names_best(name):
         raise InputError(
             f"{argument('then')}: got {text!r}, which stands for another gait; allowed: the spec that "
-            "hexctl.best_gait(spec) gives for it"
+            "hexctl.adapt.best.best_gait(spec) gives for it"
         )
     if time_s >= plan.duration_s:
         raise InputError(f"{argument('then')}: got {text!r}; allowed: before {plan.duration_s:g} s, the end")

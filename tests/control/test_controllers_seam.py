@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hexctl import Failure, MockServos, SimTrial, TrialPlan, World, make_gait, run_sim_trials, run_trial
+from hexctl import Failure, SimTrial, TrialPlan, World, make_gait, run_sim_trials, run_trial
+from hexctl.backends.mock import MockServos
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.batch import run_sim_trial
 from hexctl.control.controllers import Controller, Walk, joints_of_feet, soft_stop_steps

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl import RunSpec, best_gait, run
+from hexctl.adapt.best import best_gait
 from hexctl.backends.mock import MockServos
 from hexctl.backends.sim.world import World
 from hexctl.control.controllers import Stand
@@ -18,8 +18,8 @@ from hexctl.control.monitor.recovery import RecoveryPolicy, Response
 from hexctl.control.result import TrialResult
 from hexctl.errors import HexctlError, InputError, ReachError, WrongTypeError
 from hexctl.gait.gait import make_gait
-from hexctl.record.run import Run
-from hexctl.record.run_spec import plan_of, spec_of
+from hexctl.record.run import Run, run
+from hexctl.record.run_spec import RunSpec, plan_of, spec_of
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_event import parse_failure_event, parse_healing
 from hexctl.robot.loader import load_robot
