@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     )
     from hexctl.export.export import export
     from hexctl.gait.gait import Gait, make_gait
+    from hexctl.ik.kinematics import feet_of_joint_angles, joint_angles_of_feet
     from hexctl.record.diagnosis import diagnose
     from hexctl.record.recorded_trial import read_trial
     from hexctl.record.recording import Recording
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
 __all__ = [
     # robots, worlds and gaits
     "Robot", "load_robot", "Failure", "World", "load_world", "Gait", "make_gait",
+    "joint_angles_of_feet", "feet_of_joint_angles",
     # servos
     "JointTargets", "RobotState", "LegServos", "Guard", "SimServos",
     # trials, controllers and recorders
@@ -84,6 +86,7 @@ _MODULES = {
     "robot.failure": "Failure",
     "backends.sim.world": "World load_world",
     "gait.gait": "Gait make_gait",
+    "ik.kinematics": "joint_angles_of_feet feet_of_joint_angles",
     # servos
     "types": "JointTargets RobotState",
     "backends.base": "LegServos",

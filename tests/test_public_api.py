@@ -9,6 +9,7 @@ import typing
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -124,8 +125,22 @@ ROBOT = hexctl.load_robot("ant")
 GAIT = hexctl.make_gait(ROBOT, "tripod")
 PLAN = hexctl.TrialPlan(gait=GAIT, duration_s=0.1, settle_s=0.1)
 
-#: The names without their types, for what a type checker would refuse as well.
+#: The names without their types (`hexctl` and its modules), for what a type checker would refuse as well.
 api: Any = hexctl
+rooms: Any = SimpleNamespace(
+    MockServos=MockServos,
+    Motion=Motion,
+    ServosWrapper=ServosWrapper,
+    StudyPlan=StudyPlan,
+    TickLog=TickLog,
+    Walk=Walk,
+    load_prior=load_prior,
+    load_session=load_session,
+    make_objective=make_objective,
+    run_sim_trial=run_sim_trial,
+    serve=serve,
+    study=study,
+)
 
 #: What is called with a value of a wrong type, and the beginning of its answer.
 WRONG: dict[str, tuple[Callable[[], Any], str]] = {
@@ -138,21 +153,21 @@ WRONG: dict[str, tuple[Callable[[], Any], str]] = {
         "failure: got 5 (int); allowed: a Failure",
     ),
     "servos: seed": (lambda: api.SimServos("ant", seed="7"), "seed: got '7' (str)"),
-    "mock": (lambda: MockServos(None), "robot: got None"),
+    "mock": (lambda: rooms.MockServos(None), "robot: got None"),
     "guard": (lambda: api.Guard("ant"), "servos: got 'ant' (str); allowed: LegServos"),
-    "wrapper": (lambda: ServosWrapper(ROBOT), "servos: got Robot("),
+    "wrapper": (lambda: rooms.ServosWrapper(ROBOT), "servos: got Robot("),
     "trial: servos": (lambda: api.run_trial("ant", PLAN), "servos: got 'ant' (str); allowed: connected"),
-    "trial: plan": (lambda: api.run_trial(MockServos("ant"), GAIT), "plan: got Gait("),
+    "trial: plan": (lambda: api.run_trial(rooms.MockServos("ant"), GAIT), "plan: got Gait("),
     "trial: controller": (
-        lambda: api.run_trial(MockServos("ant"), PLAN, 5),
+        lambda: api.run_trial(rooms.MockServos("ant"), PLAN, 5),
         "controller: got 5 (int); allowed: a Controller",
     ),
     "trial: recorders": (
-        lambda: api.run_trial(MockServos("ant"), PLAN, None, [5]),
+        lambda: api.run_trial(rooms.MockServos("ant"), PLAN, None, [5]),
         "recorders: got 5 (int); allowed: TickLogs and Recorders",
     ),
     "trial: one recorder": (
-        lambda: api.run_trial(MockServos("ant"), PLAN, None, TickLog()),
+        lambda: api.run_trial(rooms.MockServos("ant"), PLAN, None, rooms.TickLog()),
         "recorders: got <hexctl.control.log.TickLog",
     ),
     "sim trial: robot": (
@@ -164,7 +179,7 @@ WRONG: dict[str, tuple[Callable[[], Any], str]] = {
         "trial.plan: got Gait(",
     ),
     "sim trials": (lambda: api.run_sim_trials([PLAN]), "trials: got TrialPlan("),
-    "sim trial": (lambda: run_sim_trial(PLAN), "trial: got TrialPlan("),
+    "sim trial": (lambda: rooms.run_sim_trial(PLAN), "trial: got TrialPlan("),
     "space": (
         lambda: api.GaitSpace(5),
         "failed legs: got 5 (int); allowed: one to three legs, such as (5,)",
@@ -179,16 +194,16 @@ WRONG: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: api.make_optimizer("pso", api.GaitSpace((5,)), "0"),
         "seed: got '0' (str)",
     ),
-    "objective": (lambda: make_objective(5), "objective: got 5 (int); allowed: final"),
+    "objective": (lambda: rooms.make_objective(5), "objective: got 5 (int); allowed: final"),
     "walk": (
-        lambda: Walk("ant", GAIT, Motion(), period_s=0.02),
+        lambda: rooms.Walk("ant", GAIT, rooms.Motion(), period_s=0.02),
         "robot: got 'ant' (str); allowed: a Robot",
     ),
     "world": (lambda: api.load_world(7), "world: got 7 (int); allowed: a name"),
     "robot": (lambda: api.load_robot(7), "robot: got 7 (int); allowed: a shipped name"),
     "gait": (lambda: api.make_gait("ant", "tripod"), "make_gait: robot: got 'ant' (str)"),
-    "prior": (lambda: load_prior(7), "prior: got 7 (int); allowed: the path"),
-    "session": (lambda: load_session(7), "session: got 7 (int); allowed: the name"),
+    "prior": (lambda: rooms.load_prior(7), "prior: got 7 (int); allowed: the path"),
+    "session": (lambda: rooms.load_session(7), "session: got 7 (int); allowed: the name"),
     "adapt: leg": (
         lambda: api.adapt(failed_leg="5"),
         "failed leg: got '5' (str); allowed: a leg's number",
@@ -207,11 +222,11 @@ WRONG: dict[str, tuple[Callable[[], Any], str]] = {
     "run": (lambda: api.run("ant"), "run: got 'ant' (str); allowed: a RunSpec"),
     "run: failure": (lambda: api.run(failure=5), "failure: got 5 (int); allowed: a Failure"),
     "run: seed": (lambda: api.run(seed="x"), "seed: got 'x' (str)"),
-    "study: robot": (lambda: StudyPlan(robot="ant"), "plan.robot: got 'ant' (str); allowed: a Robot"),
-    "study: legs": (lambda: StudyPlan(robot=ROBOT, legs=5), "plan.legs: got 5 (int)"),
-    "study": (lambda: study(5, folder="report"), "plan: got 5 (int); allowed: a StudyPlan"),
-    "serve": (lambda: serve(robot=5), "robot: got 5 (int); allowed: the name"),
-    "serve: failure": (lambda: serve(failure=5), "failure: got 5 (int); allowed: a Failure"),
+    "study: robot": (lambda: rooms.StudyPlan(robot="ant"), "plan.robot: got 'ant' (str); allowed: a Robot"),
+    "study: legs": (lambda: rooms.StudyPlan(robot=ROBOT, legs=5), "plan.legs: got 5 (int)"),
+    "study": (lambda: rooms.study(5, folder="report"), "plan: got 5 (int); allowed: a StudyPlan"),
+    "serve": (lambda: rooms.serve(robot=5), "robot: got 5 (int); allowed: the name"),
+    "serve: failure": (lambda: rooms.serve(failure=5), "failure: got 5 (int); allowed: a Failure"),
 }
 
 
