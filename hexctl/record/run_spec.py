@@ -23,6 +23,9 @@ from hexctl.robot.failure import Failure, check_further, each_failure, failures_
 from hexctl.robot.failure_event import FailureEvent
 from hexctl.robot.model import Robot
 
+#: The gait of a run that names none.
+DEFAULT_GAIT = "demo"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunSpec:
@@ -77,7 +80,7 @@ class RunSpec:
     backend: str = "sim"
     robot: str | Path | Robot = "ant"
     world: str | Path | World | None = None
-    gait: str | int | Sequence[int] | Gait = "demo"
+    gait: str | int | Sequence[int] | Gait = DEFAULT_GAIT
     chosen_gait: bool = False
     pace_hz: float | None = None
     amplitude: float | None = None
