@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hexctl.errors import InputError, check_type
+from hexctl.errors import InputError, WrongTypeError, check_type, shown
 
 N_LEGS = 6
 JOINTS_PER_LEG = 3
@@ -106,6 +106,57 @@ def check_finite(value: object, shape: tuple[int, ...], what: str) -> None:
     if not np.isfinite(numbers).all():
         bad = numbers[~np.isfinite(numbers)][0]
         raise InputError(f"{what}: got {bad}; allowed: finite numbers")
+
+
+def as_numbers(value: object, ending: tuple[int, ...], what: str) -> FloatArray:
+    """Finite numbers as an array whose shape has a given ending.
+
+    Raises WrongTypeError for other things than numbers, InputError for another shape or infinite numbers.
+    """
+    numbers = _numbers_of(value, what, f"numbers of a shape that ends in {ending}")
+    if numbers.shape[max(0, numbers.ndim - len(ending)) :] != ending:
+        raise InputError(f"{what}: got shape {numbers.shape}; allowed: a shape that ends in {ending}")
+    check_finite(numbers, numbers.shape, what)
+    return numbers
+
+
+def as_joint_angles(value: object, what: str, *, leading_shape: tuple[int, ...] | None = None) -> FloatArray:
+    """Joint angles as an array, leading shape + (18,).
+
+    Args:
+        value: an array, or sequences of numbers.
+        what: the name of the argument, for messages.
+        leading_shape: of the array; None for any.
+
+    Raises WrongTypeError for other things than numbers, InputError for another number of angles.
+    """
+    angles_rad = _numbers_of(value, what, f"{N_JOINTS} joint angles in rad")
+    shape = angles_rad.shape
+    if leading_shape is None or shape[:-1] == leading_shape:
+        if shape[-1:] != (N_JOINTS,):
+            got = shape[-1] if shape else "one number"
+            raise InputError(
+                f"{what}: expected {N_JOINTS} joint angles, got {got}; "
+                f"allowed: coxa, femur and tibia of legs 1 to {N_LEGS}, in rad"
+            )
+        return angles_rad
+    raise InputError(
+        f"{what}: expected {N_JOINTS} joint angles, got shape {shape}; "
+        f"allowed: shape {(*leading_shape, N_JOINTS)}"
+    )
+
+
+def _numbers_of(value: object, what: str, allowed: str) -> FloatArray:
+    """Numbers as an array of floats; an array of floats is itself."""
+    if isinstance(value, np.ndarray) and value.dtype == np.float64:
+        return value
+    try:
+        numbers = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        numbers = np.asarray(None)
+    if numbers.dtype.kind not in "fiu":
+        raise WrongTypeError(f"{what}: got {shown(value)} ({type(value).__name__}); allowed: {allowed}")
+    return numbers.astype(np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

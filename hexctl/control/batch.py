@@ -15,12 +15,19 @@ from hexctl.backends.sim.world import World, as_world
 from hexctl.control.assessment.cause import WalkSamples
 from hexctl.control.assessment.score import score
 from hexctl.control.assessment.walk_quality import WalkEffort
+from hexctl.control.custom_controller import (
+    CONTROLLERS,
+    BatchController,
+    check_controller,
+    controller_name,
+    made_controller,
+)
 from hexctl.control.guard import FALL_TICKS, Guard, StepLimits, leaning
 from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart, prepare, ticks_of
 from hexctl.control.result import TrialResult
 from hexctl.control.trace import TrialFrame
-from hexctl.control.trial import CONTROLLERS, MakeController, made_controller, planned_walk, run_trial
+from hexctl.control.trial import planned_walk, run_trial
 from hexctl.control.walks.steering import held
 from hexctl.control.walks.turning import check_plan, turn_needed_rad
 from hexctl.errors import (
@@ -35,7 +42,7 @@ from hexctl.errors import (
 from hexctl.robot.failure import Failure, check_further
 from hexctl.robot.failure_event import FailureEvent, NoticedFailure
 from hexctl.robot.model import Robot
-from hexctl.types import BoolArray, FloatArray, JointTargets, RobotState, check_shape
+from hexctl.types import BoolArray, FloatArray, JointTargets, RobotState, as_joint_angles
 
 #: Trials that begin apart are stepped together up to this number, which spreads the cost of a tick well.
 MOST_TOGETHER = 64
@@ -128,7 +135,7 @@ class SimTrial:
         return (self.robot.fingerprint, *ticks, plan.hold, plan.straight, changes)
 
 
-def run_sim_trial(trial: SimTrial, make_controller: MakeController = planned_walk) -> TrialResult:
+def run_sim_trial(trial: SimTrial, make_controller: BatchController = planned_walk) -> TrialResult:
     """Result of one simulated trial, run alone."""
     check_type(trial, SimTrial, "trial", "a SimTrial")
     with trial.servos() as servos:
@@ -138,7 +145,7 @@ def run_sim_trial(trial: SimTrial, make_controller: MakeController = planned_wal
 def run_sim_trials(
     trials: Sequence[SimTrial],
     threads: int = 0,
-    make_controller: MakeController = planned_walk,
+    make_controller: BatchController = planned_walk,
     *,
     apart: bool = False,
 ) -> list[TrialResult]:
@@ -151,8 +158,9 @@ def run_sim_trials(
     Args:
         trials: what to walk.
         threads: threads that simulate; 0 uses all cores.
-        make_controller: makes the controller of each group, for states and targets of leading shape (n,);
-            trials of one group then begin alike, but for `apart`.
+        make_controller: makes the controller of each group, for states and targets of leading shape (n,), or
+            is a function of step and such a state that returns joint angles. Trials of one group then begin
+            alike, but for `apart`.
         apart: whether the controller leads trials that begin apart, as the plans' own walks do: turn and
             frame of its `WalkStart` then have the leading shape (n,).
 
@@ -162,6 +170,7 @@ def run_sim_trials(
     check_type(trials, Sequence, "trials", "a sequence of SimTrials")
     check_type(threads, int, "threads", "a whole number, 0 for all cores")
     check_callable(make_controller, "make_controller", CONTROLLERS)
+    check_controller(make_controller)
     for trial in trials:
         check_type(trial, SimTrial, "trials", "SimTrials")
         check_plan(trial.robot, trial.plan)
@@ -195,7 +204,7 @@ def _groups(trials: Sequence[SimTrial], *, mixed: bool) -> Iterator[list[list[in
 
 
 def _run_group(
-    starts: Sequence[Sequence[SimTrial]], threads: int, make_controller: MakeController
+    starts: Sequence[Sequence[SimTrial]], threads: int, make_controller: BatchController
 ) -> list[TrialResult]:
     """Run trials, start by start, each of which they share; their results likewise."""
     results: dict[int, list[TrialResult]] = {}
@@ -207,7 +216,8 @@ def _run_group(
             try:
                 start = prepare(guard, plans[0])
             except (EStopError, SimulationDivergedError, RobotFaultError) as error:
-                results[number] = [_never_walked(servos.robot, plan, _status_of(error)) for plan in plans]
+                status, name = _status_of(error), controller_name(make_controller)
+                results[number] = [_never_walked(servos.robot, plan, status, name) for plan in plans]
                 continue
             alike = (held(plans[0], start.frame), start.frame is None, *batch_layout(servos))
             one = _Ready(guard, servos, replace(start, plans=plans, batch_shape=(len(plans),)))
@@ -261,7 +271,7 @@ def _start_together(starts: Sequence[WalkStart]) -> WalkStart:
     )
 
 
-def _never_walked(robot: Robot, plan: TrialPlan, status: str) -> TrialResult:
+def _never_walked(robot: Robot, plan: TrialPlan, status: str, controller: str | None) -> TrialResult:
     nothing = np.zeros((0, 4))
     return score(
         robot,
@@ -273,6 +283,7 @@ def _never_walked(robot: Robot, plan: TrialPlan, status: str) -> TrialResult:
         frame=None,
         positions_world=nothing[:, :3],
         quaternions_world=nothing,
+        controller=controller,
     )
 
 
@@ -282,12 +293,13 @@ class _Walks:
     Each tick is the tick of `hexctl.control.loop`, for all robots together.
     """
 
-    def __init__(self, ready: Sequence[_Ready], make_controller: MakeController, threads: int) -> None:
+    def __init__(self, ready: Sequence[_Ready], make_controller: BatchController, threads: int) -> None:
         counts = [len(one.start.plans) for one in ready]
         self._starts = [one.start for one in ready for _ in one.start.plans]
         start = _start_together([one.start for one in ready])
         n, self._plans = len(start.plans), start.plans
         self._controller = made_controller(make_controller, start)
+        self._name = controller_name(make_controller)
         self._batch = SimBatch([one.servos for one in ready], counts, threads)
         self._limits = StepLimits.of(start.robot, start.period_s)
         self._accepted_rad = np.repeat([one.guard.accepted_rad() for one in ready], counts, axis=0)
@@ -316,6 +328,7 @@ class _Walks:
             asked = running.copy()
             self._watch(state)
             wanted_rad = self._controller.targets_rad(step, state)
+            wanted_rad = as_joint_angles(wanted_rad, "controller", leading_shape=running.shape)
             self._limited[asked] = np.broadcast_to(self._controller.limited_steps, asked.shape)[asked]
             self._refuse(wanted_rad)
             self._accepted_rad = self._limits.apply(wanted_rad, self._accepted_rad)
@@ -366,6 +379,7 @@ class _Walks:
                 samples=self._samples.of(walked, (index,)),
                 energy_j=self._effort.energy_j((index,)),
                 noticed=self._noticed[index],
+                controller=self._name,
             )
             for index, (plan, walked, start) in enumerate(
                 zip(self._plans, self._walked.tolist(), self._starts, strict=True)
@@ -383,7 +397,6 @@ class _Walks:
 
     def _refuse(self, wanted_rad: FloatArray) -> None:
         """End the walks whose targets a guard refuses: those that are not finite."""
-        check_shape(wanted_rad, self._accepted_rad.shape, "controller: targets")
         if math.isfinite(np.add.reduce(wanted_rad, axis=None)):
             return
         for index in np.flatnonzero(self._batch.running).tolist():

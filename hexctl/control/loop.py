@@ -7,7 +7,7 @@ from typing import Protocol
 from hexctl.backends.clock import Tick
 from hexctl.control.controllers import Controller
 from hexctl.control.guard import Guard
-from hexctl.types import FloatArray, JointTargets, RobotState
+from hexctl.types import FloatArray, JointTargets, RobotState, as_joint_angles
 
 
 class TickObserver(Protocol):
@@ -42,7 +42,7 @@ def run_controller(
         first_step: number of the first step, for a controller that continues.
 
     Raises EStopError when the guard stops the robot, CommandRefusedError when a target came too late, and
-    RobotFaultError when the robot or the simulation fails.
+    RobotFaultError when the robot or the simulation fails, InputError for other targets than 18 joint angles.
     """
     tick = servos.clock.tick()
     zero_index = tick.index - first_step
@@ -63,7 +63,7 @@ def run_step(
     """
     began_s = time.perf_counter()
     state = servos.read()
-    wanted_rad = controller.targets_rad(step, state)
+    wanted_rad = as_joint_angles(controller.targets_rad(step, state), "controller", leading_shape=())
     sent = servos.write(JointTargets(wanted_rad, tick.time_s))
     for observer in observers:
         observer.record(tick, state, wanted_rad, sent)

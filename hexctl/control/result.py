@@ -92,6 +92,7 @@ class TrialResult(ArrayFields):
         turn_trim_rad_s: turn that went with it in open loop to take out its curve, counter-clockwise; None
             where it was not trimmed.
         noticed: failures that the controller noticed on the way.
+        controller: name of the custom controller that walked; None for the walk of the plan itself.
     """
 
     status: str
@@ -119,6 +120,7 @@ class TrialResult(ArrayFields):
     trim_rad: float | None = None
     turn_trim_rad_s: float | None = None
     noticed: tuple[NoticedFailure, ...] = ()
+    controller: str | None = None
 
     @property
     def valid(self) -> bool:
@@ -126,7 +128,10 @@ class TrialResult(ArrayFields):
         return self.status == "ok" and self.deviation is not None
 
     def to_dict(self, *, path: bool = False) -> dict[str, Any]:
-        """The outcome as plain JSON values, angles in degrees; with `path`, the path as well."""
+        """The outcome as plain JSON values, angles in degrees; with `path`, the path as well.
+
+        There is a `controller` only if a custom one walked.
+        """
         unknown = {"final": None, "mean": None, "max": None, "signed": None}
         yaw_change = self.yaw_change_rad
         data: dict[str, Any] = {
@@ -151,6 +156,8 @@ class TrialResult(ArrayFields):
             "turn_trim_deg_s": _degrees(self.turn_trim_rad_s),
             "noticed": [each.to_dict() for each in self.noticed],
         }
+        if self.controller is not None:
+            data["controller"] = self.controller
         if path:
             data["path_m"] = [[_known(value) for value in row] for row in self.path_m.tolist()]
         return data
@@ -185,6 +192,7 @@ class TrialResult(ArrayFields):
                 trim_rad=_radians(data["trim_deg"]),
                 turn_trim_rad_s=_radians(data["turn_trim_deg_s"]),
                 noticed=tuple(NoticedFailure.from_dict(each) for each in data["noticed"]),
+                controller=data["controller"],
             )
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise InputError(
@@ -208,6 +216,8 @@ class TrialResult(ArrayFields):
     def __repr__(self) -> str:
         why = self.stopped or self.cause
         text = self.status if why is None else f"{self.status} ({why})"
+        if self.controller is not None:
+            text = f"{self.controller}: {text}"
         if self.distance_m is not None:
             text += f", {self.distance_m:.3f} of {self.ideal_distance_m:.3f} m"
         if self.deviation is not None:

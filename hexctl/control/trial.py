@@ -10,6 +10,12 @@ from hexctl.control.assessment.cause import WalkSamples
 from hexctl.control.assessment.score import score
 from hexctl.control.assessment.walk_quality import WalkEffort
 from hexctl.control.controllers import Controller, Stand, Walk, soft_stop_steps
+from hexctl.control.custom_controller import (
+    CustomController,
+    check_controller,
+    controller_name,
+    made_controller,
+)
 from hexctl.control.guard import Guard
 from hexctl.control.log import Recorder, Recorders, TickLog
 from hexctl.control.loop import Until
@@ -60,10 +66,6 @@ def stop_when(enough: Enough | None) -> ShouldStop | None:
     return None if enough is None else lambda trace: enough(trace.path_m)
 
 
-#: Makes the controller of a walk, once the robot stands ready: a class that takes a `WalkStart` is one.
-MakeController = Callable[[WalkStart], Controller]
-
-
 def planned_walk(start: WalkStart) -> Walk | VelocityWalk:
     """The walk of the plans: steered where they hold something, else open loop with constant motion.
 
@@ -86,24 +88,10 @@ def planned_walk(start: WalkStart) -> Walk | VelocityWalk:
     )
 
 
-#: What a controller may be, for messages.
-CONTROLLERS = "a Controller, or a function or class that makes one of a WalkStart"
-
-
-def made_controller(controller: Controller | MakeController, start: WalkStart) -> Controller:
-    """The controller given, or the one made for a robot that stands ready.
-
-    Raises WrongTypeError for anything else.
-    """
-    made = controller if isinstance(controller, Controller) else controller(start)
-    check_type(made, Controller, "controller", CONTROLLERS)
-    return made
-
-
 def run_trial(
     servos: LegServos,
     plan: TrialPlan,
-    controller: Controller | MakeController | None = None,
+    controller: CustomController | None = None,
     recorders: Recorders | Sequence[Recorder | TickLog] = (),
     *,
     stop_requested: StopRequested = never,
@@ -120,8 +108,9 @@ def run_trial(
     Args:
         servos: guarded, connected servos; a simulation without a guard is put behind one for this trial.
         plan: what the robot shall do.
-        controller: walks instead of the plan's own walk; a controller, or what makes one of a
-            `WalkStart`. Its `done` may end the walk.
+        controller: walks instead of the plan's own walk; a controller, what makes one of a `WalkStart`, or a
+            function of step and state that returns 18 joint angles. The `done` of a controller may end the
+            walk. The result has its name.
         recorders: take the ticks in blocks, each failing alone. Given as `Recorders`, failures stay there;
             otherwise each is a warning.
         stop_requested: asked before the first tick and at every tick; True ends the trial as `aborted`.
@@ -131,8 +120,8 @@ def run_trial(
     What a simulation breaks may differ from what the plan's controller was told.
 
     Raises WrongTypeError for an argument of another type, InputError for a robot without a guard, ReachError
-    or LimitError for a walk that the legs cannot make, all before anything moves; RobotFaultError when the
-    robot has gone.
+    or LimitError for a walk that the legs cannot make, all before anything moves; InputError for a controller
+    that returns other than 18 joint angles; RobotFaultError when the robot has gone.
     """
     check_type(servos, LegServos, "servos", "connected LegServos, as Guard(SimServos('ant')) gives")
     check_type(plan, TrialPlan, "plan", "a TrialPlan")
@@ -140,8 +129,7 @@ def run_trial(
     check_callable(should_stop, "should_stop", "a function of the trace that says whether to end, or None")
     if controller is None:
         controller = planned_walk
-    elif not callable(controller):
-        check_type(controller, Controller, "controller", CONTROLLERS)
+    check_controller(controller)
     check_plan(servos.robot, plan)
     kept = Recorders.of(recorders)
     guard = _guarded(servos)
@@ -194,7 +182,7 @@ class _Trial:
         self,
         servos: Guard,
         plan: TrialPlan,
-        controller: Controller | MakeController,
+        controller: CustomController,
         recorders: Recorders | None,
         stop_requested: StopRequested,
         should_stop: ShouldStop | None,
@@ -250,6 +238,7 @@ class _Trial:
             samples=self._samples.of(rows.stop - rows.start),
             energy_j=self._effort.energy_j(),
             noticed=self.noticed,
+            controller=controller_name(self._controller),
         )
 
     def _walk(self, start: WalkStart, *, soft_stop: bool) -> None:

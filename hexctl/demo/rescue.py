@@ -1,6 +1,6 @@
 """The demo: a leg fails in mid-walk, the robot recovers by itself, and a gait for the other legs is searched.
 
-    result = hexctl.demo()
+    result = demo()
     print(result.recovered.trial.distance_m, result.adaptation.best, result.picture)
 
 The walk is made twice, once without recovery, and the search is `hexctl.adapt(failed_leg=5, budget=20)`, all

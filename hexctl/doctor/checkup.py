@@ -1,6 +1,6 @@
 """What a computer has for hexctl, and what works on it.
 
-checkup = hexctl.doctor()
+checkup = doctor()
 print(checkup.works["simulate walks"] or "simulates")
 """
 

@@ -151,7 +151,7 @@ def half_amplitude_turn_rate_rad_s(robot: Robot, gait: Gait) -> float:
 #: (`hexctl.control.assessment.static_stability`).
 AUTO = "auto"
 
-#: Name of the best gait by a prior; with a colon and a session, of its best walk (`hexctl.best_gait`).
+#: Name of the best gait by a prior; with a colon and a session, of its best walk.
 BEST = "best"
 
 #: A leg swings when u = 1/3, so swings follow one another in descending slot order.
@@ -210,7 +210,7 @@ def gait_text(text: str) -> str:
 
 
 def names_best(gait: object) -> bool:
-    """Whether a gait is `best` or `best:SESSION`, which stands for the one that `hexctl.best_gait` finds."""
+    """Whether a gait is `best` or `best:SESSION`, which stands for another gait."""
     return isinstance(gait, str) and gait.partition(":")[0].strip() == BEST
 
 

@@ -67,7 +67,8 @@ class DiagnosisRun(Run):
             )
         duration_s = sum(probe.duration_s for probe in ALL_PROBES)
         plain = {"hold": "none", "self_rotation": "none", "duration_s": duration_s + 3.0, "gait": "demo"}
-        super().__init__(replace(spec, **plain))  # type: ignore[arg-type]  # as the fields are
+        plain_spec = replace(spec, **plain)  # type: ignore[arg-type]  # as the fields are
+        super().__init__(plain_spec, controller=self._make_test)
         self.plan = replace(self.plan, belief=None, travel=0.0, settle_s=SETTLE_S)
         self._test: StandingTest | None = None
         self.diagnosis: Diagnosis | None = None
@@ -97,7 +98,7 @@ class DiagnosisRun(Run):
 
         Raises RobotFaultError when the robot or its link fails.
         """
-        done = self.walk(controller=self._make_test, recorders=recorders, stop_requested=stop_requested)
+        done = self.walk(recorders=recorders, stop_requested=stop_requested)
         found = self._found()
         if found.source == "none" and ask is not None and done.trial.status == "ok":
             found = self._ask_operator(found, ask, stop_requested)

@@ -19,6 +19,7 @@ from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import Floor, make_floor
 from hexctl.backends.sim.world import World, load_world
 from hexctl.control.assessment.leg_sets import doubt, drag, leg_set
+from hexctl.control.custom_controller import check_controller, controller_name
 from hexctl.control.guard import Guard
 from hexctl.control.log import (
     BLOCK_TICKS,
@@ -36,7 +37,7 @@ from hexctl.control.trial import ShouldStop, run_trial
 from hexctl.control.walks.turning import check_plan, turn_needed_rad
 from hexctl.errors import InputError, MissingExtraError, argument, check_type
 from hexctl.files import folder_trouble
-from hexctl.record.run_spec import RunSpec, plan_of, spec_of
+from hexctl.record.run_spec import DEFAULT_GAIT, RunSpec, plan_of, spec_of
 from hexctl.robot.configs import shipped_text
 from hexctl.robot.failure import each_failure
 from hexctl.robot.failure_event import FailureEvent, check_healings
@@ -45,8 +46,7 @@ from hexctl.robot.model import Robot
 from hexctl.waiting import comes_true
 
 if TYPE_CHECKING:
-    from hexctl.control.controllers import Controller
-    from hexctl.control.trial import MakeController
+    from hexctl.control.custom_controller import CustomController
     from hexctl.record.recording import Recording
 
 
@@ -97,14 +97,19 @@ class Run:
             without effect.
     """
 
-    def __init__(self, spec: RunSpec) -> None:
+    def __init__(self, spec: RunSpec, *, controller: "CustomController | None" = None) -> None:
         """Check a spec.
+
+        Args:
+            spec: what the run does.
+            controller: walks instead of the plan's own walk, as in `run_trial`.
 
         Raises InputError for what is not allowed, ReachError or LimitError for a walk that the legs cannot
         make.
         """
         spec.check()
-        self.spec = spec
+        check_controller(controller)
+        self.spec, self._controller = spec, controller
         self._file: RobotFile | None = None
         if isinstance(spec.robot, Robot):
             self.robot = spec.robot
@@ -167,12 +172,23 @@ class Run:
     @property
     def title(self) -> str:
         """Robot and gait, the title of recordings and live views."""
-        return f"{self.robot.name} {self.spec.gait_text}"
+        return f"{self.robot.name} {self._walk_text}"
 
     @property
     def _what(self) -> str:
         """What is done, in the name of a recording."""
-        return self.spec.gait_text.replace(",", "") or "gait"
+        return self._walk_text.replace(",", "").replace(" ", "-") or "gait"
+
+    @property
+    def _walk_text(self) -> str:
+        """The gait in words; before it the name of a custom controller, which follows a gait if asked to."""
+        gait = self.spec.gait_text if self._has_gait else None
+        return " ".join(filter(None, (controller_name(self._controller), gait)))
+
+    @property
+    def _has_gait(self) -> bool:
+        """Whether a gait leads the walk: under a custom controller only one that was asked for."""
+        return controller_name(self._controller) is None or self.spec.gait_text != DEFAULT_GAIT
 
     @property
     def robot_file(self) -> Path | None:
@@ -197,7 +213,6 @@ class Run:
     def walk(
         self,
         *,
-        controller: "Controller | MakeController | None" = None,
         recorders: Sequence[Recorder] = (),
         stop_requested: StopRequested = never,
         should_stop: ShouldStop | None = None,
@@ -205,7 +220,6 @@ class Run:
         """Walk as the spec says.
 
         Args:
-            controller: walks instead of the plan's own walk, as in `run_trial`.
             recorders: take the ticks in blocks beside the recording; each fails alone.
             stop_requested: asked every tick; True ends the walk with a soft stop, without a recording where
                 nothing was commanded before.
@@ -224,7 +238,7 @@ class Run:
             block_ticks=PACED_BLOCK_TICKS if self.spec.paced else BLOCK_TICKS,
         )
         began_s = time.perf_counter()
-        walk = watched_walk(self._policy) if controller is None else controller
+        walk = watched_walk(self._policy) if self._controller is None else self._controller
         trial = run_trial(
             self._guard, self.plan, walk, kept, stop_requested=stop_requested, should_stop=should_stop
         )
@@ -336,15 +350,7 @@ class Run:
         work_us = log["work_s"] * 1e6  # (ticks,)
         quantiles = np.percentile(work_us, [50, 99, 100]) if len(log) else np.zeros(3)
         return {
-            "gait": {
-                "name": spec.gait_text,
-                "slots": list(plan.gait.slots),
-                "code": plan.gait.code(plan.failed_legs),
-                "posture": plan.gait.posture.to_dict(),
-                "swing_share": plan.gait.swing_share,
-                "phases": None if plan.gait.phases is None else list(plan.gait.phases),
-                "then": list(spec.then),
-            },
+            "gait": self._gait_values() if self._has_gait else None,
             "failed_leg": plan.belief.leg if plan.belief else None,
             "failure": str(plan.belief) if plan.belief else None,
             "further_failures": {str(one.leg): str(one) for one in plan.further_failures},
@@ -364,6 +370,19 @@ class Run:
             "world": self._world_text(),
             "seed": spec.seed,
             "recording": None if self._recording is None else str(self._recording.path),
+        }
+
+    def _gait_values(self) -> dict[str, Any]:
+        """The gait as plain values."""
+        gait = self.plan.gait
+        return {
+            "name": self.spec.gait_text,
+            "slots": list(gait.slots),
+            "code": gait.code(self.plan.failed_legs),
+            "posture": gait.posture.to_dict(),
+            "swing_share": gait.swing_share,
+            "phases": None if gait.phases is None else list(gait.phases),
+            "then": list(self.spec.then),
         }
 
     @property
@@ -414,7 +433,7 @@ def _as_it_may_stand(robot: Robot, plan: TrialPlan) -> list[TrialPlan]:
 def run(
     spec: RunSpec | None = None,
     *,
-    controller: "Controller | MakeController | None" = None,
+    controller: "CustomController | None" = None,
     recorders: Sequence[Recorder] = (),
     stop_requested: StopRequested = never,
     should_stop: ShouldStop | None = None,
@@ -424,7 +443,9 @@ def run(
 
     Args:
         spec: what to do; or the fields of `RunSpec` as keywords.
-        controller: walks instead of the plan's own walk, as in `run_trial`.
+        controller: walks instead of the plan's own walk: a function of step and state that returns 18 joint
+            angles in rad, a `Controller`, or what makes one of a `WalkStart`. Result and recording have its
+            name.
         recorders: take the ticks in blocks beside the recording; each fails alone.
         stop_requested: asked every tick; True ends the walk with a soft stop.
         should_stop: looks at the walk once a second, as in `run_trial`, such as a `Geofence`.
@@ -435,10 +456,9 @@ def run(
     Raises what `Run` raises: InputError, ReachError and LimitError before anything moves, RobotFaultError for
     a robot or a link that fails.
     """
-    check_type(spec, (RunSpec, NoneType), "run", "a RunSpec, or its fields as keywords")
+    keywords = "a RunSpec, or its fields as keywords, as run(gait='tripod')"
+    check_type(spec, (RunSpec, NoneType), "run", keywords)
     if spec is not None and options:
         raise InputError(f"run: got a spec and {', '.join(options)} too; allowed: one or the other")
-    with Run(spec or spec_of(options)) as connected:
-        return connected.walk(
-            controller=controller, recorders=recorders, stop_requested=stop_requested, should_stop=should_stop
-        )
+    with Run(spec or spec_of(options), controller=controller) as connected:
+        return connected.walk(recorders=recorders, stop_requested=stop_requested, should_stop=should_stop)

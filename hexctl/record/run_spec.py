@@ -48,6 +48,9 @@ from hexctl.robot.failure import Failure, check_further, each_failure, failures_
 from hexctl.robot.failure_event import FailureEvent
 from hexctl.robot.model import Robot
 
+#: The gait of a run that names none.
+DEFAULT_GAIT = "demo"
+
 
 def _shift(text: str) -> tuple[float, float]:
     """Two numbers of a text such as `0.02,-0.01`."""
@@ -70,7 +73,7 @@ def _legs(text: str) -> tuple[int, ...]:
 class RunSpec(RecordedOptions):
     """What a run does: which robot, where, and how it walks. Its fields are the options of `hexctl run`."""
 
-    gait: Annotated[str | int | Sequence[int] | Gait, Typed(parse=gait_text, words="gaits")] = "demo"
+    gait: Annotated[str | int | Sequence[int] | Gait, Typed(parse=gait_text, words="gaits")] = DEFAULT_GAIT
     """Gait: demo, tripod, wave, ripple; auto (the most stable); best or best:SESSION (the best that is known
     for the failed leg); a code, 1..720, or 1..120 with a failed leg; or six slots such as 5,1,2,4,3,6.
 
@@ -79,7 +82,7 @@ class RunSpec(RecordedOptions):
 
     chosen_gait: Annotated[bool, UNTYPED] = False
     """Whether the gait was chosen for the failed leg, as `auto` always is; the self-rotation `auto` depends
-    on it. `hexctl.best_gait` says so.
+    on it. `best_gait` of `hexctl.adapt.best` says so.
     """
 
     heading_rad: Annotated[float | None, HEADING_DEG] = None
@@ -198,7 +201,7 @@ class RunSpec(RecordedOptions):
 
     @property
     def asks_for_best(self) -> bool:
-        """Whether its gait, or one that it changes to, is `best`, which `hexctl.best_gait` finds."""
+        """Whether its gait, or one that it changes to, is `best`, which `best_gait` finds."""
         return names_best(self.gait) or any(names_best(text.rpartition("@")[0]) for text in self.then)
 
     @property
@@ -300,7 +303,7 @@ def _gait_of(spec: RunSpec, robot: Robot) -> Gait:
     if names_best(spec.gait):
         raise InputError(
             f"{argument('gait')}: got {spec.gait}, which stands for another; allowed: the spec that "
-            "hexctl.best_gait(spec) gives for it"
+            "hexctl.adapt.best.best_gait(spec) gives for it"
         )
     gait = make_gait(
         robot,
@@ -410,7 +413,7 @@ def _change_of(text: str, robot: Robot, plan: TrialPlan, *, stand_up: bool) -> G
     if names_best(name):
         raise InputError(
             f"{argument('then')}: got {text!r}, which stands for another gait; allowed: the spec that "
-            "hexctl.best_gait(spec) gives for it"
+            "hexctl.adapt.best.best_gait(spec) gives for it"
         )
     if time_s >= plan.duration_s:
         raise InputError(f"{argument('then')}: got {text!r}; allowed: before {plan.duration_s:g} s, the end")

@@ -39,7 +39,8 @@ def make_markdown(
         facts: anything else, a row each.
     """
     outcome = [PENDING] if result is None else _result_rows(result, stability)
-    rows = [*outcome, *_plan_rows(robot, plan), *_fact_rows(result, facts)]
+    controller = None if result is None else result.controller
+    rows = [*outcome, *_plan_rows(robot, plan, controller), *_fact_rows(result, facts)]
     return f"## {_cell(title)}\n\n{_table(rows)}\n"
 
 
@@ -121,14 +122,16 @@ def _slots_in_words(gait: Gait, failed_legs: tuple[int, ...]) -> str:
     return " ".join(map(str, gait.slots)) + ("" if code is None else f" (code {code})")
 
 
-def _plan_rows(robot: Robot, plan: TrialPlan) -> Iterator[Row]:
+def _plan_rows(robot: Robot, plan: TrialPlan, controller: str | None) -> Iterator[Row]:
     gait = plan.gait
     if plan.further_failures:
         yield "failed legs", ", ".join(f"{one.leg} ({one})" for one in plan.failures)
     elif plan.belief:
         yield "failed leg", f"{plan.belief.leg} ({plan.belief}), turned to: {plan.self_rotation}"
     yield "robot", robot.name
-    yield "gait", _slots_in_words(gait, plan.failed_legs)
+    if controller is not None:
+        yield "controller", controller
+    yield "gait" if controller is None else "gait of the plan", _slots_in_words(gait, plan.failed_legs)
     if plan.changes:
         texts = [
             f"{_slots_in_words(each.gait, plan.failed_legs)} at {each.at_s:g} s" for each in plan.changes

@@ -363,7 +363,7 @@ def serve(
     on_event: Callable[[str], None] = lambda _: None,
     **options: Any,
 ) -> None:
-    """Put a robot on the network, as `hexctl serve` does; also called as `hexctl.serve(...)`.
+    """Put a robot on the network, as `hexctl serve` does.
 
     Blocks until `stop_requested` returns True or a KeyboardInterrupt.
 

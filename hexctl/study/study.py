@@ -148,7 +148,7 @@ def study(
     progress: Progress | None = None,
     **options: Any,
 ) -> StudyResult:
-    """Repeat the paper's experiments, as `hexctl study` does; also called as `hexctl.study(...)`.
+    """Repeat the paper's experiments, as `hexctl study` does.
 
     Args:
         plan: the experiments; None for a plan of `robot`, `world` and `options`.

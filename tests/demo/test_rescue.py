@@ -6,7 +6,6 @@ from typing import Any
 
 import pytest
 
-import hexctl
 from hexctl.demo import rescue
 from hexctl.errors import InputError
 from hexctl.record.recorded_trial import LEG_CONDITIONS, read_trial
@@ -19,11 +18,11 @@ def told() -> list[Any]:
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory: Any, told: list[Any]) -> hexctl.DemoResult:
-    return hexctl.demo(budget=1, folder=tmp_path_factory.mktemp("demo") / "runs", on_walk=told.append)
+def result(tmp_path_factory: Any, told: list[Any]) -> rescue.DemoResult:
+    return rescue.demo(budget=1, folder=tmp_path_factory.mktemp("demo") / "runs", on_walk=told.append)
 
 
-def test_with_recovery_the_robot_keeps_its_speed_and_its_line(result: hexctl.DemoResult) -> None:
+def test_with_recovery_the_robot_keeps_its_speed_and_its_line(result: rescue.DemoResult) -> None:
     walked_on, recovered = result.walked_on, result.recovered
     assert walked_on is not None
     assert recovered is not None
@@ -36,7 +35,7 @@ def test_with_recovery_the_robot_keeps_its_speed_and_its_line(result: hexctl.Dem
     assert rescue.EVENT.at_s < noticed.at_s < rescue.EVENT.at_s + 2
 
 
-def test_both_walks_are_recorded_and_told(result: hexctl.DemoResult, told: list[RunResult]) -> None:
+def test_both_walks_are_recorded_and_told(result: rescue.DemoResult, told: list[RunResult]) -> None:
     assert told == [result.walked_on, result.recovered]
     assert [path.name for path in result.recordings] == ["walked-on.rrd", "recovered.rrd"]
     for path in result.recordings:
@@ -45,7 +44,7 @@ def test_both_walks_are_recorded_and_told(result: hexctl.DemoResult, told: list[
         assert LEG_CONDITIONS[conditions[-1]] == "failed"
 
 
-def test_the_search_is_that_of_the_leg_in_the_same_world(result: hexctl.DemoResult) -> None:
+def test_the_search_is_that_of_the_leg_in_the_same_world(result: rescue.DemoResult) -> None:
     assert result.adaptation is not None
     spec = result.adaptation.session.spec
     assert (spec.failed_leg, spec.failure, spec.world, spec.budget) == (5, "locked", result.world, 1)
@@ -53,14 +52,14 @@ def test_the_search_is_that_of_the_leg_in_the_same_world(result: hexctl.DemoResu
     assert not result.interrupted
 
 
-def test_the_picture_is_there_or_the_reason_is_said(result: hexctl.DemoResult) -> None:
+def test_the_picture_is_there_or_the_reason_is_said(result: rescue.DemoResult) -> None:
     assert (result.picture is None) is (result.no_picture is not None)
     if result.picture is not None:
         assert result.picture.parent == result.folder
         assert result.picture.stat().st_size < 3_000_000
 
 
-def test_the_result_is_plain_json(result: hexctl.DemoResult) -> None:
+def test_the_result_is_plain_json(result: rescue.DemoResult) -> None:
     told = json.loads(json.dumps(result.to_dict()))
     assert told["event"] == "5:locked@6.3"
     assert told["recovered"]["speed_kept"] > told["walked_on"]["speed_kept"]
@@ -70,7 +69,7 @@ def test_the_result_is_plain_json(result: hexctl.DemoResult) -> None:
 def test_a_stop_ends_it_after_the_walk(tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.setattr(rescue, "WALK_S", 7.0)
     asked = iter(range(10_000))
-    result = hexctl.demo(folder=tmp_path, stop_requested=lambda: next(asked) > 30)
+    result = rescue.demo(folder=tmp_path, stop_requested=lambda: next(asked) > 30)
     assert result.interrupted
     assert result.walked_on is not None
     assert (result.recovered, result.adaptation, result.picture) == (None, None, None)
@@ -80,22 +79,22 @@ def test_a_stop_ends_it_after_the_walk(tmp_path: Path, monkeypatch: Any) -> None
 def test_a_stop_between_the_walks_and_the_search_leaves_the_walks(tmp_path: Path, monkeypatch: Any) -> None:
     monkeypatch.setattr(rescue, "WALK_S", 7.0)
     told: list[RunResult] = []
-    result = hexctl.demo(folder=tmp_path, on_walk=told.append, stop_requested=lambda: len(told) == 2)
+    result = rescue.demo(folder=tmp_path, on_walk=told.append, stop_requested=lambda: len(told) == 2)
     assert result.interrupted
     assert [result.walked_on, result.recovered] == told
     assert (result.adaptation, result.picture) == (None, None)
 
 
 def test_a_second_demo_replaces_nothing(tmp_path: Path) -> None:
-    results = [hexctl.demo(folder=tmp_path, stop_requested=lambda: True) for _ in range(2)]
+    results = [rescue.demo(folder=tmp_path, stop_requested=lambda: True) for _ in range(2)]
     assert results[0].folder != results[1].folder
 
 
 def test_what_cannot_be_is_refused_before_anything_walks(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="budget: got 0"):
-        hexctl.demo(budget=0, folder=tmp_path)
+        rescue.demo(budget=0, folder=tmp_path)
     assert not list(tmp_path.iterdir())
     taken = tmp_path / "taken"
     taken.touch()
     with pytest.raises(InputError, match="taken is a file, not a folder; allowed: a folder"):
-        hexctl.demo(folder=taken)
+        rescue.demo(folder=taken)

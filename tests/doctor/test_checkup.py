@@ -11,7 +11,6 @@ from typing import Any
 
 import pytest
 
-import hexctl
 from hexctl.doctor import checkup, connections, drawing, machine, packages
 from hexctl.doctor.connections import Connections, Device, NetworkPort
 from hexctl.doctor.drawing import Drawing
@@ -21,17 +20,17 @@ FORBIDDEN = Device(path="/dev/ttyUSB0", name="USB", group="dialout", usable=Fals
 
 
 @pytest.fixture(scope="module")
-def here() -> hexctl.Checkup:
-    return hexctl.doctor()
+def here() -> checkup.Checkup:
+    return checkup.doctor()
 
 
 def works(monkeypatch: Any, **parts: Any) -> dict[str, str | None]:
     for name, part in parts.items():
         monkeypatch.setattr(checkup, name, lambda *_, part=part: part)
-    return hexctl.doctor().works
+    return checkup.doctor().works
 
 
-def test_it_is_plain_json_that_names_no_person(here: hexctl.Checkup) -> None:
+def test_it_is_plain_json_that_names_no_person(here: checkup.Checkup) -> None:
     text = json.dumps(here.to_dict())
     assert set(json.loads(text)) == {
         "machine",
@@ -45,7 +44,7 @@ def test_it_is_plain_json_that_names_no_person(here: hexctl.Checkup) -> None:
     assert str(Path.home()) == "/" or f"({Path.home()}/" not in text
 
 
-def test_the_computer_is_this_one(here: hexctl.Checkup) -> None:
+def test_the_computer_is_this_one(here: checkup.Checkup) -> None:
     assert here.machine.cores >= 1
     assert here.machine.late_ms >= 0
     assert here.packages.versions["numpy"]
@@ -54,7 +53,7 @@ def test_the_computer_is_this_one(here: hexctl.Checkup) -> None:
 
 def test_a_missing_package_is_named_with_its_extra(monkeypatch: Any) -> None:
     monkeypatch.setattr(packages, "version", missing_but("mujoco"))
-    told = hexctl.doctor().works
+    told = checkup.doctor().works
     assert told["simulate walks"] == 'needs mujoco: pip install "hexctl[sim]"'
     assert told["drive from a phone"] != told["simulate walks"]
 
@@ -69,7 +68,7 @@ def missing_but(gone: str) -> Any:
     return version
 
 
-def test_a_port_that_is_not_allowed_says_which_group(here: hexctl.Checkup, monkeypatch: Any) -> None:
+def test_a_port_that_is_not_allowed_says_which_group(here: checkup.Checkup, monkeypatch: Any) -> None:
     found = replace(here.connections, serial=(FORBIDDEN,))
     told = works(monkeypatch, read_connections=found)["servos on a serial port"]
     assert told == "not allowed for you: sudo usermod -aG dialout $USER, then log in again"
@@ -80,7 +79,7 @@ def test_a_port_that_is_not_allowed_says_which_group(here: hexctl.Checkup, monke
     assert "plugged in" in none
 
 
-def test_a_port_for_root_alone_proposes_no_group(here: hexctl.Checkup, monkeypatch: Any) -> None:
+def test_a_port_for_root_alone_proposes_no_group(here: checkup.Checkup, monkeypatch: Any) -> None:
     console = Device(path="/dev/ttyS0", name="", group="", usable=False)
     found = replace(here.connections, serial=(console,))
     told = works(monkeypatch, read_connections=found)["servos on a serial port"]
@@ -109,7 +108,7 @@ def test_the_group_of_a_device_is_one_that_may_use_it(
     assert connections._device("/dev/ttyS0").group == group
 
 
-def test_a_taken_port_no_renderer_and_a_full_disk(here: hexctl.Checkup, monkeypatch: Any) -> None:
+def test_a_taken_port_no_renderer_and_a_full_disk(here: checkup.Checkup, monkeypatch: Any) -> None:
     taken = NetworkPort(protocol="tcp", number=7447, use="hexctl serve", free=False)
     network: Connections = replace(here.connections, network=(taken,))
     full: Machine = replace(here.machine, disk_free_mb=40, realtime=False)
@@ -152,18 +151,18 @@ def test_a_port_is_taken_while_something_listens(protocol: str) -> None:
     assert connections._is_free(number, protocol)
 
 
-def test_the_computer_of_a_screen_is_not_named(here: hexctl.Checkup, monkeypatch: Any) -> None:
+def test_the_computer_of_a_screen_is_not_named(here: checkup.Checkup, monkeypatch: Any) -> None:
     parts = {name: getattr(here, name) for name in ("machine", "packages", "drawing", "connections")}
     for name, part in parts.items():
         monkeypatch.setattr(checkup, f"read_{name}", lambda *_, part=part: part)
     told = []
     for display in (":0", "alices-desk:10.0"):
         monkeypatch.setenv("DISPLAY", display)
-        told.append(hexctl.doctor().variables["DISPLAY"])
+        told.append(checkup.doctor().variables["DISPLAY"])
     assert told == [":0", "given:10.0"]
 
 
-def test_a_folder_that_cannot_be_written_has_no_room(here: hexctl.Checkup, monkeypatch: Any) -> None:
+def test_a_folder_that_cannot_be_written_has_no_room(here: checkup.Checkup, monkeypatch: Any) -> None:
     told = works(monkeypatch, read_machine=replace(here.machine, folder_writable=False))
     assert "folder for runs cannot be written" in str(told["room for recordings"])
 

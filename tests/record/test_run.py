@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl import RunSpec, best_gait, run
+from hexctl.adapt.best import best_gait
 from hexctl.backends.mock import MockServos
 from hexctl.backends.sim.world import World
 from hexctl.control.controllers import Stand
@@ -18,13 +18,14 @@ from hexctl.control.monitor.recovery import RecoveryPolicy, Response
 from hexctl.control.result import TrialResult
 from hexctl.errors import HexctlError, InputError, ReachError, WrongTypeError
 from hexctl.gait.gait import make_gait
-from hexctl.record.run import Run
-from hexctl.record.run_spec import plan_of, spec_of
+from hexctl.record.recorded_trial import read_trial
+from hexctl.record.run import Run, run
+from hexctl.record.run_spec import RunSpec, plan_of, spec_of
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_event import parse_failure_event, parse_healing
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
-from hexctl.types import RobotState
+from hexctl.types import FloatArray, RobotState
 from tests.control.posed import PosedMock
 from tests.robots import shipped
 
@@ -113,6 +114,42 @@ def test_another_controller_may_walk() -> None:
     stand = Stand(robot, robot.stance_angles_rad, 5, 20)
     done = run(controller=stand, **SHORT)
     assert abs(done.trial.distance_m or 0.0) < 0.01
+    assert (done.trial.controller, done.outcome["controller"], done.outcome["gait"]) == ("Stand",) * 2 + (
+        None,
+    )
+
+
+def crouch(step: int, _state: RobotState) -> FloatArray:
+    """Lifts all femurs slowly."""
+    angles_rad = shipped().stance_angles_rad.copy()
+    angles_rad[1::3] += min(0.2, 0.002 * step)
+    return angles_rad
+
+
+@pytest.mark.parametrize(("gait", "title"), [({}, "ant crouch"), ({"gait": "wave"}, "ant crouch wave")])
+def test_a_recording_of_a_custom_controller_has_its_name(
+    gait: dict[str, Any], title: str, tmp_path: Path
+) -> None:
+    done = run(controller=crouch, record_folder=tmp_path, duration_s=0.4, **gait)
+    assert done.recording is not None
+    assert done.recording.stem.endswith(title.replace("ant ", "ant_").replace(" ", "-"))
+    properties = read_trial(done.recording).properties
+    assert (properties["title"], properties["controller"]) == (title, "crouch")
+    assert ("gait" in properties) == bool(gait)
+    assert (done.outcome["gait"] or {}).get("name") == gait.get("gait")
+    assert TrialResult.from_dict(done.trial.to_dict()).controller == "crouch"
+
+
+def test_17_angles_end_a_run_with_the_number() -> None:
+    with pytest.raises(InputError, match=r"^controller: expected 18 joint angles, got 17"):
+        run(controller=lambda step, state: crouch(step, state)[:17], **SHORT)
+
+
+def test_a_walk_of_its_plan_names_no_controller() -> None:
+    done = run(gait="tripod", duration_s=0.2)
+    assert done.trial.controller is None
+    assert "controller" not in done.outcome
+    assert done.outcome["gait"]["name"] == "tripod"
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,8 @@ import sys
 from pathlib import Path
 
 BROKEN = '''
-from hexctl import MockServos, load_robot
+from hexctl import load_robot
+from hexctl.backends.mock import MockServos
 from hexctl.testing import LegServosConformance
 from tests.backends.fake_time import FakeTime
 

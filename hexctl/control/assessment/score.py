@@ -44,6 +44,7 @@ def score(
     true_positions_world: FloatArray | None = None,
     energy_j: float | None = None,
     noticed: tuple[NoticedFailure, ...] = (),
+    controller: str | None = None,
 ) -> TrialResult:
     """Result of a walk.
 
@@ -65,6 +66,7 @@ def score(
         true_positions_world: of a simulated robot, likewise; NaN or None where they are not known.
         energy_j: mechanical work of its actuators; None where it is not known.
         noticed: failures that its controller noticed.
+        controller: name of a custom controller, or None.
     """
     shown = int(np.isfinite(positions_world[:, 0]).sum())
     positions_world = _without_frozen(positions_world, np.stack(plane(positions_world), axis=-1), duration_s)
@@ -113,6 +115,7 @@ def score(
         trim_rad=plan.trim_rad if hold == "heading" else None,
         turn_trim_rad_s=plan.turn_trim_rad_s,
         noticed=noticed,
+        controller=controller,
     )
 
 

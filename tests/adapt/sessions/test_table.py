@@ -11,7 +11,7 @@ import hexctl
 from hexctl.adapt.adaptation import adapt
 from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.sessions.session import BaselineRecord
-from hexctl.adapt.sessions.store import SessionStore
+from hexctl.adapt.sessions.store import SessionStore, list_sessions
 from hexctl.adapt.sessions.table import ASKED_COLUMNS, LAST_COLUMNS, USUAL_COLUMNS, flat_rows
 from tests.adapt.sessions.test_store import record
 from tests.adapt.walking import SPEC, result_of
@@ -46,7 +46,7 @@ def test_every_trial_is_a_row(folder: Path) -> None:
     assert table.groupby("failed_leg").size().to_dict() == {2: 1, 5: 2}
     assert set(table["robot"]) == {"ant"}
     assert str(table["created"].dtype).startswith("datetime64")
-    sessions = {session.name: session for session in hexctl.list_sessions(folder)}
+    sessions = {session.name: session for session in list_sessions(folder)}
     for row in table.to_dict("records"):
         trial = sessions[row["session"]].trials[row["index"] - 1]
         assert row["slots"] == " ".join(map(str, trial.slots))

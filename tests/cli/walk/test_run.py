@@ -191,7 +191,7 @@ def test_servos_of_your_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "kit.py").write_text(
-        "from hexctl import MockServos\nclass KitServos(MockServos):\n    '''A kit.'''\n"
+        "from hexctl.backends.mock import MockServos\nclass KitServos(MockServos):\n    '''A kit.'''\n"
     )
     monkeypatch.syspath_prepend(tmp_path)
     outcome = run_json(capsys, "run", "--backend", "kit:KitServos", "--no-record", "--duration", "0.1")
@@ -412,7 +412,8 @@ def test_a_full_disk_costs_neither_the_walk_nor_its_result(tmp_path: Path) -> No
 
 
 CURRENT_FOLDER_KIT = """
-from hexctl import MockServos, WallClock
+from hexctl.backends.clock import WallClock
+from hexctl.backends.mock import MockServos
 
 
 class KitServos(MockServos):

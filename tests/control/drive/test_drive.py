@@ -5,8 +5,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from hexctl import Drive, Failure, Guard, MockServos, SimServos, Velocity
+from hexctl import Drive, Failure, Guard, SimServos, Velocity
 from hexctl.backends.base import ServosWrapper
+from hexctl.backends.mock import MockServos
 from hexctl.control.drive.drive_controller import DriveController
 from hexctl.control.log import Recorders
 from hexctl.errors import EStopError, InputError

@@ -1,0 +1,108 @@
+"""Custom controllers: a `Controller`, what makes one, or a plain function of step and state."""
+
+import inspect
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from hexctl.control.controllers import Controller
+from hexctl.control.preparation import WalkStart
+from hexctl.errors import check_type
+from hexctl.types import FloatArray, RobotState, as_joint_angles
+
+#: Makes the controller of a walk, once the robot stands ready: a class that takes a `WalkStart` is one.
+MakeController = Callable[[WalkStart], Controller]
+
+#: 18 joint angles in rad for a step and the robot's state.
+StepFunction = Callable[[int, RobotState], ArrayLike]
+
+#: What leads walks that are made when their robots stand ready, and what leads the walk of one robot.
+BatchController = MakeController | StepFunction
+CustomController = Controller | BatchController
+
+#: What a custom controller may be, for messages.
+CONTROLLERS = (
+    "a Controller, or a function or class that makes one of a WalkStart, "
+    "or a function of step and state that returns 18 joint angles"
+)
+
+
+class FunctionController(Controller):
+    """Walks by a function of step and state.
+
+    Args:
+        function: returns 18 joint angles in rad. In a batch of n robots it is given states with the leading
+            shape (n,), and may return angles for each robot, (n, 18), or the same for all.
+        batch_shape: leading shape of the states, as in `WalkStart`.
+    """
+
+    def __init__(self, function: StepFunction, batch_shape: tuple[int, ...] = ()) -> None:
+        self._function, self._batch_shape = function, batch_shape
+
+    def targets_rad(self, step: int, state: RobotState) -> FloatArray:
+        """What the function returns, leading shape + (18,)."""
+        angles_rad = as_joint_angles(self._function(step, state), "controller")
+        if angles_rad.ndim == 1 and self._batch_shape:
+            return np.tile(angles_rad, (*self._batch_shape, 1))
+        return angles_rad
+
+
+def check_controller(controller: object) -> None:
+    """Raise WrongTypeError for what cannot be a custom controller; None is none."""
+    if not isinstance(controller, Controller | None) and _argument_count(controller) is None:
+        check_type(controller, Controller, "controller", CONTROLLERS)
+
+
+def made_controller(controller: CustomController, start: WalkStart) -> Controller:
+    """The controller given, the one made for a robot that stands ready, or a function as a controller.
+
+    Raises WrongTypeError for anything else.
+    """
+    made: Any = controller
+    if not isinstance(made, Controller) and _argument_count(made) == 1:
+        made = made(start)
+    if not isinstance(made, Controller) and _argument_count(made) == 2:
+        made = FunctionController(made, start.batch_shape)
+    check_type(made, Controller, "controller", CONTROLLERS)
+    assert isinstance(made, Controller)  # noqa: S101  checked
+    return made
+
+
+def controller_name(controller: object) -> str | None:
+    """Name of a custom controller in results and recordings: of its function or class.
+
+    None for the walk of a plan, which the functions of hexctl make.
+    """
+    if controller is None:
+        return None
+    if isinstance(controller, partial):
+        return controller_name(controller.func)
+    if isinstance(controller, type) or not hasattr(controller, "__name__"):
+        return (controller if isinstance(controller, type) else type(controller)).__name__
+    own = str(getattr(controller, "__module__", "")).startswith("hexctl.")
+    return None if own else str(controller.__name__).strip("<>")
+
+
+def _argument_count(function: object) -> int | None:
+    """How many positional arguments a function takes, 1 or 2; None for anything else.
+
+    One that takes both counts as 1, and so does a built-in function whose arguments Python does not know.
+    """
+    if not callable(function):
+        return None
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):
+        return 1
+    return next((count for count in (1, 2) if _fits(signature, count)), None)
+
+
+def _fits(signature: inspect.Signature, count: int) -> bool:
+    try:
+        signature.bind(*range(count))
+    except TypeError:
+        return False
+    return True
