@@ -69,7 +69,9 @@ COMMANDS = {
         ROBOT,
         "Check a robot file: can the robot walk a gait, in reach, angles, speeds, torques and servo pulses.",
     ),
-    "robot": Command("hexctl.cli.robot", ROBOT, "Make robot files."),
+    "robot": Command("hexctl.cli.robot", ROBOT, "List the shipped robots, and make robot files."),
+    "gaits": Command("hexctl.cli.lists", ROBOT, "List the gaits that have names."),
+    "worlds": Command("hexctl.cli.lists", ROBOT, "List the simulated worlds that are shipped."),
     "diagnose": Command(
         "hexctl.cli.walk.diagnose",
         ROBOT,

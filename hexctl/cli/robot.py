@@ -1,19 +1,58 @@
-"""`hexctl robot`: robot files from descriptions that others wrote."""
+"""`hexctl robot`: the shipped robots, and new robot files."""
 
+import json
 import math
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
+from hexctl.cli import completion
 from hexctl.cli.console import print_note, print_result
+from hexctl.cli.options.output import JsonOption
 from hexctl.cli.settings import Commands
 from hexctl.cli.values import choice, listed
 from hexctl.errors import InputError
 
-robot = Commands(help="Make robot files.", no_args_is_help=True)
+robot = Commands(help="List the shipped robots, and make robot files.", no_args_is_help=True)
 
 Forward = Literal["x", "y", "-x", "-y"]
+
+
+@robot.command("list")
+def list_robots(as_json: JsonOption = False) -> None:
+    """List the shipped robots."""
+    from hexctl.cli.render.tables import label_table
+    from hexctl.robot.configs import config_names, find_config, read_mapping
+
+    texts = {
+        name: str(read_mapping(find_config("robots", name))["description"]) for name in config_names("robots")
+    }
+    if as_json:
+        print_result(json.dumps(texts))
+        return
+    print_result(
+        label_table(texts.items()), "", "next: hexctl robot copy NAME FILE, to change one for your robot"
+    )
+
+
+@robot.command("copy")
+def copy_robot(
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="NAME",
+            autocompletion=completion.robots,
+            help="Shipped robot, as hexctl robot list has it.",
+        ),
+    ],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="New robot file, .yaml.")],
+) -> None:
+    """Copy a shipped robot file, to change it for your own robot."""
+    from hexctl.robot.configs import find_config
+
+    _write_new(file, find_config("robots", name).read_text(encoding="utf-8"), "FILE")
+    print_result(f"{file}", f"next: change its name and values, then hexctl check --robot {file}")
 
 
 @robot.command("import")
@@ -44,22 +83,32 @@ def import_robot(
     """Make a robot file of a URDF with six legs of three hinges."""
     from hexctl.robot.formats.urdf_import import import_urdf
 
-    if output.suffix not in (".yaml", ".yml"):
-        raise InputError(f"--output: got {output}; allowed: a name that ends in .yaml")
+    _check_yaml(output, "--output")
     imported = import_urdf(urdf, name=name, foot_m=_point(foot), forward=forward)
-    try:
-        with output.open("x", encoding="utf-8") as file:
-            file.write(imported.text)
-    except FileExistsError:
-        raise InputError(f"--output: {output} exists; allowed: a new file, nothing is replaced") from None
-    except OSError as error:
-        raise InputError(f"--output: {output} cannot be written ({error.strerror})") from error
+    _write_new(output, imported.text, "--output")
     for note in imported.notes:
         print_note(f"hexctl: {note}")
     lines = [f"{output}"]
     if imported.unknown:
         lines.append(f"to measure: {', '.join(imported.unknown)}")
     print_result("\n".join([*lines, f"next: hexctl check --robot {output}"]))
+
+
+def _check_yaml(path: Path, option: str) -> None:
+    if path.suffix not in (".yaml", ".yml"):
+        raise InputError(f"{option}: got {path}; allowed: a name that ends in .yaml")
+
+
+def _write_new(path: Path, text: str, option: str) -> None:
+    """Write a new YAML file; raises InputError for another suffix, a file that exists, or a refusing disk."""
+    _check_yaml(path, option)
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        raise InputError(f"{option}: {path} exists; allowed: a new file, nothing is replaced") from None
+    except OSError as error:
+        raise InputError(f"{option}: {path} cannot be written ({error.strerror})") from error
 
 
 def _point(text: str | None) -> tuple[float, float, float] | None:

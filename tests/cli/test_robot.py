@@ -1,9 +1,13 @@
-"""`hexctl robot import`: a robot file from the command line."""
+"""`hexctl robot`, `gaits` and `worlds`: what is shipped, and robot files from the command line."""
 
+import json
 from pathlib import Path
 from typing import Any
 
+from hexctl.backends.sim.world import load_world
 from hexctl.cli.main import exit_code
+from hexctl.gait.gait import make_gait
+from hexctl.robot.configs import config_names
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.loader import load_robot
 from tests.robots import shipped
@@ -46,3 +50,26 @@ def test_what_is_wrong_is_told_in_one_line(tmp_path: Path, capsys: Any) -> None:
         assert error.startswith(f"hexctl: {told}"), error
         assert error.count("\n") == 1
     assert sorted(path.name for path in tmp_path.iterdir()) == ["ant.urdf"]
+
+
+def test_shipped_robots_are_listed_and_copied(tmp_path: Path, capsys: Any) -> None:
+    assert exit_code(["robot", "list", "--json"]) == 0
+    names = json.loads(capsys.readouterr().out)
+    assert set(names) == set(config_names("robots"))
+    mine = tmp_path / "mine.yaml"
+    for code in (0, 2):  # nothing is replaced
+        assert exit_code(["robot", "copy", "Pexod", str(mine)]) == code
+        assert load_robot(mine).fingerprint == load_robot("pexod").fingerprint
+    assert "FILE: " in capsys.readouterr().err
+    assert exit_code(["robot", "copy", "mars", str(tmp_path / "other.yaml")]) == 2
+    assert not (tmp_path / "other.yaml").exists()
+
+
+def test_names_of_gaits_and_worlds_are_those_that_options_take(capsys: Any) -> None:
+    assert exit_code(["gaits", "--json"]) == 0
+    for name, slots in json.loads(capsys.readouterr().out).items():
+        assert list(make_gait(shipped(), name).slots) == slots
+    assert exit_code(["worlds", "--json"]) == 0
+    for name, text in json.loads(capsys.readouterr().out).items():
+        assert load_world(name.replace("NUMBER", "3")) is not None
+        assert text.endswith(".")
