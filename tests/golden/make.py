@@ -37,7 +37,7 @@ def hexctl(folder: Path, line: str, *, json_: bool = True) -> Any:
 
 
 def make_sessions(folder: Path) -> None:
-    """Walk sessions and keep them; only for sessions of another form: those of before must stay readable."""
+    """Walk sessions and keep them; only for sessions of another form."""
     sessions.place_prior(folder)
     sessions.STORE.unlink(missing_ok=True)
     for name, (options, trials_kept) in sessions.BEGUN.items():
