@@ -168,7 +168,7 @@ WRONG: dict[str, tuple[Callable[[], Any], str]] = {
     ),
     "trial: one recorder": (
         lambda: api.run_trial(rooms.MockServos("ant"), PLAN, None, rooms.TickLog()),
-        "recorders: got <hexctl.control.log.TickLog",
+        "recorders: got TickLog(0 ticks",
     ),
     "sim trial: robot": (
         lambda: api.SimTrial(robot=5, plan=PLAN, failure=None),

@@ -13,11 +13,11 @@ from hexctl.control.preparation import WalkStart
 from hexctl.errors import check_type
 from hexctl.types import FloatArray, RobotState, as_joint_angles
 
-#: Makes the controller of a walk, once the robot stands ready: a class that takes a `WalkStart` is one.
-MakeController = Callable[[WalkStart], Controller]
-
 #: 18 joint angles in rad for a step and the robot's state.
 StepFunction = Callable[[int, RobotState], ArrayLike]
+
+#: Makes the controller of a walk, once the robot stands ready: a class that takes a `WalkStart` is one.
+MakeController = Callable[[WalkStart], Controller | StepFunction]
 
 #: What leads walks that are made when their robots stand ready, and what leads the walk of one robot.
 BatchController = MakeController | StepFunction

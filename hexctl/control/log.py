@@ -11,8 +11,9 @@ from hexctl.backends.clock import Tick
 from hexctl.control.controllers import Controller
 from hexctl.control.row_store import Column, RowStore
 from hexctl.control.servo_rows import ServoRows
+from hexctl.control.tick_columns import joint_columns, tick_columns
 from hexctl.control.trace import PHASES, TrialFrame
-from hexctl.errors import InputError, check_type
+from hexctl.errors import InputError, MissingExtraError, check_type
 from hexctl.robot.failure import Failure
 from hexctl.types import N_JOINTS, N_LEGS, FloatArray, JointTargets, RobotState
 
@@ -32,6 +33,8 @@ COLUMNS: tuple[Column, ...] = (
     ("velocity_body", 3, float),
     ("leg_suspicion", N_LEGS, float),
 )
+
+_NAMES = tuple(name for name, _, _ in COLUMNS)
 
 #: Ticks of a block in a walk that runs ahead of time: a second.
 BLOCK_TICKS = 50
@@ -69,10 +72,27 @@ class LegChange:
 class TickLog:
     """Rows of all ticks of a trial so far; those of the last minutes are in memory.
 
-    `log[name]` gives all rows of a column of `COLUMNS`; positions, orientations and torques are NaN where the
-    robot did not know them, the commanded velocity (forward, left in m/s, turn in rad/s) is NaN where the
-    walk is not steered, and the evidence against each leg (`leg_suspicion`, an alarm at 1) where legs are not
-    watched. Given to `run_trial` as a recorder it is filled tick by tick.
+    `log[name]` gives a column for all T ticks, and `to_frame` a table of pandas. The columns are
+
+    | name | shape | value |
+    |---|---|---|
+    | `time_s` | (T,) | time of the tick, on the clock of the servos |
+    | `late_s` | (T,) | how much later than planned the tick began |
+    | `work_s` | (T,) | how long its work took |
+    | `phase` | (T,) | index in `hexctl.control.trace.PHASES` |
+    | `measured_rad` | (T, 18) | joint angles that the robot reported |
+    | `wanted_rad` | (T, 18) | joint angles that the controller returned |
+    | `sent_rad` | (T, 18) | joint angles that the guard let pass |
+    | `base_position_world` | (T, 3) | position of the body in m |
+    | `base_quaternion_world` | (T, 4) | its orientation as w, x, y, z |
+    | `foot_contacts` | (T, 6) | which feet touch the floor; False if it is not measured |
+    | `joint_torques_nm` | (T, 18) | torques of the actuators |
+    | `velocity_body` | (T, 3) | commanded velocity: forward and left in m/s, turn in rad/s |
+    | `leg_suspicion` | (T, 6) | evidence against each leg, an alarm at 1 |
+
+    What is not known is NaN: a pose or torques that the robot does not measure, a velocity in a walk that is
+    not steered, evidence in a walk that does not watch its legs. Given to `run_trial` as a recorder, a log is
+    filled tick by tick.
 
     Attributes:
         controller: walks the next ticks, where it is known.
@@ -107,8 +127,50 @@ class TickLog:
         return len(self._rows)
 
     def __getitem__(self, name: str) -> Any:
-        """All rows of a column."""
+        """All rows of a column; raises KeyError with the names that there are."""
+        if name not in _NAMES:
+            raise KeyError(f"{name}; allowed: {', '.join(_NAMES)}")
         return self._rows.rows(name, 0, len(self))
+
+    def __repr__(self) -> str:
+        times_s = self["time_s"]
+        lasted_s = float(times_s[-1] - times_s[0]) if len(self) else 0.0
+        return f"TickLog({len(self)} ticks, {lasted_s:.2f} s)"
+
+    def to_frame(self) -> Any:
+        """The log as a `pandas.DataFrame`, a row per tick.
+
+        Columns have the names of exported CSV and Parquet files: `time_s` since the first tick, `walk_s`
+        since the walk began (0 before it), `phase` in words, and for each joint `commanded_leg1_coxa_rad`
+        (sent), `measured_..._rad` and `torque_..._nm`. Body and legs have `base_x_m`, `base_qw`,
+        `contact_leg1`, `suspicion_leg1` and `commanded_forward_m_s`. Further columns are `wanted_..._rad`,
+        what the controller returned before the guard, `late_s` and `work_s`. What is not known is NaN.
+
+        Raises MissingExtraError without pandas (extra `data`).
+        """
+        try:
+            import pandas
+        except ModuleNotFoundError as error:
+            raise MissingExtraError("a data frame", "data") from error
+        time_s, contacts = self["time_s"], self["foot_contacts"]
+        walk_s = np.zeros(len(self))
+        if self.walk_from is not None:
+            walk_s = np.maximum(0.0, time_s - time_s[self.walk_from])
+        columns = tick_columns(
+            time_s=time_s - time_s[:1],
+            walk_s=walk_s,
+            phases=self["phase"],
+            commanded_rad=self["sent_rad"],
+            measured_rad=self["measured_rad"],
+            base_position_world=self["base_position_world"],
+            base_quaternion_world=self["base_quaternion_world"],
+            foot_contacts=contacts if self.contacts_known or contacts.any() else None,
+            torques_nm=self["joint_torques_nm"],
+            velocity_body=self["velocity_body"],
+            leg_suspicion=self["leg_suspicion"],
+        )
+        columns |= joint_columns("wanted", "rad", self["wanted_rad"])
+        return pandas.DataFrame({**columns, "late_s": self["late_s"], "work_s": self["work_s"]})
 
     def rows(self, name: str, start: int, stop: int) -> Any:
         """Rows [start, stop) of a column."""

@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike
 from hexctl.errors import check_type
 from hexctl.ik.legs import foot_positions_body, solve_legs_within_limits
 from hexctl.robot.model import Robot
-from hexctl.types import N_LEGS, FloatArray, as_joint_angles, as_numbers
+from hexctl.types import N_LEGS, FloatArray, as_joint_angles, as_numbers, check_finite
 
 #: What the functions here take as a robot, for messages.
 _A_ROBOT = "a Robot, as load_robot('ant') gives"
@@ -38,13 +38,13 @@ def joint_angles_of_feet(robot: Robot, feet_body: ArrayLike) -> FloatArray:
     return solve_legs_within_limits(robot, as_numbers(feet_body, (N_LEGS, 3), "feet_body"))
 
 
-def feet_of_joint_angles(robot: Robot, joint_angles_rad: ArrayLike) -> FloatArray:
+def feet_of_joint_angles(robot: Robot, joint_positions_rad: ArrayLike) -> FloatArray:
     """Positions of the feet in the body frame at joint angles (forward kinematics).
 
     Args:
         robot: whose legs.
-        joint_angles_rad: angles in rad, leading shape + (18,), in the order of `joint_angles_of_feet`. They
-            may be outside the ranges of the joints.
+        joint_positions_rad: angles in rad, leading shape + (18,), in the order that `joint_angles_of_feet`
+            returns. They may be outside the ranges of the joints.
 
     Returns:
         Centres of the feet of legs 1 to 6 in m, leading shape + (6, 3).
@@ -54,5 +54,6 @@ def feet_of_joint_angles(robot: Robot, joint_angles_rad: ArrayLike) -> FloatArra
         WrongTypeError: an argument has a wrong type.
     """
     check_type(robot, Robot, "robot", _A_ROBOT)
-    angles_rad = as_joint_angles(joint_angles_rad, "joint_angles_rad")
-    return foot_positions_body(robot, as_numbers(angles_rad, angles_rad.shape[-1:], "joint_angles_rad"))
+    angles_rad = as_joint_angles(joint_positions_rad, "joint_positions_rad")
+    check_finite(angles_rad, angles_rad.shape, "joint_positions_rad")
+    return foot_positions_body(robot, angles_rad)

@@ -1,5 +1,6 @@
 """The log of a trial: every tick is kept, handed on once and in order."""
 
+import sys
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,8 @@ from hexctl.backends.clock import Tick
 from hexctl.control.log import Recorders, TickLog
 from hexctl.control.row_store import CHUNK_ROWS
 from hexctl.control.trace import PHASES
-from hexctl.errors import InputError
-from hexctl.types import JointTargets, RobotState
+from hexctl.errors import InputError, MissingExtraError
+from hexctl.types import JOINT_NAMES, JointTargets, RobotState
 from tests.recorders import Calling
 
 
@@ -188,3 +189,46 @@ def test_a_log_is_not_changed_by_what_happens_to_the_messages_later() -> None:
     assert (log["measured_rad"] == 0).all()
     assert (log["wanted_rad"] == 0).all()
     assert (log["sent_rad"] == 0).all()
+
+
+def test_a_frame_has_a_row_per_tick_and_a_column_per_joint() -> None:
+    log = TickLog()
+    for index in range(4):
+        log.phase = PHASES[0] if index < 2 else "walk"
+        _record(log, index + 10, posed=index != 1)
+    frame = log.to_frame()
+    assert frame["time_s"].tolist() == pytest.approx([0.0, 0.02, 0.04, 0.06])
+    assert frame["walk_s"].tolist() == pytest.approx([0.0, 0.0, 0.0, 0.02])
+    assert frame["phase"].tolist() == [PHASES[0]] * 2 + ["walk"] * 2
+    for column, name in (("measured_rad", "measured"), ("sent_rad", "commanded"), ("wanted_rad", "wanted")):
+        for joint in ("leg1_coxa", "leg4_tibia"):
+            place = JOINT_NAMES.index(joint)
+            np.testing.assert_array_equal(frame[f"{name}_{joint}_rad"], log[column][:, place])
+    assert frame["base_y_m"].isna().tolist() == [False, True, False, False]
+    assert frame["contact_leg6"].tolist() == [(index + 10) % 6 == 5 for index in range(4)]
+    assert frame["torque_leg2_femur_nm"].isna().all()
+    assert repr(log) == "TickLog(4 ticks, 0.06 s)"
+
+
+def test_a_frame_of_an_empty_log_has_all_columns() -> None:
+    log = TickLog()
+    _record(log, 0)
+    assert list(TickLog().to_frame().columns) == list(log.to_frame().columns)
+    assert len(TickLog().to_frame()) == 0
+
+
+def test_contacts_that_are_not_measured_are_empty_in_a_frame() -> None:
+    log, stance = TickLog(), np.zeros(18)
+    log.record(Tick(1, 0.02), RobotState(stance, 0.0, True), stance, JointTargets(stance, 0.02))
+    assert log.to_frame()["contact_leg3"].isna().all()
+
+
+def test_a_frame_without_pandas_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(MissingExtraError, match=r"hexctl\[data\]"):
+        TickLog().to_frame()
+
+
+def test_an_unknown_column_is_answered_with_the_known_ones() -> None:
+    with pytest.raises(KeyError, match=r"measured; allowed: time_s, .*measured_rad"):
+        TickLog()["measured"]

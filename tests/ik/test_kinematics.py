@@ -57,7 +57,7 @@ def test_a_joint_out_of_its_range_names_leg_and_joint() -> None:
         (lambda robot: api.joint_angles_of_feet("ant", robot.stance_feet_body), "robot: got 'ant'"),
         (lambda robot: api.joint_angles_of_feet(robot, "far"), "feet_body: got 'far'"),
         (lambda robot: api.joint_angles_of_feet(robot, [[0.1, 0.2], [0.3]]), "feet_body: got "),
-        (lambda robot: api.feet_of_joint_angles(robot, None), "joint_angles_rad: got None"),
+        (lambda robot: api.feet_of_joint_angles(robot, None), "joint_positions_rad: got None"),
     ],
     ids=["robot", "text", "rows of different lengths", "none"],
 )
@@ -74,5 +74,5 @@ def test_feet_of_another_shape_or_without_numbers_are_refused(feet: Any) -> None
 
 @pytest.mark.parametrize("angles", [np.zeros(17), np.zeros((18, 2)), [0.0] * 17 + [np.inf], 0.4])
 def test_other_than_18_finite_angles_are_refused(angles: Any) -> None:
-    with pytest.raises(hexctl.InputError, match=r"^joint_angles_rad: "):
+    with pytest.raises(hexctl.InputError, match=r"^joint_positions_rad: "):
         hexctl.feet_of_joint_angles(shipped(), angles)

@@ -175,7 +175,7 @@ class SessionSpec:
         return asdict(self)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class WalkRecord:
     """A walk of a session, as it is stored.
 
@@ -214,6 +214,21 @@ class WalkRecord:
         """Whether the walk counts."""
         return self.score < INVALID_SCORE
 
+    def __repr__(self) -> str:
+        return self._in_words()
+
+    def _in_words(self, *names: str) -> str:
+        """Names of the walk, its gait, and what came of it, on one line."""
+        distance_m = self.outcome.get("distance_m")
+        facts = [
+            *names,
+            f"slots {','.join(map(str, self.slots))}",
+            str(self.outcome.get("status")),
+            *([f"score {self.score:.4g}"] if self.valid else []),
+            *([] if distance_m is None else [f"distance {distance_m:.3f} m"]),
+        ]
+        return f"{type(self).__name__}({', '.join(facts)})"
+
     def recording_in(self, folder: Path) -> Path | None:
         """Its recording in the folder of its session, there or not; None where it was not recorded.
 
@@ -236,7 +251,7 @@ class WalkRecord:
         }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class TrialRecord(WalkRecord):
     """One trial of a session, a `WalkRecord` with more.
 
@@ -251,6 +266,9 @@ class TrialRecord(WalkRecord):
     code: int
     confirms: bool = False
     expected: dict[str, Any] | None = None
+
+    def __repr__(self) -> str:
+        return self._in_words(f"trial {self.index}", f"code {self.code}")
 
     def as_json(self) -> dict[str, Any]:
         """The trial as `hexctl adapt --json` prints it."""
@@ -274,7 +292,7 @@ BASELINE_GAITS = (AUTO, "demo", "tripod")
 BASELINE_INDEX = 0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class BaselineRecord(WalkRecord):
     """A `WalkRecord` of a gait that the robot would use anyway; no trial, and no optimizer is told of it.
 
@@ -285,6 +303,9 @@ class BaselineRecord(WalkRecord):
 
     gait: str
     code: int | None
+
+    def __repr__(self) -> str:
+        return self._in_words(self.gait)
 
     def as_json(self) -> dict[str, Any]:
         """The walk as `hexctl adapt --json` prints it."""
@@ -299,7 +320,7 @@ class BaselineRecord(WalkRecord):
         }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class ConfirmationRecord(WalkRecord):
     """A `WalkRecord` of a gait at a finer time step, in the same world; no trial.
 

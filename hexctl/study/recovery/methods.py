@@ -10,6 +10,7 @@ import numpy as np
 
 from hexctl.control.batch import SimTrial
 from hexctl.control.controllers import Controller
+from hexctl.control.custom_controller import StepFunction
 from hexctl.control.monitor.monitored_walk import recovering_walk
 from hexctl.control.monitor.recovery import GlideToStableGait, RecoveryPolicy, WalkOn
 from hexctl.control.plan import TrialPlan
@@ -88,8 +89,10 @@ class RecoveryMethod(ABC):
         return 0
 
     @abstractmethod
-    def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
-        """Controller of a batch of walks.
+    def controller(
+        self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]
+    ) -> Controller | StepFunction:
+        """Controller of a batch of walks, or a function of step and state that returns joint angles.
 
         Args:
             start: the robots, ready to walk.

@@ -6,6 +6,7 @@ from typing import Any
 
 from hexctl.control.batch import run_sim_trials
 from hexctl.control.controllers import Controller
+from hexctl.control.custom_controller import StepFunction
 from hexctl.control.preparation import WalkStart
 from hexctl.control.result import STATUSES
 from hexctl.study.landscapes.cache import LandscapeCache
@@ -24,7 +25,7 @@ def walk_episodes(
     method = method_of(cases[0].method).prepared(trials, threads)
     to_come = {id(trial.plan): trial.events for trial in trials}
 
-    def make(start: WalkStart) -> Controller:
+    def make(start: WalkStart) -> Controller | StepFunction:
         return method.controller(start, [to_come[id(plan)] for plan in start.plans])
 
     results = run_sim_trials(trials, threads, make, apart=True)

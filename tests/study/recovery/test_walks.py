@@ -3,15 +3,19 @@
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from hexctl.control.batch import run_sim_trial
+from hexctl.control.custom_controller import StepFunction
 from hexctl.control.monitor.monitored_walk import recovering_walk
 from hexctl.control.monitor.repertoire_store import save_repertoire
+from hexctl.control.preparation import WalkStart
 from hexctl.study.landscapes.cache import CacheError, LandscapeCache
 from hexctl.study.landscapes.evaluate import Silent
 from hexctl.study.recovery.episodes import RecoveryCase, RecoveryConditions
+from hexctl.study.recovery.methods import RecoveryMethod
 from hexctl.study.recovery.walks import EpisodeCache, walk_all, walk_episodes
 from tests.control.monitor.repertoires import made_up
 from tests.study.recovery.made_up import episode, plan
@@ -34,6 +38,19 @@ def case(method: str, *legs: int, at_s: float = 2.0) -> RecoveryCase:
 WALKED: list[tuple[RecoveryConditions, list[RecoveryCase]]] = [
     (PLACE, [case("nothing"), *(case(method, 2) for method in ("nothing", "told", "recover"))])
 ]
+
+
+class Still(RecoveryMethod):
+    """A custom method whose controller is a function: the robots keep their stance."""
+
+    def controller(self, start: WalkStart, to_come: Any) -> StepFunction:
+        return lambda _step, _state: start.robot.stance_angles_rad
+
+
+def test_a_custom_method_may_lead_its_walks_by_a_function() -> None:
+    (one,) = walk_episodes(replace(PLACE, duration_s=2.5), [case(f"{__name__}:Still", 2, at_s=1.0)])
+    assert one.case.method.endswith(":Still")
+    assert abs(one.signed_m or 0.0) < 0.05
 
 
 class Counting(Silent):
