@@ -352,6 +352,7 @@ def _search(
 ) -> "AdaptationResult | int":
     """Run an adaptation; its result, or the exit code where there is none."""
     from hexctl.adapt.runner import NotBegunError, RobotStoppedError
+    from hexctl.adapt.sessions.rows import StoreError
     from hexctl.cli.prompts import TrialPrompt
     from hexctl.cli.render.adapt import SessionTable, after_stop
 
@@ -383,6 +384,10 @@ def _search(
         except NotBegunError as error:
             _note(str(error))
             return INTERRUPTED
+        except (InputError, StoreError) as error:
+            if not begun:
+                raise
+            raise type(error)(f"{in_flags(error)}; {_what_is_left(begun)}") from error.__cause__ or error
         except KeyboardInterrupt:
             _note(f"interrupted without a soft stop; {_what_is_left(begun)}")
             return INTERRUPTED

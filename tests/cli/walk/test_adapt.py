@@ -399,22 +399,42 @@ import resource, signal, sys
 from hexctl.cli.main import exit_code
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (120_000, 120_000))
-words = "adapt --failed-leg 5 --budget 60 --duration 2.5 --prior none --no-record"
-sys.exit(exit_code(words.split()))
+words = "adapt --failed-leg 5 --budget 60 --duration 2.5 --prior none"
+sys.exit(exit_code([*words.split(), *sys.argv[1:]]))
 """
 
 
 def test_a_full_disk_ends_in_one_line_and_loses_no_kept_trial(capsys: pytest.CaptureFixture[str]) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", FULL_DISK], capture_output=True, text=True, timeout=PATIENCE_S, check=False
-    )
+    done = _adapt_on_a_small_disk("--no-record")
     assert done.returncode == 3, done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert "cannot be stored" in done.stderr
+    (session,) = list_sessions()
+    assert done.stderr.endswith(f"continue with: hexctl adapt --resume {session.name}\n")
     walked = [line for line in done.stdout.splitlines() if line.endswith("  ok") or "no_progress" in line]
     shown = [line for line in walked if not line.startswith("   0 ")]
     (listed,) = run_json(capsys, "sessions", "list")
     assert listed["trials"] == len(shown) > 0
+
+
+def _adapt_on_a_small_disk(*options: str) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        [sys.executable, "-c", FULL_DISK, *options],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+
+
+def test_a_disk_without_room_for_a_recording_says_how_to_go_on(capsys: pytest.CaptureFixture[str]) -> None:
+    done = _adapt_on_a_small_disk("--json")
+    assert done.returncode == 3, done.stderr
+    assert "--record" not in done.stderr.replace("--no-record", "")
+    name = json.loads(done.stdout)["session"]
+    assert done.stderr.endswith(f"continue with: hexctl adapt --resume {name}\n")
+    goes_on = run_json(capsys, "adapt", "--resume", name, "--budget", "1", "--no-record")
+    assert len(goes_on["trials"]) == 1
 
 
 def test_the_trials_that_no_other_beats(capsys: pytest.CaptureFixture[str]) -> None:
