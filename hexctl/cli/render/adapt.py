@@ -18,7 +18,8 @@ from hexctl.adapt.optimizers.bayes import SURE
 from hexctl.adapt.optimizers.shipped import TRIM
 from hexctl.adapt.progress import SearchBar
 from hexctl.adapt.runner import LegFailedError
-from hexctl.adapt.sessions.recommendation import Contender, contenders, recommended, straightest_baseline
+from hexctl.adapt.sessions.comparison import scores_without_search
+from hexctl.adapt.sessions.recommendation import Contender, recommended, straightest_baseline
 from hexctl.adapt.sessions.session import (
     BASELINE_INDEX,
     BaselineRecord,
@@ -375,10 +376,10 @@ def _baseline_lines(session: Session, found: Contender | None) -> list[str]:
     """What the gaits that need no search made of it, and what the search gains; none without them."""
     if not session.baseline:
         return []
-    known = {one.walk.slots: one.score for one in contenders(session) if not one.searched}
+    known = scores_without_search(session)
     unit, scale = ("cm", 100.0) if session.spec.objective_unit == "m" else (session.spec.objective_unit, 1.0)
     ends = (
-        f"{scale * known.get(walk.slots, walk.score):.1f}" if walk.valid else _status(walk)
+        f"{scale * known.get(walk.gait, walk.score):.1f}" if walk.valid else _status(walk)
         for walk in session.baseline
     )
     unit = unit if any(walk.valid for walk in session.baseline) else ""
