@@ -57,13 +57,15 @@ def is_folder(path: Path) -> bool:
         return False
 
 
+def file_instead(folder: Path) -> str | None:
+    """`runs is a file, not a folder`, if that is so of a folder or one above it; else None."""
+    file = next((one for one in (folder, *folder.parents) if is_file(one)), None)
+    return None if file is None else f"{file} is a file, not a folder"
+
+
 def folder_trouble(folder: Path, error: OSError) -> str:
     """Why a folder cannot be made or used: `runs is a file, not a folder`."""
-    if isinstance(error, FileExistsError | NotADirectoryError):
-        file = next((one for one in (folder, *folder.parents) if is_file(one)), None)
-        if file is not None:
-            return f"{file} is a file, not a folder"
-    return f"{folder}/: cannot be used ({error.strerror})"
+    return file_instead(folder) or f"{folder}/: cannot be used ({error.strerror})"
 
 
 def read_file(path: Path, most_bytes: int) -> bytes:

@@ -17,6 +17,7 @@ from typing import Any, Self
 from urllib.parse import quote, unquote, urlencode
 
 from hexctl.errors import InputError, RecordingError
+from hexctl.files import file_instead
 from hexctl.record.rerun_program import check_sound, viewer_binary
 
 #: How an .rrd file begins.
@@ -59,8 +60,10 @@ def newest_recording(folder: Path, *, leave_out: str | None = None) -> Path:
         folder: where to look.
         leave_out: a file name that does not count.
 
-    Raises InputError when there is none.
+    Raises InputError when there is none, or a file in place of the folder.
     """
+    if (instead := file_instead(folder)) is not None:
+        raise InputError(f"{instead}; allowed: a folder of recordings")
     found = [path for path in folder.rglob("*.rrd") if path.is_file() and path.name != leave_out]
     if not found:
         raise InputError(f"no recording (*.rrd) under {folder}; hexctl run writes one")

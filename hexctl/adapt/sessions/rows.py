@@ -11,6 +11,7 @@ from typing import Any
 from hexctl.adapt.sessions.session import Session
 from hexctl.adapt.sessions.stored import stored_session
 from hexctl.errors import HexctlError, InputError, argument, shown
+from hexctl.files import file_instead
 from hexctl.scratch import scratch_folder
 
 SCHEMA_VERSION = 1
@@ -252,7 +253,12 @@ def _name(value: Any) -> str:
 
 
 def is_store(folder: Path) -> bool:
-    """Whether a folder has a store; raises StoreError where something else has its name."""
+    """Whether a folder has a store.
+
+    Raises InputError for a file in place of the folder, StoreError where something else has the store's name.
+    """
+    if (instead := file_instead(folder)) is not None:
+        raise InputError(f"{instead}; allowed: a folder of sessions")
     path = folder / FILE_NAME
     if path.is_file():
         return True
