@@ -1,5 +1,6 @@
 """A file where a folder is expected: each command names the file and ends as for any bad input."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -44,3 +45,28 @@ def test_a_file_in_place_of_the_runs_is_named(
     assert exit_code(command.split()) == 2
     printed = capsys.readouterr()
     assert (printed.out, "taken is a file, not a folder" in printed.err) == ("", True)
+
+
+@pytest.mark.parametrize("there", [True, False], ids=["the runs are read-only", "their folder is"])
+@pytest.mark.parametrize(
+    ("command", "next_step"),
+    [
+        ("adapt --failed-leg 5 --duration 3 --prior none", "HEXCTL_RUNS"),
+        ("demo", "HEXCTL_RUNS"),
+        ("run --duration 1", "--no-record"),
+    ],
+)
+def test_a_folder_that_may_not_be_written_to_comes_with_a_next_step(
+    command: str,
+    next_step: str,
+    there: bool,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    if there:
+        Path("runs").mkdir()
+    may = os.access
+    monkeypatch.setattr(os, "access", lambda path, mode: mode != os.W_OK | os.X_OK and may(path, mode))
+    assert exit_code(command.split()) == 2
+    printed = capsys.readouterr()
+    assert (printed.out, next_step in printed.err, "runs/" in printed.err) == ("", True, True)

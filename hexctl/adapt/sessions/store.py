@@ -24,7 +24,7 @@ from hexctl.adapt.sessions.session import (
 )
 from hexctl.adapt.sessions.stored import is_folder_name, is_made_by_hexctl
 from hexctl.errors import InputError, argument, check_type
-from hexctl.files import folder_trouble
+from hexctl.files import ALLOWED_FOLDER, check_writable, folder_trouble
 
 _LOG = logging.getLogger(__name__)
 
@@ -86,10 +86,11 @@ class SessionStore(SessionRows):
         """
         self.folder = folder
         path = folder / FILE_NAME
+        check_writable(folder)
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise InputError(f"sessions: {folder_trouble(folder, error)}; allowed: a folder") from error
+            raise InputError(f"sessions: {folder_trouble(folder, error)}; {ALLOWED_FOLDER}") from error
         is_store(folder)
         try:
             connection = sqlite3.connect(path, timeout=BUSY_TIMEOUT_S, isolation_level=None)

@@ -244,8 +244,8 @@ def adapt(
     """Find a gait for a failed leg in few trials; each is kept and recorded.
 
     A trial walks one of the 120 gaits and is scored by how far off the line it ends. Ctrl-C ends a session,
-    --resume continues it. Exit codes: 0 done, 2 bad input, 3 fault of robot, link or recording, 4 stopped
-    or no valid trial, 130 interrupted.
+    --resume continues it. A session is stored also with --no-record. Exit codes: 0 done, 2 bad input, 3 fault
+    of robot, link or recording, 4 stopped or no valid trial, 130 interrupted.
     """
     if view and no_record:
         raise InputError("--no-record: got --view too; allowed: one or the other")
