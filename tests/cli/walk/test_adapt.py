@@ -114,7 +114,7 @@ def test_the_table_and_the_sessions(capsys: pytest.CaptureFixture[str]) -> None:
     assert len([line for line in printed.splitlines() if line.endswith(" ok")]) == 6
     assert max(map(len, printed.splitlines()[:10])) <= 80
     gaits = ("auto", "demo", "tripod")
-    assert [line.split()[:2] for line in printed.splitlines()[3:6]] == [["0", gait] for gait in gaits]
+    assert [line.split()[:2] for line in printed.splitlines()[4:7]] == [["0", gait] for gait in gaits]
     assert [line for line in printed.splitlines() if line.startswith("without a search: auto ")]
     assert "--gait tripod" in printed
     (listed,) = run_json(capsys, "sessions", "list")
@@ -122,7 +122,7 @@ def test_the_table_and_the_sessions(capsys: pytest.CaptureFixture[str]) -> None:
     assert name in printed
     assert exit_code(["sessions", "show", name]) == 0
     shown = capsys.readouterr().out
-    assert "found: gait tripod, without a search, ends" in shown
+    assert "found: gait tripod, which needs no search, ends" in shown
     assert "ended after 3 trials" in shown
     assert (listed["ended"], listed["trials"]) == ("budget", 3)
     assert exit_code(["sessions", "list"]) == 0
