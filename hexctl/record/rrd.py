@@ -276,6 +276,13 @@ def check_messages(path: Path, start: int) -> None:
         raise RecordingError(f"{path}: the recording is incomplete; is the disk full?")
 
 
+def check_there(path: Path) -> None:
+    """Raise InputError for a recording that is missing, or something else than a file."""
+    if not path.is_file():
+        what = "no file" if path.exists() else "not there"
+        raise InputError(f"recording: {path} is {what}; allowed: a recording that hexctl run made")
+
+
 def check_name(path: Path, what: str = "recording") -> None:
     """Raise InputError for a name that Rerun would not open; `what` is the argument that it was given as."""
     if path.suffix != SUFFIX:

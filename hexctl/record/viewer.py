@@ -19,6 +19,7 @@ from urllib.parse import quote, unquote, urlencode
 from hexctl.errors import InputError, RecordingError
 from hexctl.files import file_instead
 from hexctl.record.rerun_program import check_sound, viewer_binary
+from hexctl.record.rrd import check_there
 
 #: How an .rrd file begins.
 MAGIC = b"RRF"
@@ -71,7 +72,8 @@ def newest_recording(folder: Path, *, leave_out: str | None = None) -> Path:
 
 
 def check_recording(path: Path) -> None:
-    """Raise InputError for a file that is not a recording."""
+    """Raise InputError for a file that is not there, or is not a recording."""
+    check_there(path)
     try:
         with path.open("rb") as file:
             head = file.read(len(MAGIC))

@@ -26,6 +26,14 @@ def python(code: str) -> "subprocess.CompletedProcess[str]":
     )
 
 
+@pytest.mark.parametrize("command", ["show", "compare", "export", "delete"])
+def test_a_session_that_is_missing_comes_with_the_command_that_lists_them(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code(["sessions", command]) == 2
+    assert "hexctl sessions list" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("command", ["adapt", "run"])
 def test_the_paragraphs_of_a_help_text_fill_the_terminal(
     command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

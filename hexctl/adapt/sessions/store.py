@@ -241,6 +241,10 @@ class SessionStore(SessionRows):
         try:
             _take(lock, name)
             yield
+            with suppress(OSError):
+                if os.listdir(folder) == ["lock"]:  # of a session that records nothing
+                    (folder / "lock").unlink()
+                    folder.rmdir()
         finally:
             os.close(lock)
 
@@ -312,6 +316,8 @@ def _take(lock: int, name: str) -> None:
     """Take the lock of a session; raises InputError when another process holds it."""
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if not os.fstat(lock).st_nlink:
+            raise OSError("its holder has just removed it")
     except OSError:
         raise InputError(f"session {name}: another process is running it; wait for it or stop it") from None
 

@@ -108,6 +108,16 @@ def test_quiet_prints_the_end_only(
     assert printed.err == ""
 
 
+def test_without_recordings_a_search_leaves_its_store_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(TrialRunner, "walk", lambda _, *trial: Landscape()(*trial))
+    assert exit_code([*QUICK, "--no-record", "--quiet"]) == 0
+    assert [path.name for path in Path("runs").iterdir()] == ["sessions.sqlite"]
+    (session,) = list_sessions()
+    for command in ("list", "show"):
+        assert exit_code(["sessions", command, *[session.name] * (command == "show")]) == 0
+        assert [path.name for path in Path("runs").iterdir()] == ["sessions.sqlite"]
+
+
 def test_the_table_and_the_sessions(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code([*QUICK, "--no-record"]) == 0
     printed = capsys.readouterr().out
