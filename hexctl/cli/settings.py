@@ -59,8 +59,9 @@ _ORIGINS = "hexctl.settings.origins"
 class _FollowsSettings:
     """A command whose options that were not typed follow the settings."""
 
-    def __init__(self, *arguments: Any, help: str | None = None, **more: Any) -> None:  # noqa: A002  Typer's
-        super().__init__(*arguments, help=None if help is None else _unwrapped(help), **more)
+    def __init__(self, *arguments: Any, **more: Any) -> None:
+        text = more.get("help")
+        super().__init__(*arguments, **{**more, "help": text if text is None else _unwrapped(text)})
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse arguments, with settings as defaults; not for a help text, a completion or a group."""
