@@ -14,7 +14,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from hexctl.errors import InputError
 from hexctl.scratch import scratch_folder
+
+#: What is allowed for the folder of recordings and sessions, and the next step if it is another one.
+ALLOWED_FOLDER = "allowed: a folder; call hexctl from one that you can write to, or set HEXCTL_RUNS=FOLDER"
 
 #: Size of an archive, packed and unpacked; a prior has half a million bytes.
 MOST_ARCHIVE_BYTES = 100_000_000
@@ -57,13 +61,29 @@ def is_folder(path: Path) -> bool:
         return False
 
 
+def file_instead(folder: Path) -> str | None:
+    """`runs is a file, not a folder`, if that is so of a folder or one above it; else None."""
+    file = next((one for one in (folder, *folder.parents) if is_file(one)), None)
+    return None if file is None else f"{file} is a file, not a folder"
+
+
 def folder_trouble(folder: Path, error: OSError) -> str:
     """Why a folder cannot be made or used: `runs is a file, not a folder`."""
-    if isinstance(error, FileExistsError | NotADirectoryError):
-        file = next((one for one in (folder, *folder.parents) if is_file(one)), None)
-        if file is not None:
-            return f"{file} is a file, not a folder"
-    return f"{folder}/: cannot be used ({error.strerror})"
+    return file_instead(folder) or f"{folder}/: cannot be used ({error.strerror})"
+
+
+def check_writable(folder: Path) -> None:
+    """Raise InputError unless a folder is there or can be made, and may be written to."""
+    if (trouble := write_trouble(folder)) is not None:
+        raise InputError(f"{trouble}; {ALLOWED_FOLDER}")
+
+
+def write_trouble(folder: Path) -> str | None:
+    """Why a folder cannot be made or written to; None if it can."""
+    if (instead := file_instead(folder)) is not None:
+        return instead
+    there = next((one for one in (folder, *folder.parents) if is_folder(one)), folder)
+    return None if os.access(there, os.W_OK | os.X_OK) else f"{folder}/: cannot be written"
 
 
 def read_file(path: Path, most_bytes: int) -> bytes:

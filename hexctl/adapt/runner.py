@@ -22,7 +22,7 @@ from hexctl.control.preparation import StopRequested, WalkStart, never
 from hexctl.control.result import TrialResult
 from hexctl.control.stop_reason import reason_in_words
 from hexctl.control.trial import Enough, ShouldStop, planned_walk, run_trial, stop_when
-from hexctl.errors import HexctlError, RobotFaultError
+from hexctl.errors import HexctlError, InputError, RecordingError, RobotFaultError, argument
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import AUTO, NAMED_SLOTS
 from hexctl.record.live import LiveView
@@ -182,23 +182,29 @@ class TrialRunner:
         return Recorders(*given, block_ticks=BLOCK_TICKS if self.spec.simulated else PACED_BLOCK_TICKS)
 
     def _open_recording(self, stack: ExitStack, index: int, code: int, plan: TrialPlan) -> Recording | None:
-        """Recording of a trial, or None; it is whole when the stack is closed."""
+        """Recording of a trial, or None; it is whole when the stack is closed.
+
+        Raises RecordingError for one that cannot be written: the session can be resumed after it.
+        """
         if self.folder is None:
             return None
         floor = make_floor(self.world, self.spec.seed) if self.world is not None else None
         stem = f"trial-{index:03d}" if index != BASELINE_INDEX else f"baseline-{_name_of(plan)}"
         path, title = _new_path(self.folder, stem), title_of(index, code, plan)
         stack.enter_context(unfinished(path))
-        recording = Recording(
-            path,
-            self.robot,
-            plan,
-            title=title,
-            floor=floor,
-            meshes=self.meshes,
-            watched=self._watched,
-            servos=not self.spec.simulated,
-        )
+        try:
+            recording = Recording(
+                path,
+                self.robot,
+                plan,
+                title=title,
+                floor=floor,
+                meshes=self.meshes,
+                watched=self._watched,
+                servos=not self.spec.simulated,
+            )
+        except InputError as error:
+            raise _unwritable(path, error) from error
         stack.callback(recording.write_index)
         stack.callback(recording.close)
         note_created(path)
@@ -214,6 +220,16 @@ class TrialRunner:
             "world": spec.world,
             "seed": spec.seed,
         }
+
+
+def _unwritable(path: Path, error: InputError) -> RecordingError:
+    """Error of a recording that cannot be created in a session that has begun."""
+    cause = error.__cause__
+    reason = cause.strerror if isinstance(cause, OSError) else str(error)
+    return RecordingError(
+        f"{path}: the recording cannot be written ({reason}); free some space, or continue with "
+        f"{argument('no_record')}"
+    )
 
 
 def at_finer_step(runner: TrialRunner) -> TrialRunner:

@@ -171,8 +171,8 @@ def _findings(report: dict[str, Any], *, verbose: bool) -> "list[RenderableType]
         return [*first, "", *findings, "", _joint_table(report)]
     kept = findings[: MOST_LINES - len(first) - 1]
     left = len(findings) - len(kept)
-    more = f"{left} more finding{'s' * (left > 1)} and the joints" if left else "the joints"
-    return [*first, *kept, f"{more}: add --verbose"]
+    more = f"{left} more finding{'s' * (left > 1)} and " if left else ""
+    return [*first, *kept, f"--verbose prints {more}the load of each joint"]
 
 
 def _heading(report: dict[str, Any]) -> list[str]:

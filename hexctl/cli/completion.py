@@ -32,13 +32,17 @@ def _robots() -> Iterable[str]:
 
 
 def _worlds() -> Iterable[str]:
+    from hexctl.robot.configs import is_family
+
     # A family is not a world; its first member shows how members are named.
-    return [f"{name}:0" if "ranges" in content else name for name, content in _world_files()]
+    return [f"{name}:0" if is_family(content) else name for name, content in _world_files()]
 
 
 def _families() -> Iterable[str]:
+    from hexctl.robot.configs import is_family
+
     # Those that priors are built from: no leg of theirs fails on the way.
-    return [name for name, content in _world_files() if "ranges" in content and "failures" not in content]
+    return [name for name, content in _world_files() if is_family(content) and "failures" not in content]
 
 
 def _world_files() -> Iterable[tuple[str, dict[str, Any]]]:

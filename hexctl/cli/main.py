@@ -209,10 +209,16 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
     return code if isinstance(code, int) else 0
 
 
+#: Commands that print what an argument may be, by its name in the help text.
+LISTED_BY = dict.fromkeys(("SESSION", "SESSION SESSION..."), "hexctl sessions list")
+
+
 def _bad_value(error: typer.BadParameter) -> str:
     """Message about a value that is not allowed: which option or argument, what it got, what is allowed."""
     if (origin := origin_of(error)) is not None:
         return f"{origin}: {error.message}"
+    if error.param is not None and not error.message and error.param.metavar in LISTED_BY:
+        return f"{error.format_message().rstrip('.')}; {LISTED_BY[error.param.metavar]} prints the names"
     if error.param is None or "; allowed: " not in error.message:
         return error.format_message()
     flag = next((name for name in error.param.opts if name.startswith("--")), error.param.name)

@@ -4,6 +4,7 @@ A setting is parsed and checked as if it had been typed. Light to import: `hexct
 """
 
 from collections.abc import Callable, Iterator, Mapping
+from inspect import cleandoc
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -58,6 +59,10 @@ _ORIGINS = "hexctl.settings.origins"
 class _FollowsSettings:
     """A command whose options that were not typed follow the settings."""
 
+    def __init__(self, *arguments: Any, **more: Any) -> None:
+        text = more.get("help")
+        super().__init__(*arguments, **{**more, "help": text if text is None else _unwrapped(text)})
+
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse arguments, with settings as defaults; not for a help text, a completion or a group."""
         if not ctx.resilient_parsing:
@@ -98,6 +103,11 @@ class Commands(typer.Typer):
         """Register a command, as Typer does."""
         more.setdefault("cls", SettingsCommand)
         return super().command(*arguments, **more)
+
+
+def _unwrapped(text: str) -> str:
+    """A help text with its paragraphs on one line each: lines that are wrapped are not wrapped again."""
+    return "\n\n".join(" ".join(paragraph.split()) for paragraph in cleandoc(text).split("\n\n"))
 
 
 def origin_of(error: typer.BadParameter) -> "Origin | None":

@@ -10,6 +10,7 @@ of it in one simulated world that no prior and no threshold of hexctl was made w
 import math
 import threading
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -24,9 +25,9 @@ from hexctl.adapt.sessions.store import RUNS
 from hexctl.adapt.setting import Note, log_note
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.preparation import StopRequested, never
-from hexctl.errors import HexctlError, InputError
+from hexctl.errors import HexctlError, InputError, RecordingError
 from hexctl.export.export import export
-from hexctl.files import folder_trouble
+from hexctl.files import ALLOWED_FOLDER, check_writable, folder_trouble
 from hexctl.record.run import RunResult, run
 from hexctl.robot.failure_event import FailureEvent, parse_failure_event
 
@@ -114,6 +115,7 @@ def demo(
     budget: int = 20,
     folder: Path | str = RUNS,
     note: Note = log_note,
+    on_folder: Callable[[Path], object] | None = None,
     on_walk: OnWalk | None = None,
     on_begin: OnBegin | None = None,
     on_trial: OnTrial | None = None,
@@ -127,6 +129,7 @@ def demo(
         budget: most trials of the search.
         folder: where the session goes, and a folder for the walks.
         note: is told what a person should know; by default it is logged.
+        on_folder: called with the new folder of the walks and of the picture.
         on_walk: called with each of the two walks, first the one without recovery.
         on_begin: called with the session before its first trial.
         on_trial: called with the session and each trial, once it is stored.
@@ -137,13 +140,19 @@ def demo(
     Raises InputError for a budget or a folder that is not allowed, MissingExtraError without MuJoCo or Rerun.
     """
     folder = Path(folder)
+    check_writable(folder)
     spec = new_spec(
         failed_leg=EVENT.leg, failure=str(EVENT.failure), budget=budget, world=WORLD, folder=folder, note=note
     )
     into = _new_folder(folder)
+    if on_folder is not None:
+        on_folder(into)
     walks: list[RunResult] = []
     for name, policy in (("walked-on", WALK_ON), ("recovered", RECOVER)):
-        walks.append(walk_and_fail(policy, into / f"{name}.rrd", stop_requested=stop_requested))
+        try:
+            walks.append(walk_and_fail(policy, into / f"{name}.rrd", stop_requested=stop_requested))
+        finally:
+            _remove_empty(into)  # interrupted before anything was recorded
         if stop_requested():
             return DemoResult(event=EVENT, world=WORLD, folder=into, **_named(walks))
         if on_walk is not None:
@@ -187,17 +196,24 @@ def walk_and_fail(
     policy: str, recording: Path | None, *, world: str = WORLD, stop_requested: StopRequested = never
 ) -> RunResult:
     """Walk on the line until the leg of the demo fails, and go on by a policy; recorded, or None: not."""
-    return run(
-        robot=ROBOT,
-        gait=GAIT,
-        world=world,
-        hold="line",
-        events=(EVENT,),
-        policy=policy,
-        duration_s=WALK_S,
-        record=False if recording is None else recording,
-        stop_requested=stop_requested,
-    )
+    try:
+        return run(
+            robot=ROBOT,
+            gait=GAIT,
+            world=world,
+            hold="line",
+            events=(EVENT,),
+            policy=policy,
+            duration_s=WALK_S,
+            record=False if recording is None else recording,
+            stop_requested=stop_requested,
+        )
+    except InputError as error:
+        if not isinstance(cause := error.__cause__, OSError):
+            raise
+        # The demo has no option to record elsewhere.
+        trouble = f"{recording}: cannot be written ({cause.strerror})"
+        raise RecordingError(f"{trouble}; {ALLOWED_FOLDER}") from cause
 
 
 def _named(walks: list[RunResult]) -> dict[str, Any]:
@@ -226,6 +242,12 @@ class _Drawing(threading.Thread):
             self.drawn = {"no_picture": str(error)}
 
 
+def _remove_empty(folder: Path) -> None:
+    """Remove a folder unless something is in it."""
+    with suppress(OSError):
+        folder.rmdir()
+
+
 def _new_folder(folder: Path) -> Path:
     """A new folder for the walks; raises InputError where it cannot be made."""
     stem, number = f"demo-{datetime.now():%Y%m%d-%H%M%S}", 1
@@ -236,6 +258,6 @@ def _new_folder(folder: Path) -> Path:
         except FileExistsError:
             number += 1
         except OSError as error:
-            raise InputError(f"{folder_trouble(folder, error)}; allowed: a folder") from error
+            raise InputError(f"{folder_trouble(folder, error)}; {ALLOWED_FOLDER}") from error
         else:
             return path

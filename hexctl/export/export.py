@@ -10,6 +10,7 @@ from hexctl.adapt.sessions.table import export_session
 from hexctl.errors import InputError, argument
 from hexctl.export.pictures import PictureOptions
 from hexctl.export.recordings import OnProgress, Trials, is_session, recordings_to_export
+from hexctl.files import file_instead
 from hexctl.record.recorded_trial import RecordedTrial, read_trial
 from hexctl.record.rerun_program import OnDamage, log_damage
 from hexctl.robot.configs import config_names
@@ -82,9 +83,8 @@ def export(
             trials = recordings_to_export(sources, Path(folder), robot, on_damage)
             _write_trials(trials, kind, path, PictureOptions(**picture), on_progress or _silent)
     except OSError as error:
-        raise InputError(
-            f"export: {path} cannot be written ({error.strerror}); allowed: a new file"
-        ) from error
+        reason = file_instead(path.parent) or error.strerror
+        raise InputError(f"export: {path} cannot be written ({reason}); allowed: a new file") from error
     return path
 
 

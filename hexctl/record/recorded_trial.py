@@ -16,7 +16,7 @@ from hexctl.control.trace import PHASES
 from hexctl.errors import HexctlError, InputError, MissingExtraError
 from hexctl.record import paths, style
 from hexctl.record.rerun_program import check_sound
-from hexctl.record.rrd import check_name, load_rerun
+from hexctl.record.rrd import check_name, check_there, load_rerun
 from hexctl.record.tracks.servos import READINGS
 from hexctl.robot.formats.json_model import robot_from_json
 from hexctl.robot.model import Robot
@@ -142,8 +142,7 @@ def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
     """
     path = Path(path)
     check_name(path)
-    if not path.is_file():
-        raise InputError(f"recording: {path} is not there; allowed: a recording that hexctl run made")
+    check_there(path)
     columns = _Columns(path)
     times_ns, joints_rad = _joints(columns, path)
     properties = columns.properties("trial") or {"title": columns.name()}
@@ -213,8 +212,9 @@ class _Columns:
                     self._chunks[chunk.entity_path].append(chunk.to_record_batch())
         except (OSError, RuntimeError, ValueError) as error:
             reason = " ".join(str(error).split())
+            trouble = "cannot be read" if isinstance(error, OSError) else "is damaged"
             raise InputError(
-                f"recording: {path} cannot be read ({reason}); allowed: a recording that hexctl run made"
+                f"recording: {path} {trouble} ({reason}); allowed: a recording that hexctl run made"
             ) from error
 
     def cut(self, end_ns: int) -> None:

@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import Any, BinaryIO, Self
 
 from hexctl.errors import InputError, MissingExtraError, RecordingError, argument
+from hexctl.files import file_instead
 
 #: Bound on a flush: a disk that hangs must not hang the program.
 FLUSH_TIMEOUT_S = 30.0
@@ -231,7 +232,8 @@ def _unwritable(path: Path, error: OSError) -> InputError:
             f"recording: {path} cannot be written: the disk is full; free some space, record elsewhere "
             f"({argument('record')}), or not at all ({argument('no_record')})"
         )
-    return InputError(f"recording: {path} cannot be written ({error.strerror}); allowed: a new file")
+    reason = file_instead(path.parent) or error.strerror
+    return InputError(f"recording: {path} cannot be written ({reason}); allowed: a new file")
 
 
 def _check_room(file: BinaryIO, path: Path) -> None:
@@ -272,6 +274,13 @@ def check_messages(path: Path, start: int) -> None:
             at += MESSAGE_HEAD.size + MESSAGE_HEAD.unpack(head)[1]
     if not start < at == size:
         raise RecordingError(f"{path}: the recording is incomplete; is the disk full?")
+
+
+def check_there(path: Path) -> None:
+    """Raise InputError for a recording that is missing, or something else than a file."""
+    if not path.is_file():
+        what = "no file" if path.exists() else "not there"
+        raise InputError(f"recording: {path} is {what}; allowed: a recording that hexctl run made")
 
 
 def check_name(path: Path, what: str = "recording") -> None:

@@ -36,7 +36,7 @@ from hexctl.control.result import TrialResult
 from hexctl.control.trial import ShouldStop, run_trial
 from hexctl.control.walks.turning import check_plan, turn_needed_rad
 from hexctl.errors import InputError, MissingExtraError, argument, check_type
-from hexctl.files import folder_trouble
+from hexctl.files import folder_trouble, write_trouble
 from hexctl.record.run_spec import DEFAULT_GAIT, RunSpec, plan_of, spec_of
 from hexctl.robot.configs import shipped_text
 from hexctl.robot.failure import each_failure
@@ -333,12 +333,13 @@ class Run:
         now = datetime.now().strftime("%Y%m%d-%H%M%S")
         failed = "".join(f"_leg{one.leg}-{one.kind}" for one in self.plan.failures)
         stem = f"{now}_{self.robot.name}_{self._what}{failed}"
+        allowed = f"allowed: a folder, {argument('record')} FILE, or {argument('no_record')}"
+        if (trouble := write_trouble(folder)) is not None:
+            raise InputError(f"{trouble}; {allowed}")
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise InputError(
-                f"{folder_trouble(folder, error)}; allowed: a folder, or {argument('record')} FILE"
-            ) from error
+            raise InputError(f"{folder_trouble(folder, error)}; {allowed}") from error
         path, number = folder / f"{stem}.rrd", 2
         while path.exists():
             path, number = folder / f"{stem}_{number}.rrd", number + 1

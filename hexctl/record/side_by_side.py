@@ -107,7 +107,7 @@ def _copy(trial: RecordedTrial, name: str, path: Path) -> None:
     stream = load_rerun().RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
     save_stream(stream, path, blueprint)
     try:
-        stream.send_walk_chunks(RrdReader(trial.path).stream())
+        stream.send_chunks(RrdReader(trial.path).stream())
         stream.send_recording_name(name)
         flush(stream, path)
     finally:
@@ -141,7 +141,7 @@ def _write_scene(path: Path, lanes: Sequence[_Lane]) -> None:
         stream.send_recording_name("side by side")
         stream.log("/", load_rerun().ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         for lane in lanes:
-            stream.send_walk_chunks(list(_walk_chunks(lane, with_floor=lane is lanes[0])))
+            stream.send_chunks(list(_walk_chunks(lane, with_floor=lane is lanes[0])))
             _send_looks(stream, lane)
         flush(stream, path)
     finally:
@@ -152,7 +152,7 @@ def _walk_chunks(lane: _Lane, *, with_floor: bool) -> Iterator[Any]:
     """What a recording has of its walk, below the entity of its lane."""
     from rerun.chunk import RrdReader
 
-    for chunk in RrdReader(lane.trial.path).stream().to_walk_chunks():
+    for chunk in RrdReader(lane.trial.path).stream().to_chunks():
         entity = chunk.entity_path.lstrip("/")
         floor = entity == paths.GROUND and not with_floor
         # Labels of legs would cover one another, and the names of the walks.

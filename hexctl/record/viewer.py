@@ -17,7 +17,9 @@ from typing import Any, Self
 from urllib.parse import quote, unquote, urlencode
 
 from hexctl.errors import InputError, RecordingError
+from hexctl.files import file_instead
 from hexctl.record.rerun_program import check_sound, viewer_binary
+from hexctl.record.rrd import check_there
 
 #: How an .rrd file begins.
 MAGIC = b"RRF"
@@ -59,8 +61,10 @@ def newest_recording(folder: Path, *, leave_out: str | None = None) -> Path:
         folder: where to look.
         leave_out: a file name that does not count.
 
-    Raises InputError when there is none.
+    Raises InputError when there is none, or a file in place of the folder.
     """
+    if (instead := file_instead(folder)) is not None:
+        raise InputError(f"{instead}; allowed: a folder of recordings")
     found = [path for path in folder.rglob("*.rrd") if path.is_file() and path.name != leave_out]
     if not found:
         raise InputError(f"no recording (*.rrd) under {folder}; hexctl run writes one")
@@ -68,7 +72,8 @@ def newest_recording(folder: Path, *, leave_out: str | None = None) -> Path:
 
 
 def check_recording(path: Path) -> None:
-    """Raise InputError for a file that is not a recording."""
+    """Raise InputError for a file that is not there, or is not a recording."""
+    check_there(path)
     try:
         with path.open("rb") as file:
             head = file.read(len(MAGIC))

@@ -123,8 +123,16 @@ def validate(schema: type[SchemaT], content: dict[str, Any], path: Path) -> Sche
         raise InputError(f"{path}: {first_problem(schema, error)}") from error
 
 
+def is_family(content: Mapping[str, Any]) -> bool:
+    """Whether a world file holds a family, of which a walk takes one world by its number."""
+    return "ranges" in content
+
+
 def _listed(kind: str) -> str:
-    return ", ".join(config_names(kind))
+    """Shipped names, families of worlds last and as they are typed: `transfer:N`."""
+    names = config_names(kind)
+    families = [name for name in names if is_family(read_mapping(config_root() / kind / f"{name}.yaml"))]
+    return ", ".join([*(name for name in names if name not in families), *(f"{name}:N" for name in families)])
 
 
 Location = tuple[int | str, ...]

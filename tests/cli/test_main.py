@@ -7,6 +7,7 @@ import errno
 import os
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -23,6 +24,28 @@ def python(code: str) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False
     )
+
+
+@pytest.mark.parametrize("command", ["show", "compare", "export", "delete"])
+def test_a_session_that_is_missing_comes_with_the_command_that_lists_them(
+    command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code(["sessions", command]) == 2
+    assert "hexctl sessions list" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["adapt", "run"])
+def test_the_paragraphs_of_a_help_text_fill_the_terminal(
+    command: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    assert exit_code([command, "--help"]) == 0
+    described = [line.strip() for line in capsys.readouterr().out.partition("╭")[0].splitlines()]
+    assert max(map(len, described)) > 70
+    for line, following in pairwise(described):
+        if line and following:
+            word = following.split()[0]
+            assert len(f"{line} {word}") > 78, f"{word} has room behind: {line}"
 
 
 def test_help_loads_nothing_heavy() -> None:

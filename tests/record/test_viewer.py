@@ -28,7 +28,7 @@ def test_no_recording_is_said_in_one_line(tmp_path: Path, folder: str) -> None:
 
 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"gone\.rrd: cannot be opened"):
+    with pytest.raises(InputError, match=r"gone\.rrd is not there"):
         open_viewer([tmp_path / "gone.rrd"])
 
 

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from hexctl.adapt.objectives import INVALID_SCORE
-from hexctl.adapt.sessions.session import Session
+from hexctl.adapt.sessions.recommendation import contenders
+from hexctl.adapt.sessions.session import BaselineRecord, Session
 from hexctl.errors import InputError, MissingExtraError, argument
 
 
@@ -14,6 +15,12 @@ def best_so_far(session: Session) -> list[float | None]:
     """Lowest score up to each trial, in the unit of the objective; None before the first valid trial."""
     scores = (trial.score if trial.valid else INVALID_SCORE for trial in session.trials)
     return [score if score < INVALID_SCORE else None for score in accumulate(scores, min)]
+
+
+def scores_without_search(session: Session) -> dict[str, float]:
+    """Valid scores of the gaits that need no search, by name; empty before the first trial."""
+    walks = ((found.walk, found.score) for found in contenders(session))
+    return {walk.gait: score for walk, score in walks if isinstance(walk, BaselineRecord)}
 
 
 def check_comparable(sessions: Sequence[Session]) -> None:
@@ -33,6 +40,8 @@ def check_comparable(sessions: Sequence[Session]) -> None:
 
 def draw_comparison(sessions: Sequence[Session], path: Path | str) -> None:
     """Write a PNG with the best score so far of sessions, a step line each; nothing is replaced.
+
+    A dotted line shows the best score without a search.
 
     Raises InputError as `check_comparable` does, and for a path that does not end in .png, exists or cannot
     be written; MissingExtraError without matplotlib.
@@ -60,7 +69,13 @@ def _draw(sessions: Sequence[Session], axes: Any) -> None:
     unit, scale = ("cm", 100.0) if spec.objective_unit == "m" else (spec.objective_unit, 1.0)
     for session in sessions:
         scores = [float("nan") if best is None else scale * best for best in best_so_far(session)]
-        axes.plot(range(1, len(scores) + 1), scores, drawstyle="steps-post", marker="o", label=session.name)
+        (line,) = axes.plot(
+            range(1, len(scores) + 1), scores, drawstyle="steps-post", marker="o", label=session.name
+        )
+        if known := scores_without_search(session):
+            gait = min(known, key=lambda name: known[name])
+            level = {"linestyle": ":", "color": line.get_color(), "label": f"{gait}, without a search"}
+            axes.axhline(scale * known[gait], **level)
     axes.set(xlabel="trials", ylabel=f"best {spec.score_label} so far" + (f" ({unit})" if unit else ""))
     axes.xaxis.get_major_locator().set_params(integer=True)
     axes.set_ylim(bottom=0)

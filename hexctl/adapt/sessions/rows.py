@@ -3,7 +3,7 @@
 import shutil
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from itertools import chain, repeat
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 from hexctl.adapt.sessions.session import Session
 from hexctl.adapt.sessions.stored import stored_session
 from hexctl.errors import HexctlError, InputError, argument, shown
+from hexctl.files import file_instead
 from hexctl.scratch import scratch_folder
 
 SCHEMA_VERSION = 1
@@ -246,7 +247,12 @@ def _name(value: Any) -> str:
 
 
 def is_store(folder: Path) -> bool:
-    """Whether a folder has a store; raises StoreError where something else has its name."""
+    """Whether a folder has a store.
+
+    Raises InputError for a file in place of the folder, StoreError where something else has the store's name.
+    """
+    if (instead := file_instead(folder)) is not None:
+        raise InputError(f"{instead}; allowed: a folder of sessions")
     path = folder / FILE_NAME
     if path.is_file():
         return True
@@ -262,15 +268,36 @@ def reading(folder: Path) -> Iterator[SessionRows]:
     Raises StoreError for one that cannot be read.
     """
     path = folder / FILE_NAME
+    with _without_log(path), _opened(path) as connection:
+        yield SessionRows(connection, path)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[sqlite3.Connection]:
+    """Connection to a store, or to a copy of it."""
     try:
         connection = _connected(path)
     except _DAMAGE:
         # A store that is written ahead cannot be opened where no files can be made beside it.
         with scratch_folder() as place, closing(_copied(path, place)) as copy:
-            yield SessionRows(copy, path)
+            yield copy
         return
     with closing(connection):
-        yield SessionRows(connection, path)
+        yield connection
+
+
+@contextmanager
+def _without_log(path: Path) -> Iterator[None]:
+    """Remove the log that reading a store made beside it: a connection that only reads leaves it."""
+    log = path.with_name(f"{path.name}-wal")
+    before = log.exists()
+    try:
+        yield
+    finally:
+        if not before and log.exists():
+            # SQLite removes it when the last connection that may write is closed, and not before that.
+            with suppress(sqlite3.Error), closing(sqlite3.connect(path, timeout=0.0)) as connection:
+                connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
 
 
 def _connected(path: Path) -> sqlite3.Connection:

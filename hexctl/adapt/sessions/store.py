@@ -24,7 +24,7 @@ from hexctl.adapt.sessions.session import (
 )
 from hexctl.adapt.sessions.stored import is_folder_name, is_made_by_hexctl
 from hexctl.errors import InputError, argument, check_type
-from hexctl.files import folder_trouble
+from hexctl.files import ALLOWED_FOLDER, check_writable, folder_trouble
 
 _LOG = logging.getLogger(__name__)
 
@@ -86,10 +86,11 @@ class SessionStore(SessionRows):
         """
         self.folder = folder
         path = folder / FILE_NAME
+        check_writable(folder)
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise InputError(f"sessions: {folder_trouble(folder, error)}; allowed: a folder") from error
+            raise InputError(f"sessions: {folder_trouble(folder, error)}; {ALLOWED_FOLDER}") from error
         is_store(folder)
         try:
             connection = sqlite3.connect(path, timeout=BUSY_TIMEOUT_S, isolation_level=None)
@@ -240,6 +241,10 @@ class SessionStore(SessionRows):
         try:
             _take(lock, name)
             yield
+            with suppress(OSError):
+                if os.listdir(folder) == ["lock"]:  # of a session that records nothing
+                    (folder / "lock").unlink()
+                    folder.rmdir()
         finally:
             os.close(lock)
 
@@ -308,6 +313,8 @@ def _take(lock: int, name: str) -> None:
     """Take the lock of a session; raises InputError when another process holds it."""
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if not os.fstat(lock).st_nlink:
+            raise OSError("its holder has just removed it")
     except OSError:
         raise InputError(f"session {name}: another process is running it; wait for it or stop it") from None
 

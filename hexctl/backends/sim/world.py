@@ -21,7 +21,7 @@ from hexctl.backends.sim.failure_draws import COLUMNS, DrawnFailure, draw_failur
 from hexctl.backends.sim.flaws import Section, SensorFaults, SensorNoise
 from hexctl.errors import InputError, argument, check_type, shown
 from hexctl.files import is_file
-from hexctl.robot.configs import Number, find_config, read_mapping, validate
+from hexctl.robot.configs import Number, find_config, is_family, read_mapping, validate
 from hexctl.robot.failure_event import FailureEvent, parse_failure_event, parse_healing
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_JOINTS, N_LEGS, FloatArray
 
@@ -384,7 +384,7 @@ def load_randomization(name_or_path: str | Path) -> DomainRandomization:
     """
     path = find_config("worlds", name_or_path)
     content = read_mapping(path)
-    if "ranges" not in content:
+    if not is_family(content):
         raise InputError(f"{path}: has no `ranges`; allowed: a family of worlds, such as transfer or real")
     return validate(DomainRandomization, content, path)
 
@@ -407,7 +407,7 @@ def load_world(name_or_path: str | Path = "flat") -> World:
         return load_randomization(family).members(int(number), 1)[0]
     path = find_config("worlds", text)
     content = read_mapping(path)
-    if "ranges" in content:
+    if is_family(content):
         raise InputError(f"world {text!r} is a family; allowed: one of it, as --world {text}:7")
     return validate(World, content, path)
 

@@ -16,9 +16,10 @@ from hexctl.adapt.loop import NOT_WORTH
 from hexctl.adapt.objectives import Objective
 from hexctl.adapt.optimizers.bayes import SURE
 from hexctl.adapt.optimizers.shipped import TRIM
-from hexctl.adapt.progress import SearchBar
+from hexctl.adapt.progress import CONFIRMATION_WALKS, SearchBar
 from hexctl.adapt.runner import LegFailedError
-from hexctl.adapt.sessions.recommendation import Contender, contenders, recommended, straightest_baseline
+from hexctl.adapt.sessions.comparison import scores_without_search
+from hexctl.adapt.sessions.recommendation import Contender, recommended, straightest_baseline
 from hexctl.adapt.sessions.session import (
     BASELINE_INDEX,
     BaselineRecord,
@@ -139,11 +140,25 @@ def opening_lines(session: Session) -> list[str]:
         f"session {session.name}: {subject(spec)}",
         f"{spec.optimizer}{believing}, {trials_text(spec.budget)} of {spec.duration_s:g} s"
         f"{_hold(spec)}{_objective(spec)}{_target(spec)}",
+        *_more_walks(session),
     ]
     if spec.uncertainty_text:
         caveat = f" ({spec.uncertainty_caveat})" if spec.uncertainty_caveat else ""
         lines.append(f"ends are known to ± {in_cm(spec.uncertainty_m)}{caveat}")
     return lines
+
+
+def _more_walks(session: Session) -> list[str]:
+    """The walks besides the trials, which the progress bar counts, in a line; none without any."""
+    baseline = len(session.baseline if session.trials else session.spec.baseline_gaits)
+    first = [f"first {_walks_text(baseline)} without a search"] if baseline else []
+    confirming = session.spec.confirmed_uncertainty_m
+    last = [f"last a finer walk to confirm (counts as {CONFIRMATION_WALKS} walks)"] if confirming else []
+    return [", ".join(first + last)] if first or last else []
+
+
+def _walks_text(count: int) -> str:
+    return f"{count} walk" + ("" if count == 1 else "s")
 
 
 def _target(spec: SessionSpec) -> str:
@@ -295,7 +310,7 @@ def closing_parts(session: Session, ended: str | None) -> list[RenderableType]:
 
 
 def finding_parts(session: Session) -> list[RenderableType]:
-    """What a search has found, how sure that is, and what needs no search, a line each."""
+    """What a search has found, how accurate that is, and what needs no search, a line each."""
     found = recommended(session)
     known = [Text(line, style="green" if found else "red") for line in _found_lines(session, found)]
     return [*known, *_surety_lines(session, found), *_baseline_lines(session, found)]
@@ -309,10 +324,18 @@ def resume_command(session: Session) -> str:
 
 def _ending(session: Session, ended: str | None) -> str:
     """Why a session ended, or how it is continued."""
-    walked = f"after {trials_text(len(session.trials))}, {session.walked_s:.0f} s walked"
+    trials = trials_text(len(session.trials))
     if ended in (None, "interrupted"):
-        return f"unfinished {walked}; continue with: {resume_command(session)}"
-    return f"ended {walked}: {ENDS.get(ended or '', ended)}"
+        return f"unfinished after {trials}{_unfinished(session)}; continue with: {resume_command(session)}"
+    return f"ended after {trials}, {session.walked_s:.0f} s walked: {ENDS.get(ended or '', ended)}"
+
+
+def _unfinished(session: Session) -> str:
+    """The other walks of a session that can be continued, and the seconds of all of them."""
+    walks = (*session.baseline, *session.trials)
+    walked_s = sum(walk.outcome["duration_s"] for walk in walks)
+    others = f" and {_walks_text(len(session.baseline))} without a search" if session.baseline else ""
+    return f"{others}, {walked_s:.0f} s walked"
 
 
 def _commands(session: Session) -> list[str]:
@@ -344,7 +367,7 @@ def _name(walk: TrialRecord | BaselineRecord) -> str:
     if isinstance(walk, TrialRecord):
         return f"gait {walk.code}, trial {walk.index},"
     option = _gait_option(walk)
-    return f"gait {walk.gait}{'' if option == walk.gait else f' ({option})'}, without a search,"
+    return f"gait {walk.gait}{'' if option == walk.gait else f' ({option})'}, which needs no search,"
 
 
 def _surety_lines(session: Session, found: Contender | None) -> list[str]:
@@ -352,13 +375,14 @@ def _surety_lines(session: Session, found: Contender | None) -> list[str]:
     spec, settled = session.spec, session.settled_on
     if found is not None and found.confirmation is not None:
         step = f"{1000 * found.confirmation.time_step_s:g} ms"
-        return [f"sure: ± {in_cm(found.uncertainty_m)} by a walk at a time step of {step}{_reached(session)}"]
+        known = f"± {in_cm(found.uncertainty_m)} by a walk at a time step of {step}"
+        return [f"accuracy: {known}{_reached(session)}"]
     if found is not None and spec.uncertainty_text:
-        return [f"sure: ± {in_cm(spec.uncertainty_m)} by the simulation's time step"]
+        return [f"accuracy: ± {in_cm(spec.uncertainty_m)} by the simulation's time step"]
     if settled is None:
         return []
     chance, target = 100 * settled["chance"], in_cm(settled["target_m"])
-    return [f"sure: {chance:.0f} % chance that gait {settled['code']} ends within {target}"]
+    return [f"chance: {chance:.0f} % that gait {settled['code']} ends within {target}"]
 
 
 def _reached(session: Session) -> str:
@@ -375,10 +399,10 @@ def _baseline_lines(session: Session, found: Contender | None) -> list[str]:
     """What the gaits that need no search made of it, and what the search gains; none without them."""
     if not session.baseline:
         return []
-    known = {one.walk.slots: one.score for one in contenders(session) if not one.searched}
+    known = scores_without_search(session)
     unit, scale = ("cm", 100.0) if session.spec.objective_unit == "m" else (session.spec.objective_unit, 1.0)
     ends = (
-        f"{scale * known.get(walk.slots, walk.score):.1f}" if walk.valid else _status(walk)
+        f"{scale * known.get(walk.gait, walk.score):.1f}" if walk.valid else _status(walk)
         for walk in session.baseline
     )
     unit = unit if any(walk.valid for walk in session.baseline) else ""
@@ -393,7 +417,7 @@ def _gain(session: Session, found: Contender | None, scale: float, unit: str) ->
         return ""
     if found.searched:
         return f"; the search gains {scale * (best.score - found.score):.1f} {unit}".rstrip()
-    return "; no trial is better"
+    return "; the search found none better"
 
 
 def _less_lines(session: Session) -> list[str]:

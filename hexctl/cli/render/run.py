@@ -95,6 +95,8 @@ def _event_text(event: str) -> str:
 def _status(outcome: dict[str, Any], clear: str) -> Text:
     """How the walk ended, and why."""
     status, stopped = outcome["status"], outcome["stopped"]
+    if (status, stopped) == ("aborted", "requested"):
+        return Text("stopped by Ctrl-C", style="bold red")
     why = (
         f" ({stopped})"
         if clearing_in_words(stopped)
@@ -136,7 +138,7 @@ def _distance_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
     ideal, turn = outcome["ideal_distance_m"], outcome["ideal_yaw_change_deg"]
     turned_deg = outcome["yaw_change_deg"]
     of_turn = f" of {turn:.1f} asked for" if turn else ""
-    turned = [] if turned_deg is None else [("turned", f"{turned_deg + 0.0:.1f} degrees{of_turn}")]
+    turned = [] if turned_deg is None else [("turned", f"{turned_deg:z.1f} degrees{of_turn}")]
     if turn and ideal:
         return [*_turn_rows(outcome), *turned, *_hold_rows(outcome)]
     missed = _turn_missed(outcome.get("turn_miss_deg"))

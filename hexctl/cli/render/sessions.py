@@ -5,29 +5,36 @@ from collections.abc import Sequence
 from rich.table import Table
 
 from hexctl.adapt.loop import NOT_WORTH
-from hexctl.adapt.sessions.comparison import best_so_far
-from hexctl.adapt.sessions.session import Session
+from hexctl.adapt.sessions.comparison import best_so_far, scores_without_search
+from hexctl.adapt.sessions.recommendation import recommended
+from hexctl.adapt.sessions.session import BaselineRecord, Session
 from hexctl.cli.render.adapt import in_cm, robot_name
 from hexctl.cli.render.tables import plain_table
 
 #: Why a search ended, in a word or two, if it is not the word that is stored.
-ENDED = {"exhausted": "all tried", NOT_WORTH: "no gain left"}
+ENDED = {"exhausted": "all tried", NOT_WORTH: "no gain"}
 
 
 def sessions_table(sessions: Sequence[Session]) -> Table:
-    """Sessions, a row each: what was searched, how far it came, how it ended."""
-    table = plain_table("session", "robot", "world", "failure", "trials", "best", "end")
-    for column in table.columns[1:4] + table.columns[6:]:
-        column.justify, column.no_wrap, column.overflow = "left", False, "fold"
+    """Sessions, a row each: what was searched, the gait that is recommended, how the search ended.
+
+    The name of a session has its leg. Rows are narrow, because most terminals have 80 columns.
+    """
+    table = plain_table("session", "robot", "world", "failure", "trials", "found", "end")
+    table.padding = (0, 1, 0, 0)
+    for column in table.columns[1:4]:
+        column.no_wrap, column.overflow = False, "fold"
+    for column in table.columns[1:4] + table.columns[5:]:
+        column.justify = "left"
     for session in sessions:
         spec = session.spec
         table.add_row(
             session.name,
             robot_name(spec.robot),
             spec.world or spec.backend,
-            f"{spec.failed_leg} {spec.failure}",
+            spec.failure,
             f"{len(session.trials)}/{spec.budget}",
-            _best(session),
+            _found(session),
             "unfinished" if session.ended is None else ENDED.get(session.ended, session.ended),
         )
     return table
@@ -38,10 +45,14 @@ ROWS = (1, 2, 3, 5, 10, 20, 30, 50, 100, 200, 500, 1000)
 
 
 def comparison_table(sessions: Sequence[Session]) -> Table:
-    """Best score so far by the number of trials, a column for each session."""
+    """Scores of sessions, a column each: without a search, the best by number of trials, what was found."""
     table = plain_table("trials", *(session.name for session in sessions))
     for column in table.columns[1:]:
         column.no_wrap, column.overflow = False, "fold"
+    known = [scores_without_search(session) for session in sessions]
+    for gait in dict.fromkeys(gait for scores in known for gait in scores):
+        cells = (_score(session, scores.get(gait)) for session, scores in zip(sessions, known, strict=True))
+        table.add_row(f"0: {gait}", *cells)
     bests = [best_so_far(session) for session in sessions]
     last = max(len(best) for best in bests)
     for count in [*(count for count in ROWS if count < last), last]:
@@ -50,12 +61,18 @@ def comparison_table(sessions: Sequence[Session]) -> Table:
             for session, best in zip(sessions, bests, strict=True)
         )
         table.add_row(f"{count}", *cells)
+    table.add_row("found", *map(_found, sessions))
     return table
 
 
-def _best(session: Session) -> str:
-    """Score of the best trial with its unit, or a dash."""
-    return _score(session, None if session.best is None else session.best.score)
+def _found(session: Session) -> str:
+    """The recommended gait and its score, or a dash."""
+    found = recommended(session)
+    if found is None:
+        return "-"
+    walk = found.walk
+    name = walk.gait if isinstance(walk, BaselineRecord) else f"{walk.code}"
+    return f"{name} {_score(session, found.score)}"
 
 
 def _score(session: Session, score: float | None) -> str:

@@ -111,8 +111,13 @@ def compare(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Compare sessions: the best score so far against trials."""
-    from hexctl.adapt.sessions.comparison import best_so_far, check_comparable, draw_comparison
+    """Compare sessions: scores without a search, the best so far by trials, and what was found."""
+    from hexctl.adapt.sessions.comparison import (
+        best_so_far,
+        check_comparable,
+        draw_comparison,
+        scores_without_search,
+    )
     from hexctl.adapt.sessions.store import load_session
     from hexctl.cli.render.sessions import comparison_table
 
@@ -121,7 +126,15 @@ def compare(
     if out is not None:
         draw_comparison(found, out)
     if as_json:
-        rows = [{"session": session.name, "best_so_far": best_so_far(session)} for session in found]
+        rows = [
+            {
+                "session": session.name,
+                "best_so_far": best_so_far(session),
+                "without_search": scores_without_search(session),
+                "recommended": session.as_json()["recommended"],
+            }
+            for session in found
+        ]
         print_result(json.dumps({"sessions": rows, "out": None if out is None else str(out)}))
         return
     print_result(comparison_table(found), *([] if out is None else [f"{out}"]))

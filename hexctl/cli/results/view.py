@@ -49,7 +49,7 @@ def _view_runs(names: list[str], *, web: bool) -> int:
     left_out = LeftOut()
     if not web:
         return left_out.code(view_runs(names, runs_folder(), on_damage=left_out.name))
-    with StopOnInterrupt() as interrupt:
+    with StopOnInterrupt(plain=True) as interrupt:
         serve_runs(
             names,
             runs_folder(),
@@ -70,7 +70,7 @@ def _watch(*, web: bool, link: str | None, **options: Any) -> int:
 
     loaded = load_link(link, **options)
     watch = RefusalWatch(loaded.endpoint, note_refusal)
-    with watch, subscribe_states(loaded) as (robot, states), StopOnInterrupt() as interrupt:
+    with watch, subscribe_states(loaded) as (robot, states), StopOnInterrupt(plain=True) as interrupt:
         if not web:
             check_display()
         with LiveView(web=web) as live:

@@ -102,8 +102,8 @@ def adapt(
     """Find a gait for a failed leg in few trials; each is kept and recorded.
 
     A trial walks one of the 120 gaits and is scored by how far off the line it ends. Ctrl-C ends a session,
-    --resume continues it. Exit codes: 0 done, 2 bad input, 3 fault of robot, link or recording, 4 stopped
-    or no valid trial, 130 interrupted.
+    --resume continues it. A session is stored also with --no-record. Exit codes: 0 done, 2 bad input, 3 fault
+    of robot, link or recording, 4 stopped or no valid trial, 130 interrupted.
     """
     if view and no_record:
         raise InputError("--no-record: got --view too; allowed: one or the other")
@@ -190,6 +190,7 @@ def _search(
 ) -> "AdaptationResult | int":
     """Run an adaptation; its result, or the exit code where there is none."""
     from hexctl.adapt.runner import NotBegunError, RobotStoppedError
+    from hexctl.adapt.sessions.rows import StoreError
     from hexctl.cli.prompts import TrialPrompt
     from hexctl.cli.render.adapt import SessionTable, after_stop
 
@@ -221,6 +222,10 @@ def _search(
         except NotBegunError as error:
             _note(str(error))
             return INTERRUPTED
+        except (InputError, StoreError) as error:
+            if not begun:
+                raise
+            raise type(error)(f"{in_flags(error)}; {_what_is_left(begun)}") from error.__cause__ or error
         except KeyboardInterrupt:
             _note(f"interrupted without a soft stop; {_what_is_left(begun)}")
             return INTERRUPTED

@@ -23,6 +23,7 @@ from hexctl.cli.console import (
 from hexctl.cli.options.output import JsonOption
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.values import number
+from hexctl.files import check_writable
 from hexctl.options import Range
 
 if TYPE_CHECKING:
@@ -47,13 +48,16 @@ def demo(
     The robot walks twice in one world, without recovery and with it; then hexctl adapt searches the gait
     that goes straight without that leg. Ctrl-C stops it. Exit codes: 0 done, 3 fault, 130 interrupted.
     """
+    check_writable(runs_folder())
     begun: list[str] = []
+    folders: list[Path] = []
     with StopOnInterrupt(plain=True) as interrupt:
         try:
-            result = _run(budget, interrupt, begun, as_json=as_json)
+            result = _run(budget, interrupt, begun, folders, as_json=as_json)
         except KeyboardInterrupt:
             then = f"continue the search with: hexctl adapt --resume {begun[0]}; " if begun else ""
-            print_note(f"hexctl: interrupted; {then}what was walked until then is under {runs_folder()}/")
+            kept = [f"what was walked until then is under {folder}/" for folder in folders if folder.is_dir()]
+            print_note(f"hexctl: interrupted; {then}{''.join(kept) or 'nothing was recorded'}")
             raise typer.Exit(INTERRUPTED) from None
     if result.interrupted:
         print_note(f"hexctl: {_what_is_left(result)}")
@@ -63,7 +67,8 @@ def demo(
     else:
         print_result(*_ending(result))
     if result.adaptation is not None and result.adaptation.trouble is not None:
-        print_note(f"hexctl: {in_flags(result.adaptation.trouble)}")
+        then = f"continue the search with: hexctl adapt --resume {result.adaptation.session.name}"
+        print_note(f"hexctl: {in_flags(result.adaptation.trouble)}; {then}")
         raise typer.Exit(FAULT)
     raise typer.Exit(DONE if no_view or as_json else _show(result))
 
@@ -99,8 +104,10 @@ def _has_display() -> bool:
     return True
 
 
-def _run(budget: int, interrupt: StopOnInterrupt, begun: list[str], *, as_json: bool) -> "DemoResult":
-    """Run the demo, and print what happens while it does; `begun` gets the name of the session."""
+def _run(
+    budget: int, interrupt: StopOnInterrupt, begun: list[str], folders: list[Path], *, as_json: bool
+) -> "DemoResult":
+    """Run the demo, and print what happens; `begun` gets the name of the session, `folders` the folder."""
     from hexctl.adapt.progress import SearchBar
     from hexctl.demo import rescue
 
@@ -130,6 +137,7 @@ def _run(budget: int, interrupt: StopOnInterrupt, begun: list[str], *, as_json: 
             budget=budget,
             folder=runs_folder(),
             note=lambda text: print_note(f"hexctl: {text}"),
+            on_folder=folders.append,
             on_walk=walked,
             on_begin=begin,
             on_baseline=bar.advance,

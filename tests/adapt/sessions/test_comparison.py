@@ -1,5 +1,6 @@
 """Sessions compared by their best score so far."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -45,15 +46,35 @@ def test_the_plot_is_a_new_png(tmp_path: Path) -> None:
             draw_comparison(both, tmp_path / path)
 
 
+def test_the_list_has_what_each_search_recommends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    stored_session(tmp_path / "runs", 0.12, tripod=0.001, demo=0.3)
+    assert exit_code(["sessions", "list"]) == 0
+    (row,) = capsys.readouterr().out.splitlines()[1:]
+    assert row.split()[-4:-1] == ["tripod", "0.1", "cm"]
+    assert len(row) <= 80
+
+
 def test_the_command_prints_a_column_each(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    names = [stored_session(tmp_path / "runs", off_m) for off_m in (0.12, 0.034)]
+    names = [
+        stored_session(tmp_path / "runs", 0.12, tripod=0.02),
+        stored_session(tmp_path / "runs", 0.034),
+    ]
     assert exit_code(["sessions", "compare", *names, "--out", "best.png"]) == 0
-    head, row, out = capsys.readouterr().out.splitlines()
+    head, tripod, row, found, out = capsys.readouterr().out.splitlines()
     assert head.split() == ["trials", *names]
+    assert tripod.split() == ["0:", "tripod", "2.0", "cm", "-"]
     assert row.split() == ["1", "12.0", "cm", "3.4", "cm"]
+    assert found.split() == ["found", "tripod", "2.0", "cm", "17", "3.4", "cm"]
+    assert exit_code(["sessions", "compare", *names, "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["sessions"]
+    assert [row["without_search"] for row in rows] == [{"tripod": pytest.approx(0.02)}, {}]
+    assert [row["recommended"]["code"] for row in rows] == [None, 17]
     assert Path(out).is_file()
     assert exit_code(["sessions", "compare", names[0]]) == 2
     assert exit_code(["sessions", "compare", names[0], "nobody"]) == 2

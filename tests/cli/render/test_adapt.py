@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from hexctl.adapt.objectives import INVALID_SCORE
+from hexctl.adapt.progress import CONFIRMATION_WALKS
 from hexctl.adapt.sessions.session import (
     BaselineRecord,
     ConfirmationRecord,
@@ -39,7 +40,7 @@ def test_what_is_known_of_the_end_is_one_line() -> None:
     lines = closing_lines(session(uncertainty_m=0.0213), "budget").splitlines()
     assert lines[:2] == [
         "found: gait 17, trial 1, ends 0.6 cm left of its line",
-        "sure: ± 2.1 cm by the simulation's time step",
+        "accuracy: ± 2.1 cm by the simulation's time step",
     ]
     assert "± 2.1 cm" in "\n".join(opening_lines(session(uncertainty_m=0.0213)))
 
@@ -47,13 +48,13 @@ def test_what_is_known_of_the_end_is_one_line() -> None:
 def test_if_nothing_is_known_of_the_uncertainty_nothing_is_printed_of_it() -> None:
     for text in (closing_lines(session(), "budget"), "\n".join(opening_lines(session()))):
         assert "±" not in text
-        assert "sure" not in text
+        assert "accuracy" not in text
 
 
 def test_a_real_robot_has_the_chance_that_its_optimizer_gives() -> None:
     real = session(backend="zenoh", world=None)
     real.settled_on = {"code": 17, "chance": 0.65, "target_m": 0.025}
-    assert "sure: 65 % chance that gait 17 ends within 2.5 cm" in closing_lines(real, "budget").splitlines()
+    assert "chance: 65 % that gait 17 ends within 2.5 cm" in closing_lines(real, "budget").splitlines()
 
 
 @pytest.mark.parametrize(
@@ -76,7 +77,7 @@ def test_a_confirmed_end_is_the_one_that_is_printed(signed_m: float, words: str)
     side = "left" if signed_m > 0 else "right"
     assert closing_lines(confirmed, "budget").splitlines()[:2] == [
         f"found: gait 17, trial 1, ends {100 * abs(signed_m):.1f} cm {side} of its line",
-        f"sure: ± 0.8 cm by a walk at a time step of 0.5 ms; {words}",
+        f"accuracy: ± 0.8 cm by a walk at a time step of 0.5 ms; {words}",
     ]
     assert str(confirmation_line(confirmed, confirmed.confirmations[0])).endswith("ok at 0.5 ms")
 
@@ -96,12 +97,29 @@ def test_the_summary_has_six_lines_and_none_of_a_walk_is_wider_than_a_terminal()
     whole.trials[0] = replace(whole.trials[0], recording="trial-001.rrd")
     lines = closing_lines(whole, "not worth another trial").splitlines()
     assert [line.partition(":")[0].split(" after")[0] for line in lines] == [
-        *("found", "sure", "without a search", "ended", "walk on with", "look at it with"),
+        *("found", "accuracy", "without a search", "ended", "walk on with", "look at it with"),
     ]
     assert "not worth" not in "\n".join(lines)
     fallen = replace(whole.trials[0], outcome={**OUTCOME, "status": "no_progress", "cause": "saturation"})
     shown = [baseline_line(whole, whole.baseline[0]), trial_line(whole, fallen), *opening_lines(whole)]
     assert max(len(str(line)) for line in (*shown, *lines[:4])) <= 80
+
+
+def test_a_search_that_can_be_continued_counts_the_walks_before_its_trials() -> None:
+    begun = with_tripod(0.1, budget=3)
+    begun.trials.clear()
+    (line,) = (line for line in closing_lines(begun, None).splitlines() if line.startswith("unfinished"))
+    for word in ("0 trials", "1 walk ", "30 s walked", "hexctl adapt --resume s"):
+        assert word in line
+
+
+def test_the_walks_besides_the_trials_are_explained_where_the_bar_counts_them() -> None:
+    planned = session(baseline_gaits=["auto", "demo", "tripod"], confirmed_uncertainty_m=0.008)
+    assert not [line for line in opening_lines(session()) if "first" in line or "last" in line]
+    planned.trials.clear()
+    (line,) = (line for line in opening_lines(planned) if line.startswith("first 3 walks"))
+    assert f"{CONFIRMATION_WALKS} walks" in line
+    assert len(line) <= 80
 
 
 def test_the_search_is_compared_with_the_gaits_that_need_none() -> None:
@@ -111,7 +129,7 @@ def test_the_search_is_compared_with_the_gaits_that_need_none() -> None:
 
     assert compared(with_tripod(0.1)) == "without a search: tripod 10.0 cm; the search gains 9.4 cm"
     unresolved = with_tripod(0.05, uncertainty_m=0.0213)
-    assert compared(unresolved) == "without a search: tripod 5.0 cm; no trial is better"
+    assert compared(unresolved) == "without a search: tripod 5.0 cm; the search found none better"
     fell = with_tripod(0.1)
     walk = replace(fell.baseline[0], score=INVALID_SCORE, outcome={**OUTCOME, "status": "fell"})
     fell.baseline[0] = walk

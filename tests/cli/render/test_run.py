@@ -72,6 +72,15 @@ def test_a_simulation_whose_sensors_were_far_off_says_where_the_robot_truly_was(
         assert not [line for line in shown(capsys, true_deviation_m=unsaid) if "in truth" in line]
 
 
+def test_a_walk_that_was_interrupted_says_by_what(capsys: pytest.CaptureFixture[str]) -> None:
+    lines = shown(capsys, status="aborted", stopped="requested")
+    assert "status     stopped by Ctrl-C" in lines
+
+
+def test_a_turn_that_rounds_to_nothing_has_no_sign(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "turned     0.0 degrees" in shown(capsys, yaw_change_deg=-0.04)
+
+
 def test_a_robot_that_was_stopped_says_why_and_what_to_do(capsys: pytest.CaptureFixture[str]) -> None:
     lines = shown(
         capsys,

@@ -3,6 +3,7 @@
 import os
 import re
 import signal
+import sys
 import urllib.request
 from pathlib import Path
 from typing import Any
@@ -337,6 +338,20 @@ def test_an_old_overview_that_leads_to_damage_is_not_opened(
     assert exit_code(["view", name]) == 3
     assert Path(opened()[0]).name == old.name
     assert opened() != [str(old)]
+
+
+def test_ctrl_c_of_a_served_viewer_mentions_no_soft_stop(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        with monkeypatch.context() as patch:
+            patch.setattr(sys.stderr, "isatty", lambda: True)
+            os.kill(os.getpid(), signal.SIGINT)
+
+    monkeypatch.setattr(overview, "serve_runs", interrupted)
+    assert exit_code(["view", "--web"]) == 0
+    said = capfd.readouterr().err
+    assert ("Ctrl-C" in said, "soft stop" in said) == (True, False)
 
 
 def test_a_session_is_served_without_what_is_damaged(damaged: Path, tmp_path: Path) -> None:

@@ -170,7 +170,7 @@ def test_the_table_says_what_is_believed_and_how_sure_it_ended(
     assert "bayes with the prior x.npz" in lines[1]
     assert any("s walked" in line for line in lines)
     assert any(line.endswith("it is sure of a gait") for line in lines)
-    (sure,) = [line for line in lines if line.startswith("sure: ")]
+    (sure,) = [line for line in lines if line.startswith("chance: ")]
     assert "ends within 10.0 cm" in sure
     assert int(sure.split()[1]) >= 90
 

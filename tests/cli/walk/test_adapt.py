@@ -108,13 +108,23 @@ def test_quiet_prints_the_end_only(
     assert printed.err == ""
 
 
+def test_without_recordings_a_search_leaves_its_store_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(TrialRunner, "walk", lambda _, *trial: Landscape()(*trial))
+    assert exit_code([*QUICK, "--no-record", "--quiet"]) == 0
+    assert [path.name for path in Path("runs").iterdir()] == ["sessions.sqlite"]
+    (session,) = list_sessions()
+    for command in ("list", "show"):
+        assert exit_code(["sessions", command, *[session.name] * (command == "show")]) == 0
+        assert [path.name for path in Path("runs").iterdir()] == ["sessions.sqlite"]
+
+
 def test_the_table_and_the_sessions(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code([*QUICK, "--no-record"]) == 0
     printed = capsys.readouterr().out
     assert len([line for line in printed.splitlines() if line.endswith(" ok")]) == 6
     assert max(map(len, printed.splitlines()[:10])) <= 80
     gaits = ("auto", "demo", "tripod")
-    assert [line.split()[:2] for line in printed.splitlines()[3:6]] == [["0", gait] for gait in gaits]
+    assert [line.split()[:2] for line in printed.splitlines()[4:7]] == [["0", gait] for gait in gaits]
     assert [line for line in printed.splitlines() if line.startswith("without a search: auto ")]
     assert "--gait tripod" in printed
     (listed,) = run_json(capsys, "sessions", "list")
@@ -122,7 +132,7 @@ def test_the_table_and_the_sessions(capsys: pytest.CaptureFixture[str]) -> None:
     assert name in printed
     assert exit_code(["sessions", "show", name]) == 0
     shown = capsys.readouterr().out
-    assert "found: gait tripod, without a search, ends" in shown
+    assert "found: gait tripod, which needs no search, ends" in shown
     assert "ended after 3 trials" in shown
     assert (listed["ended"], listed["trials"]) == ("budget", 3)
     assert exit_code(["sessions", "list"]) == 0
@@ -399,22 +409,42 @@ import resource, signal, sys
 from hexctl.cli.main import exit_code
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (120_000, 120_000))
-words = "adapt --failed-leg 5 --budget 60 --duration 2.5 --prior none --no-record"
-sys.exit(exit_code(words.split()))
+words = "adapt --failed-leg 5 --budget 60 --duration 2.5 --prior none"
+sys.exit(exit_code([*words.split(), *sys.argv[1:]]))
 """
 
 
 def test_a_full_disk_ends_in_one_line_and_loses_no_kept_trial(capsys: pytest.CaptureFixture[str]) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", FULL_DISK], capture_output=True, text=True, timeout=PATIENCE_S, check=False
-    )
+    done = _adapt_on_a_small_disk("--no-record")
     assert done.returncode == 3, done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert "cannot be stored" in done.stderr
+    (session,) = list_sessions()
+    assert done.stderr.endswith(f"continue with: hexctl adapt --resume {session.name}\n")
     walked = [line for line in done.stdout.splitlines() if line.endswith("  ok") or "no_progress" in line]
     shown = [line for line in walked if not line.startswith("   0 ")]
     (listed,) = run_json(capsys, "sessions", "list")
     assert listed["trials"] == len(shown) > 0
+
+
+def _adapt_on_a_small_disk(*options: str) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        [sys.executable, "-c", FULL_DISK, *options],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+
+
+def test_a_disk_without_room_for_a_recording_says_how_to_go_on(capsys: pytest.CaptureFixture[str]) -> None:
+    done = _adapt_on_a_small_disk("--json")
+    assert done.returncode == 3, done.stderr
+    assert "--record" not in done.stderr.replace("--no-record", "")
+    name = json.loads(done.stdout)["session"]
+    assert done.stderr.endswith(f"continue with: hexctl adapt --resume {name}\n")
+    goes_on = run_json(capsys, "adapt", "--resume", name, "--budget", "1", "--no-record")
+    assert len(goes_on["trials"]) == 1
 
 
 def test_the_trials_that_no_other_beats(capsys: pytest.CaptureFixture[str]) -> None:

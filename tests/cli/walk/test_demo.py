@@ -1,6 +1,8 @@
 """`hexctl demo` as a user calls it."""
 
+import errno
 import json
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -55,6 +57,7 @@ def test_ctrl_c_ends_it(capsys: Any, monkeypatch: Any) -> None:
     printed = capsys.readouterr()
     assert "with recovery" not in printed.out
     assert printed.err.splitlines()[-1] == "hexctl: interrupted before the search: nothing was recorded"
+    assert not list(Path("runs").iterdir())
 
 
 def test_with_a_screen_the_walks_are_shown_in_a_window(monkeypatch: Any) -> None:
@@ -75,10 +78,43 @@ def test_ctrl_c_in_the_search_names_the_session(capsys: Any, monkeypatch: Any) -
     assert [Path(path).name for path in seen if Path(path).is_file()] == ["walked-on.rrd", "recovered.rrd"]
 
 
+def test_two_ctrl_c_name_what_is_there(capsys: Any, monkeypatch: Any) -> None:
+    def cut_off(policy: str, recording: Path, **_: Any) -> None:
+        if policy == rescue.RECOVER:
+            raise KeyboardInterrupt
+        recording.touch()
+
+    monkeypatch.setattr(rescue, "walk_and_fail", cut_off)
+    monkeypatch.setattr("hexctl.cli.walk.demo._walk_line", lambda *_, **__: "")
+    assert exit_code(["demo"]) == 130
+    (folder,) = Path("runs").iterdir()
+    assert f"{folder}/" in capsys.readouterr().err
+    monkeypatch.setattr(rescue, "WALK_ON", rescue.RECOVER)
+    (folder / "walked-on.rrd").unlink()
+    folder.rmdir()
+    assert exit_code(["demo"]) == 130
+    assert "runs" not in capsys.readouterr().err
+    assert not list(Path("runs").iterdir())
+
+
+def test_a_disk_without_room_is_a_fault_that_names_no_option_of_other_commands(
+    capsys: Any, monkeypatch: Any
+) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("hexctl.record.rrd.os.posix_fallocate", refuse)
+    assert exit_code(["demo"]) == 3
+    assert "--" not in capsys.readouterr().err
+
+
 def test_a_folder_that_cannot_be_used_is_one_line(tmp_path: Path, capsys: Any) -> None:
     (tmp_path / "runs").touch()
     assert exit_code(["demo", "--budget", "1"]) == 2
-    assert "runs" in capsys.readouterr().err
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    for word in ("runs is a file, not a folder", "HEXCTL_RUNS"):
+        assert word in printed.err
 
 
 def test_the_environment_is_named_where_the_command_is_not_on_the_path(monkeypatch: Any) -> None:

@@ -350,7 +350,7 @@ def test_a_file_where_the_recordings_go_is_refused(
     printed = capsys.readouterr()
     assert printed.out == ""
     line = _one_line(printed.err)
-    for word in ("runs is a file, not a folder", "--record FILE"):
+    for word in ("runs is a file, not a folder", "--record FILE", "--no-record"):
         assert word in line
     assert (tmp_path / "runs").read_text() == "mine"
     assert all(not made.sent for made in Kit.made), "nothing moved"
