@@ -1,6 +1,7 @@
 """The demo: a walk without recovery, one with it, a search, and the picture of both walks."""
 
 import json
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any
 
@@ -88,8 +89,8 @@ def test_a_stop_between_the_walks_and_the_search_leaves_the_walks(tmp_path: Path
 def test_a_second_demo_replaces_nothing(tmp_path: Path) -> None:
     results = []
     for _ in range(2):
-        asked = iter(range(10_000))
-        results.append(rescue.demo(folder=tmp_path, stop_requested=lambda asked=asked: next(asked) > 30))
+        answers = chain(repeat(False, 31), repeat(True))
+        results.append(rescue.demo(folder=tmp_path, stop_requested=answers.__next__))
     assert results[0].folder != results[1].folder
 
 
