@@ -14,6 +14,7 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, ValidationErro
 
 from hexctl.errors import printable
 from hexctl.files import atomic_write, read_file
+from hexctl.serve.stops.ready_draft import ReadyDraft
 from hexctl.serve.stops.state_folder import state_folder
 from hexctl.serve.stops.stop import CLAIM_DIGITS, ESTOP, ID_BYTES, Stop, new_stop_id
 from hexctl.serve.stops.stop_place import StopPlace
@@ -142,6 +143,7 @@ class StopFile:
         self._on_disk: str | None = None
         self._due, self._ended = threading.Event(), False
         self._writer: threading.Thread | None = None
+        self._draft: ReadyDraft | None = None
 
     def load(self) -> KeptStop | None:
         """The stop that was kept, None where there is none.
@@ -152,6 +154,7 @@ class StopFile:
             self.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             if not os.access(self.path.parent, os.W_OK):
                 self.trouble = f"{self.path.parent} may not be written"
+            self._draft = ReadyDraft(self.path)
         except OSError as error:
             self.trouble = f"{self.path.parent} cannot be made ({error.strerror})"
         own, others = self._read(self.path), self._of_this_robot_elsewhere()
@@ -195,6 +198,8 @@ class StopFile:
         self._due.set()
         if self._writer is not None:
             self._writer.join(WRITE_TIMEOUT_S)
+        if self._draft is not None and (self._writer is None or not self._writer.is_alive()):
+            self._draft.close()
 
     def _begin_to_write(self) -> None:
         """Start the thread that writes; one that cannot be started is trouble, and keeps no stop back."""
@@ -281,13 +286,20 @@ class StopFile:
         if wanted is not None:
             reason = ESTOP if self._asked_only else wanted.reason  # what has fallen stands after a restart
             content = self._content(reason, wanted.stop_id, wanted.by, wanted.claims)
-            atomic_write(self.path, content.model_dump_json() + "\n")
+            self._replace(content.model_dump_json() + "\n")
             return
         with suppress(FileNotFoundError):
             self.path.unlink()
         while self._taken_over:
             self._cleared_at(self._taken_over[-1])
             self._taken_over.pop()
+
+    def _replace(self, text: str) -> None:
+        """Replace the file, also where a flood of connections has taken all descriptors."""
+        if self._draft is not None and self._draft.ready:
+            self._draft.write(text.encode())
+        else:
+            atomic_write(self.path, text)
 
     def _cleared_at(self, taken: _TakenOver) -> None:
         """Note in the file of another place that its stop was cleared here, if it has that stop still."""
