@@ -18,6 +18,7 @@ TOGETHER = {
     "adapt/test_docs_example.py",
     "adapt/test_kill.py",
     "backends/bus/test_lx16a_servos.py",
+    "cli/test_files_for_folders.py",
     "cli/test_foreign_code.py",
     "cli/test_foreign_text.py",
     "cli/test_hangup.py",
