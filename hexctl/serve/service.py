@@ -3,6 +3,7 @@
 Nothing here prints or handles signals: callers pass callbacks.
 """
 
+import resource
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
@@ -44,6 +45,10 @@ STILL_HOLDS = "the robot holds its pose; its servos keep their torque"
 
 #: The same where they could not be reached at the end.
 NOT_KNOWN = "its servos cannot be reached, and what they do is not known: use the switch of their supply"
+
+
+#: Open files of a server; each connection needs one.
+MOST_DESCRIPTORS = 65_536
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -218,6 +223,7 @@ class RobotService:
         Raises InputError for a robot, world or link that is not allowed, RobotFaultError when the servos
         cannot be reached or fail, or the endpoint cannot be listened at.
         """
+        _raise_descriptor_limit()
         link = self.resolved_link()
         options = self.servos.options(
             connect=self.device, credentials=self.device_keys, insecure=self.insecure
@@ -349,6 +355,13 @@ def check_between(option: str, value: float, lowest: float, highest: float) -> N
     """Raise InputError for a time in s that is not between two others."""
     if not lowest <= value <= highest:  # false for nan too
         raise InputError(f"{option}: got {value:g}; allowed: {lowest:g} to {highest:g} s")
+
+
+def _raise_descriptor_limit() -> None:
+    """Allow as many open files as the system lets this user have: connections that are given up hold some."""
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = MOST_DESCRIPTORS if most == resource.RLIM_INFINITY else min(most, MOST_DESCRIPTORS)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, most))
 
 
 def serve(

@@ -1,5 +1,6 @@
 """A file that is open before it is needed: a process without a free descriptor can still write it."""
 
+import errno
 import os
 from contextlib import suppress
 from pathlib import Path
@@ -11,10 +12,7 @@ class ReadyDraft:
     The draft has no name until it is written (O_TMPFILE), so nothing is left behind.
 
     Args:
-        path: of the file; its folder exists.
-
-    Attributes:
-        ready: whether `write` needs no further descriptor.
+        path: of the file; its folder exists. Where disk or system have no such files, `write` fails.
     """
 
     def __init__(self, path: Path) -> None:
@@ -24,21 +22,18 @@ class ReadyDraft:
         self._file: int | None = None
         self._open()
 
-    @property
-    def ready(self) -> bool:
-        """Whether the draft is open; it never is where the disk or the system has no such files."""
-        return self._file is not None
-
     def write(self, content: bytes) -> None:
         """Replace the file; it is on the disk when this returns. Raises OSError when the disk refuses."""
-        assert self._file is not None and self._folder is not None, "ask whether it is ready"
+        if self._file is None or self._folder is None:
+            raise OSError(errno.EBADF, "no draft is open", str(self._path))
         os.ftruncate(self._file, 0)
         if os.pwrite(self._file, content, 0) < len(content):
-            raise OSError(28, "No space left on device")
+            raise OSError(errno.ENOSPC, "the disk is full", str(self._path))
         os.fsync(self._file)
         with suppress(FileNotFoundError):
             self._named.unlink()
-        os.link(f"/proc/self/fd/{self._file}", self._named, follow_symlinks=True)
+        # With the number of a folder Python calls linkat, which follows the link; else it would not.
+        os.link(f"/proc/self/fd/{self._file}", self._named, src_dir_fd=self._folder, follow_symlinks=True)
         self._named.replace(self._path)
         os.fsync(self._folder)
         os.close(self._file)

@@ -296,10 +296,13 @@ class StopFile:
 
     def _replace(self, text: str) -> None:
         """Replace the file, also where a flood of connections has taken all descriptors."""
-        if self._draft is not None and self._draft.ready:
-            self._draft.write(text.encode())
-        else:
-            atomic_write(self.path, text)
+        try:
+            if self._draft is not None:
+                self._draft.write(text.encode())
+                return
+        except OSError:  # it may be opened again, or the disk may refuse: the usual way says which
+            pass
+        atomic_write(self.path, text)
 
     def _cleared_at(self, taken: _TakenOver) -> None:
         """Note in the file of another place that its stop was cleared here, if it has that stop still."""

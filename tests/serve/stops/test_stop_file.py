@@ -2,6 +2,8 @@
 
 import json
 import os
+import subprocess
+import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -398,4 +400,33 @@ def test_a_computer_without_a_thread_left_stops_the_robot_and_the_next_stop_is_k
     again = latch.stop()
     assert comes_true(lambda: file.keeps(again), 10.0)
     assert file.trouble is None
+    latch.close()
+
+
+#: Keeps a stop in a process that has no free descriptor, and is killed then.
+NO_DESCRIPTOR = """
+import os, resource, signal, sys, time
+from pathlib import Path
+from tests.serve.stops.test_stop_file import begun
+
+_, latch, file = begun(Path(sys.argv[1]))
+resource.setrlimit(resource.RLIMIT_NOFILE, (64, 64))
+try:
+    while True:
+        os.open("/dev/null", os.O_RDONLY)
+except OSError:
+    pass
+stop = latch.stop()
+until_s = time.monotonic() + 20
+while not file.keeps(stop) and time.monotonic() < until_s:
+    time.sleep(0.01)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_a_stop_is_kept_although_all_descriptors_are_taken(tmp_path: Path) -> None:
+    subprocess.run([sys.executable, "-c", NO_DESCRIPTOR, str(tmp_path)], check=False, timeout=120)
+    assert [path.suffix for path in tmp_path.iterdir()] == [".json"]
+    _, latch, _ = begun(tmp_path)
+    assert latch.current() is not None
     latch.close()
