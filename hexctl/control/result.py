@@ -92,7 +92,8 @@ class TrialResult(ArrayFields):
         turn_trim_rad_s: turn that went with it in open loop to take out its curve, counter-clockwise; None
             where it was not trimmed.
         noticed: failures that the controller noticed on the way.
-        controller: name of the custom controller that walked; None for the walk of the plan itself.
+        controller: name of the custom controller that walked; None for the walk of the plan itself. It counts
+            in no comparison.
     """
 
     status: str
@@ -120,7 +121,7 @@ class TrialResult(ArrayFields):
     trim_rad: float | None = None
     turn_trim_rad_s: float | None = None
     noticed: tuple[NoticedFailure, ...] = ()
-    controller: str | None = None
+    controller: str | None = field(default=None, compare=False)
 
     @property
     def valid(self) -> bool:

@@ -12,7 +12,6 @@ from hexctl import (
     Guard,
     SimServos,
     SimTrial,
-    TickLog,
     TrialPlan,
     World,
     load_robot,
@@ -21,6 +20,7 @@ from hexctl import (
     run_sim_trials,
     run_trial,
 )
+from hexctl.control.log import TickLog
 
 NOISY = World.model_validate({"sensor_noise": {"joint_deg": 0.5, "position_m": 0.002, "yaw_deg": 0.5}})
 WORN = World(servo_delay_s=0.02, servo_backlash_deg=1.0, servo_strength=0.7, joint_offset_deg=2.0)
