@@ -95,14 +95,16 @@ def adapt(
             help="Show a real robot's trials in Rerun while they run, and the session at its end.",
         ),
     ] = False,
-    no_record: Annotated[bool, typer.Option("--no-record", help="Leave no recordings.")] = False,
+    no_record: Annotated[
+        bool, typer.Option("--no-record", help="Leave no recordings; the session is stored all the same.")
+    ] = False,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Find a gait for a failed leg in few trials; each is kept and recorded.
 
     A trial walks one of the 120 gaits and is scored by how far off the line it ends. Ctrl-C ends a session,
-    --resume continues it. A session is stored also with --no-record. Exit codes: 0 done, 2 bad input, 3 fault
+    --resume continues it. Exit codes: 0 done, 2 bad input, 3 fault
     of robot, link or recording, 4 stopped or no valid trial, 130 interrupted.
     """
     if view and no_record:
