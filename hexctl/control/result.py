@@ -193,7 +193,7 @@ class TrialResult(ArrayFields):
                 trim_rad=_radians(data["trim_deg"]),
                 turn_trim_rad_s=_radians(data["turn_trim_deg_s"]),
                 noticed=tuple(NoticedFailure.from_dict(each) for each in data["noticed"]),
-                controller=data["controller"],
+                controller=data.get("controller"),
             )
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise InputError(

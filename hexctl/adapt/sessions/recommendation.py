@@ -66,11 +66,26 @@ def recommended(session: "Session") -> Contender | None:
 
 
 def next_to_confirm(session: "Session") -> Contender | None:
-    """The straightest walk that may be recommended and is not confirmed; None if all are."""
+    """The straightest walk that may be recommended and is not confirmed; None if all are.
+
+    At a coarse time step a walk of the baseline may end elsewhere by more than was measured on the flat
+    floor. So all of them are confirmed, unless none could end nearer to the line by what can be resolved.
+    """
     if not session.spec.confirmed_uncertainty_m:
         return None
-    missing = [one for one in _unresolved(session) if one.confirmation is None]
-    return min(missing, key=lambda one: one.score, default=None)
+    return _unconfirmed(_unresolved(session)) or _unconfirmed(_baseline_to_beat(session))
+
+
+def _unconfirmed(found: Iterable[Contender]) -> Contender | None:
+    return _straightest(one for one in found if one.confirmation is None)
+
+
+def _baseline_to_beat(session: "Session") -> list[Contender]:
+    """Walks of the baseline, if one may end nearer to the line than what is recommended; else none."""
+    found = recommended(session)
+    if found is None or not found.uncertainty_m or found.score <= resolution_m(found, found):
+        return []
+    return [one for one in contenders(session) if not one.searched]
 
 
 def straightest_baseline(session: "Session") -> Contender | None:

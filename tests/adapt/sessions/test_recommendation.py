@@ -93,16 +93,16 @@ def test_a_target_that_single_trials_cannot_resolve_is_confirmed(store: SessionS
     assert near.within_target > 0.9
     assert near.spec.greatest_chance is not None
     assert near.spec.greatest_chance < 0.7
-    far = search(store, Ends({1: 0.3, 2: 0.05, 3: 0.06, 4: 0.07}), target_m=NEVER_M)
+    far = search(store, Ends({0: 0.5, 1: 0.3, 2: 0.05, 3: 0.06, 4: 0.07}), target_m=NEVER_M)
     far.spec = replace(far.spec, target_m=0.025)
     assert far.within_target is not None
     assert far.within_target < 0.01
 
 
 def test_a_candidate_that_ends_worse_than_another_trial_gives_way_to_it(store: SessionStore) -> None:
-    finely = Ends({2: 0.09, 3: 0.03})
+    finely = Ends({0: 0.5, 2: 0.09, 3: 0.03})
     session = search(store, finely, target_m=NEVER_M)
-    assert finely.walked == [2, 3]
+    assert finely.walked == [2, 3, 0]
     assert session.best_walk is not None
     assert session.best_walk.code == 3
 
@@ -125,6 +125,13 @@ def test_a_baseline_that_is_not_resolved_walks_too_and_is_preferred(
     worse = search(store, Ends({2: 0.01, 0: 0.06}), target_m=NEVER_M)
     assert worse.best_walk is not None
     assert worse.best_walk.code == 2, "5 cm are resolved by two confirmed walks"
+
+
+def test_no_trial_is_recommended_that_a_baseline_beats_at_the_finer_step(store: SessionStore) -> None:
+    finely = Ends({0: 0.01, 2: 0.05, 3: 0.06, 4: 0.07})
+    session = search(store, finely, target_m=NEVER_M)
+    assert finely.walked[-1] == 0, "0.5 m at the usual step, resolved from the trials"
+    assert isinstance(session.best_walk, BaselineRecord)
 
 
 def test_a_candidate_that_falls_at_the_finer_step_is_not_recommended(store: SessionStore) -> None:
