@@ -88,12 +88,11 @@ def test_a_session_from_before_goes_on_without() -> None:
     assert SessionSpec(target_m=0.025).greatest_chance is None
 
 
-def test_what_noise_is_believed_is_stored_and_sessions_from_before_keep_theirs() -> None:
+def test_what_noise_is_believed_is_stored() -> None:
     simulated, real = (new_spec(failed_leg=5, backend=backend) for backend in ("sim", "mock"))
     assert (simulated.noise_m, real.noise_m) == (SIMULATED_NOISE_M, REAL_NOISE_M)
     assert real.worth_m == pytest.approx(REAL_NOISE_M)
-    before = [replace(spec, noise_m=None) for spec in (simulated, real)]
-    assert [noise_m(spec) for spec in (simulated, real, *before)] == [0.001, REAL_NOISE_M, 0.001, 0.02]
+    assert [noise_m(spec) for spec in (simulated, real)] == [SIMULATED_NOISE_M, REAL_NOISE_M]
 
 
 def test_the_greatest_chance_is_that_of_a_walk_which_ends_on_the_line() -> None:

@@ -250,7 +250,7 @@ def test_a_bad_value_names_option_value_and_range(
         (["adapt", "--resume", "nosuch"], "hexctl: --resume: got 'nosuch'; allowed: none yet, "),
         (["export", "nosuch", "--to", "csv"], "hexctl: session: got 'nosuch'; allowed: none yet, "),
         (["run", "--robot", "/dev"], "hexctl: '/dev' is a folder; allowed: a YAML file, or one of ant,"),
-        (["run", "--world", "kept"], "hexctl: 'kept' is a folder; allowed: a YAML file, or one of failing,"),
+        (["run", "--world", "kept"], "hexctl: 'kept' is a folder; allowed: a YAML file, or one of flat,"),
         (
             ["run", "--robot", "r" * 5001],
             f"hexctl: unknown robot '{'r' * 200}... (5001 characters)'; allowed:",

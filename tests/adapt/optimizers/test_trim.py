@@ -245,7 +245,7 @@ def test_trims_are_in_json_exports_and_the_last_line(capsys: pytest.CaptureFixtu
     words = ["adapt", "--failed-leg", "2", "--hold", "heading", "--failure", "limp", "--no-record"]
     assert exit_code(words) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert "trim" in lines[2]
+    assert "trim" in lines[3]
     (trial,) = [line for line in lines if line.lstrip().startswith("1 ")]
     session = load_session(lines[0].split()[1].rstrip(":"))
     trim_deg = session.trials[0].outcome["trim_deg"]
