@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from hexctl.adapt.sessions.store import stored_names
 from hexctl.cli.console import StopOnInterrupt
 from hexctl.cli.main import exit_code
 from hexctl.cli.walk.demo import _activate, _another_walk, _view_command
@@ -70,8 +71,8 @@ def test_ctrl_c_in_the_search_names_the_session(capsys: Any, monkeypatch: Any) -
     monkeypatch.setattr(rescue, "WALK_S", 7.0)
     monkeypatch.setattr(StopOnInterrupt, "requested", lambda _: any(Path("runs").glob("*-leg5-*")))
     assert exit_code(["demo", "--budget", "1"]) == 130
-    (session,) = Path("runs").glob("*-leg5-*")
-    said = f"hexctl: interrupted; continue the search with: hexctl adapt --resume {session.name}; "
+    (session,) = stored_names(Path("runs"))
+    said = f"hexctl: interrupted; continue the search with: hexctl adapt --resume {session}; "
     line = capsys.readouterr().err.splitlines()[-1]
     assert line.startswith(said)
     seen = line.partition("; look at it with: hexctl view --web ")[2].split()

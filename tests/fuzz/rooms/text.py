@@ -14,6 +14,7 @@ from hexctl.cli.options.failure import leg_or_auto, legs_or_auto, listed_legs
 from hexctl.cli.see.arena import arena_of
 from hexctl.cli.see.options import size_of
 from hexctl.cli.see.twin import point_of
+from hexctl.cli.values import checked
 from hexctl.errors import HexctlError
 from hexctl.gait.encoding import code_from_slots, slots_from_code
 from hexctl.gait.gait import parse_slots
@@ -140,11 +141,11 @@ TARGETS = (
         name="number",
         read=_of_text(
             _each(
-                *(each.parse for each in RANGES),
+                *(checked(each.parse) for each in RANGES),
                 leg_or_auto,
                 legs_or_auto,
                 listed_legs,
-                arena_of,
+                checked(arena_of),
                 size_of,
                 point_of,
             )
