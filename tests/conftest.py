@@ -1,6 +1,7 @@
 """For all tests: no display, one thread for matrices, hypothesis without deadlines or luck, no priority."""
 
 import os
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,12 @@ from hypothesis import settings
 os.environ.setdefault("MUJOCO_GL", "disable")
 # As the command line has it; read when NumPy is imported, which is later.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# Programs ignore what their parent ignores: hangups under nohup, Ctrl-C in the background of a script.
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
+signal.signal(signal.SIGQUIT, signal.SIG_DFL)
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 settings.register_profile("local", deadline=None, derandomize=True, max_examples=25)
 settings.register_profile("thorough", deadline=None, derandomize=True, max_examples=100)
