@@ -49,11 +49,6 @@ def rare(option: Any) -> Any:
     return option
 
 
-def in_lower_case(name: str | None) -> str | None:
-    """A name as hexctl writes it; what holds a name of somebody else's, after a colon, as it is."""
-    return name if name is None or ":" in name else name.strip().lower()
-
-
 def given(context: typer.Context) -> Mapping[str, Any]:
     """Values of the options and arguments that were typed, by flag (`--seed`) or by argument name."""
     return {

@@ -4,11 +4,9 @@ from typing import Annotated, Any
 
 import typer
 
+from hexctl.backends.options import SEED
 from hexctl.cli import completion
 from hexctl.cli.values import number
-from hexctl.options import Range
-
-SEED = Range(low=0, whole=True)
 
 WORLD_HELP = (
     "Simulated world: flat, slippery, slope, rough, a YAML file, or one of a family such as randomised:7."
