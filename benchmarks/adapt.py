@@ -11,8 +11,8 @@ from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
 from hexctl.adapt.optimizer import Observation
 from hexctl.adapt.optimizers.bayes import Bayes
-from hexctl.adapt.prior.find import shipped_priors
 from hexctl.adapt.prior.prior import CHECKPOINTS, Prior, load_prior
+from hexctl.adapt.prior.prior_files import shipped_priors
 from hexctl.adapt.prior.samples import samples_of
 from hexctl.adapt.space import GaitSpace
 

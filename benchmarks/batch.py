@@ -22,13 +22,13 @@ from benchmarks.plans import ant, recovery_plans
 from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
 from benchmarks.timing import alternate, median_ratio, spread
-from hexctl.backends.sim.batch import SimBatch
 from hexctl.backends.sim.servos import SimServos
+from hexctl.backends.sim.simulated_batch import SimBatch
 from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
-from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import prepare
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.types import FloatArray
 
 #: The failed leg of the demonstration.

@@ -19,9 +19,9 @@ from hexctl.backends.base import LegServos, ServosWrapper
 from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.control.guard import Guard
-from hexctl.control.plan import TrialPlan
-from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_result import TrialResult
 from hexctl.gait.gait import make_gait
 from hexctl.robot.configs import find_config
 from hexctl.robot.loader import load_robot_file

@@ -19,8 +19,8 @@ from hexctl.backends.sim.world import World
 from hexctl.control.assessment.cause import SAMPLE_TICKS, Samples, Symptoms, symptoms
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
-from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import run_trial
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import NAMED_SLOTS, make_gait
 from hexctl.robot.model import Robot
 

@@ -21,8 +21,8 @@ from hexctl.control.assessment.feasibility import gait_demand
 from hexctl.control.assessment.gait_load import GaitLoad, gait_load
 from hexctl.control.assessment.load_verdict import CROSSING_WALKS, GOOD_CAPACITY, GOOD_LIFT, load_verdict
 from hexctl.control.guard import Guard
-from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import run_trial
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import NAMED_SLOTS, Motion, make_gait
 from hexctl.ik.clearance import PARTS
 from hexctl.robot.model import Robot

@@ -8,7 +8,7 @@ from typing import Any
 import zenoh
 
 from hexctl.wire.links import KeyMap, Link, Role
-from hexctl.wire.session import open_session
+from hexctl.wire.zenoh_session import open_session
 
 THERE, BACK = "bench/there", "bench/back"
 KEYS = KeyMap.of("echo").renamed({"command": THERE, "joint_states": BACK})

@@ -14,7 +14,7 @@ from benchmarks.plans import ant, recovery_plans
 from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
 from hexctl.control.batch import SimTrial, run_sim_trials
-from hexctl.control.result import TrialResult
+from hexctl.control.trial_result import TrialResult
 from hexctl.types import N_LEGS
 
 #: Percent of the gaits that end to the left of the line, by failed leg.

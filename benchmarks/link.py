@@ -15,17 +15,17 @@ from benchmarks.plans import ant
 from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
 from hexctl.backends.clock import PERIOD_S, WallClock
-from hexctl.backends.zenoh.client import ZenohServos, ask
 from hexctl.backends.zenoh.subscriber import LatestValues
+from hexctl.backends.zenoh.zenoh_client import ZenohServos, ask
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
-from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import run_trial
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import make_gait
 from hexctl.types import FloatArray, JointTargets
 from hexctl.wire.links import KeyMap, Link, Role
-from hexctl.wire.messages import CommandTag, StateTag, encode_positions
-from hexctl.wire.session import open_session
+from hexctl.wire.zenoh_messages import CommandTag, StateTag, encode_positions
+from hexctl.wire.zenoh_session import open_session
 
 #: Round trips of a window: a pause of the machine that hits one of the two spoils one window, not the figure.
 WINDOW = 250

@@ -20,10 +20,10 @@ from hexctl.control.controllers import Walk
 from hexctl.control.guard import Guard
 from hexctl.control.log import Recorders, TickLog
 from hexctl.control.loop import run_controller
-from hexctl.control.plan import TrialPlan
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import EStopError
 from hexctl.gait.gait import Motion
-from hexctl.record.live import LiveView
+from hexctl.recording.live import LiveView
 from hexctl.types import RobotState
 
 

@@ -24,10 +24,10 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
 from hexctl.control.log import BLOCK_TICKS, PACED_BLOCK_TICKS, Recorders, TickLog
-from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import run_trial
-from hexctl.record import recording
-from hexctl.record.run import run
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.recording import recording
+from hexctl.runs.run import run
 
 MEGABYTE = 1e6
 HOUR_S = 3600.0

@@ -2,7 +2,7 @@
 
 from functools import cache
 
-from hexctl.control.plan import TrialPlan
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.encoding import Slots, slots_from_code
 from hexctl.gait.gait import NAMED_SLOTS, Gait
 from hexctl.robot.failure import Failure

@@ -19,9 +19,9 @@ from benchmarks.timing import alternate, median_ratio, spread
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
 from hexctl.control.log import PACED_BLOCK_TICKS, Recorders
-from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import run_trial
-from hexctl.record.recording import Recording
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.recording.recording import Recording
 
 MEGABYTE = 1e6
 

@@ -17,10 +17,10 @@ from benchmarks.plans import ant
 from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
 from hexctl.backends.clock import PERIOD_S, WallClock
-from hexctl.backends.zenoh.client import ZenohServos
+from hexctl.backends.zenoh.zenoh_client import ZenohServos
 from hexctl.types import FloatArray, JointTargets
 from hexctl.wire.links import Endpoint, Link
-from hexctl.wire.ros.session import open_ros_session
+from hexctl.wire.ros.ros_session import open_ros_session
 
 #: In seconds: what has not come back after this counts as this late.
 PATIENCE_S = 0.5

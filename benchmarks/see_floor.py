@@ -9,18 +9,18 @@ import numpy as np
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import about_z, wrapped_rad
-from hexctl.see.observer import Observer
-from hexctl.see.robot_camera import LEARNING_PICTURES
-from hexctl.see.robot_link import LegState
-from hexctl.see.twin.rendering import CameraFlaws, PlacedTag, RobotPosture, SceneRenderer
-from hexctl.see.twin.scene import tag_on
-from hexctl.see.vision.camera import Camera
-from hexctl.see.vision.floor import LearnedFloor, averaged_corners, learn_floor
-from hexctl.see.vision.lens import Lens
-from hexctl.see.vision.planar_pose import PlanarPose
-from hexctl.see.vision.robot_tracker import RobotTag
-from hexctl.see.vision.tags import Picture, SeenTag, TagFinder
 from hexctl.types import FloatArray
+from hexctl.vision.detection.camera import Camera
+from hexctl.vision.detection.floor import LearnedFloor, averaged_corners, learn_floor
+from hexctl.vision.detection.lens import Lens
+from hexctl.vision.detection.planar_pose import PlanarPose
+from hexctl.vision.detection.robot_tracker import RobotTag
+from hexctl.vision.detection.tags import Picture, SeenTag, TagFinder
+from hexctl.vision.observer import Observer
+from hexctl.vision.robot_camera import LEARNING_PICTURES
+from hexctl.vision.robot_link import LegState
+from hexctl.vision.twin.rendering import CameraFlaws, PlacedTag, RobotPosture, SceneRenderer
+from hexctl.vision.twin.twin_scene import tag_on
 
 #: Half of the floor: ahead of the camera, and to its side, in m.
 HALF_FLOOR_M = (1.0, 1.5)

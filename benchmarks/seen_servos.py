@@ -10,21 +10,21 @@ from hexctl.backends.base import ServosWrapper
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import load_world
 from hexctl.control.guard import Guard
-from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
+from hexctl.control.trial_result import TrialResult
 from hexctl.robot.loader import load_robot
 from hexctl.robot.rotations import about_z, wrapped_rad, yaw_rad
-from hexctl.see.observer import Observer
-from hexctl.see.robot_link import LegState
-from hexctl.see.twin.rendering import CameraFlaws, PlacedTag, RobotPosture, SceneRenderer
-from hexctl.see.twin.scene import WEBCAM, tag_on
-from hexctl.see.vision.camera import Camera, place_camera
-from hexctl.see.vision.floor import averaged_corners
-from hexctl.see.vision.planar_pose import PlanarPose
-from hexctl.see.vision.robot_tracker import RobotTag
-from hexctl.see.vision.tags import UNIT_CORNERS, Picture, TagFinder
-from hexctl.study.holds.conditions import HoldCase, HoldConditions
+from hexctl.study.holds.hold_conditions import HoldCase, HoldConditions
 from hexctl.types import RobotState
+from hexctl.vision.detection.camera import Camera, place_camera
+from hexctl.vision.detection.floor import averaged_corners
+from hexctl.vision.detection.planar_pose import PlanarPose
+from hexctl.vision.detection.robot_tracker import RobotTag
+from hexctl.vision.detection.tags import UNIT_CORNERS, Picture, TagFinder
+from hexctl.vision.observer import Observer
+from hexctl.vision.robot_link import LegState
+from hexctl.vision.twin.rendering import CameraFlaws, PlacedTag, RobotPosture, SceneRenderer
+from hexctl.vision.twin.twin_scene import WEBCAM, tag_on
 
 #: Pictures per second, how late they come, and the share that never does.
 FPS, LATENCY_S, DROPPED = 30.0, 0.08, 0.02

@@ -12,8 +12,8 @@ from benchmarks.timing import alternate, median_ratio, spread
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
-from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import run_trial
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.types import FloatArray
 
 

@@ -26,9 +26,9 @@ from hexctl.control.log import TickLog
 from hexctl.control.loop import run_controller
 from hexctl.control.monitor.leg_monitor import LegMonitor
 from hexctl.control.monitor.monitored_walk import recovering_walk
-from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trace import TrialFrame
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.gait.gait import Motion
 from hexctl.types import N_JOINTS, N_LEGS, FloatArray, RobotState

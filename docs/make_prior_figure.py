@@ -13,8 +13,8 @@ import numpy as np
 
 from hexctl.adapt.optimizer import NINETY_PERCENT
 from hexctl.adapt.optimizers.bayes import Bayes
-from hexctl.adapt.prior.find import shipped_priors
 from hexctl.adapt.prior.prior import load_prior
+from hexctl.adapt.prior.prior_files import shipped_priors
 from hexctl.adapt.prior.samples import samples_of
 from hexctl.backends.sim.world import load_world
 from hexctl.control.assessment.score import progress_floor_m
@@ -23,8 +23,8 @@ from hexctl.robot.loader import load_robot
 from hexctl.study.landscapes.cache import LandscapeCache
 from hexctl.study.landscapes.evaluate import Silent, fill, simulate_here
 from hexctl.study.landscapes.landscape import Landscape, LandscapeSpec
-from hexctl.study.reports.drawing import label_axes, new_figure
-from hexctl.study.transfer.searches import walk_of
+from hexctl.study.reports.figure_style import label_axes, new_figure
+from hexctl.study.transfer.transfer_searches import walk_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -28,7 +28,7 @@ PRELOADED = [
     "faults.programs.trials",
     "faults.programs.twin_board",
     "hexctl.cli.main",
-    "hexctl.cli.network.serve",
+    "hexctl.cli.network.serve_command",
     "hexctl.serve.server",
     "zenoh",
     "mujoco",

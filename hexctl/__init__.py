@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 from hexctl.lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from hexctl import see, testing
+    from hexctl import testing, vision
     from hexctl.adapt.adaptation import Adaptation, adapt
     from hexctl.adapt.objectives import Objective
     from hexctl.adapt.optimizer import Optimizer
-    from hexctl.adapt.optimizers.registry import make_optimizer
-    from hexctl.adapt.sessions.table import sessions
+    from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
+    from hexctl.adapt.sessions.session_tables import sessions
     from hexctl.adapt.space import GaitSpace
     from hexctl.backends.base import LegServos
     from hexctl.backends.sim.servos import SimServos
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from hexctl.control.drive.drive import Drive
     from hexctl.control.guard import Guard
     from hexctl.control.log import Recorders
-    from hexctl.control.plan import TrialPlan
-    from hexctl.control.result import TrialResult
     from hexctl.control.trial import run_trial
+    from hexctl.control.trial_plan import TrialPlan
+    from hexctl.control.trial_result import TrialResult
     from hexctl.errors import (
         EStopError,
         HexctlError,
@@ -41,13 +41,13 @@ if TYPE_CHECKING:
     from hexctl.export.export import export
     from hexctl.gait.gait import Gait, make_gait
     from hexctl.ik.kinematics import feet_of_joint_angles, joint_angles_of_feet
-    from hexctl.record.diagnosis import diagnose
-    from hexctl.record.recorded_trial import read_trial
-    from hexctl.record.recording import Recording
-    from hexctl.record.run import run
+    from hexctl.recording.recorded_trial import read_trial
+    from hexctl.recording.recording import Recording
     from hexctl.robot.failure import Failure
     from hexctl.robot.loader import load_robot
     from hexctl.robot.model import Robot
+    from hexctl.runs.diagnosis import diagnose
+    from hexctl.runs.run import run
     from hexctl.serve.stops.estop import clear_stop, estop
     from hexctl.settings import read_settings
     from hexctl.types import JointTargets, RobotState
@@ -72,7 +72,7 @@ __all__ = [
     "HexctlError", "InputError", "MissingExtraError", "ReachError", "LimitError", "EStopError",
     "RobotFaultError",
     # a camera over the floor, with names of its own
-    "see",
+    "vision",
     # conformance suites for custom servos and optimizers; they need pytest
     "testing",
 ]
@@ -93,27 +93,27 @@ _MODULES = {
     "control.guard": "Guard",
     "backends.sim.servos": "SimServos",
     # trials, controllers and recorders
-    "control.plan": "TrialPlan",
+    "control.trial_plan": "TrialPlan",
     "control.trial": "run_trial",
-    "control.result": "TrialResult",
+    "control.trial_result": "TrialResult",
     "control.batch": "SimTrial run_sim_trials",
     "control.controllers": "Controller",
     "control.log": "Recorders",
-    "record.recording": "Recording",
-    "record.recorded_trial": "read_trial",
+    "recording.recording": "Recording",
+    "recording.recorded_trial": "read_trial",
     # driving
     "control.drive.drive": "Drive",
     "control.drive.arbiter": "Velocity",
     # search
     "adapt.space": "GaitSpace",
     "adapt.optimizer": "Optimizer",
-    "adapt.optimizers.registry": "make_optimizer",
+    "adapt.optimizers.optimizer_registry": "make_optimizer",
     "adapt.objectives": "Objective",
     # one call for each command
-    "record.run": "run",
+    "runs.run": "run",
     "adapt.adaptation": "Adaptation",
-    "adapt.sessions.table": "sessions",
-    "record.diagnosis": "diagnose",
+    "adapt.sessions.session_tables": "sessions",
+    "runs.diagnosis": "diagnose",
     "serve.stops.estop": "clear_stop estop",
     "settings": "read_settings",
     # errors
@@ -124,7 +124,7 @@ _load = lazy_names("hexctl", _MODULES)
 
 def __getattr__(name: str) -> Any:
     """Import a public name from its module."""
-    if name in ("adapt", "export", "see", "testing"):
+    if name in ("adapt", "export", "vision", "testing"):
         return import_module(f"hexctl.{name}")
     return _load(name)
 

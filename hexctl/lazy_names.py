@@ -9,7 +9,7 @@ def lazy_names(package: str, modules: Mapping[str, str]) -> Callable[[str], Any]
     """Function for `__getattr__` of a package; a missing extra and an unknown name are told.
 
     Args:
-        package: name of the package, such as `hexctl.see`.
+        package: name of the package, such as `hexctl.vision`.
         modules: names by the module that they live in, below the package, with blanks between them.
     """
     module_of = {name: module for module, names in modules.items() for name in names.split()}

@@ -22,7 +22,7 @@ from typing import Any
 
 from hexctl.errors import InputError, shown
 from hexctl.files import read_file
-from hexctl.names import nearest_name
+from hexctl.typed_names import nearest_name
 
 #: Name of a file with settings.
 FILE = "hexctl.toml"

@@ -15,9 +15,9 @@ from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.monitor.monitored_walk import MonitoredWalk, watched_walk
 from hexctl.control.monitor.recovery import GlideToStableGait, RecoveryPolicy, WalkOn
-from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial import run_trial
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import make_gait
 from hexctl.ik.legs import link_points_body
 from hexctl.palette import FAILED_COLORS, LINE_COLOR, VERDICT_COLORS, hex_color

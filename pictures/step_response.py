@@ -17,9 +17,9 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.control.assessment.static_stability import stable_gait
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
-from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial import run_trial
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.control.walks.steering import Course
 from hexctl.gait.gait import make_gait

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 import hexctl
-import hexctl.see
+import hexctl.vision
 from hexctl.adapt.objectives import make_objective
 from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.sessions.store import load_session
@@ -27,8 +27,8 @@ from hexctl.control.log import TickLog
 from hexctl.errors import WrongTypeError
 from hexctl.gait.gait import Motion
 from hexctl.serve.service import serve
-from hexctl.study.plan import StudyPlan
 from hexctl.study.study import study
+from hexctl.study.study_plan import StudyPlan
 
 ROOT = Path(__file__).parents[1]
 
@@ -41,7 +41,7 @@ def python(code: str) -> str:
 
 
 #: Packages with public names.
-PUBLIC: tuple[Any, ...] = (hexctl, hexctl.see)
+PUBLIC: tuple[Any, ...] = (hexctl, hexctl.vision)
 
 
 def undescribed(package: Any, name: str) -> Iterator[str]:
@@ -83,12 +83,12 @@ def test_the_names_for_type_checkers_are_those_that_are_imported(package: Any) -
 
 
 def test_an_import_loads_nothing_heavy() -> None:
-    loaded = python("import hexctl, hexctl.see, sys; print(*sys.modules)").split()
+    loaded = python("import hexctl, hexctl.vision, sys; print(*sys.modules)").split()
     assert not {"numpy", "mujoco", "rerun", "typer", "pydantic", "zenoh", "pytest", "cv2"} & set(loaded)
 
 
 @pytest.mark.parametrize(
-    ("module", "name", "extra"), [("dm_control", "SimServos", "sim"), ("cv2", "see.RobotCamera", "see")]
+    ("module", "name", "extra"), [("dm_control", "SimServos", "sim"), ("cv2", "vision.RobotCamera", "see")]
 )
 def test_a_missing_extra_is_named(module: str, name: str, extra: str) -> None:
     code = f"import sys; sys.modules[{module!r}] = None\nimport hexctl\ntry: hexctl.{name}\n"
@@ -99,8 +99,10 @@ def test_a_missing_extra_is_named(module: str, name: str, extra: str) -> None:
 def test_an_unknown_name_is_answered_with_the_known_ones() -> None:
     with pytest.raises(AttributeError, match="no attribute 'Robott'; it has Robot, load_robot"):
         _ = api.Robott
-    with pytest.raises(AttributeError, match=r"'hexctl.see' has no attribute 'Camara'; it has RobotCamera"):
-        _ = api.see.Camara
+    with pytest.raises(
+        AttributeError, match=r"'hexctl.vision' has no attribute 'Camara'; it has RobotCamera"
+    ):
+        _ = api.vision.Camara
 
 
 @pytest.mark.parametrize("name", ["adapt", "export"])
@@ -117,7 +119,7 @@ def test_a_package_that_is_called_is_its_function(name: str) -> None:
 def test_annotations_resolve() -> None:
     for name in hexctl.__all__:
         found = getattr(hexctl, name)
-        if inspect.isfunction(found) and found.__module__ != "hexctl.record.run":
+        if inspect.isfunction(found) and found.__module__ != "hexctl.runs.run":
             typing.get_type_hints(found)
 
 

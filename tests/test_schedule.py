@@ -70,7 +70,7 @@ def test_a_file_of_which_a_lane_has_no_test_is_left_out() -> None:
         "tests/serve/test_link_faults.py": [realtime],
         "tests/benchmarks/test_command.py": [long],
         "tests/test_compatibility.py": [quick, slow, long],
-        "tests/cli/walk/test_run.py": [quick, slow, realtime],
+        "tests/cli/walk/test_run_command.py": [quick, slow, realtime],
     }
     for file, has in lanes.items():
         assert [lane for lane in (quick, slow, realtime, long) if may_select(lane, file)] == has, file

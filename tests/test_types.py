@@ -150,7 +150,9 @@ def frozen_classes_with_arrays(folder: Path) -> list[tuple[Path, ast.ClassDef]]:
     ]
 
 
-@pytest.mark.parametrize("part", ["adapt", "backends", "control", "ik", "record", "robot", "study", "wire"])
+@pytest.mark.parametrize(
+    "part", ["adapt", "backends", "control", "ik", "recording", "robot", "study", "wire"]
+)
 def test_no_frozen_value_with_arrays_has_an_equality_that_raises(part: str) -> None:
     found = frozen_classes_with_arrays(Path(hexctl.__file__).parent / part)
     assert found

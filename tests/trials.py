@@ -7,9 +7,9 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
-from hexctl.control.plan import TrialPlan
-from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_result import TrialResult
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import NAMED_SLOTS, Gait
 from hexctl.robot.failure import Failure

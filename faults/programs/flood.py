@@ -15,8 +15,8 @@ import numpy as np
 from faults.programs.controller import say
 from hexctl.robot.loader import load_robot
 from hexctl.wire.links import KeyMap, Link, Role
-from hexctl.wire.messages import LEASE_ID_BYTES, CommandTag, encode_positions, prepare_codec
-from hexctl.wire.session import open_session
+from hexctl.wire.zenoh_messages import LEASE_ID_BYTES, CommandTag, encode_positions, prepare_codec
+from hexctl.wire.zenoh_session import open_session
 
 #: How long, and how many messages a second.
 FLOOD_S, RATE_HZ = 1.0, 2000

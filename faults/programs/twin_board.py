@@ -20,7 +20,7 @@ from faults.process import free_port
 from faults.programs.truth import TOLD
 from faults.programs.twin import TwinServos
 from hexctl.backends.clock import PERIOD_S, request_realtime_priority
-from hexctl.backends.mavlink.transport import open_port, parse_port
+from hexctl.backends.mavlink.mavlink_transport import open_port, parse_port
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.robot.servos.drivers import BUS_DRIVERS

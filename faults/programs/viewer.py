@@ -4,7 +4,7 @@ import sys
 import time
 
 from faults.programs.controller import say
-from hexctl.backends.zenoh.client import subscribe_states
+from hexctl.backends.zenoh.zenoh_client import subscribe_states
 from hexctl.wire.links import Link
 
 

@@ -14,19 +14,18 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from hexctl.adapt.loop import AdaptLoop, OnBaseline, OnConfirmation, OnTrial
+from hexctl.adapt.adaptation_result import AdaptationResult
 from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import ObjectiveChoice, as_objective
 from hexctl.adapt.optimizer import OptimizerChoice
-from hexctl.adapt.progress import SearchBar
 from hexctl.adapt.reset_free import ResetFreeRunner, arena_of, at_home, connected_robot, yaw_note
-from hexctl.adapt.result import AdaptationResult
 from hexctl.adapt.runner import TrialRunner, at_finer_step, check_not_interrupted
 from hexctl.adapt.search import check_parts, extended, new_spec
-from hexctl.adapt.sessions.optimizer import make_search
-from hexctl.adapt.sessions.session import Session, SessionSpec
+from hexctl.adapt.search_progress import SearchBar
+from hexctl.adapt.sessions.code_trust import check_trusted
+from hexctl.adapt.sessions.search_session import Session, SessionSpec
+from hexctl.adapt.sessions.session_optimizer import make_search
 from hexctl.adapt.sessions.store import RUNS, SessionStore, load_session
-from hexctl.adapt.sessions.trust import check_trusted
 from hexctl.adapt.sessions.unfinished import remove_unfinished
 from hexctl.adapt.setting import (
     Note,
@@ -39,6 +38,7 @@ from hexctl.adapt.setting import (
     trimmed_plan,
 )
 from hexctl.adapt.stance import with_stance
+from hexctl.adapt.trial_loop import AdaptLoop, OnBaseline, OnConfirmation, OnTrial
 from hexctl.backends.base import LegServos
 from hexctl.control.assessment.static_stability import margin_m_of, stable_slots_of
 from hexctl.control.guard import Guard
@@ -46,7 +46,7 @@ from hexctl.control.preparation import StopRequested, never
 from hexctl.control.trial import STOP_REQUESTED
 from hexctl.errors import RecordingError, RobotFaultError, check_callable, check_type
 from hexctl.gait.gait import AUTO
-from hexctl.record.live import LiveView
+from hexctl.recording.live import LiveView
 
 OnBegin = Callable[[Session], None]
 
@@ -306,7 +306,7 @@ class Adaptation:
         """Write the overview beside the trials; `hexctl view` makes it too, so that trouble is a note."""
         if not self._record or not session.trials:
             return None
-        from hexctl.adapt.overview import write_overview
+        from hexctl.adapt.session_viewing import write_overview
 
         try:
             return write_overview(session, store.folder_of(session.name))

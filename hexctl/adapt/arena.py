@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hexctl.control.plan import TrialPlan
 from hexctl.control.trace import Trace
 from hexctl.control.trial import LOOK_TICKS, ShouldStop
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.turning import turn_needed_rad
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.model import Robot

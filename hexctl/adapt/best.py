@@ -7,22 +7,22 @@ from pathlib import Path
 from typing import cast
 
 from hexctl.adapt.optimizers.shipped import TRIM
-from hexctl.adapt.prior.find import find_prior, prior_folders
 from hexctl.adapt.prior.prior import PriorKey, open_prior
+from hexctl.adapt.prior.prior_files import find_prior, prior_folders
 from hexctl.adapt.prior.samples import covering, ranked_codes
-from hexctl.adapt.sessions.session import BaselineRecord, Session
+from hexctl.adapt.sessions.search_session import BaselineRecord, Session
 from hexctl.adapt.sessions.store import RUNS, load_session
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.base import as_robot
 from hexctl.control.assessment.static_stability import in_posture, usual_posture
-from hexctl.control.plan import AUTO_ROTATION, AskedRotation, TrialPlan, suited_rotation
+from hexctl.control.trial_plan import AUTO_ROTATION, AskedRotation, TrialPlan, suited_rotation
 from hexctl.errors import InputError, argument
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import NAMED_SLOTS, make_gait, names_best
 from hexctl.gait.posture import Posture
-from hexctl.record.run_spec import RunSpec
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
+from hexctl.runs.run_spec import RunSpec
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

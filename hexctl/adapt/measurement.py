@@ -9,8 +9,8 @@ import numpy as np
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.assessment.score import progress_floor_m, score
 from hexctl.control.assessment.walk_quality import cost_of_transport
-from hexctl.control.plan import TrialPlan
-from hexctl.control.result import Deviation, TrialResult
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_result import Deviation, TrialResult
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray

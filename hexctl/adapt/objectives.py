@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from hexctl.control.result import Deviation, TrialResult
+from hexctl.control.trial_result import Deviation, TrialResult
 from hexctl.errors import InputError, check_type
 from hexctl.robot.plugins import load_named
 from hexctl.types import BoolArray, FloatArray
@@ -31,7 +31,7 @@ class Objective:
         needs_course: True where the whole course of a walk counts, not only its end.
         needs_torques: True where the joint torques of the robot count.
         hold: what walks hold by feedback unless a session says otherwise, one of
-            `hexctl.control.plan.HOLDS`; `none` where the deviation itself is searched.
+            `hexctl.control.trial_plan.HOLDS`; `none` where the deviation itself is searched.
     """
 
     name: str

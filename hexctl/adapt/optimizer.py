@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from hexctl.adapt.space import GaitSpace
-from hexctl.control.result import TrialResult
 from hexctl.control.trial import Enough
+from hexctl.control.trial_result import TrialResult
 from hexctl.errors import HexctlError, InputError, check_type
 from hexctl.types import ArrayFields, FloatArray
 
@@ -27,7 +27,7 @@ class Observation(ArrayFields):
         path_m: progress and signed deviation, evenly spread over the walk, the last row at its end, (T, 2).
         duration_s: how long it walked.
         yaw_change_rad: how far the body turned, None where it is not measured.
-        status: as in `hexctl.control.result.STATUSES`.
+        status: as in `hexctl.control.trial_result.STATUSES`.
     """
 
     path_m: FloatArray

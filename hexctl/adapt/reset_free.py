@@ -10,16 +10,16 @@ from hexctl.adapt.measurement import Operator, measured, not_walked
 from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.optimizers.shipped import TRIM
 from hexctl.adapt.runner import TrialRunner, WalkedTrial, check_not_stopped
-from hexctl.adapt.sessions.session import SessionSpec
+from hexctl.adapt.sessions.search_session import SessionSpec
 from hexctl.adapt.setting import Note, Setting
 from hexctl.backends.base import LegServos, connection_notes
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.control.controllers import SITTING_S, sitting_angles_rad
 from hexctl.control.guard import Guard
-from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import StopRequested
-from hexctl.control.result import TrialResult
 from hexctl.control.trial import Enough, run_trial, stop_when
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_result import TrialResult
 from hexctl.control.walks.turning import turn_gait
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.gait.encoding import Slots

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from hexctl.adapt.sessions.session import BASELINE_INDEX, UNWATCHED, SessionSpec
+from hexctl.adapt.sessions.search_session import BASELINE_INDEX, UNWATCHED, SessionSpec
 from hexctl.adapt.sessions.unfinished import note_created, unfinished
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import make_floor
@@ -17,16 +17,16 @@ from hexctl.control.guard import Guard
 from hexctl.control.log import BLOCK_TICKS, PACED_BLOCK_TICKS, Recorders
 from hexctl.control.monitor.monitored_walk import watched_walk
 from hexctl.control.monitor.recovery import make_policy
-from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import StopRequested, WalkStart, never
-from hexctl.control.result import TrialResult
 from hexctl.control.stop_reason import reason_in_words
 from hexctl.control.trial import Enough, ShouldStop, planned_walk, run_trial, stop_when
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_result import TrialResult
 from hexctl.errors import HexctlError, InputError, RecordingError, RobotFaultError, argument
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import AUTO, NAMED_SLOTS
-from hexctl.record.live import LiveView
-from hexctl.record.recording import Recording
+from hexctl.recording.live import LiveView
+from hexctl.recording.recording import Recording
 from hexctl.robot.failure_event import NoticedFailure, in_words
 from hexctl.robot.meshes import Meshes
 from hexctl.robot.model import Robot

@@ -6,15 +6,15 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, cast
 
+from hexctl.adapt.adapt_options import BUDGET, AdaptOptions
 from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import OBJECTIVES, Objective, ObjectiveChoice, as_objective
 from hexctl.adapt.optimizer import OptimizerChoice
-from hexctl.adapt.optimizers.registry import make_optimizer, name_of
+from hexctl.adapt.optimizers.optimizer_registry import make_optimizer, name_of
 from hexctl.adapt.optimizers.shipped import BAYES, OPTIMIZERS, TRIM
-from hexctl.adapt.options import BUDGET, AdaptOptions
-from hexctl.adapt.prior.choice import DEFAULT_TARGET_M, Advice, choose_prior, no_advice
-from hexctl.adapt.prior.find import prior_folders
-from hexctl.adapt.sessions.session import BASELINE_GAITS, UNWATCHED, Session, SessionSpec
+from hexctl.adapt.prior.prior_choice import DEFAULT_TARGET_M, Advice, choose_prior, no_advice
+from hexctl.adapt.prior.prior_files import prior_folders
+from hexctl.adapt.sessions.search_session import BASELINE_GAITS, UNWATCHED, Session, SessionSpec
 from hexctl.adapt.sessions.store import RUNS
 from hexctl.adapt.setting import Note, Setting, load_setting, log_note, start_note, with_known_uncertainty
 from hexctl.adapt.space import GaitSpace
@@ -22,7 +22,7 @@ from hexctl.backends.base import LegServos
 from hexctl.backends.registry import check_options, option_values
 from hexctl.control.assessment.static_stability import usual_posture
 from hexctl.control.monitor.recovery import make_policy
-from hexctl.control.plan import AUTO_ROTATION, suited_rotation
+from hexctl.control.trial_plan import AUTO_ROTATION, suited_rotation
 from hexctl.errors import InputError, argument, check_type
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.robot.configs import shipped_text

@@ -9,10 +9,10 @@ from pathlib import Path
 
 from hexctl.adapt.arena import check_radius
 from hexctl.adapt.optimizers.shipped import BAYES, TRIM
-from hexctl.adapt.prior.find import check_prior
 from hexctl.adapt.prior.prior import Prior, PriorKey, ScorePrior, load_prior, load_score_prior
+from hexctl.adapt.prior.prior_files import check_prior
 from hexctl.adapt.prior.samples import covering
-from hexctl.adapt.sessions.session import Session, SessionSpec
+from hexctl.adapt.sessions.search_session import Session, SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World, load_world
 from hexctl.control.assessment.score import progress_floor_m
@@ -23,7 +23,7 @@ from hexctl.control.assessment.uncertainty_store import (
     SimulationUncertainty,
     known_uncertainty,
 )
-from hexctl.control.plan import TrialPlan
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.turning import check_plan
 from hexctl.errors import InputError
 from hexctl.gait.encoding import Slots

@@ -8,14 +8,14 @@ import numpy as np
 
 from hexctl.adapt.prior.prior import Prior
 from hexctl.adapt.runner import check_not_stopped
-from hexctl.adapt.sessions.session import SessionSpec
+from hexctl.adapt.sessions.search_session import SessionSpec
 from hexctl.adapt.setting import Note, Setting
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.world import World
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
-from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import StopRequested, never, prepare, ticks_of
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import CommandRefusedError, EStopError, SimulationDivergedError
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot

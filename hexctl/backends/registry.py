@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Self
 
 from hexctl.backends.base import LegServos
 from hexctl.errors import InputError, MissingExtraError, argument
-from hexctl.names import nearest
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_event import FailureEvent
 from hexctl.robot.loader import RobotFile
@@ -20,6 +19,7 @@ from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.robot.servos.drivers import BUS_DRIVERS
 from hexctl.robot.servos.pwm_map import pwm_map_of
 from hexctl.robot.servos.servo_map import ServoMap, default_servo_map
+from hexctl.typed_names import nearest
 
 if TYPE_CHECKING:
     from hexctl.backends.sim.world import World
@@ -174,7 +174,7 @@ def _mock(options: BackendOptions) -> LegServos:
 
 
 def _zenoh(options: BackendOptions) -> LegServos:
-    from hexctl.backends.zenoh.client import ZenohServos
+    from hexctl.backends.zenoh.zenoh_client import ZenohServos
     from hexctl.wire.links import load_link
 
     link = load_link(
@@ -187,9 +187,9 @@ def _zenoh(options: BackendOptions) -> LegServos:
 
 
 def _mavlink(options: BackendOptions) -> LegServos:
-    from hexctl.backends.mavlink.client import MavlinkServos
     from hexctl.backends.mavlink.codec import read_signing_key
-    from hexctl.backends.mavlink.transport import DEFAULT_PORT, check_guarded, parse_port
+    from hexctl.backends.mavlink.mavlink_client import MavlinkServos
+    from hexctl.backends.mavlink.mavlink_transport import DEFAULT_PORT, check_guarded, parse_port
 
     port, signing_key = options.connect or DEFAULT_PORT, read_signing_key(options.credentials)
     signed = signing_key is not None

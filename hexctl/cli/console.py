@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.progress import Progress
 
-    from hexctl.control.result import TrialResult
+    from hexctl.control.trial_result import TrialResult
 
 # Exit codes of every command.
 DONE = 0

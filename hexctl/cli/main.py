@@ -39,99 +39,109 @@ WALK, ROBOT, NETWORK, STUDY = "Walk and adapt", "Your robot", "Over the network"
 
 #: All commands, in the order of the help: the module of each, its group in the help, and what it does.
 COMMANDS = {
-    "run": Command("hexctl.cli.walk.run", WALK, "Walk, record it, and say how it went."),
+    "run": Command("hexctl.cli.walk.run_command", WALK, "Walk, record it, and say how it went."),
     "adapt": Command(
-        "hexctl.cli.walk.adapt",
+        "hexctl.cli.walk.adapt_command",
         WALK,
         "Find a gait for a failed leg in few trials; each is kept and recorded.",
     ),
     "drive": Command(
-        "hexctl.cli.walk.drive", WALK, "Drive a robot by hand: keyboard, gamepad, or a page for a phone."
+        "hexctl.cli.walk.drive_command",
+        WALK,
+        "Drive a robot by hand: keyboard, gamepad, or a page for a phone.",
     ),
     "view": Command(
-        "hexctl.cli.results.view",
+        "hexctl.cli.results.view_command",
         WALK,
         "Open recordings or sessions in the Rerun viewer until it is closed, or watch a robot.",
     ),
     "demo": Command(
-        "hexctl.cli.walk.demo", WALK, "Break a leg of a simulated robot in mid-walk, and see it recover."
+        "hexctl.cli.walk.demo_command",
+        WALK,
+        "Break a leg of a simulated robot in mid-walk, and see it recover.",
     ),
     "sessions": Command(
-        "hexctl.cli.results.sessions", WALK, "List, compare, export and delete sessions of hexctl adapt."
+        "hexctl.cli.results.sessions_command",
+        WALK,
+        "List, compare, export and delete sessions of hexctl adapt.",
     ),
     "export": Command(
-        "hexctl.cli.results.export",
+        "hexctl.cli.results.export_command",
         WALK,
         "Write a robot, recordings or a session in a format of other programs.",
     ),
     "check": Command(
-        "hexctl.cli.check",
+        "hexctl.cli.check_command",
         ROBOT,
         "Check a robot file: can the robot walk a gait, in reach, angles, speeds, torques and servo pulses.",
     ),
-    "robot": Command("hexctl.cli.robot", ROBOT, "List the shipped robots, and make robot files."),
-    "gaits": Command("hexctl.cli.lists", ROBOT, "List the gaits that have names."),
-    "worlds": Command("hexctl.cli.lists", ROBOT, "List the simulated worlds that are shipped."),
+    "robot": Command("hexctl.cli.robot_command", ROBOT, "List the shipped robots, and make robot files."),
+    "gaits": Command("hexctl.cli.list_commands", ROBOT, "List the gaits that have names."),
+    "worlds": Command("hexctl.cli.list_commands", ROBOT, "List the simulated worlds that are shipped."),
     "diagnose": Command(
-        "hexctl.cli.walk.diagnose",
+        "hexctl.cli.walk.diagnose_command",
         ROBOT,
         "Find out at rest which leg has failed, which joint, and how: 12 s of small motions.",
     ),
     "see": Command(
-        "hexctl.cli.see.group",
+        "hexctl.cli.see.see_group",
         ROBOT,
         "Find a robot on the floor with a camera and printed tags, and tell it where it is, until Ctrl-C.",
     ),
     "calibrate": Command(
-        "hexctl.cli.bus.calibrate",
+        "hexctl.cli.bus.calibrate_command",
         ROBOT,
         "Find direction, offset and limits of each servo, and write them to the robot file.",
     ),
     "board": Command(
-        "hexctl.cli.bus.board",
+        "hexctl.cli.bus.board_command",
         ROBOT,
         "Be a servo board that speaks MAVLink 2, or servos on a bus, to try things without one.",
     ),
     "ports": Command(
-        "hexctl.cli.bus.servos", ROBOT, "List serial ports that have a device, with their adapters."
+        "hexctl.cli.bus.servos_command", ROBOT, "List serial ports that have a device, with their adapters."
     ),
     "doctor": Command(
-        "hexctl.cli.doctor", ROBOT, "Say what this computer has and what works on it, for a bug report."
+        "hexctl.cli.doctor_command",
+        ROBOT,
+        "Say what this computer has and what works on it, for a bug report.",
     ),
     "servos": Command(
-        "hexctl.cli.bus.servos",
+        "hexctl.cli.bus.servos_command",
         ROBOT,
         "Look at servos on a serial bus, one by one, before there is a robot file and after.",
     ),
     "serve": Command(
-        "hexctl.cli.network.serve",
+        "hexctl.cli.network.serve_command",
         NETWORK,
         "Put a robot, real or simulated, on the network, with a guard and a stop of its own.",
         "ServeCommand",
     ),
     "status": Command(
-        "hexctl.cli.network.status",
+        "hexctl.cli.network.status_command",
         NETWORK,
         "Show who commands a robot on the network, why it is stopped, what was dropped.",
     ),
     "estop": Command(
-        "hexctl.cli.network.estop",
+        "hexctl.cli.network.estop_command",
         NETWORK,
         "Stop a robot on the network from anywhere, whichever client commands it.",
     ),
     "twin": Command(
-        "hexctl.cli.network.twin", NETWORK, "Let legs of a simulation on the network fail and heal."
+        "hexctl.cli.network.twin_command", NETWORK, "Let legs of a simulation on the network fail and heal."
     ),
     "keys": Command(
-        "hexctl.cli.network.keys", NETWORK, "Make and show certificates for robots beyond this computer."
+        "hexctl.cli.network.keys_command",
+        NETWORK,
+        "Make and show certificates for robots beyond this computer.",
     ),
     "study": Command(
-        "hexctl.cli.study.study",
+        "hexctl.cli.study.study_command",
         STUDY,
         "Repeat the paper's experiments: all gaits of each failed leg, all optimizers, one report.",
     ),
     "prior": Command(
-        "hexctl.cli.study.prior",
+        "hexctl.cli.study.prior_command",
         STUDY,
         "Make and show priors: what hexctl adapt believes before its first trial.",
     ),

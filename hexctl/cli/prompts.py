@@ -6,7 +6,7 @@ import stat
 import sys
 
 from hexctl.adapt.measurement import Answer
-from hexctl.adapt.sessions.session import BASELINE_INDEX, SessionSpec
+from hexctl.adapt.sessions.search_session import BASELINE_INDEX, SessionSpec
 from hexctl.cli.console import print_note, print_question
 from hexctl.control.calibration import EndedError
 from hexctl.control.preparation import StopRequested

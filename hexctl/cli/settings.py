@@ -14,8 +14,8 @@ from typer.core import TyperCommand, TyperGroup
 from hexctl.cli.console import in_flags, print_note
 from hexctl.cli.options.groups import GroupedHelp
 from hexctl.errors import InputError, shown
-from hexctl.names import nearest
 from hexctl.robot.servos.drivers import PWM_DRIVERS
+from hexctl.typed_names import nearest
 
 if TYPE_CHECKING:
     from hexctl.settings import Origin, Setting, Settings

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from hexctl.backends.base import as_robot, check_targets
-from hexctl.backends.sim.batch import SimBatch, batch_layout
 from hexctl.backends.sim.servos import SimServos
+from hexctl.backends.sim.simulated_batch import SimBatch, batch_layout
 from hexctl.backends.sim.world import World, as_world
 from hexctl.control.assessment.cause import WalkSamples
 from hexctl.control.assessment.score import score
@@ -23,11 +23,11 @@ from hexctl.control.custom_controller import (
     made_controller,
 )
 from hexctl.control.guard import FALL_TICKS, Guard, StepLimits, leaning
-from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart, prepare, ticks_of
-from hexctl.control.result import TrialResult
 from hexctl.control.trace import TrialFrame
 from hexctl.control.trial import planned_walk, run_trial
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_result import TrialResult
 from hexctl.control.walks.steering import held
 from hexctl.control.walks.turning import check_plan, turn_needed_rad
 from hexctl.errors import (

@@ -41,8 +41,8 @@ class Controller(ABC):
     in its indices.
 
     Attributes:
-        hold: what it holds by feedback, one of `hexctl.control.plan.HOLDS` but `auto`; results and recordings
-            say so.
+        hold: what it holds by feedback, one of `hexctl.control.trial_plan.HOLDS` but `auto`; results and
+            recordings say so.
         velocity_body: the velocity that it walks with now, where that may change: forward and left in m/s,
             turn in rad/s, leading shape + (3,); None for others.
         limited_steps: steps so far in which it asked for more speed than its strokes allow, leading shape.

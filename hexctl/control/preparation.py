@@ -13,8 +13,8 @@ from hexctl.control.controllers import Controller, HeldLegs, Stand
 from hexctl.control.guard import Guard
 from hexctl.control.log import Recorder, Recorders, TickLog
 from hexctl.control.loop import TickObserver, Until, run_controller
-from hexctl.control.plan import TrialPlan
 from hexctl.control.trace import Trace, TrialFrame
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.turning import (
     MAX_TURN_STEPS,
     SMALL_TURN_RAD,

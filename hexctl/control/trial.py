@@ -19,7 +19,6 @@ from hexctl.control.custom_controller import (
 from hexctl.control.guard import Guard
 from hexctl.control.log import Recorder, Recorders, TickLog
 from hexctl.control.loop import Until
-from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import (
     Phases,
     Preparation,
@@ -28,8 +27,9 @@ from hexctl.control.preparation import (
     never,
     ticks_of,
 )
-from hexctl.control.result import TrialResult
 from hexctl.control.trace import Trace
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_result import TrialResult
 from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.control.walks.steering import held
 from hexctl.control.walks.turning import (

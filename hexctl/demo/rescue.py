@@ -17,19 +17,19 @@ from pathlib import Path
 from typing import Any
 
 from hexctl.adapt.adaptation import Adaptation, OnBegin
-from hexctl.adapt.loop import OnBaseline, OnConfirmation, OnTrial
-from hexctl.adapt.result import AdaptationResult
+from hexctl.adapt.adaptation_result import AdaptationResult
 from hexctl.adapt.runner import NotBegunError
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.store import RUNS
 from hexctl.adapt.setting import Note, log_note
+from hexctl.adapt.trial_loop import OnBaseline, OnConfirmation, OnTrial
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.preparation import StopRequested, never
 from hexctl.errors import HexctlError, InputError, RecordingError
 from hexctl.export.export import export
 from hexctl.files import ALLOWED_FOLDER, check_writable, folder_trouble
-from hexctl.record.run import RunResult, run
 from hexctl.robot.failure_event import FailureEvent, parse_failure_event
+from hexctl.runs.run import RunResult, run
 
 #: The robot, its gait on six legs, and the world. From 500 on, worlds of this family are in no prior and no
 #: threshold. This is the first of them in which the robot without recovery keeps 60 % of its speed or less.

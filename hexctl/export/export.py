@@ -5,14 +5,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from hexctl.adapt.sessions.session_tables import export_session
 from hexctl.adapt.sessions.store import RUNS
-from hexctl.adapt.sessions.table import export_session
 from hexctl.errors import InputError, argument
 from hexctl.export.pictures import PictureOptions
 from hexctl.export.recordings import OnProgress, Trials, is_session, recordings_to_export
 from hexctl.files import file_instead
-from hexctl.record.recorded_trial import RecordedTrial, read_trial
-from hexctl.record.rerun_program import OnDamage, log_damage
+from hexctl.recording.recorded_trial import RecordedTrial, read_trial
+from hexctl.recording.rerun_program import OnDamage, log_damage
 from hexctl.robot.configs import config_names
 from hexctl.robot.formats.mjcf import mjcf_of
 from hexctl.robot.formats.urdf import urdf_of
@@ -179,7 +179,7 @@ def _write_trials(
 
 def _writer(kind: str) -> Callable[[RecordedTrial, Path], None]:
     from hexctl.export.mcap import write_mcap
-    from hexctl.export.table import write_csv, write_parquet
+    from hexctl.export.trial_table import write_csv, write_parquet
 
     return {"mcap": write_mcap, "csv": write_csv, "parquet": write_parquet}[kind]
 

@@ -11,7 +11,7 @@ import numpy as np
 from hexctl.backends.clock import PERIOD_S
 from hexctl.errors import InputError, MissingExtraError
 from hexctl.export.recordings import OnProgress, Trials, title_of
-from hexctl.record.recorded_trial import RecordedTrial
+from hexctl.recording.recorded_trial import RecordedTrial
 from hexctl.types import JOINT_NAMES, N_LEGS, FloatArray
 
 #: Frames per second: one for each tick.

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.record.recorded_trial import RecordedTrial, Samples
+from hexctl.recording.recorded_trial import RecordedTrial, Samples
 from hexctl.robot.body_twist import body_twists
 from hexctl.robot.formats.link_frames import BASE_LINK, LinkTransforms, fixed_transforms, link_transforms
 from hexctl.robot.formats.urdf import urdf_of

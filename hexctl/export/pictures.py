@@ -13,7 +13,7 @@ from hexctl.export import race
 from hexctl.export.captions import Picture, even_pixels, make_caption
 from hexctl.export.recordings import OnProgress, Trials, title_of
 from hexctl.export.render import CAMERAS, RunRenderer
-from hexctl.record.recorded_trial import RecordedTrial
+from hexctl.recording.recorded_trial import RecordedTrial
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,7 +20,7 @@ from hexctl.export.render import (
     quaternions,
 )
 from hexctl.palette import GREY, LINE_COLOR, Color
-from hexctl.record.recorded_trial import RecordedTrial
+from hexctl.recording.recorded_trial import RecordedTrial
 from hexctl.robot.rotations import product
 from hexctl.types import FloatArray
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from hexctl.errors import HexctlError, MissingExtraError
 from hexctl.palette import FAILED_COLORS, LINE_COLOR, NOTICED_COLORS
-from hexctl.record.recorded_trial import LEG_CONDITIONS, RecordedTrial
-from hexctl.record.style import TRAIL_COLOR, Color
+from hexctl.recording.recorded_trial import LEG_CONDITIONS, RecordedTrial
+from hexctl.recording.style import TRAIL_COLOR, Color
 from hexctl.robot.formats.link_frames import JOINT_LINKS
 from hexctl.robot.formats.mjcf import CAMERAS as _CAMERAS
 from hexctl.robot.formats.mjcf import mjcf_of

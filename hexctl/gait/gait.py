@@ -15,9 +15,9 @@ from hexctl.gait.encoding import (
     slots_from_code,
 )
 from hexctl.gait.posture import STANCE, Posture
-from hexctl.names import known_name, nearest
 from hexctl.options import Range
 from hexctl.robot.model import Robot
+from hexctl.typed_names import known_name, nearest
 from hexctl.types import N_LEGS
 
 #: Amplitudes per cycle at the speed of the stance: a foot on the floor covers one in two thirds of a cycle.

@@ -11,8 +11,8 @@ from pydantic_core import ErrorDetails
 
 from hexctl.errors import InputError, check_type, shown
 from hexctl.files import is_file, is_folder, read_file
-from hexctl.names import known_name, nearest
 from hexctl.robot.yaml_text import yaml_content
+from hexctl.typed_names import known_name, nearest
 
 SchemaT = TypeVar("SchemaT", bound=BaseModel)
 

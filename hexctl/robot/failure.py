@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hexctl.errors import InputError, argument, check_type
-from hexctl.names import known_name, nearest
+from hexctl.typed_names import known_name, nearest
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_LEGS
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 from hexctl.errors import InputError, argument
-from hexctl.names import nearest
+from hexctl.typed_names import nearest
 
 MadeT = TypeVar("MadeT")
 

@@ -6,7 +6,7 @@ from threading import Lock
 from hexctl.control.guard import EXPIRY_S
 from hexctl.errors import CommandRefusedError, MessageError
 from hexctl.serve.leases import Lease
-from hexctl.wire.messages import Command, CommandTag, decode_command
+from hexctl.wire.zenoh_messages import Command, CommandTag, decode_command
 
 #: Bound on the relative drift of two monotonic clocks: 100 ppm for each crystal, and up to 500 ppm for a time
 #: service that slews one of them. A faster slew (chrony may) makes commands late.

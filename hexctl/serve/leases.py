@@ -4,7 +4,7 @@ import secrets
 from dataclasses import dataclass, replace
 
 from hexctl.errors import HexctlError
-from hexctl.wire.messages import LEASE_ID_BYTES
+from hexctl.wire.zenoh_messages import LEASE_ID_BYTES
 
 #: A lease expires after this time unless renewed; clients renew it every third of it.
 LEASE_S = 1.0

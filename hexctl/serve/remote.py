@@ -8,14 +8,14 @@ from typing import Any
 
 import zenoh
 
-from hexctl.backends.zenoh.client import ask, ask_until, owner_name
+from hexctl.backends.zenoh.zenoh_client import ask, ask_until, owner_name
 from hexctl.errors import RobotFaultError
 from hexctl.robot.failure_event import parse_failure_now, parse_healing
 from hexctl.serve.stops.clear_keys import NewClaim, forget, keys_for
 from hexctl.serve.stops.stop import HOLD_S, MOST_CLAIMS, MOST_OTHERS_HOLD_S, MOST_UNCLAIMED_HOLD_S
 from hexctl.wire.description import RobotIdentity, check_may_command, robot_name, status_of
 from hexctl.wire.links import KeyMap, Link, Role, load_link
-from hexctl.wire.session import open_session
+from hexctl.wire.zenoh_session import open_session
 
 #: Instead of a robot's name: every robot on the link.
 ANY_ROBOT = "*"

@@ -16,21 +16,21 @@ from hexctl.serve.event_log import EventLog
 from hexctl.serve.idle import SIT_AFTER_S, IdleSupervisor
 from hexctl.serve.inbox import CAPACITY, Arrival, Inbox
 from hexctl.serve.leases import LeaseManager
-from hexctl.serve.own_poses import OwnPoses
 from hexctl.serve.requests import RequestHandler
 from hexctl.serve.ros.snapshot import RobotSnapshot
+from hexctl.serve.served_poses import OwnPoses
 from hexctl.serve.served_servos import ServedServos
+from hexctl.serve.served_transport import Transport, attachment_of, payload_of
 from hexctl.serve.stops.at_rest import RestWatch
 from hexctl.serve.stops.latch import StopLatch
 from hexctl.serve.stops.stop import ESTOP, OVER_ROS
 from hexctl.serve.stops.stop_file import StopFile
 from hexctl.serve.stops.stop_socket import StopSocket
-from hexctl.serve.transport import Transport, attachment_of, payload_of
 from hexctl.types import FloatArray, JointTargets, RobotState
 from hexctl.wire.description import RobotIdentity, describe, encode_json
 from hexctl.wire.links import CLEAR_COMMAND, Link
-from hexctl.wire.messages import SERVER_ENDED, encode_battery, encode_positions, tag_of
 from hexctl.wire.pose import decode_pose, encode_pose
+from hexctl.wire.zenoh_messages import SERVER_ENDED, encode_battery, encode_positions, tag_of
 
 if TYPE_CHECKING:
     from hexctl.serve.ros.bridge import RosBridge

@@ -17,7 +17,7 @@ from hexctl.errors import InputError, argument, check_type
 from hexctl.robot.failure import Failure, failure_text
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
-from hexctl.serve.ros.options import RosOptions
+from hexctl.serve.ros.ros_options import RosOptions
 from hexctl.serve.server import RobotServer
 from hexctl.serve.stops.stop_file import StopFile
 from hexctl.serve.stops.stop_place import StopPlace

@@ -10,7 +10,7 @@ from typing import Any, Self
 from hexctl.serve.remote import ANY_ROBOT, RemoteRobots
 from hexctl.serve.stops.clear_keys import NewClaim
 from hexctl.wire.links import KeyMap, Link, Role
-from hexctl.wire.session import open_session
+from hexctl.wire.zenoh_session import open_session
 
 #: How long the end waits for a stop that is being sent, and the pause before one that failed is sent again.
 END_S, AGAIN_S = 2.0, 0.1

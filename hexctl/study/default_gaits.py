@@ -6,12 +6,12 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 from hexctl.control.batch import SimTrial, run_sim_trials
-from hexctl.control.result import STATUSES, TrialResult
+from hexctl.control.trial_result import STATUSES, TrialResult
 from hexctl.files import atomic_write
 from hexctl.gait.gait import make_gait
 from hexctl.study.landscapes.cache import CacheError, LandscapeCache
 from hexctl.study.landscapes.landscape import LandscapeSpec
-from hexctl.study.plan import StudyPlan
+from hexctl.study.study_plan import StudyPlan
 
 #: Gaits of a robot that knows of no failure: its default one, and the tripod.
 DEFAULT_GAITS = ("demo", "tripod")
@@ -24,7 +24,7 @@ class DefaultWalk:
     Attributes:
         leg: the failed leg.
         gait: name of the gait, one of `DEFAULT_GAITS`.
-        status: as in `hexctl.control.result.STATUSES`.
+        status: as in `hexctl.control.trial_result.STATUSES`.
         signed_m: deviation at the end, positive to the left; None where unknown.
         distance_m: progress along the heading; None where unknown.
     """

@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.optimizers.deduplication import PATIENCE, Deduplication
+from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.population import POPULATION
-from hexctl.adapt.optimizers.registry import make_optimizer
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World
 from hexctl.errors import InputError
 from hexctl.study.default_gaits import DefaultWalk
 from hexctl.study.landscapes.landscape import Landscape
-from hexctl.study.plan import HEURISTICS, WITHOUT, StudyPlan
+from hexctl.study.study_plan import HEURISTICS, WITHOUT, StudyPlan
 from hexctl.study.verdicts.experiments import landscape_by_symmetry
 from hexctl.types import ArrayFields, FloatArray
 

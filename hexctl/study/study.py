@@ -14,32 +14,32 @@ from hexctl.backends.sim.world import World, as_world
 from hexctl.errors import InputError, argument, check_type
 from hexctl.robot.model import Robot
 from hexctl.study.default_gaits import walk_default_gaits
-from hexctl.study.holds.findings import HoldFindings
-from hexctl.study.holds.plan import HoldPlan
-from hexctl.study.holds.report import REPORT as HOLD_REPORT
-from hexctl.study.holds.report import holds_json, write_hold_report
-from hexctl.study.holds.walks import HoldCache, walk_all
+from hexctl.study.holds.hold_findings import HoldFindings
+from hexctl.study.holds.hold_plan import HoldPlan
+from hexctl.study.holds.hold_report import REPORT as HOLD_REPORT
+from hexctl.study.holds.hold_report import holds_json, write_hold_report
+from hexctl.study.holds.hold_walks import HoldCache, walk_all
 from hexctl.study.landscapes.cache import LandscapeCache
 from hexctl.study.landscapes.evaluate import Progress, Silent, check_jobs, evaluate
-from hexctl.study.plan import StudyPlan
-from hexctl.study.recovery.findings import RecoveryFindings
-from hexctl.study.recovery.plan import RecoveryPlan
-from hexctl.study.recovery.report import REPORT as RECOVERY_REPORT
-from hexctl.study.recovery.report import recovery_json, write_recovery_report
-from hexctl.study.recovery.walks import EpisodeCache
-from hexctl.study.recovery.walks import walk_all as walk_episodes
-from hexctl.study.reports.drawing import check_drawing
+from hexctl.study.recovery.recovery_findings import RecoveryFindings
+from hexctl.study.recovery.recovery_plan import RecoveryPlan
+from hexctl.study.recovery.recovery_report import REPORT as RECOVERY_REPORT
+from hexctl.study.recovery.recovery_report import recovery_json, write_recovery_report
+from hexctl.study.recovery.recovery_walks import EpisodeCache
+from hexctl.study.recovery.recovery_walks import walk_all as walk_episodes
+from hexctl.study.reports.figure_style import check_drawing
 from hexctl.study.reports.figures import FIGURES
 from hexctl.study.reports.report import REPORT, write_report
-from hexctl.study.reports.tables import summary_json
+from hexctl.study.reports.study_tables import summary_json
 from hexctl.study.searches import Findings, search_all
-from hexctl.study.transfer.plan import TransferPlan
-from hexctl.study.transfer.report import REPORT as TRANSFER_REPORT
-from hexctl.study.transfer.report import transfer_json, write_transfer_report
-from hexctl.study.transfer.searches import TransferFindings, search_worlds
+from hexctl.study.study_plan import StudyPlan
+from hexctl.study.transfer.transfer_plan import TransferPlan
+from hexctl.study.transfer.transfer_report import REPORT as TRANSFER_REPORT
+from hexctl.study.transfer.transfer_report import transfer_json, write_transfer_report
+from hexctl.study.transfer.transfer_searches import TransferFindings, search_worlds
+from hexctl.study.verdicts.claim_evidence import Claim
 from hexctl.study.verdicts.claims import claims_of
-from hexctl.study.verdicts.evidence import Claim
-from hexctl.study.verdicts.uncertainty import StudyUncertainty
+from hexctl.study.verdicts.verdict_uncertainty import StudyUncertainty
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

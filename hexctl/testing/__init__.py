@@ -17,9 +17,9 @@ except ImportError as error:
     raise MissingExtraError("hexctl.testing", "testing") from error
 
 # Before the suites are imported, so that a failed comparison shows both of its sides.
-pytest.register_assert_rewrite("hexctl.testing.servos", "hexctl.testing.optimizers")
+pytest.register_assert_rewrite("hexctl.testing.servo_conformance", "hexctl.testing.optimizer_conformance")
 
-from hexctl.testing.optimizers import OptimizerConformance  # noqa: E402
-from hexctl.testing.servos import LegServosConformance  # noqa: E402
+from hexctl.testing.optimizer_conformance import OptimizerConformance  # noqa: E402
+from hexctl.testing.servo_conformance import LegServosConformance  # noqa: E402
 
 __all__ = ["LegServosConformance", "OptimizerConformance"]

@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from hexctl.adapt.loop import AdaptLoop, Walk
 from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.optimizers.deduplication import Deduplication
-from hexctl.adapt.optimizers.registry import make_optimizer
+from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.trim import TrimSearch
 from hexctl.adapt.runner import WalkedTrial
-from hexctl.adapt.sessions.session import Session, SessionSpec
+from hexctl.adapt.sessions.search_session import Session, SessionSpec
 from hexctl.adapt.sessions.store import SessionStore
 from hexctl.adapt.space import GaitSpace
+from hexctl.adapt.trial_loop import AdaptLoop, Walk
 from hexctl.control.trial import Enough
 from hexctl.gait.encoding import Slots
 from tests.adapt.priors import MadeUpModel, made_up_bayes, standing_samples

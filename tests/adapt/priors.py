@@ -10,12 +10,12 @@ from hexctl.adapt.optimizers.bayes import Bayes
 from hexctl.adapt.prior.prior import CHECKPOINTS, SCORES, Prior, PriorKey, ScorePrior
 from hexctl.adapt.prior.samples import DISTANCE, FINAL, N_FEATURES, YAW, Samples
 from hexctl.adapt.runner import WalkedTrial
-from hexctl.adapt.sessions.session import SessionSpec
+from hexctl.adapt.sessions.search_session import SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
-from hexctl.control.plan import TrialPlan
-from hexctl.control.result import Deviation, TrialResult
 from hexctl.control.trial import LOOK_TICKS, Enough
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_result import Deviation, TrialResult
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure

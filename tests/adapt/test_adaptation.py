@@ -26,12 +26,12 @@ from hexctl.adapt.runner import (
     WalkedTrial,
 )
 from hexctl.adapt.search import new_spec
-from hexctl.adapt.sessions.rows import SessionRows, StoreError
-from hexctl.adapt.sessions.session import Session, TrialRecord
+from hexctl.adapt.sessions.search_session import Session, TrialRecord
+from hexctl.adapt.sessions.session_tables import export_session
 from hexctl.adapt.sessions.store import delete_session, list_sessions, load_session
-from hexctl.adapt.sessions.table import export_session
+from hexctl.adapt.sessions.stored_rows import SessionRows, StoreError
 from hexctl.backends.sim.world import load_world
-from hexctl.control.result import TrialResult
+from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError, RecordingError, RobotFaultError, WrongTypeError
 from tests.adapt.walking import Landscape, result_of
 from tests.cli.adaptkits import Blind, EStopped
@@ -460,7 +460,7 @@ def test_an_overview_that_cannot_be_drawn_costs_no_result(monkeypatch: pytest.Mo
     def broken(*_: object, **__: object) -> None:
         raise ValueError("no picture")
 
-    monkeypatch.setattr("hexctl.adapt.overview.write_overview_file", broken)
+    monkeypatch.setattr("hexctl.adapt.session_viewing.write_overview_file", broken)
     notes: list[str] = []
     result = adapt(5, budget=2, prior="none", note=notes.append)
     assert (result.ended, result.overview, notes[-1]) == ("budget", None, "no overview: no picture")

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from hexctl.adapt.arena import Arena, Geofence, aimed, as_placed, body_heading_rad, check_radius
 from hexctl.adapt.prior.prior import PriorKey
-from hexctl.control.plan import SELF_ROTATIONS, TrialPlan
 from hexctl.control.trace import Trace, TrialFrame
+from hexctl.control.trial_plan import SELF_ROTATIONS, TrialPlan
 from hexctl.control.walks.turning import check_plan, turn_needed_rad
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.gait.gait import make_gait

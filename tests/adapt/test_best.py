@@ -11,16 +11,16 @@ from hexctl.adapt.adaptation import adapt
 from hexctl.adapt.best import best_gait
 from hexctl.adapt.prior.prior import load_prior, save_prior
 from hexctl.adapt.prior.samples import ranked_codes
-from hexctl.adapt.sessions.session import Session
+from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.store import load_session
 from hexctl.adapt.space import GaitSpace
-from hexctl.cli.render.adapt import closing_lines
+from hexctl.cli.render.adapt_output import closing_lines
 from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.errors import InputError
 from hexctl.gait.gait import NAMED_SLOTS
-from hexctl.record.run import Run, run
-from hexctl.record.run_spec import RunSpec
 from hexctl.robot.failure import Failure
+from hexctl.runs.run import Run, run
+from hexctl.runs.run_spec import RunSpec
 from tests.adapt.priors import key_of, made_up_prior, made_up_score_prior
 from tests.adapt.walking import stored_session
 from tests.robots import shipped
@@ -72,7 +72,7 @@ def test_the_best_gait_turns_the_leg_away_as_auto_does_where_the_robot_tells_no_
     built: Path, robot_tells: str, rotation: str
 ) -> None:
     found = best_gait(spec(), built)
-    with Run(replace(found.spec, backend=f"tests.record.test_run:{robot_tells}Mock")) as connected:
+    with Run(replace(found.spec, backend=f"tests.runs.test_run:{robot_tells}Mock")) as connected:
         assert connected.plan.self_rotation == rotation
         assert connected.plan.gait.slots == found.spec.gait
 

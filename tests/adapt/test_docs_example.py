@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from hexctl.adapt.optimizers.deduplication import Deduplication
-from hexctl.adapt.optimizers.registry import make_optimizer
-from hexctl.testing.optimizers import ONE_FAILED, Make, OptimizerConformance, search
+from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
+from hexctl.testing.optimizer_conformance import ONE_FAILED, Make, OptimizerConformance, search
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "adaptation.md"
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hexctl.adapt.loop import AdaptLoop
 from hexctl.adapt.sessions.store import SessionStore
+from hexctl.adapt.trial_loop import AdaptLoop
 from tests.adapt import killing
 from tests.adapt.killing import SPECS_TO_KILL, landscape_of, optimizer_of
 

@@ -11,9 +11,9 @@ from hexctl.adapt.measurement import Answer, measured, not_walked
 from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES
 from hexctl.adapt.optimizer import Observation
 from hexctl.adapt.prior.samples import DISTANCE, FINAL, features_of
-from hexctl.adapt.sessions.session import Session, SessionSpec
-from hexctl.control.plan import TrialPlan
-from hexctl.control.result import TrialResult
+from hexctl.adapt.sessions.search_session import Session, SessionSpec
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_result import TrialResult
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from tests.adapt.walking import result_of

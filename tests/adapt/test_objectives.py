@@ -15,7 +15,7 @@ from hexctl.adapt.objectives import (
     make_objective,
     undominated,
 )
-from hexctl.control.result import TrialResult
+from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError
 from tests.adapt.walking import result_of
 

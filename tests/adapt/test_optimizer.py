@@ -7,12 +7,12 @@ import pytest
 
 from hexctl.adapt.optimizer import Observation, Optimizer
 from hexctl.adapt.optimizers.deduplication import Deduplication
+from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.population import PopulationOptimizer
-from hexctl.adapt.optimizers.registry import make_optimizer
 from hexctl.adapt.optimizers.shipped import OPTIMIZERS
 from hexctl.adapt.space import GaitSpace
-from hexctl.control.result import STATUSES
-from hexctl.testing.optimizers import BATCHES, ONE_FAILED, Make, OptimizerConformance, search
+from hexctl.control.trial_result import STATUSES
+from hexctl.testing.optimizer_conformance import BATCHES, ONE_FAILED, Make, OptimizerConformance, search
 from tests.adapt.walking import result_of
 
 

@@ -13,15 +13,15 @@ from hexctl.adapt import runner as runner_module
 from hexctl.adapt.arena import Arena
 from hexctl.adapt.reset_free import ResetFreeRunner, await_ready, cool_down
 from hexctl.adapt.runner import RobotStoppedError, TrialRunner
-from hexctl.adapt.sessions.session import SessionSpec
+from hexctl.adapt.sessions.search_session import SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.controllers import sitting_angles_rad
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
-from hexctl.control.plan import TrialPlan
-from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import make_gait

@@ -7,9 +7,9 @@ import pytest
 import yaml
 
 from hexctl.adapt.optimizers.bayes import REAL_NOISE_M, SIMULATED_NOISE_M
-from hexctl.adapt.prior.choice import noise_m
+from hexctl.adapt.prior.prior_choice import noise_m
 from hexctl.adapt.search import new_spec
-from hexctl.adapt.sessions.session import SessionSpec
+from hexctl.adapt.sessions.search_session import SessionSpec
 from hexctl.backends.sim.world import World, load_world
 from hexctl.control.assessment.uncertainty_store import SimulationUncertainty, keep_uncertainty
 from hexctl.robot.configs import config_root

@@ -9,7 +9,7 @@ import pytest
 from hexctl.adapt.space import GaitSpace
 from hexctl.errors import InputError
 from hexctl.gait.encoding import Slots, code_from_slots
-from hexctl.testing.optimizers import ONE_FAILED, THREE_FAILED, TWO_FAILED
+from hexctl.testing.optimizer_conformance import ONE_FAILED, THREE_FAILED, TWO_FAILED
 
 FAILED_SETS = [failed for count in (1, 2, 3) for failed in itertools.combinations(range(1, 7), count)]
 SPACES = [ONE_FAILED, TWO_FAILED, THREE_FAILED]

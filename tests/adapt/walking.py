@@ -7,11 +7,11 @@ import numpy as np
 
 from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.runner import WalkedTrial
-from hexctl.adapt.sessions.session import BaselineRecord, SessionSpec, TrialRecord
+from hexctl.adapt.sessions.search_session import BaselineRecord, SessionSpec, TrialRecord
 from hexctl.adapt.sessions.store import SessionStore
 from hexctl.adapt.space import GaitSpace
-from hexctl.control.result import Deviation, TrialResult
 from hexctl.control.trial import Enough
+from hexctl.control.trial_result import Deviation, TrialResult
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import NAMED_SLOTS
 from tests.robots import shipped

@@ -5,7 +5,7 @@ import numpy as np
 from hexctl.backends.base import LegServos
 from hexctl.backends.clock import WallClock
 from hexctl.backends.mock import MockServos
-from hexctl.testing.servos import LegServosConformance
+from hexctl.testing.servo_conformance import LegServosConformance
 from hexctl.types import JointTargets
 from tests.backends.fake_time import FakeTime
 from tests.robots import shipped

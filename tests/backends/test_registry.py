@@ -13,9 +13,9 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
 from hexctl.cli.main import exit_code
 from hexctl.errors import InputError
-from hexctl.record.run_spec import RunSpec
 from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_robot_file
+from hexctl.runs.run_spec import RunSpec
 from tests.robots import shipped
 
 OPTIONS = BackendOptions(robot=shipped(), world=World(friction=0.5), failure=Failure(leg=2), seed=7)

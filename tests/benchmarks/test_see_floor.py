@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.see_floor import FloorErrors
-from hexctl.see.vision.floor import LearnedFloor
+from hexctl.vision.detection.floor import LearnedFloor
 
 FLOOR = LearnedFloor(tags={}, cameras=(), residuals_px={}, deviations_m={}, doubts=())
 

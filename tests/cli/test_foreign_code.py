@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.adapt.sessions.session import SessionSpec
+from hexctl.adapt.sessions.search_session import SessionSpec
 from hexctl.adapt.sessions.store import load_session
 from hexctl.cli.main import exit_code
-from hexctl.cli.render.adapt import resume_command
+from hexctl.cli.render.adapt_output import resume_command
 from hexctl.cli.settings import CODE_OPTIONS
-from hexctl.doctor.drawing import read_drawing
-from hexctl.record.live import LiveView
+from hexctl.doctor.rendering_check import read_drawing
+from hexctl.recording.live import LiveView
 from hexctl.serve.keeper import Keeper, KeeperSpec
 from hexctl.waiting import wait_for
 from tests.adapt import walking
@@ -73,7 +73,7 @@ COMMANDS = [
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_foreign_session_runs_no_code(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hexctl.adapt.overview.open_viewer", lambda _: 0)
+    monkeypatch.setattr("hexctl.adapt.session_viewing.open_viewer", lambda _: 0)
     every = {"optimizer": NAMED, "objective": NAMED, "backend": NAMED, "policy": NAMED}
     name = foreign_session(monkeypatch, **every)
     other = foreign_session(monkeypatch, **every)
@@ -190,9 +190,9 @@ def test_the_live_view_takes_no_module_from_the_working_folder(
     viewer = folder / "viewer"
     viewer.write_text("#!/bin/sh\nexec sleep 60\n")
     viewer.chmod(0o700)
-    monkeypatch.setattr("hexctl.record.live.viewer_binary", lambda: viewer)
+    monkeypatch.setattr("hexctl.recording.live.viewer_binary", lambda: viewer)
     with socket.create_server(("127.0.0.1", 0)) as listening:
-        monkeypatch.setattr("hexctl.record.live.free_port", lambda: listening.getsockname()[1])
+        monkeypatch.setattr("hexctl.recording.live.free_port", lambda: listening.getsockname()[1])
         live = LiveView()
         assert live._feeder.stdin is not None
         live._feeder.stdin.close()

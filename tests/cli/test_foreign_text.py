@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from hexctl.adapt.sessions.session import SessionSpec
+from hexctl.adapt.sessions.search_session import SessionSpec
 from hexctl.cli.main import exit_code
 from hexctl.wire.description import describe
 from hexctl.wire.links import KeyMap
@@ -174,7 +174,7 @@ def _hostile(value: Any) -> Any:
 def test_a_foreign_session_prints_nothing_but_text(
     command: str, table: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hexctl.adapt.overview.open_viewer", lambda _: 0)
+    monkeypatch.setattr("hexctl.adapt.session_viewing.open_viewer", lambda _: 0)
     name = walking.stored_session(Path("runs"), 0.2, tripod=0.3, auto=0.4)
     with sqlite3.connect(next(Path("runs").glob("*.sqlite*"))) as store:
         tables = [row[0] for row in store.execute("select name from sqlite_master where type = 'table'")]

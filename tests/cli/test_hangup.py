@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from hexctl.cli.console import StopOnInterrupt
-from hexctl.record.recorded_trial import read_trial
+from hexctl.recording.recorded_trial import read_trial
 from hexctl.signals import ending_signals
 from hexctl.waiting import wait_for
 from tests.cli.terminals import WAIT_S, WITH_TERMINAL, OnTerminal

@@ -345,7 +345,7 @@ def test_a_second_ctrl_c_in_a_walk_names_the_recording(
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("hexctl.record.run.Run.walk", interrupted)
+    monkeypatch.setattr("hexctl.runs.run.Run.walk", interrupted)
     path = tmp_path / "walk.rrd"
     assert exit_code(["run", "--record", str(path)]) == 130
     line = f"hexctl: interrupted without a soft stop; recorded until then: {path}\n"
@@ -361,7 +361,7 @@ def test_a_ctrl_c_that_a_command_does_not_handle_is_a_line(
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("hexctl.record.run.Run.__init__", interrupted)
+    monkeypatch.setattr("hexctl.runs.run.Run.__init__", interrupted)
     monkeypatch.setattr("hexctl.adapt.sessions.store.list_sessions", interrupted)
     assert exit_code(command) == 130
     assert capsys.readouterr().err == "hexctl: interrupted\n"
@@ -410,7 +410,7 @@ def test_a_full_disk_is_a_fault_whatever_was_to_be_written(
     def refuse(path: Path, _: object) -> None:
         raise OSError(number, os.strerror(number), str(path))
 
-    monkeypatch.setattr("hexctl.see.sheet.atomic_write", refuse)
+    monkeypatch.setattr("hexctl.vision.sheet.atomic_write", refuse)
     assert exit_code(["see", "print", "--output", str(tmp_path / "sheet.pdf")]) == code
     assert os.strerror(number) in capsys.readouterr().err
     monkeypatch.setattr("hexctl.robot.configs.read_file", lambda path, most: refuse(path, most))

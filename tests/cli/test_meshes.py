@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from hexctl.cli.main import exit_code
-from hexctl.record import paths
-from tests.record.conftest import ReadBack
+from hexctl.recording import paths
+from tests.recording.conftest import ReadBack
 from tests.robot.meshmaking import stl_box
 from tests.robots import edited_file, put
 

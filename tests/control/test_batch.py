@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from hexctl import Failure, Robot, SimTrial, TrialPlan, World, load_robot, make_gait, run_sim_trials
-from hexctl.backends.sim.batch import SimBatch
 from hexctl.backends.sim.flaws import SensorFaults
 from hexctl.backends.sim.servos import SimServos
+from hexctl.backends.sim.simulated_batch import SimBatch
 from hexctl.control.batch import run_sim_trial
 from hexctl.control.controllers import check_walk
-from hexctl.control.result import TrialResult
+from hexctl.control.trial_result import TrialResult
 from hexctl.errors import LimitError, ReachError, WrongTypeError
 
 WORLDS = {

@@ -12,11 +12,11 @@ from hexctl.backends.base import LegServos
 from hexctl.backends.mock import MockServos
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import POSE_EXPIRY_S, Guard
-from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import run_trial
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import CommandRefusedError, EStopError, InputError, RobotFaultError
 from hexctl.gait.gait import make_gait
-from hexctl.testing.servos import LegServosConformance, move
+from hexctl.testing.servo_conformance import LegServosConformance, move
 from hexctl.types import FloatArray, JointTargets, RobotState, ServoReadings
 from tests.backends.fake_time import FakeTime
 from tests.control.posed import PosedMock, connected, read_for, send

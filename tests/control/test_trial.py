@@ -11,9 +11,9 @@ import pytest
 from hexctl.backends.sim.world import World
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
-from hexctl.control.plan import TrialPlan
-from hexctl.control.result import STATUSES, TrialResult
 from hexctl.control.trial import run_trial
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_result import STATUSES, TrialResult
 from hexctl.robot.failure import FAILURE_KINDS, Failure
 from hexctl.robot.loader import load_robot
 from hexctl.types import JointTargets

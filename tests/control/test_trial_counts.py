@@ -11,9 +11,9 @@ import pytest
 from hexctl.backends.mock import MockServos
 from hexctl.control.guard import Guard
 from hexctl.control.log import Recorders, TickLog
-from hexctl.control.plan import TrialPlan
-from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_result import TrialResult
 from hexctl.robot.failure import Failure
 from hexctl.types import JointTargets
 from tests.backends.fake_time import FakeTime

@@ -9,10 +9,10 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
-from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import StopRequested, never
-from hexctl.control.result import STATUSES, TrialResult
 from hexctl.control.trial import Enough, run_trial, stop_when
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_result import STATUSES, TrialResult
 from hexctl.types import FloatArray
 from tests.backends.fake_time import FakeTime
 from tests.robots import shipped

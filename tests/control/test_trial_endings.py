@@ -16,9 +16,9 @@ from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.control.controllers import check_walk
 from hexctl.control.guard import POSE_EXPIRY_S, Guard
 from hexctl.control.log import TickLog
-from hexctl.control.plan import TrialPlan
-from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_result import TrialResult
 from hexctl.errors import LimitError, ReachError, RobotFaultError
 from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure

@@ -8,7 +8,7 @@ import pytest
 
 from hexctl.backends.sim.world import World
 from hexctl.control.batch import SimTrial, run_sim_trials
-from hexctl.control.plan import TrialPlan
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.encoding import code_count
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure

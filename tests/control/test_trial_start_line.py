@@ -10,9 +10,9 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
-from hexctl.control.plan import TrialPlan
 from hexctl.control.trace import TrialFrame
 from hexctl.control.trial import run_trial
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.robot.failure import Failure
 from hexctl.robot.rotations import yaw_rad
 from tests.robots import shipped

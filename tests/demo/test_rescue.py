@@ -9,8 +9,8 @@ import pytest
 
 from hexctl.demo import rescue
 from hexctl.errors import InputError
-from hexctl.record.recorded_trial import LEG_CONDITIONS, read_trial
-from hexctl.record.run import RunResult
+from hexctl.recording.recorded_trial import LEG_CONDITIONS, read_trial
+from hexctl.runs.run import RunResult
 
 
 @pytest.fixture(scope="module")

@@ -43,18 +43,21 @@ DROPPED = ("--view", "--realtime")
 #: Only parsed, as the program itself would: commands with all of these words, and why.
 PARSED = {
     ("view",): "opens a window, until it is closed",
-    ("drive",): "drives until a person ends it; tests/cli/walk/test_drive.py does",
+    ("drive",): "drives until a person ends it; tests/cli/walk/test_drive_command.py does",
     ("calibrate",): "asks a person what each servo did",
     ("adapt", "--ask"): "asks a person where the robot is",
     ("adapt", "tls/robot.local:7447"): "needs a robot on another computer",
     ("study", "--legs"): "the same as plain study, once that is shortened",
     ("study", "--transfer"): "simulates for an hour; tests/study has a small one",
-    ("study", "--hold"): "walks for an hour; tests/cli/study/test_study.py has a small one",
-    ("study", "--recovery"): "walks for hours; tests/cli/study/test_study.py has a small one",
+    ("study", "--hold"): "walks for an hour; tests/cli/study/test_study_command.py has a small one",
+    ("study", "--recovery"): "walks for hours; tests/cli/study/test_study_command.py has a small one",
     ("study", "--matrix"): "simulates for hours; tests/study has a small one",
-    ("prior", "build"): "walks 120 gaits a world, for minutes; tests/cli/study/test_prior.py has it",
-    ("run", "--fail"): "fails later than a shortened walk ends; tests/cli/walk/test_run.py has one",
-    ("run", "--then"): "changes gait later than a shortened walk ends; tests/cli/walk/test_run.py has one",
+    ("prior", "build"): "walks 120 gaits a world, for minutes; tests/cli/study/test_prior_command.py has it",
+    ("run", "--fail"): "fails later than a shortened walk ends; tests/cli/walk/test_run_command.py has one",
+    (
+        "run",
+        "--then",
+    ): "changes gait later than a shortened walk ends; tests/cli/walk/test_run_command.py has one",
     ("--dask",): "needs a cluster; tests/study has one",
 }
 
@@ -352,9 +355,9 @@ def _sudo(words: list[str]) -> None:
 def _ros2(words: list[str]) -> None:
     """Check that the topics, services and types of a command of ROS are those of a served robot."""
     from hexctl.serve.ros.bridge import JOINTS_TOPIC, STOP_MESSAGE, STOP_TOPIC, TRIGGER, VELOCITIES
-    from hexctl.serve.ros.commands import Service
+    from hexctl.serve.ros.ros_commands import Service
     from hexctl.serve.ros.topics import TOPICS
-    from hexctl.wire.ros.names import RosNode
+    from hexctl.wire.ros.ros_names import RosNode
 
     names = (*TOPICS, "cmd_vel", JOINTS_TOPIC, STOP_TOPIC, *(f"~/{service.value}" for service in Service))
     nodes = (RosNode(), RosNode(namespace="lab/ant"))

@@ -27,7 +27,7 @@ from hexctl.wire.pose import BODY_FRAME
 from tests.docs.pages import PAGES, ROOT, blocks, save_programs
 from tests.robot.meshmaking import MAKERS
 from tests.robots import edited_file, put
-from tests.see.scenes import film_walk
+from tests.vision.scenes import film_walk
 
 
 def a_link(values: dict[str, Any], folder: Path) -> None:

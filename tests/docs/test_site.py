@@ -15,8 +15,8 @@ import pytest
 import yaml
 
 import hexctl
-import hexctl.see
 import hexctl.testing
+import hexctl.vision
 from hexctl.gait.encoding import slots_from_code
 from hexctl.settings import FILE as SETTINGS_FILE
 from tests.docs.pages import PAGES, REFERENCE, ROOT, blocks
@@ -65,8 +65,8 @@ def test_every_public_name_is_in_the_reference() -> None:
     described = described_names()
     assert len(set(described)) == len(described)
     packages = {"adapt": "adapt.adaptation.adapt", "export": "export.export.export"}
-    own = set(hexctl.__all__) - {"testing", "see"}
-    seen = {f"see.{name}" for name in hexctl.see.__all__}
+    own = set(hexctl.__all__) - {"testing", "vision"}
+    seen = {f"see.{name}" for name in hexctl.vision.__all__}
     suites = {f"testing.{name}" for name in hexctl.testing.__all__}
     assert {packages.get(name, name) for name in own} | seen | suites <= set(described)
     overview = (DOCS / "api" / "index.md").read_text(encoding="utf-8")

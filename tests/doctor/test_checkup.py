@@ -11,10 +11,10 @@ from typing import Any
 
 import pytest
 
-from hexctl.doctor import checkup, connections, drawing, machine, packages
+from hexctl.doctor import checkup, connections, machine, packages, rendering_check
 from hexctl.doctor.connections import Connections, Device, NetworkPort
-from hexctl.doctor.drawing import Drawing
 from hexctl.doctor.machine import Machine
+from hexctl.doctor.rendering_check import Drawing
 
 FORBIDDEN = Device(path="/dev/ttyUSB0", name="USB", group="dialout", usable=False)
 
@@ -168,6 +168,6 @@ def test_a_folder_that_cannot_be_written_has_no_room(here: checkup.Checkup, monk
 
 
 def test_a_graphics_library_that_ends_its_process_draws_nothing(monkeypatch: Any) -> None:
-    monkeypatch.setattr(drawing, "PROGRAM", "import os; os.abort()")
-    found = drawing.read_drawing()
+    monkeypatch.setattr(rendering_check, "PROGRAM", "import os; os.abort()")
+    found = rendering_check.read_drawing()
     assert not found.draws

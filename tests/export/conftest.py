@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from hexctl.record.recorded_trial import RecordedTrial, read_trial
-from hexctl.record.run import run
+from hexctl.recording.recorded_trial import RecordedTrial, read_trial
+from hexctl.runs.run import run
 
 
 @pytest.fixture(scope="session")

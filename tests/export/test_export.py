@@ -13,7 +13,7 @@ from hexctl.adapt.adaptation import adapt
 from hexctl.errors import HexctlError, InputError
 from hexctl.export.export import ENDINGS, FORMATS, SUFFIXES, export
 from hexctl.robot.formats.urdf import urdf_of
-from tests.record.conftest import damage
+from tests.recording.conftest import damage
 from tests.robots import edited_file, put, shipped
 
 

@@ -13,7 +13,7 @@ from rerun.experimental import LeRobotReader
 
 from hexctl.errors import InputError
 from hexctl.export.lerobot import FPS, task_of, write_lerobot
-from hexctl.record.recorded_trial import RecordedTrial
+from hexctl.recording.recorded_trial import RecordedTrial
 from hexctl.types import JOINT_NAMES
 from tests.robots import shipped
 

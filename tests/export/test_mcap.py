@@ -18,7 +18,7 @@ from rosbags.rosbag2 import Reader
 
 from hexctl.export.mcap import TOPICS, write_mcap
 from hexctl.ik.legs import foot_positions_body
-from hexctl.record.recorded_trial import RecordedTrial, Samples
+from hexctl.recording.recorded_trial import RecordedTrial, Samples
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.types import JOINT_NAMES, N_JOINTS, FloatArray
 

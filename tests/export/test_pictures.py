@@ -12,7 +12,7 @@ from PIL import Image, ImageSequence
 from hexctl.errors import InputError
 from hexctl.export.pictures import PictureOptions, write_pictures
 from hexctl.export.render import NoRendererError, open_context
-from hexctl.record.recorded_trial import LEG_CONDITIONS, RecordedTrial
+from hexctl.recording.recorded_trial import LEG_CONDITIONS, RecordedTrial
 
 
 class Drawn:

@@ -14,7 +14,7 @@ from hexctl.export.captions import FLASH_S
 from hexctl.export.pictures import PictureOptions, write_pictures
 from hexctl.export.race import CHEER_S, FAILED_BADGE, WON_BADGE, RaceRenderer
 from hexctl.export.render import NoRendererError, open_context
-from hexctl.record.recorded_trial import RecordedEvent, RecordedTrial
+from hexctl.recording.recorded_trial import RecordedEvent, RecordedTrial
 from tests.export.test_lerobot import cut
 
 WIDTH_PX = 320

@@ -9,7 +9,7 @@ import pytest
 from hexctl.adapt.sessions.store import SessionStore
 from hexctl.errors import InputError
 from hexctl.export.recordings import recordings_to_export, title_of
-from hexctl.record.recorded_trial import RecordedTrial
+from hexctl.recording.recorded_trial import RecordedTrial
 from tests.adapt.sessions.test_store import record
 from tests.adapt.walking import SPEC
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hexctl.export.render import CAMERAS, NoRendererError, RunRenderer, open_context
-from hexctl.record.recorded_trial import LEG_CONDITIONS, RecordedTrial
+from hexctl.recording.recorded_trial import LEG_CONDITIONS, RecordedTrial
 
 
 @pytest.fixture

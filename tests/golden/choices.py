@@ -8,10 +8,10 @@ import numpy as np
 from hexctl import Failure, TrialPlan, load_robot, make_gait
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.optimizer import Observation, Optimizer
-from hexctl.adapt.optimizers.registry import make_optimizer
+from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.prior.prior import load_prior
-from hexctl.adapt.sessions.optimizer import make_search
-from hexctl.adapt.sessions.session import SessionSpec
+from hexctl.adapt.sessions.search_session import SessionSpec
+from hexctl.adapt.sessions.session_optimizer import make_search
 from hexctl.adapt.space import GaitSpace
 from hexctl.robot.configs import config_root
 

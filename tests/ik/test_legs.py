@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexctl.backends.sim.model import FIRST_JOINT, make_simulation
+from hexctl.backends.sim.simulation_model import FIRST_JOINT, make_simulation
 from hexctl.backends.sim.world import World
 from hexctl.errors import LimitError, ReachError
 from hexctl.ik.legs import (

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-from hexctl.backends.sim.model import FIRST_JOINT, make_simulation
+from hexctl.backends.sim.simulation_model import FIRST_JOINT, make_simulation
 from hexctl.backends.sim.world import World
 from hexctl.ik.legs import foot_positions_body
 from hexctl.ik.support_polygon import (

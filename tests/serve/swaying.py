@@ -15,13 +15,13 @@ from typing import Any, Self
 import numpy as np
 
 from hexctl.backends.clock import request_realtime_priority
-from hexctl.backends.zenoh import client
-from hexctl.backends.zenoh.client import ZenohServos
+from hexctl.backends.zenoh import zenoh_client
+from hexctl.backends.zenoh.zenoh_client import ZenohServos
 from hexctl.control.guard import Guard
 from hexctl.errors import HexctlError
 from hexctl.types import JointTargets
 from hexctl.wire.links import KeyMap, Link, Role
-from hexctl.wire.session import open_session
+from hexctl.wire.zenoh_session import open_session
 from tests.robots import shipped
 
 SWAY_RAD = 0.25
@@ -99,7 +99,7 @@ def main(endpoint: str, *options: str) -> int:
     if "again" not in given:
         return control(endpoint, given)
     with open_session(link_of(endpoint, given), Role.CONTROLLER, KeyMap.of("ant")) as session:
-        vars(client)["open_session"] = lambda *_: LentSession(session)
+        vars(zenoh_client)["open_session"] = lambda *_: LentSession(session)
         while True:
             control(endpoint, given)
             time.sleep(0.02)

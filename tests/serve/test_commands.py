@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hexctl.errors import CommandRefusedError, MessageError
 from hexctl.serve.commands import CommandCounters, CommandHandler, TransitDelay
 from hexctl.serve.leases import Lease, LeaseManager
-from hexctl.wire.messages import CommandTag, encode_positions
+from hexctl.wire.zenoh_messages import CommandTag, encode_positions
 
 offsets = st.floats(-1e6, 1e6)
 

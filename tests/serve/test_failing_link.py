@@ -10,13 +10,13 @@ from typing import Any, Self
 
 import pytest
 
-from hexctl.backends.zenoh.client import ZenohServos
 from hexctl.backends.zenoh.subscriber import LatestValues, StateSubscriber
+from hexctl.backends.zenoh.zenoh_client import ZenohServos
 from hexctl.cli.console import ABORTED, code_of
 from hexctl.control.log import TickLog
-from hexctl.record.run import RunResult, run
-from hexctl.record.run_spec import RunSpec
 from hexctl.robot.failure_event import FailureEvent, parse_failure_event, parse_healing
+from hexctl.runs.run import RunResult, run
+from hexctl.runs.run_spec import RunSpec
 from hexctl.serve.remote import remote_robots
 from hexctl.types import JointTargets, RobotState
 from hexctl.wire.links import Role

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from hexctl.serve.inbox import Arrival
+from hexctl.serve.served_transport import Transport
 from hexctl.serve.server import RobotServer
-from hexctl.serve.transport import Transport
 from hexctl.wire.links import Link
-from hexctl.wire.messages import CommandTag, encode_positions
 from hexctl.wire.pose import encode_pose
+from hexctl.wire.zenoh_messages import CommandTag, encode_positions
 from tests.control.posed import PosedMock
-from tests.wire.test_messages import COMMAND_BYTES
+from tests.wire.test_zenoh_messages import COMMAND_BYTES
 
 #: Messages at each key; the soak test has the hundred thousand.
 TIMES = 10_000

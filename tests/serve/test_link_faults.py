@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from hexctl.backends.clock import PERIOD_S
-from hexctl.backends.zenoh.client import ask
+from hexctl.backends.zenoh.zenoh_client import ask
 from hexctl.cli.console import INTERRUPTED
 from hexctl.serve.stops.stop import HOLD_S, claim_of, new_clear_key
 from hexctl.wire.links import KeyMap, Link, Role
-from hexctl.wire.session import open_session
+from hexctl.wire.zenoh_session import open_session
 from tests.robots import shipped
 from tests.serve.cable import Cable
 from tests.serve.processes import Served, controlling, hexctl, program, served, wait_until

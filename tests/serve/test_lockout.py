@@ -15,17 +15,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.backends.zenoh.client import ask
+from hexctl.backends.zenoh.zenoh_client import ask
 from hexctl.errors import HexctlError
 from hexctl.serve.remote import RemoteRobots
 from hexctl.serve.stops.estop import ReadyStop, StopResult, estop
 from hexctl.serve.stops.stop import HOLD_S
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import KeyMap, Link, Role
-from hexctl.wire.messages import LEASE_ID_BYTES, CommandTag, encode_positions
-from hexctl.wire.session import open_session
 from hexctl.wire.stop_datagram import DATAGRAM_BYTES, Kind, StopDatagram, mark_of
 from hexctl.wire.stop_secret import find_stop_secret
+from hexctl.wire.zenoh_messages import LEASE_ID_BYTES, CommandTag, encode_positions
+from hexctl.wire.zenoh_session import open_session
 from tests.serve.processes import Served, controlling, program, served, wait_until
 from tests.serve.swaying import HELD_UP
 from tests.serve.test_link_faults import ATTEMPTS, wait_for_motion

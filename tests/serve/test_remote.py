@@ -9,7 +9,7 @@ import pytest
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.serve.remote import RemoteRobots, remote_robots
 from hexctl.wire.links import KeyMap, Link, Role
-from hexctl.wire.session import open_session
+from hexctl.wire.zenoh_session import open_session
 from tests.serve.processes import controlling, hexctl, served, stopped_by_session
 
 

@@ -14,20 +14,20 @@ from hexctl.backends.zenoh.subscriber import LatestValues, StateSubscriber
 from hexctl.control.guard import POSE_EXPIRY_S
 from hexctl.errors import RobotFaultError
 from hexctl.serve.inbox import Arrival
+from hexctl.serve.served_transport import Transport
 from hexctl.serve.server import RobotServer
 from hexctl.serve.stops.stop import UNNAMED
-from hexctl.serve.transport import Transport
 from hexctl.wire.description import user_name
 from hexctl.wire.links import KeyMap, Link
-from hexctl.wire.messages import (
+from hexctl.wire.orientation import decode_orientation
+from hexctl.wire.pose import decode_pose, encode_pose
+from hexctl.wire.zenoh_messages import (
     SERVER_ENDED,
     CommandTag,
     StateTag,
     decode_positions,
     encode_positions,
 )
-from hexctl.wire.orientation import decode_orientation
-from hexctl.wire.pose import decode_pose, encode_pose
 from tests.control.posed import PosedMock
 from tests.serve.test_hostile_input import Item
 

@@ -13,19 +13,19 @@ import numpy as np
 import pytest
 
 from hexctl.backends.mock import MockServos
-from hexctl.backends.zenoh.client import ZenohServos, ask
+from hexctl.backends.zenoh.zenoh_client import ZenohServos, ask
 from hexctl.control.guard import Guard
 from hexctl.errors import HexctlError
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.types import FloatArray, JointTargets
 from hexctl.wire.links import KeyMap, Link, Role
-from hexctl.wire.session import open_session
+from hexctl.wire.zenoh_session import open_session
 from tests.backends.bus.boards import bus_board
 from tests.robots import edited_file, put
 from tests.serve.processes import TIMEOUT_S, hexctl, served, wait_until
 from tests.serve.test_hostile_input import GOOD, spoiled
-from tests.wire.test_messages import COMMAND_BYTES
+from tests.wire.test_zenoh_messages import COMMAND_BYTES
 
 TIMES = 100_000
 KEYS = KeyMap.of("ant")

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from hexctl.control.result import TrialResult
-from hexctl.record.run import RunResult, run
-from hexctl.record.run_spec import RunSpec
+from hexctl.control.trial_result import TrialResult
 from hexctl.robot.failure import Failure
+from hexctl.runs.run import RunResult, run
+from hexctl.runs.run_spec import RunSpec
 from tests.serve.processes import served
 
 #: In times of the simulation: of a position that is a metre off and comes back, and of a pose that freezes.

@@ -13,7 +13,7 @@ from contextlib import ExitStack
 import zenoh
 
 from hexctl.wire.links import KeyMap
-from hexctl.wire.session import PUBLISHED
+from hexctl.wire.zenoh_session import PUBLISHED
 
 
 def main() -> None:

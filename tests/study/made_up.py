@@ -15,12 +15,12 @@ from hexctl.study.landscapes.landscape import (
     empty_landscape,
     with_rows,
 )
-from hexctl.study.plan import ROTATIONS, StudyPlan
 from hexctl.study.reports.report import write_report
-from hexctl.study.reports.tables import summary_json
+from hexctl.study.reports.study_tables import summary_json
 from hexctl.study.searches import Findings, search_all
+from hexctl.study.study_plan import ROTATIONS, StudyPlan
 from hexctl.study.verdicts.claims import claims_of
-from hexctl.study.verdicts.uncertainty import StudyUncertainty
+from hexctl.study.verdicts.verdict_uncertainty import StudyUncertainty
 from hexctl.types import FloatArray
 from tests.robots import shipped
 

@@ -11,9 +11,9 @@ from hexctl.control.batch import run_sim_trial
 from hexctl.study import default_gaits
 from hexctl.study.default_gaits import DefaultWalk, default_trial, walk_default_gaits
 from hexctl.study.landscapes.cache import CacheError, LandscapeCache
-from hexctl.study.plan import StudyPlan
 from hexctl.study.reports.figures import convergence_figure
-from hexctl.study.verdicts.evidence import cm
+from hexctl.study.study_plan import StudyPlan
+from hexctl.study.verdicts.claim_evidence import cm
 from tests.robots import shipped
 from tests.study.made_up import made_up_findings, reported, spread_out, summarised
 from tests.trials import gait_of

@@ -5,7 +5,7 @@ import pytest
 
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.optimizers.deduplication import Deduplication
-from hexctl.adapt.optimizers.registry import make_optimizer
+from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.shipped import OPTIMIZERS
 from hexctl.errors import InputError
 from hexctl.study.landscapes.landscape import Landscape, empty_landscape

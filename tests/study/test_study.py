@@ -9,8 +9,8 @@ from hexctl.backends.sim.world import World
 from hexctl.control.assessment.uncertainty_store import SimulationUncertainty, keep_uncertainty
 from hexctl.errors import InputError
 from hexctl.study.landscapes.cache import LandscapeCache
-from hexctl.study.plan import StudyPlan
 from hexctl.study.study import run_study, run_transfer
+from hexctl.study.study_plan import StudyPlan
 from tests.robots import shipped
 from tests.study.transfer.made_up import plan as transfer_plan
 from tests.study.watching import Remembering

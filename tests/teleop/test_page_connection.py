@@ -18,7 +18,8 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin, Subprotocol
 
 from hexctl.control.drive.drive import Drive
-from hexctl.teleop.page import PROTOCOL, DrivePage, PageAddress
+from hexctl.teleop.drive_page import PROTOCOL, DrivePage, PageAddress
+from hexctl.teleop.drive_session import DriveSession
 from hexctl.teleop.page_connection import (
     CONNECTIONS_S,
     MESSAGES_S,
@@ -28,7 +29,6 @@ from hexctl.teleop.page_connection import (
     LimitedConnection,
     least_needed,
 )
-from hexctl.teleop.session import DriveSession
 from hexctl.waiting import wait_for
 
 #: How long a stop may take until the tick that obeys it.

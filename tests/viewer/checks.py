@@ -1,7 +1,7 @@
 """What must be seen of a recording; each check fails with what is missing."""
 
 from hexctl import palette
-from hexctl.record import style
+from hexctl.recording import style
 from pictures.picture import Color, Picture
 from pictures.window import Window
 

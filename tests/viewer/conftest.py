@@ -13,10 +13,10 @@ import pytest
 
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
-from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import run_trial
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import make_gait
-from hexctl.record.recording import Recording
+from hexctl.recording.recording import Recording
 from hexctl.robot.failure import Failure
 from pictures.needed import MissingProgramError
 from pictures.screen import strange_home, virtual_screen

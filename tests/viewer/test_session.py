@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hexctl.adapt.overview import recordings_of, write_overview
-from hexctl.adapt.sessions.session import Session, TrialRecord
+from hexctl.adapt.session_viewing import recordings_of, write_overview
+from hexctl.adapt.sessions.search_session import Session, TrialRecord
 from hexctl.adapt.sessions.store import SessionStore
 from pictures.window import Window
 from tests.adapt.walking import SPEC, result_of

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from hexctl.record.side_by_side import write_together
+from hexctl.recording.side_by_side import write_together
 from tests.viewer.checks import check_robot, of_kind
 from tests.viewer.conftest import WALK_S, Opener
 

@@ -7,7 +7,7 @@ import pytest
 import rerun as rr
 import rerun.blueprint as rrb
 
-from hexctl.record.recording import APPLICATION_ID
+from hexctl.recording.recording import APPLICATION_ID
 from pictures.window import Window
 from tests.viewer.checks import check_robot, check_trial, check_whole, of_kind
 from tests.viewer.conftest import WALK_S, Opener

@@ -37,7 +37,7 @@ OPTIMIZERS: "Mapping[str, type[Optimizer]]" = _Shipped(
     exhaustive="baselines:ExhaustiveSearch",
 )
 
-#: Needs a prior, so that `hexctl.adapt.sessions.optimizer` makes it.
+#: Needs a prior, so that `hexctl.adapt.sessions.session_optimizer` makes it.
 BAYES = "bayes"
 
 #: Needs walks that hold their heading and a robot whose gaits are ranked, so that it is made there too.

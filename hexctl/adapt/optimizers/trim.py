@@ -29,8 +29,8 @@ from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.assessment.score import END_TICKS
-from hexctl.control.plan import MAX_TRIM_RAD, MAX_TURN_TRIM_RAD_S
-from hexctl.control.result import TrialResult
+from hexctl.control.trial_plan import MAX_TRIM_RAD, MAX_TURN_TRIM_RAD_S
+from hexctl.control.trial_result import TrialResult
 from hexctl.control.walks.steering import trimmed_rad
 from hexctl.errors import InputError
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.assessment.static_stability import stood_up
-from hexctl.control.plan import TrialPlan
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import HexctlError, InputError, check_type
 from hexctl.files import ARCHIVE_DAMAGE, atomic_write, damage_reason, open_archive
 from hexctl.gait.posture import STANCE

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.adapt.optimizer import Observation
-from hexctl.adapt.prior.find import Covers
 from hexctl.adapt.prior.prior import CHECKPOINTS, SCORES, Outcomes, Prior, ScorePrior
+from hexctl.adapt.prior.prior_files import Covers
 from hexctl.adapt.space import GaitSpace
-from hexctl.control.plan import TrialPlan
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError
 from hexctl.robot.failure import UNKNOWN
 from hexctl.robot.model import Robot

@@ -14,7 +14,7 @@ from hexctl.adapt.optimizers.shipped import TRIM
 from hexctl.control.assessment.uncertainty_store import DISTINCT
 
 if TYPE_CHECKING:
-    from hexctl.adapt.sessions.session import BaselineRecord, ConfirmationRecord, Session, TrialRecord
+    from hexctl.adapt.sessions.search_session import BaselineRecord, ConfirmationRecord, Session, TrialRecord
 
     Walk: TypeAlias = TrialRecord | BaselineRecord
 

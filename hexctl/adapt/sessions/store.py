@@ -14,8 +14,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Self
 
-from hexctl.adapt.sessions.rows import FILE_NAME, SCHEMA_VERSION, SessionRows, StoreError, is_store, reading
-from hexctl.adapt.sessions.session import (
+from hexctl.adapt.sessions.search_session import (
     BaselineRecord,
     ConfirmationRecord,
     Session,
@@ -23,6 +22,14 @@ from hexctl.adapt.sessions.session import (
     TrialRecord,
 )
 from hexctl.adapt.sessions.stored import is_folder_name, is_made_by_hexctl
+from hexctl.adapt.sessions.stored_rows import (
+    FILE_NAME,
+    SCHEMA_VERSION,
+    SessionRows,
+    StoreError,
+    is_store,
+    reading,
+)
 from hexctl.errors import InputError, argument, check_type
 from hexctl.files import ALLOWED_FOLDER, check_writable, folder_trouble
 

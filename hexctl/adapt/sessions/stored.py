@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from hexctl.adapt.sessions.session import (
+from hexctl.adapt.sessions.search_session import (
     BaselineRecord,
     ConfirmationRecord,
     Session,
@@ -21,7 +21,7 @@ from hexctl.adapt.sessions.session import (
     TrialRecord,
 )
 from hexctl.adapt.space import GaitSpace
-from hexctl.control.result import STATUSES
+from hexctl.control.trial_result import STATUSES
 from hexctl.errors import printable, printable_parts
 from hexctl.gait.encoding import check_permutation
 from hexctl.robot.configs import first_problem

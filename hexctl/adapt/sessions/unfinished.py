@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from hexctl.adapt.sessions.session import Session
+from hexctl.adapt.sessions.search_session import Session
 from hexctl.files import read_file
 
 NOTE = "unfinished"

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import count
 
-from hexctl.backends.bus.lx16a import packets as lx
+from hexctl.backends.bus.lx16a import lx16a_packets as lx
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import BROADCAST
 from hexctl.backends.bus.serial_line import SerialLine

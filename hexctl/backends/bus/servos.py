@@ -8,9 +8,9 @@ import numpy as np
 from hexctl.backends.bus.bus_thread import BusThread
 from hexctl.backends.bus.line_condition import LineCondition
 from hexctl.backends.bus.lost_id import lost_id_notes
-from hexctl.backends.bus.lx16a.bus import Lx16aBus
+from hexctl.backends.bus.lx16a.lx16a_bus import Lx16aBus
 from hexctl.backends.bus.readings import BelievedReadings, polls
-from hexctl.backends.bus.register.bus import RegisterBus
+from hexctl.backends.bus.register.register_bus import RegisterBus
 from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.bus.servo_bus import MANY_MUTE, BusCounters, ServoBus, needed_counts
 from hexctl.backends.bus.unexpected_ids import check_no_unexpected_ids

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hexctl.backends.bus.lx16a import packets as lx
+from hexctl.backends.bus.lx16a import lx16a_packets as lx
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import PING, PROTOCOLS, PacketFormat
 from hexctl.backends.bus.register.registers import AX, STS, Register, RegisterTable, X, table_of
 from hexctl.backends.bus.register.servo import RegisterServo
-from hexctl.backends.bus.register.settings import hardware_error, renew_torque_limit, settings_of
+from hexctl.backends.bus.register.stored_settings import hardware_error, renew_torque_limit, settings_of
 from hexctl.backends.bus.servo_bus import TRIES
 from hexctl.robot.servos.servo_models import SERVO_TYPES, ServoType
 

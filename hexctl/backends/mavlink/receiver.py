@@ -6,8 +6,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from hexctl.backends.clock import request_realtime_priority
-from hexctl.backends.mavlink import messages
-from hexctl.backends.mavlink.transport import Address, Arrival, LinkCounters, MavlinkLink, SequenceCount
+from hexctl.backends.mavlink import mavlink_messages
+from hexctl.backends.mavlink.mavlink_transport import (
+    Address,
+    Arrival,
+    LinkCounters,
+    MavlinkLink,
+    SequenceCount,
+)
 from hexctl.errors import MessageError
 
 #: Period of heartbeats before and after a board has answered.
@@ -24,13 +30,13 @@ MOST_AT_ONCE, FLOODED_S = 32, 0.005
 
 #: Messages that are kept, by kind: name to keep them under, and decoder.
 READERS = {
-    "ACTUATOR_OUTPUT_STATUS": ("outputs", messages.outputs_of),
-    "ATTITUDE": ("attitude", messages.orientation_of),
-    "ATTITUDE_QUATERNION": ("attitude", messages.orientation_of),
-    "LOCAL_POSITION_NED": ("position", messages.position_of),
-    "ODOMETRY": ("odometry", messages.pose_of),
-    "BATTERY_STATUS": ("battery", messages.battery_of),
-    "SYS_STATUS": ("system", messages.battery_of),
+    "ACTUATOR_OUTPUT_STATUS": ("outputs", mavlink_messages.outputs_of),
+    "ATTITUDE": ("attitude", mavlink_messages.orientation_of),
+    "ATTITUDE_QUATERNION": ("attitude", mavlink_messages.orientation_of),
+    "LOCAL_POSITION_NED": ("position", mavlink_messages.position_of),
+    "ODOMETRY": ("odometry", mavlink_messages.pose_of),
+    "BATTERY_STATUS": ("battery", mavlink_messages.battery_of),
+    "SYS_STATUS": ("system", mavlink_messages.battery_of),
 }
 
 
@@ -84,7 +90,7 @@ class Receiver:
         self._stopping.set()
         self._thread.join()
         if self.peer is not None and self.error is None:
-            self._beat(messages.POWEROFF)
+            self._beat(mavlink_messages.POWEROFF)
 
     def newest(self, name: str) -> Stamped | None:
         """The newest value kept under a name, or None before the first."""
@@ -105,7 +111,7 @@ class Receiver:
                 time.sleep(FLOODED_S)  # at its priority this thread would keep others from the processor
             self.counters.malformed, self.counters.dropped = self._link.malformed, self._link.dropped
             if time.monotonic() >= beat_at_s:
-                self._beat(messages.ACTIVE)
+                self._beat(mavlink_messages.ACTIVE)
                 beat_at_s = time.monotonic() + (SEARCH_PERIOD_S if self.peer is None else HEARTBEAT_PERIOD_S)
 
     def _beat(self, state: int) -> None:
@@ -114,10 +120,12 @@ class Receiver:
         except OSError as error:
             self.error = error
 
-    def heartbeat(self, state: int = messages.ACTIVE) -> Any:
+    def heartbeat(self, state: int = mavlink_messages.ACTIVE) -> Any:
         """Heartbeat that tells the board how old its outputs are that were received last."""
         outputs = self.newest("outputs")
-        return messages.controller_heartbeat(state, board_ms=0 if outputs is None else outputs.value.board_ms)
+        return mavlink_messages.controller_heartbeat(
+            state, board_ms=0 if outputs is None else outputs.value.board_ms
+        )
 
     def _take(self, arrival: Arrival) -> None:
         """Keep messages of the board; count everything else."""
@@ -140,9 +148,9 @@ class Receiver:
     def _meet(self, arrival: Arrival) -> None:
         """Take the sender of a heartbeat for the board if its type allows it."""
         frame = arrival.frame
-        if frame.system == messages.CONTROLLER_SYSTEM:
+        if frame.system == mavlink_messages.CONTROLLER_SYSTEM:
             return
-        if frame.message.type not in messages.BOARD_TYPES:
+        if frame.message.type not in mavlink_messages.BOARD_TYPES:
             self.wrong_type = int(frame.message.type)
             return
         self.peer = Peer(frame.system, frame.component, arrival.sender)
@@ -153,7 +161,9 @@ class Receiver:
             self._newest[name] = Stamped(read(message), at_s)
         elif kind == "HEARTBEAT":
             self._newest["heartbeat"] = Stamped(int(message.system_status), at_s)
-        elif kind == "NAMED_VALUE_INT" and messages.name_of(message) == messages.MEASURED_NAME:
+        elif (
+            kind == "NAMED_VALUE_INT" and mavlink_messages.name_of(message) == mavlink_messages.MEASURED_NAME
+        ):
             self._newest["measured"] = Stamped(message.value == 1, at_s)
         elif kind == "STATUSTEXT" and message.severity <= ERROR_SEVERITY:
-            self._newest["error"] = Stamped(messages.name_of(message), at_s)
+            self._newest["error"] = Stamped(mavlink_messages.name_of(message), at_s)

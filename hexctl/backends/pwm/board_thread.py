@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from hexctl.backends.port_thread import POLL_PERIOD_S, PortThread
-from hexctl.backends.pwm.board import BoardReport, PwmBoard, PwmCounters
+from hexctl.backends.pwm.pwm_board import BoardReport, PwmBoard, PwmCounters
 from hexctl.types import JOINTS_PER_LEG, BoolArray, FloatArray
 
 #: Time between the powering of two legs: a hobby servo turns by 60 degrees in 0.15 to 0.2 s, and draws its

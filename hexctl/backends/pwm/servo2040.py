@@ -17,7 +17,7 @@ import numpy as np
 
 from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.clock import Clock
-from hexctl.backends.pwm.board import BoardReport
+from hexctl.backends.pwm.pwm_board import BoardReport
 from hexctl.backends.pwm.servos import PwmServos
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.model import Robot

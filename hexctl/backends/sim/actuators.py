@@ -7,7 +7,7 @@ from typing import Self
 
 import numpy as np
 
-from hexctl.backends.sim.model import Simulation
+from hexctl.backends.sim.simulation_model import Simulation
 from hexctl.types import BoolArray, FloatArray, leg_slice
 
 

@@ -5,8 +5,8 @@ from typing import Self
 
 import numpy as np
 
-from hexctl.backends.sim.failure import FIRST_SPEED
-from hexctl.backends.sim.model import Simulation
+from hexctl.backends.sim.simulated_failure import FIRST_SPEED
+from hexctl.backends.sim.simulation_model import Simulation
 from hexctl.robot.formats.mjcf import GEAR_DAMPING
 from hexctl.types import N_JOINTS, ArrayFields, BoolArray, FloatArray
 

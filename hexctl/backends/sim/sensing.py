@@ -11,7 +11,7 @@ import numpy as np
 
 from hexctl.backends.sim.effort import JointTorques
 from hexctl.backends.sim.flaws import SensorFaults, SensorNoise
-from hexctl.backends.sim.model import FIRST_JOINT, TOUCH
+from hexctl.backends.sim.simulation_model import FIRST_JOINT, TOUCH
 from hexctl.backends.sim.world import World
 from hexctl.robot.rotations import components
 from hexctl.types import N_JOINTS, ArrayFields, FloatArray, RobotState

@@ -12,9 +12,9 @@ from hexctl.backends.base import LegServos, TruePose, as_robot, check_connected,
 from hexctl.backends.clock import Clock, Standstill, Tick, WallClock
 from hexctl.backends.sim.actuators import ActuatorModel
 from hexctl.backends.sim.effort import JointTorques
-from hexctl.backends.sim.failure import FailuresToCome, held_rad, jammed_angles_rad
-from hexctl.backends.sim.model import FIRST_JOINT, Simulation, make_simulation
 from hexctl.backends.sim.sensing import Losses, SensorMemory, Sensors
+from hexctl.backends.sim.simulated_failure import FailuresToCome, held_rad, jammed_angles_rad
+from hexctl.backends.sim.simulation_model import FIRST_JOINT, Simulation, make_simulation
 from hexctl.backends.sim.world import World, as_world
 from hexctl.errors import SimulationDivergedError, check_type
 from hexctl.robot.failure import Failure, check_further, drawn_failure, each_failure

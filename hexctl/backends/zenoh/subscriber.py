@@ -16,8 +16,8 @@ from hexctl.types import FloatArray, RobotState, ServoReadings
 from hexctl.waiting import wait_for
 from hexctl.wire.description import decode_answer
 from hexctl.wire.links import KeyMap
-from hexctl.wire.messages import StateTag, contacts_of, decode_battery, decode_joints, stale_joints_of
 from hexctl.wire.pose import decode_pose
+from hexctl.wire.zenoh_messages import StateTag, contacts_of, decode_battery, decode_joints, stale_joints_of
 
 #: Kinds of messages that are subscribed to.
 SUBSCRIBED = ("joint_states", "odom", "battery", "status")

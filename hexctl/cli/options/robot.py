@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 import typer
 
-from hexctl.backends.options import SEED
+from hexctl.backends.robot_options import SEED
 from hexctl.cli import completion
 from hexctl.cli.values import number
 

@@ -6,7 +6,7 @@ import typer
 
 from hexctl.cli import completion
 from hexctl.cli.values import number
-from hexctl.control.plan import DURATION_S, TURN_DEG_S
+from hexctl.control.trial_plan import DURATION_S, TURN_DEG_S
 from hexctl.gait.gait import PACE_HZ, STEP, gait_text
 
 SELF_ROTATION_HELP = (

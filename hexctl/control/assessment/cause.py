@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.backends.clock import PERIOD_S
-from hexctl.control.plan import TrialPlan
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.ik.legs import link_points_body

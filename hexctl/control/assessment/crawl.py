@@ -21,7 +21,7 @@ from hexctl.control.assessment.static_stability import (
     most_stable_slots,
     stable_gait,
 )
-from hexctl.control.plan import TrialPlan
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.turning import turn_needed_rad
 from hexctl.gait.encoding import Slots
 from hexctl.gait.foot_trajectory import StepPattern, feet_at_phases

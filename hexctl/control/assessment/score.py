@@ -6,9 +6,9 @@ import numpy as np
 
 from hexctl.control.assessment.cause import Samples, symptoms
 from hexctl.control.assessment.walk_quality import cost_of_transport, lean_deg, unsteadiness_m_s
-from hexctl.control.plan import TrialPlan
-from hexctl.control.result import Deviation, TrialResult
 from hexctl.control.trace import TrialFrame
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_result import Deviation, TrialResult
 from hexctl.control.walks.steering import LOST_AFTER_S, frozen_rows, plane, why_less
 from hexctl.control.walks.turning import TURN_WITHIN_RAD, turn_needed_rad
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hexctl.control.plan import TrialPlan
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.turning import failed_foot_azimuth_rad, turn_needed_rad
 from hexctl.errors import InputError, argument
 from hexctl.gait.encoding import Slots, code_count, slots_from_code

@@ -17,7 +17,7 @@ from hexctl.control.assessment.uncertainty_store import (
     SimulationUncertainty,
 )
 from hexctl.control.batch import SimTrial, run_sim_trials
-from hexctl.control.plan import TrialPlan
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import parse_failure

@@ -13,8 +13,8 @@ from hexctl.control.drive.velocity_hold import VelocityHold
 from hexctl.control.drive.velocity_limits import VelocityLimits
 from hexctl.control.monitor.monitored_walk import MonitoredWalk
 from hexctl.control.monitor.recovery import RecoveryPolicy
-from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import check_type
 from hexctl.gait.gait import Gait
 from hexctl.gait.posture import STANCE

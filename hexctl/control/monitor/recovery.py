@@ -10,7 +10,7 @@ from hexctl.control.assessment.crawl import gait_without
 from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.control.monitor.repertoire import SAFEST, Repertoire, walks_on
 from hexctl.control.monitor.repertoire_store import find_repertoire
-from hexctl.control.plan import TrialPlan
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.control.plan import TrialPlan
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import NAMED_SLOTS, SWING_SHARE, Gait
 from hexctl.gait.posture import STANCE, Posture

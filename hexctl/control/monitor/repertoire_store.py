@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.control.monitor.repertoire import BodySymmetry, Candidate, Repertoire, Situation
-from hexctl.control.plan import TrialPlan
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import HexctlError, InputError, check_type
 from hexctl.files import ARCHIVE_DAMAGE, atomic_write, damage_reason, open_archive
 from hexctl.robot.configs import config_root

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hexctl.control.plan import TrialPlan
 from hexctl.control.trace import TrialFrame
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError, check_type
 from hexctl.robot.rotations import components, yaw_rad
 from hexctl.types import ArrayFields, BoolArray, FloatArray, RobotState, any_of, chosen

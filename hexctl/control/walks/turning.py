@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hexctl.control.controllers import Controller, Walk, check_walk, soft_stop_steps
-from hexctl.control.plan import TrialPlan
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import Gait, Motion, half_amplitude_turn_rate_rad_s, make_gait
 from hexctl.ik.legs import foot_positions_body

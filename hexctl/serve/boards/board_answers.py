@@ -9,7 +9,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common
 
-from hexctl.backends.mavlink.messages import BOARD_COMPONENT, BOARD_SYSTEM
+from hexctl.backends.mavlink.mavlink_messages import BOARD_COMPONENT, BOARD_SYSTEM
 from hexctl.types import N_JOINTS
 
 #: Name and value of the one parameter: a list without any has no answer in the protocol.

@@ -4,8 +4,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common
 
-from hexctl.backends.mavlink import messages
-from hexctl.backends.mavlink.messages import euler_of_quaternion, flipped_quaternion, flipped_vector
+from hexctl.backends.mavlink import mavlink_messages
+from hexctl.backends.mavlink.mavlink_messages import euler_of_quaternion, flipped_quaternion, flipped_vector
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState
 
 #: Outputs that ACTUATOR_OUTPUT_STATUS has room for.
@@ -26,7 +26,7 @@ def outputs(pulses_us: FloatArray, active: BoolArray, time_s: float) -> Any:
 
 def pose(state: RobotState, time_s: float, *, with_euler: bool) -> list[Any]:
     """Orientation and position, with Euler angles for displays; each where it is known."""
-    at_ms, sent = messages.milliseconds(time_s), []
+    at_ms, sent = mavlink_messages.milliseconds(time_s), []
     if state.base_quaternion_world is not None:
         quaternion = flipped_quaternion(state.base_quaternion_world)
         sent.append(common.MAVLink_attitude_quaternion_message(at_ms, *quaternion.tolist(), 0.0, 0.0, 0.0))
@@ -41,13 +41,13 @@ def pose(state: RobotState, time_s: float, *, with_euler: bool) -> list[Any]:
 
 def heartbeat(system_state: int) -> Any:
     """Heartbeat of the board with its MAV_STATE: no autopilot, which has modes, parameters and missions."""
-    return messages.heartbeat(common.MAV_TYPE_GENERIC, common.MAV_AUTOPILOT_INVALID, system_state)
+    return mavlink_messages.heartbeat(common.MAV_TYPE_GENERIC, common.MAV_AUTOPILOT_INVALID, system_state)
 
 
 def measured(flag: bool, time_s: float) -> Any:
     """Flag that tells measured joint positions from echoed ones."""
     return common.MAVLink_named_value_int_message(
-        messages.milliseconds(time_s), messages.MEASURED_NAME.encode(), int(flag)
+        mavlink_messages.milliseconds(time_s), mavlink_messages.MEASURED_NAME.encode(), int(flag)
     )
 
 

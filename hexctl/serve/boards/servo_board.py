@@ -6,9 +6,9 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from hexctl.backends.base import LegServos
-from hexctl.backends.mavlink import messages
+from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec
-from hexctl.backends.mavlink.transport import Address, Arrival, MavlinkLink, Port, SequenceCount
+from hexctl.backends.mavlink.mavlink_transport import Address, Arrival, MavlinkLink, Port, SequenceCount
 from hexctl.control.guard import EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, RobotFaultError
 from hexctl.robot.servos.servo_map import ServoMap
@@ -211,7 +211,9 @@ class ServoBoard:
     ) -> None:
         self._guard = Guard(servos, expiry_s=expiry_s)
         self._map = servo_map
-        codec = Codec(messages.BOARD_SYSTEM, messages.BOARD_COMPONENT, signing_key=signing_key)
+        codec = Codec(
+            mavlink_messages.BOARD_SYSTEM, mavlink_messages.BOARD_COMPONENT, signing_key=signing_key
+        )
         self._link = MavlinkLink(port, codec)
         self._release_after_s = release_after_s
         self._channels = Channels(servo_map)
@@ -274,9 +276,9 @@ class ServoBoard:
         if frame.kind == "RC_CHANNELS_OVERRIDE" and for_us(frame.message):
             self._override(frame.message, peer, arrival.at_s)
         elif frame.kind == "HEARTBEAT":
-            if frame.message.system_status == messages.POWEROFF:
+            if frame.message.system_status == mavlink_messages.POWEROFF:
                 self._peers.farewell(peer)
-            elif messages.age_s(frame.message.custom_mode, arrival.at_s) <= self._expiry_s:
+            elif mavlink_messages.age_s(frame.message.custom_mode, arrival.at_s) <= self._expiry_s:
                 peer.present_at_s = arrival.at_s
         else:
             for answer in answers(frame.kind, frame.message, peer.system, peer.component):
@@ -297,7 +299,7 @@ class ServoBoard:
                 # A new commander starts afresh: a fall or a fault under the one before does not count.
                 self._guard.clear()
         self._heard_at_s = at_s
-        raw = messages.channels_of(message)
+        raw = mavlink_messages.channels_of(message)
         if not self._counts(raw, peer, at_s):
             self._counters.not_yet += 1
             return
@@ -384,8 +386,8 @@ class ServoBoard:
     def _system_state(self) -> int:
         """MAV_STATE: standby, active, or critical while the pose is held."""
         if self._guard.stopped is not None:
-            return int(messages.CRITICAL)
-        return int(messages.ACTIVE if self._commanded else messages.STANDBY)
+            return int(mavlink_messages.CRITICAL)
+        return int(mavlink_messages.ACTIVE if self._commanded else mavlink_messages.STANDBY)
 
     def _send_to_all(self, sent: list[Any]) -> None:
         """Send messages to all peers that were heard lately; on a stream to its other end."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hexctl.backends.mavlink.messages import (
+from hexctl.backends.mavlink.mavlink_messages import (
     FIRST_HIGH,
     IGNORE_US,
     LEAST_US,

@@ -17,17 +17,17 @@ from hexctl.errors import MessageError
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.model import Robot
 from hexctl.serve.inbox import Inbox
-from hexctl.serve.ros.commands import Called, RosCommand, Service, Stopped, WantedJoints, WantedVelocity
+from hexctl.serve.ros.ros_commands import Called, RosCommand, Service, Stopped, WantedJoints, WantedVelocity
 from hexctl.serve.ros.snapshot import RobotSnapshot
 from hexctl.serve.ros.topics import RobotMessages, RobotTopics
 from hexctl.wire import MAX_PAYLOAD_BYTES, ros_cdr
 from hexctl.wire.links import Endpoint
-from hexctl.wire.messages import decode_positions
 from hexctl.wire.ros.endpoints import RosRequest, RosService, RosSubscription
-from hexctl.wire.ros.names import Kind, RosEndpoint, RosNode
-from hexctl.wire.ros.session import RouterWatch, check_router, open_ros_session
+from hexctl.wire.ros.ros_names import Kind, RosEndpoint, RosNode
+from hexctl.wire.ros.ros_session import RouterWatch, check_router, open_ros_session
 from hexctl.wire.ros.telemetry import encode_trigger_answer
 from hexctl.wire.ros.velocity import TWIST, TWIST_STAMPED, decode_velocity
+from hexctl.wire.zenoh_messages import decode_positions
 
 #: A session that failed is opened again after this.
 REOPEN_S = 1.0

@@ -14,7 +14,7 @@ from hexctl.gait.gait import make_gait
 from hexctl.serve.idle import IdleSupervisor
 from hexctl.serve.leases import Lease
 from hexctl.serve.requests import RequestHandler
-from hexctl.serve.ros.commands import Called, RosCommand, Service, Stopped, WantedJoints, WantedVelocity
+from hexctl.serve.ros.ros_commands import Called, RosCommand, Service, Stopped, WantedJoints, WantedVelocity
 from hexctl.serve.stops.stop import OVER_ROS
 from hexctl.types import FloatArray, RobotState
 

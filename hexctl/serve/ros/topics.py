@@ -15,11 +15,11 @@ from hexctl.serve.ros.frames import MAP_FRAME, Frames
 from hexctl.serve.ros.snapshot import RobotSnapshot
 from hexctl.types import FloatArray
 from hexctl.wire import ros_cdr
-from hexctl.wire.messages import encode_battery, encode_positions
 from hexctl.wire.pose import BODY_FRAME, WORLD_FRAME
 from hexctl.wire.ros import telemetry
 from hexctl.wire.ros.endpoints import RosPublisher
-from hexctl.wire.ros.names import Kind, Qos, RosEndpoint, RosNode
+from hexctl.wire.ros.ros_names import Kind, Qos, RosEndpoint, RosNode
+from hexctl.wire.zenoh_messages import encode_battery, encode_positions
 
 LATCHED = Qos(depth=1, latched=True)
 

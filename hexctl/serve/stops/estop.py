@@ -11,8 +11,8 @@ from typing import Any, Self
 
 from hexctl.errors import HexctlError, RobotFaultError, argument
 from hexctl.serve.stops.clear_keys import NewClaim
-from hexctl.serve.stops.datagram_way import DatagramWay, Sighting
-from hexctl.serve.stops.session_way import SessionWay
+from hexctl.serve.stops.stop_by_datagram import DatagramWay, Sighting
+from hexctl.serve.stops.stop_by_session import SessionWay
 from hexctl.serve.stops.stop_watch import SILENCE_S, StopWatch
 from hexctl.wire import TIME_TO_LIVE_S
 from hexctl.wire.links import Endpoint, Link, load_link

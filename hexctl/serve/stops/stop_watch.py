@@ -4,8 +4,8 @@ from collections.abc import Collection
 from enum import Enum
 
 from hexctl.errors import printable
-from hexctl.serve.stops.datagram_way import Sighting
 from hexctl.serve.stops.stop import MAX_BY
+from hexctl.serve.stops.stop_by_datagram import Sighting
 
 #: A robot that has not answered for this long is silent, in s.
 SILENCE_S = 1.5

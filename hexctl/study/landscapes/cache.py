@@ -8,7 +8,7 @@ from typing import IO
 
 import numpy as np
 
-from hexctl.control.result import STATUSES
+from hexctl.control.trial_result import STATUSES
 from hexctl.errors import HexctlError
 from hexctl.files import ARCHIVE_DAMAGE, damage_reason, open_archive, replacing
 from hexctl.study.landscapes.landscape import NUMBERS, Landscape, LandscapeSpec, empty_landscape

@@ -16,8 +16,8 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.world import World
 from hexctl.control.assessment.static_stability import in_posture
 from hexctl.control.batch import SimTrial
-from hexctl.control.plan import TrialPlan
-from hexctl.control.result import QUALITIES, TrialResult
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_result import QUALITIES, TrialResult
 from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure, parse_failure
 from hexctl.robot.model import Robot
@@ -52,7 +52,7 @@ class LandscapeSpec:
         miss_rad: yaw by which that self-rotation would have turned too far; only with `placed`.
         codes: the gaits, ascending.
         place: label of the world where there are several; decides no number.
-        hold: what the walks hold by feedback, one of `hexctl.control.plan.HOLDS`.
+        hold: what the walks hold by feedback, one of `hexctl.control.trial_plan.HOLDS`.
         posture: one of `hexctl.control.assessment.static_stability.POSTURES`.
     """
 
@@ -140,7 +140,7 @@ class Rows(ArrayFields):
 
     Attributes:
         codes: (n,).
-        status: as in `hexctl.control.result.STATUSES`; empty for a gait that was not simulated yet, (n,).
+        status: one of `hexctl.control.trial_result.STATUSES`; empty for a gait without a simulation, (n,).
         numbers: one column for each of `NUMBERS`, (n, 10).
         paths_m: progress and signed deviation, five points a second, the last one at the end; NaN where the
             walk was over, (n, P, 2).

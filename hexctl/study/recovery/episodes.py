@@ -13,8 +13,8 @@ from hexctl.backends.sim.world import World
 from hexctl.control.assessment.static_stability import stable_gait
 from hexctl.control.batch import SimTrial
 from hexctl.control.monitor.repertoire_store import find_repertoire
-from hexctl.control.plan import TrialPlan
-from hexctl.control.result import TrialResult
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_result import TrialResult
 from hexctl.gait.gait import Gait, ideal_speed_m_s, make_gait
 from hexctl.robot.failure_event import FailureEvent, parse_failure_event
 from hexctl.robot.model import Robot
@@ -160,7 +160,7 @@ class Episode:
 
     Attributes:
         case: what failed, and what the robot was to do about it.
-        status: as in `hexctl.control.result.STATUSES`.
+        status: as in `hexctl.control.trial_result.STATUSES`.
         why: why it was stopped, or the likely cause of a walk without progress; None for neither.
         duration_s: how long it walked.
         alarms: what was noticed, in the order of time.

@@ -13,8 +13,8 @@ from hexctl.control.controllers import Controller
 from hexctl.control.custom_controller import StepFunction
 from hexctl.control.monitor.monitored_walk import recovering_walk
 from hexctl.control.monitor.recovery import GlideToStableGait, RecoveryPolicy, WalkOn
-from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.control.walks.steering import held
 from hexctl.control.walks.velocity_walk import MotionWalk, VelocityWalk

@@ -8,7 +8,7 @@ import numpy as np
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.control.preparation import WalkStart
-from hexctl.control.result import TrialResult
+from hexctl.control.trial_result import TrialResult
 from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.gait.gait import Gait, ideal_speed_m_s
 from hexctl.types import BoolArray, FloatArray, RobotState

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 
 from hexctl.control.controllers import Controller, Stand, soft_stop_steps
-from hexctl.control.diagnosis.findings import Diagnosis, diagnosis_of, unsafe_legs
+from hexctl.control.diagnosis.leg_findings import Diagnosis, diagnosis_of, unsafe_legs
 from hexctl.control.diagnosis.standing_test import ALL_PROBES, Probe, StandingTest
 from hexctl.control.monitor.monitored_walk import MonitoredWalk
 from hexctl.control.monitor.recovery import RecoveryPolicy, WalkOn
-from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trace import TrialFrame
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.control.walks.steering import held
 from hexctl.control.walks.velocity_walk import MotionWalk

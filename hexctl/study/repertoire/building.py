@@ -13,13 +13,18 @@ from hexctl.control.monitor.repertoire import (
 )
 from hexctl.control.monitor.repertoire_store import SUFFIX, save_repertoire
 from hexctl.errors import InputError, argument
+from hexctl.study.landscapes.benchmark_walks import walk_all
 from hexctl.study.landscapes.cache import LandscapeCache
 from hexctl.study.landscapes.evaluate import Progress, Silent, check_jobs
 from hexctl.study.landscapes.versions import code_versions
-from hexctl.study.landscapes.walks import walk_all
-from hexctl.study.prior import TIME_STEP_S
-from hexctl.study.repertoire.plan import FIRST_WORLD, RepertoirePlan, texts_of
-from hexctl.study.repertoire.walks import CandidateWalk, RepertoireCase, repertoire_cache, walk_cases
+from hexctl.study.prior_building import TIME_STEP_S
+from hexctl.study.repertoire.repertoire_plan import FIRST_WORLD, RepertoirePlan, texts_of
+from hexctl.study.repertoire.repertoire_walks import (
+    CandidateWalk,
+    RepertoireCase,
+    repertoire_cache,
+    walk_cases,
+)
 
 #: Situations whose walks are simulated together in a world.
 TOGETHER = 8

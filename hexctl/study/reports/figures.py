@@ -21,10 +21,10 @@ from hexctl.palette import (
 )
 from hexctl.study.default_gaits import DefaultWalk
 from hexctl.study.landscapes.landscape import Landscape
-from hexctl.study.plan import BASELINE
-from hexctl.study.reports.drawing import color_of, grid_of, label_axes, line_of, new_figure, save_figure
+from hexctl.study.reports.figure_style import color_of, grid_of, label_axes, line_of, new_figure, save_figure
 from hexctl.study.searches import Curve, Findings, Searches
-from hexctl.study.verdicts.evidence import cm
+from hexctl.study.study_plan import BASELINE
+from hexctl.study.verdicts.claim_evidence import cm
 from hexctl.study.verdicts.trajectories import EARLY, EARLY_M, LATE, LATE_M, ends, within
 from hexctl.types import FloatArray
 

@@ -9,16 +9,16 @@ from hexctl.files import atomic_write
 from hexctl.study.landscapes.landscape import Landscape
 from hexctl.study.landscapes.versions import code_versions
 from hexctl.study.reports.figures import FigureEntry, draw_figures
-from hexctl.study.reports.page import Block, Bullets, Fold, Picture, Section, Table, render_page
-from hexctl.study.reports.summary import summary
-from hexctl.study.reports.tables import SHOWN, TABLES, write_tables
+from hexctl.study.reports.report_page import Block, Bullets, Fold, Picture, Section, Table, render_page
+from hexctl.study.reports.study_summary import summary
+from hexctl.study.reports.study_tables import SHOWN, TABLES, write_tables
 from hexctl.study.searches import NULL_DRAWS, Curve, Findings
 from hexctl.study.verdicts.assumptions import HEADER, assumption_rows
-from hexctl.study.verdicts.bars import LATE_ABOVE_BEST_M, BarRow, bar_rows
+from hexctl.study.verdicts.claim_evidence import Claim, cm, limit_text
 from hexctl.study.verdicts.claims import expected_best_rank
-from hexctl.study.verdicts.evidence import Claim, cm, limit_text
+from hexctl.study.verdicts.distance_criterion import LATE_ABOVE_BEST_M, BarRow, bar_rows
 from hexctl.study.verdicts.trajectories import EARLY, EARLY_M, LATE, LATE_M, left_share, within
-from hexctl.study.verdicts.uncertainty import StudyUncertainty
+from hexctl.study.verdicts.verdict_uncertainty import StudyUncertainty
 
 REPORT = "report.html"
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 from hexctl.control.assessment.uncertainty_store import known_uncertainty
 from hexctl.robot.configs import config_root
-from hexctl.study.verdicts.evidence import cm
+from hexctl.study.verdicts.claim_evidence import cm
 
 
 @dataclass(frozen=True)

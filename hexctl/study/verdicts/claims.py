@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from hexctl.study.plan import BASELINE
 from hexctl.study.searches import Findings, mean_of
-from hexctl.study.verdicts.evidence import (
+from hexctl.study.study_plan import BASELINE
+from hexctl.study.verdicts.claim_evidence import (
     ABOUT,
     NULL_SHARE,
     Claim,

@@ -14,14 +14,14 @@ from hexctl.study.landscapes.cache import LandscapeCache
 from hexctl.study.landscapes.evaluate import Progress, Silent, check_jobs, evaluate
 from hexctl.study.landscapes.landscape import LandscapeSpec
 from hexctl.study.landscapes.versions import code_versions
-from hexctl.study.plan import StudyPlan
-from hexctl.study.reports.drawing import check_drawing, save_figure
+from hexctl.study.reports.figure_style import check_drawing, save_figure
 from hexctl.study.reports.figures import verdicts_figure
-from hexctl.study.reports.page import Picture, Section, Table, render_page
+from hexctl.study.reports.report_page import Picture, Section, Table, render_page
 from hexctl.study.searches import search_all
 from hexctl.study.study import ReportResult, report_folder
+from hexctl.study.study_plan import StudyPlan
+from hexctl.study.verdicts.claim_evidence import Claim
 from hexctl.study.verdicts.claims import NAMES, claims_of
-from hexctl.study.verdicts.evidence import Claim
 
 REPORT = "matrix.html"
 

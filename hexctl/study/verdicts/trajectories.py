@@ -8,7 +8,7 @@ import numpy as np
 from hexctl.control.walks.turning import turn_needed_rad
 from hexctl.study.landscapes.landscape import Landscape
 from hexctl.study.searches import Findings
-from hexctl.study.verdicts.evidence import (
+from hexctl.study.verdicts.claim_evidence import (
     Claim,
     Judgement,
     Measure,

@@ -4,7 +4,7 @@ import struct
 from dataclasses import dataclass
 
 from hexctl.errors import MessageError
-from hexctl.wire.ros.names import GID_BYTES
+from hexctl.wire.ros.ros_names import GID_BYTES
 
 _LAYOUT = struct.Struct(f"<qqB{GID_BYTES}s")
 

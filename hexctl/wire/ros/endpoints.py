@@ -8,7 +8,7 @@ import zenoh.ext
 
 from hexctl.errors import MessageError
 from hexctl.wire.ros.attachment import Attachment
-from hexctl.wire.ros.names import RosEndpoint
+from hexctl.wire.ros.ros_names import RosEndpoint
 
 #: A latched publisher says this often what it sent last, so that a subscriber notices what it has missed.
 HEARTBEAT_S = 0.5

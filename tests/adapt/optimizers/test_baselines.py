@@ -5,7 +5,7 @@ import pytest
 
 from hexctl.adapt.optimizers.baselines import ExhaustiveSearch, RandomSearch
 from hexctl.adapt.space import GaitSpace
-from hexctl.testing.optimizers import ONE_FAILED, THREE_FAILED, TWO_FAILED, search
+from hexctl.testing.optimizer_conformance import ONE_FAILED, THREE_FAILED, TWO_FAILED, search
 
 ALL = {space.size: list(range(1, space.size + 1)) for space in (ONE_FAILED, TWO_FAILED, THREE_FAILED)}
 

@@ -14,7 +14,7 @@ from hexctl.adapt.prior.samples import FINAL, N_FEATURES, Samples
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
 from hexctl.errors import InputError
-from hexctl.testing.optimizers import (
+from hexctl.testing.optimizer_conformance import (
     ONE_FAILED,
     TWO_FAILED,
     Make,

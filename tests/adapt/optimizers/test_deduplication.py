@@ -9,10 +9,10 @@ import pytest
 
 from hexctl.adapt.optimizer import Observation, Optimizer, Prediction
 from hexctl.adapt.optimizers.deduplication import Deduplication, SpaceExhaustedError
-from hexctl.adapt.optimizers.registry import make_optimizer
+from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.shipped import OPTIMIZERS
 from hexctl.errors import InputError
-from hexctl.testing.optimizers import ONE_FAILED, THREE_FAILED, search, slope
+from hexctl.testing.optimizer_conformance import ONE_FAILED, THREE_FAILED, search, slope
 from hexctl.types import FloatArray
 
 

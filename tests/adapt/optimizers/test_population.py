@@ -20,7 +20,7 @@ from hexctl.adapt.optimizers.population import (
     SpeciatedSwarm,
 )
 from hexctl.adapt.optimizers.shipped import OPTIMIZERS
-from hexctl.testing.optimizers import ONE_FAILED
+from hexctl.testing.optimizer_conformance import ONE_FAILED
 from hexctl.types import FloatArray
 from tests.adapt.continuous import HIGH, LOW, Function, make, minimum, rosenbrock, sphere
 

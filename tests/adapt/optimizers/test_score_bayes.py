@@ -13,7 +13,7 @@ from hexctl.adapt.optimizers.score_bayes import ScoreBayes
 from hexctl.adapt.prior.samples import ScoreSamples, score_samples_of
 from hexctl.adapt.space import GaitSpace
 from hexctl.errors import InputError
-from hexctl.testing.optimizers import ONE_FAILED, Make, OptimizerConformance
+from hexctl.testing.optimizer_conformance import ONE_FAILED, Make, OptimizerConformance
 from hexctl.types import FloatArray
 from tests.adapt.priors import made_up_score_prior
 from tests.robots import shipped

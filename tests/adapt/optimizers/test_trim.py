@@ -11,6 +11,7 @@ import pytest
 
 import hexctl
 from hexctl.adapt.adaptation import Adaptation, adapt
+from hexctl.adapt.adaptation_result import AdaptationResult
 from hexctl.adapt.measurement import Answer
 from hexctl.adapt.optimizers.trim import (
     WALKS,
@@ -20,24 +21,23 @@ from hexctl.adapt.optimizers.trim import (
     wanted_trim_rad,
     wanted_turn_trim_rad_s,
 )
-from hexctl.adapt.result import AdaptationResult
 from hexctl.adapt.runner import TrialRunner, WalkedTrial
 from hexctl.adapt.search import new_spec
+from hexctl.adapt.sessions.session_tables import flat_rows
 from hexctl.adapt.sessions.store import load_session
-from hexctl.adapt.sessions.table import flat_rows
 from hexctl.adapt.setting import load_setting
 from hexctl.backends.sim.servos import SimServos
 from hexctl.cli.main import exit_code
-from hexctl.cli.render.adapt import closing_lines
+from hexctl.cli.render.adapt_output import closing_lines
 from hexctl.control.assessment.static_stability import STAND_UP
-from hexctl.control.plan import MAX_TRIM_RAD, MAX_TURN_TRIM_RAD_S
-from hexctl.control.result import TrialResult
+from hexctl.control.trial_plan import MAX_TRIM_RAD, MAX_TURN_TRIM_RAD_S
+from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import AUTO
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
-from hexctl.testing.optimizers import ONE_FAILED, Make, OptimizerConformance
+from hexctl.testing.optimizer_conformance import ONE_FAILED, Make, OptimizerConformance
 from hexctl.types import RobotState
 from tests.adapt.walking import result_of
 

@@ -29,7 +29,7 @@ from hexctl.control.batch import run_sim_trials
 from hexctl.errors import InputError
 from hexctl.robot.model import Body
 from hexctl.study.landscapes.landscape import LandscapeSpec
-from hexctl.study.prior import deflection_of
+from hexctl.study.prior_building import deflection_of
 from hexctl.types import FloatArray
 from tests.adapt.priors import MadeUpModel, key_of, made_up_prior, made_up_score_prior, shown_of
 from tests.robots import ROBOT_NAMES, shipped

@@ -7,10 +7,10 @@ import pytest
 from matplotlib.image import imread
 
 from hexctl.adapt.sessions.comparison import best_so_far, check_comparable, draw_comparison
-from hexctl.adapt.sessions.session import Session, SessionSpec
+from hexctl.adapt.sessions.search_session import Session, SessionSpec
 from hexctl.cli.main import exit_code
 from hexctl.errors import InputError
-from tests.adapt.sessions.test_session import trial
+from tests.adapt.sessions.test_search_session import trial
 from tests.adapt.walking import stored_session
 
 

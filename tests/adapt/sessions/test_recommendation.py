@@ -7,15 +7,15 @@ from pathlib import Path
 import pytest
 
 from hexctl.adapt.adaptation import Adaptation
-from hexctl.adapt.loop import AdaptLoop
 from hexctl.adapt.optimizers.deduplication import Deduplication
-from hexctl.adapt.optimizers.registry import make_optimizer
+from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.runner import WalkedTrial
 from hexctl.adapt.search import new_spec
-from hexctl.adapt.sessions.rows import StoreError
-from hexctl.adapt.sessions.session import BaselineRecord, Session, SessionSpec
+from hexctl.adapt.sessions.search_session import BaselineRecord, Session, SessionSpec
 from hexctl.adapt.sessions.store import SessionStore
+from hexctl.adapt.sessions.stored_rows import StoreError
 from hexctl.adapt.space import GaitSpace
+from hexctl.adapt.trial_loop import AdaptLoop
 from hexctl.control.trial import Enough
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import NAMED_SLOTS

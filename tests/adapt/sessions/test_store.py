@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 
 from hexctl.adapt.objectives import OBJECTIVES
-from hexctl.adapt.sessions.rows import StoreError
-from hexctl.adapt.sessions.session import Session, SessionSpec, TrialRecord
+from hexctl.adapt.sessions.search_session import Session, SessionSpec, TrialRecord
 from hexctl.adapt.sessions.store import SessionStore, list_sessions
+from hexctl.adapt.sessions.stored_rows import StoreError
 from hexctl.adapt.space import GaitSpace
 from hexctl.errors import InputError
 from tests.adapt.walking import SPEC, result_of

@@ -9,7 +9,7 @@ import pytest
 
 from hexctl.adapt.adaptation import Adaptation
 from hexctl.adapt.search import new_spec
-from hexctl.adapt.sessions.session import Session
+from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.store import SessionStore
 from hexctl.adapt.sessions.unfinished import NOTE, note_created, remove_unfinished, unfinished
 from tests.adapt.sessions.test_store import record

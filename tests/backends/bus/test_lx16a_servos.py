@@ -8,7 +8,7 @@ import pytest
 from hexctl.backends.base import LegServos
 from hexctl.backends.bus.servos import parse_bus_port
 from hexctl.control.guard import Guard
-from hexctl.testing.servos import LegServosConformance
+from hexctl.testing.servo_conformance import LegServosConformance
 from hexctl.types import JointTargets
 from tests.backends.bus.boards import a_map, bus_board, servos_on
 

@@ -15,7 +15,7 @@ from hexctl.backends.bus.servos import BusServos, parse_bus_port
 from hexctl.control.guard import Guard
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.serve.boards.register_servos import BusServo
-from hexctl.testing.servos import LegServosConformance
+from hexctl.testing.servo_conformance import LegServosConformance
 from hexctl.types import JointTargets, RobotState
 from hexctl.waiting import wait_for
 from tests.backends.bus.boards import a_map, bus_board, servos_on

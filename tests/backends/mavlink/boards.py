@@ -18,7 +18,7 @@ from typing import Any, Self
 import numpy as np
 
 from hexctl.backends.clock import WallClock
-from hexctl.backends.mavlink import messages
+from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec, Frame
 from hexctl.robot.loader import load_servo_map
 from hexctl.robot.servos.servo_map import ServoMap
@@ -137,7 +137,7 @@ class ScriptedBoard:
         self.port = f"udpout:127.0.0.1:{self._socket.getsockname()[1]}"
         self.pulses_us: FloatArray = np.full(18, 1500.0)
         self.active = 0x3FFFF
-        self.kind, self.state = 0, messages.ACTIVE
+        self.kind, self.state = 0, mavlink_messages.ACTIVE
         self.extra: list[Any] = []
         self.silent = False
         self.heard: list[Frame] = []
@@ -170,7 +170,7 @@ class ScriptedBoard:
     def overrides(self) -> list[list[int]]:
         """The channels of all overrides received."""
         return [
-            messages.channels_of(frame.message)
+            mavlink_messages.channels_of(frame.message)
             for frame in list(self.heard)
             if frame.kind == "RC_CHANNELS_OVERRIDE"
         ]
@@ -182,7 +182,7 @@ class ScriptedBoard:
                 self.heard += self._ears.decode(data, whole=True)
             except TimeoutError:
                 pass
-            self.say(messages.heartbeat(self.kind, 0, self.state))
+            self.say(mavlink_messages.heartbeat(self.kind, 0, self.state))
             if not self.silent:
                 mask = np.array([self.active >> channel & 1 for channel in range(18)], dtype=bool)
                 self.say(board_telemetry.outputs(self.pulses_us, mask, 0.0))

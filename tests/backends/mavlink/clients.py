@@ -7,7 +7,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from hexctl.backends.mavlink import messages
+from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec, Frame
 from hexctl.types import FloatArray
 from tests.backends.mavlink.boards import PATIENCE_S
@@ -45,13 +45,13 @@ class Client:
         self._socket.send(self._codec.encode(message, self.sequence))
         self.sequence += 1
 
-    def hail(self, state: int = messages.ACTIVE) -> None:
-        self.say(messages.controller_heartbeat(state))
+    def hail(self, state: int = mavlink_messages.ACTIVE) -> None:
+        self.say(mavlink_messages.controller_heartbeat(state))
 
     def drive(self, pulses: FloatArray | list[int], *, times: int = 5, to: tuple[int, int] = (1, 1)) -> None:
         """Send the same override at 50 Hz for a while."""
         for _ in range(times):
-            self.say(messages.override(np.asarray(pulses, dtype=float), *to))
+            self.say(mavlink_messages.override(np.asarray(pulses, dtype=float), *to))
             self.listen(0.02)
 
     def listen(self, duration_s: float) -> None:
@@ -76,12 +76,12 @@ class Client:
         """The newest message of a kind; fails when there was none."""
         return next(frame.message for frame in reversed(self.heard) if frame.kind == kind)
 
-    def outputs(self) -> messages.Outputs:
+    def outputs(self) -> mavlink_messages.Outputs:
         """The next channels that the board reports; unread ones are discarded."""
         self.drain()
         self.heard.clear()
         self.until(lambda: any(frame.kind == "ACTUATOR_OUTPUT_STATUS" for frame in self.heard))
-        return messages.outputs_of(self.newest("ACTUATOR_OUTPUT_STATUS"))
+        return mavlink_messages.outputs_of(self.newest("ACTUATOR_OUTPUT_STATUS"))
 
     def until(self, condition: Any, *, hailing: bool = False) -> None:
         """Listen until something is so."""

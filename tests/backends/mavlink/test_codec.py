@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common
 
 from hexctl.backends.mavlink import codec as codec_module
-from hexctl.backends.mavlink import messages
+from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec, Frame
 from hexctl.errors import InputError
 
@@ -46,7 +46,7 @@ def hand_made_override(sequence: int) -> bytes:
 
 
 def override_frame(sequence: int = 7, key: bytes | None = None) -> bytes:
-    return Codec(255, 191, signing_key=key).encode(messages.override(PULSES, 1, 1), sequence)
+    return Codec(255, 191, signing_key=key).encode(mavlink_messages.override(PULSES, 1, 1), sequence)
 
 
 def test_the_override_of_the_docs_is_exact_to_the_byte() -> None:
@@ -57,9 +57,9 @@ def test_the_override_of_the_docs_is_exact_to_the_byte() -> None:
 
 
 def test_letting_go_is_zero_on_the_first_eight_channels_and_65534_on_the_rest() -> None:
-    frame = Codec(255, 191).encode(messages.release(1, 1), 0)
+    frame = Codec(255, 191).encode(mavlink_messages.release(1, 1), 0)
     (decoded,) = Codec(1, 1).decode(frame, whole=True)
-    assert messages.channels_of(decoded.message) == [0] * 8 + [65534] * 10
+    assert mavlink_messages.channels_of(decoded.message) == [0] * 8 + [65534] * 10
 
 
 def garbage() -> st.SearchStrategy[bytes]:
@@ -123,7 +123,7 @@ def valid_frame(draw: random.Random, kind: int) -> bytes:
 
 
 def test_mavlink_1_is_not_understood() -> None:
-    frame = messages.override(PULSES, 1, 1).pack(common.MAVLink(None, 255, 191), force_mavlink1=True)
+    frame = mavlink_messages.override(PULSES, 1, 1).pack(common.MAVLink(None, 255, 191), force_mavlink1=True)
     codec = Codec(1, 1)
     assert codec.decode(frame, whole=True) == []
     assert codec.malformed == 1
@@ -141,7 +141,7 @@ class TestSigning:
     def test_another_key_is_refused_and_locks_no_owner_out(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """pymavlink as it comes takes over the time of a forged frame: the owner is then out."""
         codec, owner = Codec(1, 1, signing_key=KEY), Codec(255, 191, signing_key=KEY)
-        message = messages.override(PULSES, 1, 1)
+        message = mavlink_messages.override(PULSES, 1, 1)
         assert codec.decode(owner.encode(message, 0), whole=True)
         with monkeypatch.context() as patch:
             now = codec_module._stamp_now()

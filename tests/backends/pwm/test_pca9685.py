@@ -26,10 +26,10 @@ from hexctl.backends.pwm.pca9685 import (
 from hexctl.errors import InputError, MissingExtraError, RobotFaultError
 from hexctl.robot.servos.pwm_map import PwmMap
 from hexctl.serve.boards.pca9685_chips import SimulatedI2c, SimulatedPca9685
-from hexctl.testing.servos import LegServosConformance
+from hexctl.testing.servo_conformance import LegServosConformance
 from hexctl.types import N_JOINTS, FloatArray, JointTargets, RobotState
 from hexctl.waiting import wait_for
-from hexctl.wire.messages import MAX_TEXT_BYTES
+from hexctl.wire.zenoh_messages import MAX_TEXT_BYTES
 from tests.backends.pwm.boards import a_map
 from tests.backends.pwm.i2c import ChipBus, FlatBus
 from tests.robots import shipped

@@ -29,7 +29,7 @@ from hexctl.backends.pwm.servo2040 import (
 from hexctl.control.guard import Guard
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.serve.boards.servo2040_board import Servo2040Board, parse_servo2040_fault
-from hexctl.testing.servos import LegServosConformance
+from hexctl.testing.servo_conformance import LegServosConformance
 from hexctl.types import JointTargets, RobotState
 from hexctl.waiting import wait_for
 from tests.backends.pwm.boards import a_map, servo2040_board, servos_on

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from hexctl.backends.sim.failure import FIRST_SPEED
 from hexctl.backends.sim.servos import SimServos
+from hexctl.backends.sim.simulated_failure import FIRST_SPEED
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
-from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import run_trial
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.robot.failure import Failure, parse_failure
 from hexctl.types import FloatArray, JointTargets, leg_slice
 from tests.robots import shipped

@@ -8,7 +8,7 @@ import pytest
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import load_randomization, load_world
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
-from hexctl.control.plan import TrialPlan
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError
 from hexctl.gait.gait import make_gait
 from tests.robots import shipped

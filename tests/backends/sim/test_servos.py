@@ -8,13 +8,13 @@ import pytest
 from hexctl.backends.base import LegServos
 from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.flaws import SensorNoise
-from hexctl.backends.sim.model import FIRST_JOINT, TOUCH
 from hexctl.backends.sim.servos import SimClock, SimServos
+from hexctl.backends.sim.simulation_model import FIRST_JOINT, TOUCH
 from hexctl.backends.sim.world import World, load_world
 from hexctl.errors import RobotFaultError, SimulationDivergedError, WrongTypeError
 from hexctl.robot.configs import config_root
 from hexctl.robot.rotations import yaw_rad
-from hexctl.testing.servos import LegServosConformance, move
+from hexctl.testing.servo_conformance import LegServosConformance, move
 from hexctl.types import FloatArray
 from tests.backends.fake_time import FakeTime
 from tests.robots import ROBOT_NAMES, shipped

@@ -11,17 +11,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexctl.backends.sim.actuators import ActuatorModel
-from hexctl.backends.sim.batch import SimBatch
-from hexctl.backends.sim.failure import jammed_angles_rad
-from hexctl.backends.sim.model import FIRST_JOINT, Simulation, make_simulation
 from hexctl.backends.sim.sensing import Losses
 from hexctl.backends.sim.servos import SimServos
+from hexctl.backends.sim.simulated_batch import SimBatch
+from hexctl.backends.sim.simulated_failure import jammed_angles_rad
+from hexctl.backends.sim.simulation_model import FIRST_JOINT, Simulation, make_simulation
 from hexctl.backends.sim.world import World, load_world
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
-from hexctl.control.plan import TrialPlan
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
-from hexctl.testing.servos import move
+from hexctl.testing.servo_conformance import move
 from hexctl.types import FloatArray, JointTargets
 from tests.robots import shipped
 

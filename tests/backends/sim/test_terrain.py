@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from hexctl.backends.sim.model import FIRST_JOINT, make_simulation
+from hexctl.backends.sim.simulation_model import FIRST_JOINT, make_simulation
 from hexctl.backends.sim.terrain import ROUGH_CELLS, ROUGH_HALF_SIZE_M, make_floor
 from hexctl.backends.sim.world import World
 from hexctl.types import FloatArray

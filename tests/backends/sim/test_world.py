@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from hexctl.backends.sim.flaws import SensorFaults, SensorNoise
-from hexctl.backends.sim.model import FIRST_JOINT, TOUCH, make_simulation
 from hexctl.backends.sim.servos import SimServos
+from hexctl.backends.sim.simulation_model import FIRST_JOINT, TOUCH, make_simulation
 from hexctl.backends.sim.world import World, load_world
 from hexctl.control.guard import Guard
-from hexctl.control.plan import TrialPlan
-from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError
 from hexctl.robot.rotations import yaw_rad
-from hexctl.testing.servos import move
+from hexctl.testing.servo_conformance import move
 from hexctl.types import FloatArray, JointTargets, RobotState
 from tests.robots import shipped
 from tests.trials import gait_of

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.special import ndtr
 
 from hexctl.backends.sim.distribution import Distribution
-from hexctl.backends.sim.model import make_simulation
+from hexctl.backends.sim.simulation_model import make_simulation
 from hexctl.backends.sim.world import (
     MAX_MEMBERS,
     DomainRandomization,
@@ -20,7 +20,7 @@ from hexctl.backends.sim.world import (
     load_world,
 )
 from hexctl.errors import InputError
-from hexctl.study.prior import WORLDS_PER_LEG
+from hexctl.study.prior_building import WORLDS_PER_LEG
 from hexctl.types import JOINT_KINDS, FloatArray
 from tests.robots import ROBOT_NAMES, shipped
 

@@ -9,7 +9,7 @@ from hexctl.backends.zenoh import subscriber
 from hexctl.backends.zenoh.subscriber import LatestValues, StateSubscriber
 from hexctl.errors import RobotFaultError
 from hexctl.wire.links import KeyMap
-from hexctl.wire.messages import StateTag, encode_positions
+from hexctl.wire.zenoh_messages import StateTag, encode_positions
 
 
 def state(sequence: int) -> SimpleNamespace:

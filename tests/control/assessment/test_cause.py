@@ -8,8 +8,8 @@ import pytest
 from hexctl.backends.sim.world import World
 from hexctl.control.assessment.cause import CAUSES, Symptoms, WalkSamples
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
-from hexctl.control.plan import TrialPlan
-from hexctl.control.result import TrialResult
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_result import TrialResult
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.types import RobotState

@@ -10,7 +10,7 @@ import pytest
 from hexctl.control.assessment.crawl import CRAWL_SWING, gait_without, least_margin_m
 from hexctl.control.assessment.static_stability import STAND_UP, slots_by_stability
 from hexctl.control.batch import SimTrial, run_sim_trial
-from hexctl.control.plan import TrialPlan
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.turning import check_plan
 from hexctl.gait.foot_trajectory import StepPattern, gait_feet_body, in_stance, part_of_cycle
 from hexctl.gait.gait import SWING_SHARE, Gait, Motion, make_gait

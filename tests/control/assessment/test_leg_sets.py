@@ -19,7 +19,7 @@ from hexctl.control.assessment.leg_sets import (
     leg_sets,
 )
 from hexctl.control.batch import SimTrial, run_sim_trial
-from hexctl.control.plan import TrialPlan
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import failures_of
 from tests.robots import ROBOT_NAMES, shipped

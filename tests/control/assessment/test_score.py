@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexctl.control.assessment.score import score
-from hexctl.control.plan import TrialPlan
-from hexctl.control.result import TrialResult
 from hexctl.control.trace import TrialFrame
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_result import TrialResult
 from hexctl.robot.failure import Failure
 from tests.control.assessment.scores import UPRIGHT, along, scored
 from tests.robots import shipped

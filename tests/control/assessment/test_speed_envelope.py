@@ -7,8 +7,8 @@ import pytest
 
 from hexctl.control.assessment.speed_envelope import DIRECTIONS_RAD, speed_envelope
 from hexctl.control.controllers import check_walk
-from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.velocity_walk import OVERDRIVE, VelocityWalk
 from hexctl.errors import LimitError, ReachError
 from hexctl.gait.gait import Motion, ideal_speed_m_s, make_gait

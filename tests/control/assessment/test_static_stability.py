@@ -17,15 +17,15 @@ from hexctl.control.assessment.static_stability import (
     standing_margin_m,
     static_margins_m,
 )
-from hexctl.control.plan import TrialPlan
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError
 from hexctl.gait.encoding import slots_from_code
 from hexctl.gait.foot_trajectory import gait_feet_body
 from hexctl.gait.gait import Gait, Motion, make_gait
 from hexctl.gait.posture import Posture
 from hexctl.ik.support_polygon import centre_of_mass_body
-from hexctl.record.run import run
 from hexctl.robot.failure import Failure
+from hexctl.runs.run import run
 from tests.robots import shipped
 
 

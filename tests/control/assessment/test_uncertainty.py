@@ -9,7 +9,7 @@ from hexctl.backends.sim.world import World
 from hexctl.control.assessment.uncertainty import simulation_uncertainty, uncertainty_of_walks
 from hexctl.control.assessment.uncertainty_store import SimulationUncertainty
 from hexctl.control.batch import SimTrial, run_sim_trial
-from hexctl.control.plan import TrialPlan
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure

@@ -18,9 +18,9 @@ from hexctl.control.assessment.walk_quality import (
 )
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.guard import Guard
-from hexctl.control.plan import TrialPlan
-from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_result import TrialResult
 from hexctl.robot.failure import Failure
 from hexctl.types import FloatArray, RobotState
 from tests.robots import shipped

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hexctl.backends.base import CalibratedServos, LegServos
-from hexctl.backends.mavlink.client import MavlinkServos
+from hexctl.backends.mavlink.mavlink_client import MavlinkServos
 from hexctl.backends.mock import MockServos
 from hexctl.backends.registry import BackendOptions
 from hexctl.cli.main import exit_code

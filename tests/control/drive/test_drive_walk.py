@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from hexctl.control.drive.drive_walk import FASTEST_SWING, HALT_S, DriveWalk
 from hexctl.control.drive.velocity_limits import VelocityLimits
-from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.velocity_walk import OVERDRIVE, VelocityWalk
 from hexctl.errors import InputError
 from hexctl.gait.gait import make_gait

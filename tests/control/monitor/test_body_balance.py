@@ -10,9 +10,9 @@ from hexctl.control.monitor.body_balance import BodyBalance, signatures
 from hexctl.control.monitor.leg_monitor import LegMonitor
 from hexctl.control.monitor.monitored_walk import MonitoredWalk
 from hexctl.control.monitor.recovery import WalkOn
-from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial import planned_walk
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import Motion, make_gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_event import parse_failure_event

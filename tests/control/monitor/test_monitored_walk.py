@@ -18,10 +18,10 @@ from hexctl.control.monitor.recovery import (
     StopWalking,
     WalkOn,
 )
-from hexctl.control.plan import GaitChange, TrialPlan
 from hexctl.control.preparation import WalkStart
-from hexctl.control.result import TrialResult
 from hexctl.control.trial import planned_walk, run_trial
+from hexctl.control.trial_plan import GaitChange, TrialPlan
+from hexctl.control.trial_result import TrialResult
 from hexctl.control.walks.velocity_walk import VelocityWalk
 from hexctl.errors import WrongTypeError
 from hexctl.gait.gait import make_gait

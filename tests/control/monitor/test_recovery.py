@@ -9,7 +9,7 @@ from hexctl.control.monitor import recovery
 from hexctl.control.monitor.recovery import GlideToStableGait, Response, StopWalking, WalkOn
 from hexctl.control.monitor.repertoire import IDENTITY
 from hexctl.control.monitor.repertoire_store import save_repertoire
-from hexctl.control.plan import TrialPlan
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import make_gait
 from hexctl.gait.posture import Posture
 from hexctl.robot.failure import Failure

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hexctl.control.monitor.repertoire import IDENTITY, Candidate, Repertoire, Situation
-from hexctl.control.plan import TrialPlan
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import make_gait
 from hexctl.gait.posture import Posture
 from hexctl.robot.failure import Failure

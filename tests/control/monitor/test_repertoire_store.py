@@ -16,7 +16,7 @@ from hexctl.control.monitor.repertoire_store import (
     repertoire_files,
     save_repertoire,
 )
-from hexctl.control.plan import TrialPlan
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError
 from hexctl.gait.gait import make_gait
 from hexctl.robot.configs import config_root

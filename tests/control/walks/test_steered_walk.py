@@ -12,10 +12,10 @@ from hexctl.backends.sim.flaws import SensorNoise
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
-from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trace import TrialFrame
 from hexctl.control.trial import run_trial
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.control.walks.steering import Course, trimmed_rad
 from hexctl.control.walks.velocity_walk import OVERDRIVE

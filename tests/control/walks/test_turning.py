@@ -10,8 +10,8 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
-from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import run_trial
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.turning import MAX_TURN_STEPS, TurnSteps, swallowed_rad, turn_needed_rad
 from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.failure import Failure

@@ -11,10 +11,10 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
-from hexctl.control.plan import GaitChange, TrialPlan
 from hexctl.control.preparation import WalkStart
-from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
+from hexctl.control.trial_plan import GaitChange, TrialPlan
+from hexctl.control.trial_result import TrialResult
 from hexctl.control.walks.velocity_walk import FULL_SPEED_S, OVERDRIVE, VelocityWalk, nearest_phases
 from hexctl.errors import InputError
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.backends.bus.lx16a.packets import LX16A, move
+from hexctl.backends.bus.lx16a.lx16a_packets import LX16A, move
 from hexctl.backends.bus.packets import PING, PROTOCOLS, READ, REBOOT, SYNC_READ, SYNC_WRITE, WRITE
 from hexctl.backends.bus.register.registers import table_of
 from hexctl.backends.mock import MockServos

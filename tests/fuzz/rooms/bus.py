@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.backends.bus.lx16a.bus import Lx16aBus
-from hexctl.backends.bus.lx16a.packets import ANSWER_BYTES, LX16A
+from hexctl.backends.bus.lx16a.lx16a_bus import Lx16aBus
+from hexctl.backends.bus.lx16a.lx16a_packets import ANSWER_BYTES, LX16A
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import BROADCAST, PROTOCOLS, PacketFormat, PacketStream
-from hexctl.backends.bus.register.bus import RegisterBus
+from hexctl.backends.bus.register.register_bus import RegisterBus
 from hexctl.backends.bus.register.registers import table_of
 from hexctl.backends.bus.servo_bus import BusCounters
 from hexctl.backends.bus.single_servo import single_servo

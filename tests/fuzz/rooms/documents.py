@@ -15,15 +15,15 @@ from hexctl.robot.configs import config_root, read_mapping
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.servos_section import SECTION, write_joint
 from hexctl.robot.yaml_text import yaml_content
-from hexctl.see.place import Place, load_place, save_place, store_latency
-from hexctl.see.vision.camera import Camera
-from hexctl.see.vision.floor import FloorTag
-from hexctl.see.vision.lens import Lens, load_lens, save_lens
-from hexctl.see.vision.planar_pose import PlanarPose
-from hexctl.see.vision.robot_tracker import RobotTag
 from hexctl.serve.stops.stop_file import StopFile
 from hexctl.serve.stops.stop_place import StopPlace
 from hexctl.settings import CHOSEN, read_settings
+from hexctl.vision.detection.camera import Camera
+from hexctl.vision.detection.floor import FloorTag
+from hexctl.vision.detection.lens import Lens, load_lens, save_lens
+from hexctl.vision.detection.planar_pose import PlanarPose
+from hexctl.vision.detection.robot_tracker import RobotTag
+from hexctl.vision.place import Place, load_place, save_place, store_latency
 from hexctl.wire.certificates import load_certificate
 from hexctl.wire.links import Link, Role, load_link
 from hexctl.wire.stop_secret import SECRET_FILE, find_stop_secret

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import common
 
-from hexctl.backends.mavlink import messages
-from hexctl.backends.mavlink.client import MavlinkServos
+from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec, Frame, read_signing_key
+from hexctl.backends.mavlink.mavlink_client import MavlinkServos
+from hexctl.backends.mavlink.mavlink_transport import Arrival, LinkCounters, MavlinkLink, Port
 from hexctl.backends.mavlink.receiver import Receiver, Stamped
-from hexctl.backends.mavlink.transport import Arrival, LinkCounters, MavlinkLink, Port
 from hexctl.backends.mock import MockServos
 from hexctl.errors import CommandRefusedError
 from hexctl.robot.schema import ServosSection
@@ -105,7 +105,7 @@ def _receiver(data: bytes) -> None:
     outputs = receiver.newest("outputs")
     if outputs is None:
         receiver._newest["outputs"] = Stamped(
-            messages.Outputs(np.full(N_JOINTS, 1500.0), np.ones(N_JOINTS, dtype=bool)), 1.0
+            mavlink_messages.Outputs(np.full(N_JOINTS, 1500.0), np.ones(N_JOINTS, dtype=bool)), 1.0
         )
     servos._receiver = receiver
     state = servos._newest()
@@ -152,9 +152,9 @@ def _frames(*sent: Any) -> bytes:
     return whole
 
 
-BEAT = messages.heartbeat(0, 8, 4)
+BEAT = mavlink_messages.heartbeat(0, 8, 4)
 OUTPUTS = common.MAVLink_actuator_output_status_message(0, (1 << 18) - 1, [1500.0] * 32)
-OVERRIDE = messages.override(np.full(N_JOINTS, 1500.0), 1, 1)
+OVERRIDE = mavlink_messages.override(np.full(N_JOINTS, 1500.0), 1, 1)
 TEXT = common.MAVLink_statustext_message(2, b"hot")
 SAID = (
     _frames(BEAT, OUTPUTS, common.MAVLink_attitude_message(0, 0.1, 0.2, 0.3, 0, 0, 0)),

@@ -12,8 +12,8 @@ from hexctl.robot.formats.urdf_import import import_urdf
 from hexctl.robot.formats.urdf_tree import read_urdf
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.meshes import GLB_HEAD, MEDIA_TYPES, check_mesh
-from hexctl.see.vision.calibration import read_picture
 from hexctl.teleop.picture_relay import PictureRelay, _Incoming, _PictureError, jpeg_size
+from hexctl.vision.detection.lens_calibration import read_picture
 from tests.fuzz.folder import written
 from tests.fuzz.target import Target
 from tests.robots import shipped

@@ -11,9 +11,9 @@ from unittest.mock import patch
 import numpy as np
 
 from hexctl.backends.mock import MockServos
-from hexctl.backends.zenoh.client import ask, granted
 from hexctl.backends.zenoh.subscriber import LatestValues, StateSubscriber
-from hexctl.cli.network.status import status_rows
+from hexctl.backends.zenoh.zenoh_client import ask, granted
+from hexctl.cli.network.status_command import status_rows
 from hexctl.control.guard import Guard
 from hexctl.errors import HexctlError, RobotFaultError
 from hexctl.robot.formats.json_model import robot_from_json, robot_to_json
@@ -35,12 +35,12 @@ from hexctl.wire.description import (
     robot_of,
 )
 from hexctl.wire.links import CLEAR_COMMAND, KeyMap, Link
-from hexctl.wire.messages import CommandTag, encode_battery, encode_positions
 from hexctl.wire.pose import encode_pose
+from hexctl.wire.zenoh_messages import CommandTag, encode_battery, encode_positions
 from tests.control.posed import PosedMock
 from tests.fuzz.target import Target
 from tests.robots import shipped
-from tests.wire.test_messages import COMMAND_BYTES, STATE_BYTES
+from tests.wire.test_zenoh_messages import COMMAND_BYTES, STATE_BYTES
 
 NUMBERS = (
     b"NaN",

@@ -12,22 +12,22 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.adapt.optimizers.registry import make_optimizer
+from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.shipped import OPTIMIZERS
 from hexctl.adapt.prior.prior import open_prior
-from hexctl.adapt.sessions.rows import FILE_NAME, reading
 from hexctl.adapt.sessions.stored import stored_session
+from hexctl.adapt.sessions.stored_rows import FILE_NAME, reading
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.monitor.repertoire_store import load_repertoire
-from hexctl.control.result import TrialResult
+from hexctl.control.trial_result import TrialResult
 from hexctl.errors import HexctlError, InputError
-from hexctl.record.recorded_trial import read_trial
+from hexctl.recording.recorded_trial import read_trial
 from hexctl.robot.configs import config_root
 from hexctl.study.default_gaits import _loaded
-from hexctl.study.holds.walks import HoldCache
+from hexctl.study.holds.hold_walks import HoldCache
 from hexctl.study.landscapes.cache import LandscapeCache
-from hexctl.study.recovery.walks import EpisodeCache
-from hexctl.study.repertoire.walks import repertoire_cache
+from hexctl.study.recovery.recovery_walks import EpisodeCache
+from hexctl.study.repertoire.repertoire_walks import repertoire_cache
 from tests.fuzz.folder import own_folder, written
 from tests.fuzz.target import Target
 from tests.study.made_up import spec
@@ -239,7 +239,7 @@ def _recording() -> bytes:
     """A recording of two ticks of all joints."""
     import rerun as rr
 
-    from hexctl.record import paths
+    from hexctl.recording import paths
     from hexctl.types import JOINT_KINDS
 
     path = own_folder() / "seed.rrd"

@@ -6,14 +6,14 @@ from contextlib import suppress
 import typer
 
 from hexctl.backends.bus.servos import parse_bus_port
-from hexctl.backends.mavlink.transport import parse_port
+from hexctl.backends.mavlink.mavlink_transport import parse_port
 from hexctl.backends.pwm.pca9685 import parse_i2c_place
 from hexctl.backends.pwm.servo2040 import parse_servo2040_port
 from hexctl.backends.sim.world import load_world
 from hexctl.cli.options.failure import leg_or_auto, legs_or_auto, listed_legs
-from hexctl.cli.see.arena import arena_of
-from hexctl.cli.see.options import size_of
-from hexctl.cli.see.twin import point_of
+from hexctl.cli.see.arena_command import arena_of
+from hexctl.cli.see.see_options import size_of
+from hexctl.cli.see.see_twin_command import point_of
 from hexctl.cli.values import checked
 from hexctl.errors import HexctlError
 from hexctl.gait.encoding import code_from_slots, slots_from_code
@@ -22,14 +22,14 @@ from hexctl.options import Range
 from hexctl.robot.configs import find_config
 from hexctl.robot.failure import failures_of, parse_failure
 from hexctl.robot.failure_event import parse_failure_event, parse_failure_now, parse_healing
-from hexctl.see.twin.camera_faults import parse_camera_fault
 from hexctl.serve.boards.bus_faults import parse_bus_fault
 from hexctl.serve.boards.pca9685_board import parse_pca9685_fault
 from hexctl.serve.boards.servo2040_board import parse_servo2040_fault
-from hexctl.teleop.page import PageAddress, is_loopback
+from hexctl.teleop.drive_page import PageAddress, is_loopback
 from hexctl.teleop.picture_relay import PictureRelay
+from hexctl.vision.twin.camera_faults import parse_camera_fault
 from hexctl.wire.links import Endpoint, KeyMap
-from hexctl.wire.ros.names import RosNode
+from hexctl.wire.ros.ros_names import RosNode
 from tests.fuzz.target import Target
 
 RANGES = (Range(low=0, whole=True), Range(low=1, high=6, whole=True), Range(), Range(low=0, above=True))

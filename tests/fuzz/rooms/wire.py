@@ -9,7 +9,13 @@ import numpy as np
 from hexctl.errors import MessageError
 from hexctl.types import N_JOINTS
 from hexctl.wire import ros_cdr
-from hexctl.wire.messages import (
+from hexctl.wire.orientation import decode_orientation
+from hexctl.wire.pose import decode_pose, encode_pose
+from hexctl.wire.ros.attachment import Attachment
+from hexctl.wire.ros.telemetry import IMU
+from hexctl.wire.ros.velocity import TWIST, TWIST_STAMPED, decode_velocity
+from hexctl.wire.stop_datagram import DATAGRAM_BYTES, MAC_BYTES, MARK_BYTES, Kind, StopDatagram, mark_of
+from hexctl.wire.zenoh_messages import (
     CommandTag,
     StateTag,
     contacts_of,
@@ -20,14 +26,8 @@ from hexctl.wire.messages import (
     encode_positions,
     stale_joints_of,
 )
-from hexctl.wire.orientation import decode_orientation
-from hexctl.wire.pose import decode_pose, encode_pose
-from hexctl.wire.ros.attachment import Attachment
-from hexctl.wire.ros.telemetry import IMU
-from hexctl.wire.ros.velocity import TWIST, TWIST_STAMPED, decode_velocity
-from hexctl.wire.stop_datagram import DATAGRAM_BYTES, MAC_BYTES, MARK_BYTES, Kind, StopDatagram, mark_of
 from tests.fuzz.target import Target
-from tests.wire.test_messages import COMMAND_BYTES, STATE_BYTES
+from tests.wire.test_zenoh_messages import COMMAND_BYTES, STATE_BYTES
 
 SECRET = bytes(range(32))
 

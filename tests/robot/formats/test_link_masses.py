@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from dm_control import mjcf
 
-from hexctl.backends.sim.model import make_body
+from hexctl.backends.sim.simulation_model import make_body
 from hexctl.robot.formats.link_masses import link_mass, trunk_mass
 from tests.robots import ROBOT_NAMES, shipped
 

@@ -15,12 +15,12 @@ import pytest
 
 from hexctl.errors import InputError
 from hexctl.ik.legs import foot_positions_body
-from hexctl.record.run import run
 from hexctl.robot.configs import config_names
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.formats.urdf_import import ImportedRobot, import_urdf
 from hexctl.robot.loader import load_robot, load_robot_file
 from hexctl.robot.model import Robot
+from hexctl.runs.run import run
 from hexctl.types import N_JOINTS
 from tests.robots import shipped
 

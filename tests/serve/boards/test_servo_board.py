@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common
 
-from hexctl.backends.mavlink import messages
+from hexctl.backends.mavlink import mavlink_messages
 from hexctl.robot.loader import load_servo_map
 from hexctl.serve.boards.servo_board import (
     FORGET_AFTER_S,
@@ -56,8 +56,8 @@ def test_who_comes_is_told_at_once_who_is_there(client: Client) -> None:
     kinds = [frame.kind for frame in client.heard]
     assert kinds[:2] == ["HEARTBEAT", "NAMED_VALUE_INT"]
     beat = client.newest("HEARTBEAT")
-    assert (beat.type, beat.system_status) == (common.MAV_TYPE_GENERIC, messages.STANDBY)
-    assert messages.name_of(client.newest("NAMED_VALUE_INT")) == "measured"
+    assert (beat.type, beat.system_status) == (common.MAV_TYPE_GENERIC, mavlink_messages.STANDBY)
+    assert mavlink_messages.name_of(client.newest("NAMED_VALUE_INT")) == "measured"
     assert client.newest("NAMED_VALUE_INT").value == 0
 
 
@@ -67,8 +67,8 @@ def test_an_override_moves_and_silence_holds(
     moved = stance + 30
     client.drive(moved, times=60)
     states = {frame.message.system_status for frame in client.heard if frame.kind == "HEARTBEAT"}
-    assert messages.ACTIVE in states
-    client.until(lambda: client.state() == messages.CRITICAL)
+    assert mavlink_messages.ACTIVE in states
+    client.until(lambda: client.state() == mavlink_messages.CRITICAL)
     assert shows(client, moved)
     assert client.outputs().active.all()
     client.drive(stance, times=40)
@@ -84,9 +84,9 @@ def test_overrides_that_come_late_all_together_move_nothing(
 ) -> None:
     """What a controller sent before it noticed that its link had begun to delay everything."""
     client.drive(stance, times=20)
-    client.until(lambda: client.state() == messages.CRITICAL)
+    client.until(lambda: client.state() == mavlink_messages.CRITICAL)
     for _ in range(10):
-        client.say(messages.override(stance + 30, 1, 1))
+        client.say(mavlink_messages.override(stance + 30, 1, 1))
     client.listen(0.1)
     assert shows(client, stance)
     assert running.end()["not_yet"] == 10
@@ -96,8 +96,8 @@ def test_a_release_counts_at_once_after_a_silence(
     running: BoardProcess, client: Client, stance: FloatArray
 ) -> None:
     client.drive(stance)
-    client.until(lambda: client.state() == messages.CRITICAL)
-    client.say(messages.release(1, 1))
+    client.until(lambda: client.state() == mavlink_messages.CRITICAL)
+    client.say(mavlink_messages.release(1, 1))
     client.until(lambda: released(client))
     assert running.end()["not_yet"] == 0
 
@@ -106,14 +106,14 @@ def test_a_controller_that_shows_that_it_is_there_moves_at_once_after_a_silence(
     running: BoardProcess, client: Client, stance: FloatArray
 ) -> None:
     client.drive(stance)
-    client.until(lambda: client.state() == messages.CRITICAL)
+    client.until(lambda: client.state() == mavlink_messages.CRITICAL)
     newest_ms = client.outputs().board_ms
-    client.say(messages.controller_heartbeat(board_ms=newest_ms - 5000))
-    client.say(messages.override(stance + 20, 1, 1))
+    client.say(mavlink_messages.controller_heartbeat(board_ms=newest_ms - 5000))
+    client.say(mavlink_messages.override(stance + 20, 1, 1))
     client.listen(0.1)
     assert shows(client, stance)
-    client.say(messages.controller_heartbeat(board_ms=client.outputs().board_ms))
-    client.say(messages.override(stance + 20, 1, 1))
+    client.say(mavlink_messages.controller_heartbeat(board_ms=client.outputs().board_ms))
+    client.say(mavlink_messages.override(stance + 20, 1, 1))
     client.until(lambda: not shows(client, stance))
     assert running.end()["not_yet"] == 1
 
@@ -124,7 +124,7 @@ def test_what_a_controller_sent_long_ago_moves_nothing_although_it_was_forgotten
     client.drive(stance)
     client.listen(FORGET_AFTER_S + 0.2)
     for _ in range(5):
-        client.say(messages.override(stance + 30, 1, 1))
+        client.say(mavlink_messages.override(stance + 30, 1, 1))
     client.listen(0.1)
     assert not shows(client, stance + 30)
     assert running.end()["not_yet"] == 5
@@ -169,7 +169,7 @@ def test_letting_go_on_command_and_driving_again(
     running: BoardProcess, client: Client, stance: FloatArray
 ) -> None:
     client.drive(stance)
-    client.say(messages.release(1, 1))
+    client.say(mavlink_messages.release(1, 1))
     client.until(lambda: released(client))
     client.drive(stance + 20, times=10)
     client.until(lambda: shows(client, stance + 20))
@@ -200,11 +200,11 @@ def test_a_void_override_moves_nothing_and_is_counted(
 def test_losses_and_disorder_are_counted_and_old_overrides_not_obeyed(
     running: BoardProcess, client: Client, stance: FloatArray
 ) -> None:
-    client.say(messages.override(stance, 1, 1), sequence=10)
-    client.say(messages.override(stance, 1, 1), sequence=14)
-    client.say(messages.override(stance + 50, 1, 1), sequence=12)
-    client.say(messages.override(stance, 1, 1), sequence=14)
-    client.say(messages.override(stance, 1, 1), sequence=15)
+    client.say(mavlink_messages.override(stance, 1, 1), sequence=10)
+    client.say(mavlink_messages.override(stance, 1, 1), sequence=14)
+    client.say(mavlink_messages.override(stance + 50, 1, 1), sequence=12)
+    client.say(mavlink_messages.override(stance, 1, 1), sequence=14)
+    client.say(mavlink_messages.override(stance, 1, 1), sequence=15)
     client.listen(0.1)
     assert shows(client, stance)
     report = running.end()
@@ -219,7 +219,7 @@ def test_a_controller_that_vanished_is_replaced_after_a_while(
     with Client(running.port) as second:
         second.drive(stance + 20)
         second.until(lambda: any(frame.kind == "STATUSTEXT" for frame in second.heard))
-        assert messages.name_of(second.newest("STATUSTEXT")) == "another controller holds the servos"
+        assert mavlink_messages.name_of(second.newest("STATUSTEXT")) == "another controller holds the servos"
         assert shows(second, stance)
         second.until(lambda: driven(second, stance + 20))
 
@@ -233,7 +233,7 @@ def test_who_says_goodbye_makes_room_at_once(
     running: BoardProcess, client: Client, stance: FloatArray
 ) -> None:
     client.drive(stance)
-    client.hail(messages.POWEROFF)
+    client.hail(mavlink_messages.POWEROFF)
     with Client(running.port) as second:
         second.drive(stance + 20)
         second.until(lambda: shows(second, stance + 20))

@@ -11,7 +11,7 @@ from zenoh_ros2_sdk.publisher import ROS2Publisher
 from zenoh_ros2_sdk.session import ZenohSession
 from zenoh_ros2_sdk.subscriber import ROS2Subscriber
 
-from hexctl.wire.ros.names import type_hash
+from hexctl.wire.ros.ros_names import type_hash
 from tests.serve.processes import wait_until
 from tests.wire.ros.decoding import definition
 

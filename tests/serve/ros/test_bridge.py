@@ -12,14 +12,14 @@ import yourdfpy
 import zenoh
 import zenoh.ext
 
-from hexctl.see.robot_link import robot_link
-from hexctl.see.vision.planar_pose import PlanarPose
 from hexctl.types import JOINT_NAMES
+from hexctl.vision.detection.planar_pose import PlanarPose
+from hexctl.vision.robot_link import robot_link
 from hexctl.wire import ros_cdr
 from hexctl.wire.links import Link
 from hexctl.wire.ros import telemetry
 from hexctl.wire.ros.attachment import SIZE, Attachment
-from hexctl.wire.ros.names import Kind, RosEndpoint, RosNode, type_hash
+from hexctl.wire.ros.ros_names import Kind, RosEndpoint, RosNode, type_hash
 from tests.serve.processes import Served, free_port, served, wait_until
 from tests.serve.ros.peer import Peer, peer, router
 from tests.wire.ros.decoding import decoded

@@ -8,14 +8,14 @@ import pytest
 
 from hexctl.errors import MessageError
 from hexctl.serve.inbox import Arrival
-from hexctl.serve.ros.commands import Called, RosCommand, Service, Stopped, WantedJoints, WantedVelocity
+from hexctl.serve.ros.ros_commands import Called, RosCommand, Service, Stopped, WantedJoints, WantedVelocity
+from hexctl.serve.served_transport import Transport
 from hexctl.serve.server import RobotServer
 from hexctl.serve.stops.stop import OVER_ROS
-from hexctl.serve.transport import Transport
 from hexctl.types import FloatArray
 from hexctl.wire.links import Link
-from hexctl.wire.messages import decode_positions, encode_positions
 from hexctl.wire.ros.velocity import TWIST, TWIST_STAMPED, decode_velocity
+from hexctl.wire.zenoh_messages import decode_positions, encode_positions
 from tests.control.posed import PosedMock
 from tests.serve.test_hostile_input import Item, spoiled
 from tests.wire.ros.test_velocity import twist

@@ -12,7 +12,7 @@ from hexctl.serve.ros.topics import TOPICS, RobotMessages, measured_ns, publishe
 from hexctl.types import RobotState
 from hexctl.wire import ros_cdr
 from hexctl.wire.ros import telemetry
-from hexctl.wire.ros.names import RosNode
+from hexctl.wire.ros.ros_names import RosNode
 from tests.wire.ros.decoding import decoded
 
 ROBOT = load_robot("ant")

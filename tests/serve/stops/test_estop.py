@@ -13,8 +13,8 @@ import pytest
 
 import hexctl
 from hexctl.errors import InputError, RobotFaultError
-from hexctl.serve.stops.datagram_way import Sighting
 from hexctl.serve.stops.estop import ReadyStop, clear_stop, estop
+from hexctl.serve.stops.stop_by_datagram import Sighting
 from tests.cli.terminals import OnTerminal
 from tests.serve.cable import Cable
 from tests.serve.processes import Served, controlling, free_port, served, wait_until

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from hexctl.serve.stops.datagram_way import Sighting
+from hexctl.serve.stops.stop_by_datagram import Sighting
 from hexctl.serve.stops.stop_watch import NAME_WAIT_S, SILENCE_S, StopWatch
 
 STOP_ID = "00" * 8

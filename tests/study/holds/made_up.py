@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 from hexctl.backends.sim.world import load_randomization
-from hexctl.study.holds.conditions import HoldCase, HoldConditions
-from hexctl.study.holds.findings import HoldFindings
-from hexctl.study.holds.plan import HoldPlan
-from hexctl.study.holds.walks import HoldWalk
+from hexctl.study.holds.hold_conditions import HoldCase, HoldConditions
+from hexctl.study.holds.hold_findings import HoldFindings
+from hexctl.study.holds.hold_plan import HoldPlan
+from hexctl.study.holds.hold_walks import HoldWalk
 from tests.robots import shipped
 
 IDEAL_M = 4.0

@@ -11,8 +11,8 @@ from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
-from hexctl.control.result import QUALITIES, TrialResult
 from hexctl.control.trial import run_trial
+from hexctl.control.trial_result import QUALITIES, TrialResult
 from hexctl.study.landscapes.evaluate import Chunk, chunks_of, simulate_chunk
 from hexctl.study.landscapes.landscape import NUMBERS, LandscapeSpec, empty_landscape, with_rows
 from hexctl.types import FloatArray

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 
 from hexctl.backends.sim.world import load_randomization
-from hexctl.study.recovery.bars import recovery_bars
 from hexctl.study.recovery.episodes import Episode, RecoveryCase, RecoveryConditions
-from hexctl.study.recovery.findings import RecoveryFindings
 from hexctl.study.recovery.methods import Alarm
-from hexctl.study.recovery.plan import HEXAHEAL, LINE, RecoveryPlan
+from hexctl.study.recovery.recovery_criteria import recovery_bars
+from hexctl.study.recovery.recovery_findings import RecoveryFindings
+from hexctl.study.recovery.recovery_plan import HEXAHEAL, LINE, RecoveryPlan
 from tests.robots import shipped
 
 PACE_HZ, IDEAL_M_S = 0.9, 0.15

@@ -7,7 +7,7 @@ import pytest
 
 from hexctl.study.recovery.decentralised import LegLoads, phase_rate
 from hexctl.study.recovery.episodes import RecoveryCase
-from hexctl.study.recovery.walks import walk_episodes
+from hexctl.study.recovery.recovery_walks import walk_episodes
 from hexctl.types import RobotState
 from tests.robots import ROBOT_NAMES, shipped
 from tests.study.recovery.made_up import plan

@@ -8,12 +8,12 @@ import pytest
 
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.batch import SimTrial, run_sim_trial
-from hexctl.control.result import TrialResult
+from hexctl.control.trial_result import TrialResult
 from hexctl.study.recovery import open_loop
 from hexctl.study.recovery.episodes import RecoveryCase
 from hexctl.study.recovery.methods import OpenLoopBest
 from hexctl.study.recovery.open_loop import Rehearsal, rehearse
-from hexctl.study.recovery.walks import walk_episodes
+from hexctl.study.recovery.recovery_walks import walk_episodes
 from tests.study.recovery.made_up import plan
 
 PLACE = replace(plan().walked()[0][0], duration_s=7.0)

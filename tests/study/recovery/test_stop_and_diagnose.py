@@ -11,8 +11,8 @@ from hexctl.control.monitor.recovery import GlideToStableGait, StopWalking
 from hexctl.control.preparation import WalkStart
 from hexctl.study.recovery.episodes import Episode, RecoveryCase
 from hexctl.study.recovery.methods import method_of
+from hexctl.study.recovery.recovery_walks import walk_episodes
 from hexctl.study.recovery.stop_and_diagnose import EachAlone, StopAndDiagnoseWalk
-from hexctl.study.recovery.walks import walk_episodes
 from hexctl.types import FloatArray, RobotState
 from tests.study.recovery.made_up import plan
 

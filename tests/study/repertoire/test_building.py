@@ -17,7 +17,7 @@ from hexctl.study.landscapes.cache import LandscapeCache
 from hexctl.study.landscapes.evaluate import Silent
 from hexctl.study.repertoire import building
 from hexctl.study.repertoire.building import build_repertoire, repertoire_of
-from hexctl.study.repertoire.walks import (
+from hexctl.study.repertoire.repertoire_walks import (
     CandidateWalk,
     RepertoireCase,
     RepertoireConditions,

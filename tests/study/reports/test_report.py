@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from hexctl.study.reports.figures import FIGURES
-from hexctl.study.reports.tables import TABLES
+from hexctl.study.reports.study_tables import TABLES
 from hexctl.study.searches import Findings
 from tests.study.made_up import made_up, made_up_findings, reported, spread_out, summarised
 

@@ -3,7 +3,7 @@
 import pytest
 
 from hexctl.study.landscapes.landscape import Landscape
-from hexctl.study.transfer.searches import TransferFindings, search_worlds
+from hexctl.study.transfer.transfer_searches import TransferFindings, search_worlds
 from tests.study.transfer.made_up import MODEL, in_the_model, plan
 
 

@@ -15,9 +15,9 @@ from hexctl.study.landscapes.landscape import (
     empty_landscape,
     with_rows,
 )
-from hexctl.study.transfer.plan import EARLY, TransferPlan
-from hexctl.study.transfer.searches import TransferFindings
-from hexctl.study.verdicts.uncertainty import StudyUncertainty
+from hexctl.study.transfer.transfer_plan import EARLY, TransferPlan
+from hexctl.study.transfer.transfer_searches import TransferFindings
+from hexctl.study.verdicts.verdict_uncertainty import StudyUncertainty
 from hexctl.types import FloatArray
 from tests.adapt.priors import MadeUpModel, key_of, made_up_prior, path_of
 from tests.robots import shipped

@@ -10,15 +10,15 @@ import pytest
 
 from hexctl.adapt.prior.prior import CHECKPOINTS, Prior, PriorKey
 from hexctl.backends.sim.world import load_randomization
-from hexctl.control.plan import TrialPlan
+from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.study.landscapes.landscape import NUMBERS, Landscape, Rows, empty_landscape, with_rows
-from hexctl.study.prior import PriorPlan
-from hexctl.study.transfer.plan import TransferPlan
-from hexctl.study.transfer.report import transfer_bars, transfer_json, write_transfer_report
-from hexctl.study.transfer.searches import TransferFindings, search_worlds, walk_of
+from hexctl.study.prior_building import PriorPlan
+from hexctl.study.transfer.transfer_plan import TransferPlan
+from hexctl.study.transfer.transfer_report import transfer_bars, transfer_json, write_transfer_report
+from hexctl.study.transfer.transfer_searches import TransferFindings, search_worlds, walk_of
 from hexctl.types import FloatArray
 from tests.robots import shipped
 from tests.study.transfer.made_up import uncertainty_of

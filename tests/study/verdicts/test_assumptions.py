@@ -11,7 +11,7 @@ from hexctl.control.assessment.uncertainty_store import (
     known_uncertainty,
 )
 from hexctl.study.verdicts.assumptions import assumptions, assumptions_markdown
-from hexctl.study.verdicts.evidence import cm
+from hexctl.study.verdicts.claim_evidence import cm
 from tests.robots import shipped
 
 DOCS = Path(__file__).parents[3] / "docs"

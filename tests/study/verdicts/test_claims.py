@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hexctl.study.searches import Findings, search_all
+from hexctl.study.verdicts.claim_evidence import Claim
 from hexctl.study.verdicts.claims import OF_SEARCHES, OF_WALKS, claims_of, expected_best_rank
-from hexctl.study.verdicts.evidence import Claim
 from hexctl.study.verdicts.trajectories import expected_within
 from hexctl.types import FloatArray
 from tests.study.made_up import made_up, made_up_findings, spread_out

@@ -10,8 +10,8 @@ from hexctl.backends.sim.world import World
 from hexctl.errors import InputError
 from hexctl.study.landscapes.cache import LandscapeCache
 from hexctl.study.reports.figures import PALE, verdicts_figure
+from hexctl.study.verdicts.claim_evidence import Judgement, make_claim
 from hexctl.study.verdicts.claims import NAMES, OF_SEARCHES, OF_WALKS, claims_of
-from hexctl.study.verdicts.evidence import Judgement, make_claim
 from hexctl.study.verdicts.matrix import Cell, MatrixPlan, MatrixResult, cells_of, run_matrix, write_matrix
 from tests.robots import shipped
 from tests.study.made_up import made_up_findings, spread_out

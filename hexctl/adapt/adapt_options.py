@@ -1,0 +1,140 @@
+"""Options of a search for a gait."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from hexctl.backends.robot_options import RobotOptions
+from hexctl.control.guard import TOO_HOT_C
+from hexctl.control.trial_plan import DURATION_S, Hold, SelfRotation
+from hexctl.options import RARE, UNTYPED, Range, Typed, check_fields
+from hexctl.robot.failure import parse_failure
+
+BUDGET = Range(low=1, high=100_000, whole=True)
+
+REPEATS = Range(low=0, whole=True)
+
+GAIN_M = Range(low=0, unit="m")
+
+#: Servos do not cool down below 25 degrees Celsius, and the guard stops a robot whose servos are too hot.
+COOL_C = Range(low=25, high=TOO_HOT_C, unit="degrees Celsius")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AdaptOptions(RobotOptions):
+    """What a search is asked for. Its fields are the options of `hexctl adapt`.
+
+    Raises InputError for a value that is not allowed.
+    """
+
+    failed_leg: Annotated[int, UNTYPED]
+    """Leg that failed, 1..6, counter-clockwise from the front."""
+
+    failure: Annotated[str, UNTYPED] = "locked"
+    """What is wrong with it: `locked`, `limp`, `missing`, `weak:FRACTION`, `stuck:JOINT:DEGREES`."""
+
+    budget: Annotated[int, BUDGET] = 20
+    """Most trials to walk, {}."""
+
+    optimizer: Annotated[Any, Typed(words="optimizers")] = None
+    """What chooses the next gait: bayes (knows simulated worlds), trim (one gait again, with the trim that
+    its ends tell), random, exhaustive, or one of the paper's pso, psosp, dps, debest, derand; or
+    package.module:Class. (default: trim with --hold heading and the objectives final and progress, else
+    bayes where a prior fits, else random)
+
+    In Python also a class.
+    """
+
+    prior: Annotated[str | Path | None, Typed(words="priors")] = None
+    """Prior, what bayes believes before the first trial: auto (made by hexctl prior build, or shipped), a
+    file, or none. (default: auto)
+    """
+
+    early_stop: Annotated[bool, RARE] = False
+    """With bayes: end a walk as soon as it is clear that it misses."""
+
+    objective: Annotated[Any, Typed(words="objectives")] = "final"
+    """What to make small: final, mean or max distance from the line of travel, progress (final, per share of
+    the ideal distance walked); steered walks by their speed (time per metre), cost of transport, tilt or
+    steadiness; or package.module:name for your own.
+
+    In Python also an Objective, or a function of a valid `TrialResult`.
+    """
+
+    target: Annotated[str | float | None, Typed()] = None
+    """Stop once the objective is this small: in its unit, which is metres (0.05), but s/m for speed, degrees
+    for tilt and m/s for steadiness; or as a share of the ideal distance of a walk (1%); bayes once it is
+    90 % sure. (default: 0.025 with bayes and trim, else none)
+    """
+
+    target_m: Annotated[float | None, UNTYPED] = None
+    """The target as a number, in the unit of the objective."""
+
+    worth_m: Annotated[float | None, GAIN_M, RARE] = None
+    """With bayes: end the search once all trials that are left are expected to gain less than this, in
+    metres, {}; 0 goes on whatever the gain. (default: the noise between trials, or the simulation's own
+    uncertainty; 0.04 on a real robot; 1 % of the score of steered walks)
+    """
+
+    uncertainty_m: Annotated[float | None, GAIN_M, UNTYPED] = None
+    """The simulation's own uncertainty of where walks end, counted when a gait is confirmed; None is the one
+    that was measured for such walks, 0 counts none.
+    """
+
+    confirm: Annotated[int, REPEATS, RARE] = 0
+    """Of the budget, trials kept to repeat the best gait, {}."""
+
+    count_repeats: Annotated[bool, RARE] = False
+    """Walk a gait again when the optimizer asks for it again."""
+
+    baseline: Annotated[bool, UNTYPED] = True
+    """Walk the gaits that the robot would use anyway, `auto`, its default and the tripod, before the first
+    trial, to compare with; they do not count.
+    """
+
+    duration_s: Annotated[float, DURATION_S] = 30.0
+    """Seconds that each trial walks, {}."""
+
+    heading_deg: Annotated[float, Range()] = 0.0
+    """Direction of travel in degrees, {}, counter-clockwise from forward."""
+
+    self_rotation: Annotated[SelfRotation | None, RARE] = None
+    """Turn before the walk until the failed leg points to the rear or the front of the way, or none: no turn.
+    (default: none where the walks hold their line, else rear)
+    """
+
+    hold: Hold | None = None
+    """What the walks hold by feedback: line, heading, auto (the best the robot allows) or none. (default:
+    auto for speed, cost, tilt and steadiness, else none)
+    """
+
+    body_raise: Annotated[float | None, UNTYPED] = None
+    """How much higher the body stands, as a fraction of the robot's size; None suits the leg where walks are
+    steered, and else is 0.
+    """
+
+    policy: Annotated[str | None, RARE] = None
+    """What a trial does about another leg that it notices to have failed: stop, glide, or
+    package.module:Class; such a trial does not count and ends the search. With walk-on no legs are
+    watched. (default: walk-on)
+    """
+
+    arena_m: Annotated[float | None, UNTYPED] = None
+    """Radius in which a robot is kept that stays where a walk ends, around its first place."""
+
+    home_m: Annotated[tuple[float, float] | list[float] | None, UNTYPED] = None
+    """Middle (x, y) of the arena in the world, in place of the robot's first place."""
+
+    cool_down_c: Annotated[float | None, COOL_C, RARE] = None
+    """With servos that tell their temperature: sit before each trial until all are cooler than this, in
+    degrees Celsius, {}. (default: none, it does not wait)
+    """
+
+    ask: bool = False
+    """On a robot that does not know where it is: you put it on its mark before each trial and type in, in
+    metres, where it ended.
+    """
+
+    def __post_init__(self) -> None:
+        parse_failure(self.failed_leg, self.failure)
+        check_fields(self)

@@ -1,0 +1,150 @@
+"""Choice of a session's prior: none, the one that was asked for, or the first that fits."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from hexctl.adapt.optimizers.bayes import REAL_NOISE_M, SIMULATED_NOISE_M
+from hexctl.adapt.optimizers.shipped import BAYES
+from hexctl.adapt.prior.prior import SCORES, read_head
+from hexctl.adapt.prior.prior_files import check_prior, find_prior, named_prior
+from hexctl.adapt.prior.samples import covering
+from hexctl.adapt.sessions.search_session import SessionSpec
+from hexctl.adapt.setting import Note, Setting
+from hexctl.errors import InputError, argument
+
+#: The paper's finer deviation: the target of `bayes` unless told otherwise.
+DEFAULT_TARGET_M = 0.025
+
+#: Ends a sentence on a missing prior with how to make one; empty where none can be made.
+Advice = Callable[[SessionSpec], str]
+
+
+def no_advice(_spec: SessionSpec) -> str:
+    """No advice, the default of `Advice`."""
+    return ""
+
+
+def choose_prior(
+    spec: SessionSpec,
+    setting: Setting,
+    wanted: str | None,
+    *,
+    free: bool,
+    folders: list[Path],
+    note: Note,
+    advice: Advice,
+) -> SessionSpec:
+    """Spec with its optimizer and prior chosen: `bayes` where a prior is wanted and fits.
+
+    Args:
+        spec: of a session, without a prior.
+        setting: what the spec names, loaded.
+        wanted: `auto`, `none`, or the path or name of a prior; None is `auto`.
+        free: whether the optimizer is left open, so that a missing prior is no error.
+        folders: searched for priors, in this order.
+        note: is told why a session has no prior.
+        advice: says how to make the prior that is missing.
+
+    Raises InputError for options that contradict one another, and for a prior that does not fit.
+    """
+    named = wanted not in (None, "auto")
+    if not _wants_prior(spec, wanted, free):
+        return spec
+    key, covered = setting.prior_key, covering(setting.robot, setting.plan)
+    reason = _other_objective(spec)
+    if not reason and named:
+        path = named_prior(str(wanted), folders)
+        check_prior(path, key, covers=covered)
+        return _with_bayes(spec, path)
+    if not reason:
+        found = find_prior(key, folders, covers=covered)
+        if found.path is not None:
+            return _with_bayes(spec, found.path)
+        reason = found.reason
+    if not free or named or spec.early_stop or spec.worth_m is not None:
+        raise InputError(f"prior: there is none for these trials ({reason}){advice(spec)}")
+    note(f"no prior for these trials ({reason}); searching with {spec.optimizer} instead{advice(spec)}")
+    return spec
+
+
+def _other_objective(spec: SessionSpec) -> str:
+    """Why no prior can be for a session's objective; empty where one can."""
+    steered = spec.hold != "none"
+    if spec.objective in (SCORES if steered else ("final",)):
+        return ""
+    of_steered = f"of steered walks are for {', '.join(SCORES)}"
+    if steered:
+        return f"priors {of_steered}, not {spec.objective}"
+    others = f"; those {of_steered}" if spec.objective in SCORES else ""
+    return f"priors are for the objective final, not {spec.objective}, with hold none{others}"
+
+
+def _wants_prior(spec: SessionSpec, wanted: str | None, free: bool) -> bool:
+    """Whether a prior is wanted, if there is one; raises InputError for contradicting options."""
+    believes = spec.optimizer == BAYES and not free
+    if not (free or believes) or wanted == "none" or (spec.count_repeats and free and wanted is None):
+        if believes:
+            raise InputError(
+                f"{argument('prior')}: got none with {argument('optimizer')} bayes; allowed: auto or a file"
+            )
+        if wanted not in (None, "none"):
+            raise InputError(
+                f"{argument('prior')}: got {wanted} with {argument('optimizer')} {spec.optimizer}; allowed: "
+                "with bayes"
+            )
+        if spec.early_stop and ":" not in spec.optimizer:
+            raise InputError(
+                f"{argument('early_stop')}: got it without a prior; allowed: with bayes and a prior"
+            )
+        if spec.worth_m is not None:
+            raise InputError(
+                f"{argument('worth_m')}: got {spec.worth_m:g} without a prior; allowed: with bayes and "
+                "a prior"
+            )
+        return False
+    if spec.count_repeats:
+        raise InputError(
+            f"{argument('count_repeats')}: got it with bayes; allowed: without, bayes repeats a gait when "
+            "that tells most"
+        )
+    return True
+
+
+def _with_bayes(spec: SessionSpec, path: Path) -> SessionSpec:
+    """Spec of a session with `bayes` and a prior, whose content is checked when the session loads it."""
+    digest = str(read_head(path).get("digest", ""))
+    kept = replace(spec, optimizer=BAYES, prior=str(path), prior_digest=digest)
+    if spec.hold != "none":
+        _check_scored(spec)
+        return kept
+    target_m = DEFAULT_TARGET_M if spec.target_m is None else spec.target_m
+    believed_m = noise_m(spec)
+    worth_m = max(believed_m, spec.uncertainty_m) if spec.worth_m is None else spec.worth_m
+    return replace(
+        kept,
+        target_m=target_m,
+        worth_m=worth_m,
+        noise_m=believed_m,
+    )
+
+
+def _check_scored(spec: SessionSpec) -> None:
+    """Raise InputError for options of searches for a straight walk."""
+    if spec.early_stop:
+        raise InputError(
+            f"{argument('early_stop')}: got it with {argument('objective')} {spec.objective}; allowed: with "
+            "final, which the course of a walk tells before its end"
+        )
+    if spec.worth_m:
+        raise InputError(
+            f"{argument('worth_m')}: got {spec.worth_m:g} m with {argument('objective')} {spec.objective}; "
+            "allowed: 0, to spend the budget whatever the gain"
+        )
+
+
+def noise_m(spec: SessionSpec) -> float:
+    """Standard deviation between trials of one gait that is assumed before any repeat."""
+    if spec.noise_m is not None:
+        return spec.noise_m
+    return SIMULATED_NOISE_M if spec.simulated else REAL_NOISE_M

@@ -1,0 +1,92 @@
+"""The progress bar of a search, which knows its time from the first walk on."""
+
+import sys
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
+from rich.text import Text
+
+from hexctl.adapt.sessions.recommendation import next_to_confirm
+from hexctl.adapt.sessions.search_session import Session, TrialRecord, WalkRecord
+from hexctl.adapt.trial_loop import OnTrial
+
+#: Walks at the usual time step that take as long as one that confirms a gait.
+CONFIRMATION_WALKS = 4
+
+_HELP = "Ctrl-C stops, --resume continues"
+
+
+class _TimeLeft(ProgressColumn):
+    """Time that the walks which are left take at most, by the mean of those so far."""
+
+    def render(self, task: Task) -> Text:
+        walked = task.completed - task.fields["before"]
+        if not walked or task.elapsed is None or task.total is None:
+            return Text("-:--", style="progress.remaining")
+        left_s = max(0, round(task.elapsed / walked * (task.total - task.completed)))
+        return Text(f"at most {left_s // 60}:{left_s % 60:02d}", style="progress.remaining")
+
+
+class SearchBar:
+    """A bar on stderr that counts the walks of a session; it disappears at the end."""
+
+    def __init__(self, *, hidden: bool) -> None:
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=16),
+            TextColumn("{task.completed:.0f}/{task.total:.0f} walks"),
+            _TimeLeft(),
+            console=Console(stderr=True),
+            transient=True,
+            disable=hidden or not sys.stderr.isatty(),
+        )
+
+    @property
+    def shown(self) -> bool:
+        """Whether there is a bar."""
+        return not self._progress.disable
+
+    def begin(self, session: Session) -> None:
+        """Show the bar of a session, new or continued."""
+        spec, done = session.spec, _walked(session)
+        baseline = len(session.baseline if session.trials else spec.baseline_gaits)
+        confirming = CONFIRMATION_WALKS if spec.confirmed_uncertainty_m else 0
+        total = max(baseline + spec.budget + confirming, done)
+        self._task = self._progress.add_task(_HELP, total=total, completed=done, before=done)
+        self._progress.start()
+
+    def advance(self, session: Session, _walk: WalkRecord | None = None) -> None:
+        """Count the walks that a session has now."""
+        done = _walked(session)
+        (task,) = self._progress.tasks
+        more = session.confirmations and next_to_confirm(session) is not None
+        total = max(task.total or 0, done + CONFIRMATION_WALKS * bool(more))
+        self._progress.update(self._task, completed=done, total=total)
+
+    def print_above(self, line: Text) -> None:
+        """Print a line above the bar."""
+        self._progress.console.print(line, soft_wrap=True)
+
+    def advance_and(self, on_trial: OnTrial | None) -> OnTrial:
+        """A callback that counts a trial, and then calls another one."""
+
+        def counted(session: Session, trial: TrialRecord) -> None:
+            self.advance(session)
+            if on_trial is not None:
+                on_trial(session, trial)
+
+        return counted
+
+    def __enter__(self) -> Self:
+        return self  # the bar begins with the session
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._progress.stop()
+
+
+def _walked(session: Session) -> int:
+    return len(session.baseline) + len(session.trials) + CONFIRMATION_WALKS * len(session.confirmations)

@@ -1,0 +1,333 @@
+"""The overview of a session, made from what the store keeps, and the viewer on sessions and recordings."""
+
+import shlex
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+from urllib.parse import quote
+
+from hexctl.adapt.sessions.search_session import (
+    BASELINE_INDEX,
+    MILESTONES_M,
+    BaselineRecord,
+    Session,
+    TrialRecord,
+    WalkRecord,
+    trials_text,
+)
+from hexctl.adapt.sessions.search_steps import search_steps
+from hexctl.adapt.sessions.store import load_session, stored_names
+from hexctl.adapt.sessions.stored_rows import StoreError
+from hexctl.errors import HexctlError, InputError, RecordingError
+from hexctl.recording.rerun_program import OnDamage, log_damage, look_at
+from hexctl.recording.sessions.session_figures import write_overview_file
+from hexctl.recording.sessions.session_overview import Overview, OverviewTrial, SearchStep, drawable
+from hexctl.recording.side_by_side import write_together
+from hexctl.recording.viewer import (
+    FileServer,
+    check_viewable,
+    free_port,
+    newest_recording,
+    open_viewer,
+    serve_web,
+    web_origin,
+)
+from hexctl.scratch import scratch_folder
+
+FILE_NAME = "overview.rrd"
+
+#: Walks in larger files than this, together, open one by one: to write them again would take too long.
+MOST_TOGETHER_BYTES = 60_000_000
+
+#: Paths of the recordings of a session by trial index, or by gait for its baseline.
+RecordingPaths = dict[int | str, Path]
+
+
+def write_overview(
+    session: Session,
+    folder: Path,
+    *,
+    into: Path | None = None,
+    base: str = "",
+    recordings: RecordingPaths | None = None,
+    several: bool = False,
+) -> Path:
+    """Write `overview.rrd`, in place of an earlier one, and return its path.
+
+    Args:
+        session: what is shown.
+        folder: where the recordings of its trials are.
+        into: the folder to write to; None is the session's.
+        base: URL under which the recordings are found, with a slash at its end; without one they are files.
+        recordings: those that it leads to; None for all of `recordings_of`.
+        several: whether it is opened with others; the list of recordings is then open.
+
+    Raises InputError for a session without trials or a folder that cannot be written, RecordingError when the
+    disk did not take everything, and MissingExtraError without Rerun.
+    """
+    path = (into or folder) / FILE_NAME
+    if recordings is None:
+        recordings = recordings_of(session, folder)
+    addresses = {
+        index: base + quote(recording.name) if base else recording.resolve().as_uri()
+        for index, recording in recordings.items()
+    }
+    write_overview_file(path, make_overview(session, addresses, search_steps(session)), several=several)
+    return path
+
+
+def recordings_of(session: Session, folder: Path) -> RecordingPaths:
+    """Recordings of a session that are there, by trial index, or by gait for its baseline."""
+    walks: dict[int | str, WalkRecord] = {walk.gait: walk for walk in session.baseline}
+    walks |= {trial.index: trial for trial in session.trials}
+    files = {key: walk.recording_in(folder) for key, walk in walks.items()}
+    return {key: path for key, path in files.items() if path is not None and path.is_file()}
+
+
+def make_overview(
+    session: Session,
+    addresses: Mapping[int | str, str] = MappingProxyType({}),
+    steps: tuple[SearchStep, ...] = (),
+) -> Overview:
+    """Overview of a session; `addresses` are the URLs of its recordings, as of `recordings_of`.
+
+    `steps` are those of its search.
+    """
+    ideals_m = [trial.result.ideal_distance_m for trial in session.trials]
+    return Overview(
+        title=session.name,
+        facts=tuple(_facts(session)),
+        objective=session.spec.score_label,
+        unit=session.spec.objective_unit,
+        course_m=max(ideals_m, default=0.0) or 1.0,
+        trials=tuple(_trial(trial, addresses.get(trial.index)) for trial in session.trials),
+        baseline=tuple(_baseline(walk, addresses.get(walk.gait)) for walk in session.baseline),
+        steps=steps,
+    )
+
+
+def _facts(session: Session) -> list[str]:
+    """Settings and outcome, a line each."""
+    spec, best = session.spec, session.best
+    asked = f"leg {spec.failed_leg} {spec.failure}, {spec.robot}, {spec.backend}"
+    world = f", world {spec.world}" if spec.world is not None else ""
+    lines = [
+        f"{asked}{world}",
+        f"{spec.optimizer}, seed {spec.seed}: {len(session.trials)} of {trials_text(spec.budget)}",
+        f"score: {spec.score_label}" + ("" if spec.target_m is None else f", target {spec.target_text}"),
+    ]
+    if best is not None:
+        lines.append(f"**best: trial {best.index}, code {best.code}, score {spec.score_text(best.score)}**")
+    if session.baseline:
+        walks = [
+            f"{walk.gait} {spec.score_text(walk.score) if walk.valid else walk.outcome['status']}"
+            for walk in session.baseline
+        ]
+        lines.append(f"without a search: {', '.join(walks)}")
+    for milestone_m in MILESTONES_M if spec.objective_unit == "m" else ():
+        reached = session.trials_to(milestone_m)
+        lines.append(
+            f"within {100 * milestone_m:g} cm " + (f"after {trials_text(reached)}" if reached else "not yet")
+        )
+    if spec.uncertainty_text:
+        lines.append(f"the simulation knows the end of a walk to ± {spec.uncertainty_text}")
+    return lines
+
+
+def _trial(trial: TrialRecord, address: str | None) -> OverviewTrial:
+    note = " (repeat)" if trial.confirms else ""
+    return _walk(trial, index=trial.index, code=trial.code, address=address, note=note)
+
+
+def _baseline(walk: BaselineRecord, address: str | None) -> OverviewTrial:
+    return _walk(walk, index=BASELINE_INDEX, code=walk.code or 0, address=address, gait=walk.gait)
+
+
+def _walk(walk: WalkRecord, *, note: str = "", **named: Any) -> OverviewTrial:
+    """A walk in the overview; the note follows its status."""
+    result = walk.result
+    cause = "" if result.cause is None else f" ({result.cause})"
+    return OverviewTrial(
+        slots=walk.slots,
+        score_m=walk.score if walk.valid else None,
+        deviation_m=None if result.deviation is None else result.deviation.signed,
+        distance_m=result.distance_m,
+        status=f"{result.status}{cause}{note}",
+        path_m=drawable(result.path_m),
+        **named,
+    )
+
+
+#: A session, and the folder of its trials' recordings.
+StoredSession = tuple[Session, Path]
+
+
+def view_runs(names: Sequence[str], runs: Path, *, on_damage: OnDamage = log_damage) -> int:
+    """Open recordings and sessions in one viewer, wait until it is closed, and return its exit code.
+
+    A session opens as its overview, from which its trials are opened; several recordings of walks open as one
+    scene, from which each is opened.
+
+    Args:
+        names: paths of recordings, and names or folders of sessions; empty is the newest of either.
+        runs: the folder of recordings and of the session store.
+        on_damage: is told of each damaged recording of a session, to which the overview does not lead. By
+            default it is logged.
+
+    Raises InputError for a name that is neither and for a damaged recording that is named itself,
+    RecordingError for a viewer that cannot start, and MissingExtraError without Rerun.
+    """
+    with scratch_folder() as spare:
+        chosen = _find_runs(names, runs)
+        scene, alone = _common_scene(chosen, spare / "walks")
+        paths = [
+            one
+            if isinstance(one, Path)
+            else _current_overview(*one, spare / str(number), on_damage, several=len(chosen) > 1)
+            for number, one in enumerate(alone)
+        ]
+        return open_viewer([*scene[:1], *paths])
+
+
+def serve_runs(
+    names: Sequence[str],
+    runs: Path,
+    *,
+    on_url: Callable[[str], object],
+    stop_requested: Callable[[], bool],
+    on_damage: OnDamage = log_damage,
+) -> None:
+    """Serve recordings and sessions to browsers on this computer, until a stop is requested.
+
+    Args:
+        names: as for `view_runs`.
+        runs: the folder of recordings and of the session store.
+        on_url: called once, with the address that a browser opens.
+        stop_requested: asked ten times a second.
+        on_damage: as for `view_runs`.
+
+    Raises what `view_runs` raises.
+    """
+    chosen = _find_runs(names, runs)
+    port = free_port()
+    with FileServer(web_origin(port)) as files, scratch_folder() as folder:
+        walks = folder / "walks"
+        scene, alone = _common_scene(chosen, walks, files.base(walks.name))
+        urls = [files.add(walks.name, path) for path in scene][:1]
+        urls += [
+            _serve(one, files, folder / str(number), on_damage, several=len(chosen) > 1)
+            for number, one in enumerate(alone)
+        ]
+        with serve_web(port, urls) as served:
+            on_url(served.url)
+            while not stop_requested():
+                served.check()
+                time.sleep(0.1)
+
+
+def _common_scene(
+    chosen: Sequence[Path | StoredSession], folder: Path, base: str = ""
+) -> tuple[list[Path], Sequence[Path | StoredSession]]:
+    """Write a scene with the walks of several recordings to a folder.
+
+    Returns its files, empty without a scene, and what of the chosen is not in it.
+
+    Raises InputError for a missing or damaged file.
+    """
+    walks = [one for one in chosen if isinstance(one, Path) and one.name != FILE_NAME]
+    for walk in walks:
+        check_viewable(walk)
+    if len(chosen) < 2 or not walks or sum(walk.stat().st_size for walk in walks) > MOST_TOGETHER_BYTES:
+        return [], chosen
+    try:
+        scene = write_together(walks, folder, base)
+    except (InputError, RecordingError):  # without a walk, as that of a diagnosis; or the disk is full
+        return [], chosen
+    return scene, [one for one in chosen if one not in walks]
+
+
+def _serve(
+    chosen: Path | StoredSession, files: FileServer, into: Path, on_damage: OnDamage, *, several: bool
+) -> str:
+    """URL of a recording, or of a session's overview, whose links lead to recordings on the same server."""
+    if isinstance(chosen, Path):
+        return files.add(into.name, chosen)
+    session, folder = chosen
+    sound = _sound_ones(recordings_of(session, folder), on_damage)
+    for recording in sound.values():
+        files.add(session.name, recording)
+    base = files.base(session.name)
+    overview = write_overview(session, folder, into=into, base=base, recordings=sound, several=several)
+    return files.add(session.name, overview)
+
+
+def _sound_ones(recordings: RecordingPaths, on_damage: OnDamage) -> RecordingPaths:
+    """Recordings at which no viewer ends that opens them from an overview."""
+    look_at(recordings.values())
+    sound: RecordingPaths = {}
+    for key, path in recordings.items():
+        try:
+            check_viewable(path)
+        except InputError as error:
+            on_damage(error)
+        else:
+            sound[key] = path
+    return sound
+
+
+def _find_runs(names: Sequence[str], runs: Path) -> list[Path | StoredSession]:
+    return [_find_run(name, runs) for name in names] if names else [_newest_run(runs)]
+
+
+def _newest_run(runs: Path) -> Path | StoredSession:
+    """The recording that was written last, or the session that it belongs to."""
+    # An overview is written whenever its session is viewed: its time says nothing.
+    path = newest_recording(runs, leave_out=FILE_NAME)
+    name = path.parent.name
+    if name in stored_names(runs):
+        with suppress(StoreError):  # a session that is damaged has recordings all the same
+            session = load_session(name, runs)
+            if session.trials:
+                return session, runs / name
+    return path
+
+
+def _find_run(name: str, runs: Path) -> Path | StoredSession:
+    path = Path(name)
+    above = path.absolute().parent
+    if path.name == FILE_NAME and above.parent == runs.absolute() and above.name in stored_names(runs):
+        path = runs / above.name  # its overview is written again: an old one may lead to what is damaged
+    if path.suffix == ".rrd" or path.is_file():
+        return path
+    # A folder as the shell completes it: runs/SESSION/
+    session = path.name if path.parent == runs else name
+    if session not in stored_names(runs):
+        known = ", ".join(stored_names(runs)[-5:]) or "none yet, hexctl adapt makes one"
+        raise InputError(f"view: got {name!r}; allowed: an .rrd file or a session (newest last): {known}")
+    loaded, folder = load_session(session, runs), runs / session
+    if not loaded.trials:
+        raise InputError(
+            f"session {session}: has no trial yet; hexctl adapt --resume {shlex.quote(session)} continues it"
+        )
+    return loaded, folder
+
+
+def _current_overview(
+    session: Session, folder: Path, spare: Path, on_damage: OnDamage, *, several: bool
+) -> Path:
+    """Write the overview again: a session that was cut off, or still runs, left an old one or none.
+
+    It goes to the spare folder where that of the session takes nothing.
+    """
+    found = recordings_of(session, folder)
+    sound = _sound_ones(found, on_damage)
+    try:
+        return write_overview(session, folder, recordings=sound, several=several)
+    except (HexctlError, OSError):
+        # An old one may lead to what is damaged.
+        if len(sound) == len(found) and (folder / FILE_NAME).is_file():
+            return folder / FILE_NAME
+        return write_overview(session, folder, into=spare, recordings=sound, several=several)

@@ -1,0 +1,189 @@
+"""The steps of a session's search: what it expected of all gaits after each trial, and why it chose the next.
+
+A session stores what its optimizer was told, not what it believed. `bayes` decides by that alone, so that its
+beliefs are computed again: from the prior of the session, with the trials up to a moment. They are shown only
+where they are those of the session: each prediction that was stored with a trial has to come out again. The
+other optimizers expect nothing of gaits that they did not walk, and no optimizer of one's own is imported to
+look at a session, which may be another person's.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hexctl.adapt.optimizer import NINETY_PERCENT, Prediction
+from hexctl.adapt.optimizers.bayes import Bayes
+from hexctl.adapt.optimizers.shipped import BAYES, OPTIMIZERS, TRIM
+from hexctl.adapt.sessions.search_session import Session, SessionSpec, TrialRecord, trials_text
+from hexctl.adapt.sessions.session_optimizer import make_search
+from hexctl.adapt.sessions.stored import DAMAGE
+from hexctl.adapt.setting import load_setting
+from hexctl.errors import HexctlError, InputError
+from hexctl.recording.sessions.session_overview import GaitBeliefs, SearchStep, deviation_text, mark_text
+
+#: How far a prediction that is computed again may be off: other processors round otherwise.
+SAME_M = 1e-4
+
+#: Beliefs are shown until so many trials: it takes 2 s of computing to have all of them again, and the time
+#: grows with the third power of the trials. `bayes` seldom walks 20.
+MOST_TRIALS = 60
+
+#: Rows of the table of the gaits that are likeliest to be within the target.
+LIKELIEST = 5
+
+
+@dataclass(frozen=True, slots=True)
+class _Known:
+    """What a search knew after some trials.
+
+    Attributes:
+        beliefs: of all gaits.
+        likeliest: the gaits that are likeliest to be within the target, with what is predicted of them.
+        code: the gait that it would walk next.
+        why: in words.
+    """
+
+    beliefs: GaitBeliefs
+    likeliest: list[tuple[int, Prediction]]
+    code: int
+    why: str
+
+
+def search_steps(session: Session) -> tuple[SearchStep, ...]:
+    """Steps of a session's search, from before its first trial to after its last one."""
+    known: list[_Known] = []
+    missing = _without(session.spec)
+    try:
+        if (search := _search_of(session)) is not None:
+            known = list(_replayed(session, search))
+    except (HexctlError, OSError, *DAMAGE) as error:
+        missing = f"what was expected of the gaits cannot be shown: {' '.join(str(error).split())}"
+    else:
+        if known:
+            missing = f"what was expected of the gaits is shown until trial {MOST_TRIALS}"
+    return tuple(
+        _step(session, done, known[done] if done < len(known) else None, missing)
+        for done in range(len(session.trials) + 1)
+    )
+
+
+def _without(spec: SessionSpec) -> str:
+    """Why a search has no beliefs about the ends of walks that could be shown."""
+    if spec.optimizer == BAYES:
+        return "with this objective bayes expects scores and not ends of walks, which are not shown"
+    if spec.optimizer in (*OPTIMIZERS, TRIM):
+        return f"{spec.optimizer} expects nothing of gaits that it has not walked"
+    return f"what {spec.optimizer} expects of the gaits is not known here"
+
+
+def _search_of(session: Session) -> Bayes | None:
+    """The search of a session as it began; None for one without beliefs about the ends of walks.
+
+    Raises InputError where robot or prior are not those of the session any more.
+    """
+    spec = session.spec
+    if spec.optimizer != BAYES or spec.prior is None or spec.hold != "none":
+        return None
+    setting = load_setting(spec)
+    search = make_search(spec, setting.robot, setting.plan, setting.prior)
+    return search if isinstance(search, Bayes) else None
+
+
+def _replayed(session: Session, search: Bayes) -> Iterator[_Known]:
+    """What the search knew after 0, 1, … trials; raises InputError where that is not what the session had.
+
+    It ends after `MOST_TRIALS`.
+    """
+    state = session.optimizer_state or search.state()
+    told = state["search"]["trials"]
+    if [trial[0] for trial in told] != [trial.code for trial in session.trials]:
+        raise InputError("steps: the optimizer was told of other trials than the session has")
+    for done in range(min(len(told), MOST_TRIALS) + 1):
+        search.restore({**state, "asked": None, "search": {**state["search"], "trials": told[:done]}})
+        if done < len(told):
+            _check(session.trials[done], search)
+        yield _known(search, session.spec.uncertainty_m)
+
+
+def _check(trial: TrialRecord, search: Bayes) -> None:
+    """Raise InputError unless a search predicts of a trial what the session's own did."""
+    stored, now = trial.expected or {}, search.predict(trial.code).as_json()
+    names = ("signed_m", "low_m", "high_m")
+    if not all(name in stored and abs(stored[name] - now[name]) <= SAME_M for name in names):
+        raise InputError(f"steps: trial {trial.index} was expected to end elsewhere, by another version")
+
+
+def _known(search: Bayes, uncertainty_m: float) -> _Known:
+    """What a search knows now; the intervals include the simulation's own uncertainty, as the chances do."""
+    forecast, choice = search.forecast(), search.choice()
+    reach_m = NINETY_PERCENT * np.hypot(np.hypot(forecast.sd_m, forecast.noise_m), uncertainty_m)
+    beliefs = GaitBeliefs(
+        signed_m=forecast.mean_m, low_m=forecast.mean_m - reach_m, high_m=forecast.mean_m + reach_m
+    )
+    predicted = [(code, search.predict(code)) for code in range(1, len(forecast.mean_m) + 1)]
+    likeliest = sorted(predicted, key=lambda one: -one[1].chance)[:LIKELIEST]
+    return _Known(beliefs, likeliest, choice.code, choice.why)
+
+
+def _step(session: Session, done: int, known: _Known | None, missing: str) -> SearchStep:
+    """The step after some trials; `missing` says why nothing is known."""
+    following = session.trials[done] if done < len(session.trials) else None
+    lines = [f"### {f'After {trials_text(done)}' if done else 'Before the first trial'}", ""]
+    if done:
+        lines += [f"- {_ended(session.trials[done - 1], session.spec.uncertainty_m)}"]
+    lines += [f"- {_next(session, following, known)}"]
+    if known is None:
+        lines += [f"- {missing}"]
+    if session.baseline:
+        gaits = ", ".join(walk.gait for walk in session.baseline)
+        lines += [f"- the search does not see the baseline walks: {gaits}"]
+    if known is not None:
+        lines += ["", *_table(known)]
+    return SearchStep(
+        trials=done,
+        note="\n".join(lines) + "\n",
+        next_code=None if following is None else following.code,
+        beliefs=None if known is None else known.beliefs,
+    )
+
+
+def _ended(trial: TrialRecord, uncertainty_m: float) -> str:
+    """How a trial ended, and what was expected of it."""
+    result = trial.result
+    off = "at an unknown place" if result.deviation is None else deviation_text(result.deviation.signed)
+    text = f"trial {trial.index}, gait {trial.code}: {result.status}, {off}"
+    return text if trial.expected is None else f"{text}; expected {_expected(trial.expected, uncertainty_m)}"
+
+
+def _next(session: Session, following: TrialRecord | None, known: _Known | None) -> str:
+    """The next gait and why it was chosen, or why there is none."""
+    if following is None:
+        return "the session goes on" if session.ended is None else f"the search ended: {session.ended}"
+    text = f"**next: gait {following.code}**"
+    if following.confirms:
+        return f"{text}, a repeat of the best gait after the search"
+    if known is not None and known.code == following.code:
+        text += f", {known.why}"
+    if following.expected is None:
+        return text
+    return f"{text}; expected {_expected(following.expected, session.spec.uncertainty_m)}"
+
+
+def _expected(expected: dict[str, Any], uncertainty_m: float) -> str:
+    """A stored prediction in words; its interval includes the simulation's own uncertainty."""
+    middle_m = expected["signed_m"]
+    reach_m = np.hypot(expected["high_m"] - middle_m, NINETY_PERCENT * uncertainty_m)
+    ends = " to ".join(map(deviation_text, (middle_m - reach_m, middle_m + reach_m)))
+    return f"{deviation_text(middle_m)}, 90 % interval {ends}"
+
+
+def _table(known: _Known) -> Iterator[str]:
+    """Markdown: a row for each of some gaits."""
+    target_m, beliefs = known.likeliest[0][1].target_m, known.beliefs
+    yield f"| gait | expected | 90 % interval | within {mark_text(float(f'{target_m:.3g}'))} |"
+    yield "|--:|--:|---|--:|"
+    for code, one in known.likeliest:
+        low, high = (deviation_text(float(ends_m[code - 1])) for ends_m in (beliefs.low_m, beliefs.high_m))
+        yield f"| {code} | {deviation_text(one.signed_m)} | {low} to {high} | {100 * one.chance:.0f} % |"

@@ -1,0 +1,83 @@
+"""The optimizer of a session, as its spec and its prior ask for it."""
+
+import numpy as np
+
+from hexctl.adapt.arena import body_heading_rad
+from hexctl.adapt.optimizer import Optimizer, OptimizerClass
+from hexctl.adapt.optimizers.bayes import Bayes
+from hexctl.adapt.optimizers.deduplication import Deduplication
+from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
+from hexctl.adapt.optimizers.score_bayes import REAL_NOISE, SIMULATED_NOISE, WORTH, ScoreBayes
+from hexctl.adapt.optimizers.shipped import TRIM
+from hexctl.adapt.optimizers.trim import TrimSearch
+from hexctl.adapt.prior.prior import Prior, ScorePrior
+from hexctl.adapt.prior.prior_choice import DEFAULT_TARGET_M, noise_m
+from hexctl.adapt.prior.samples import samples_of, score_samples_of
+from hexctl.adapt.sessions.search_session import SessionSpec
+from hexctl.adapt.space import GaitSpace
+from hexctl.control.assessment.score import progress_floor_m
+from hexctl.control.assessment.static_stability import slots_by_stability
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.robot.model import Robot
+
+
+def make_search(
+    spec: SessionSpec,
+    robot: Robot,
+    plan: TrialPlan,
+    prior: Prior | ScorePrior | None,
+    optimizer: OptimizerClass | None = None,
+) -> Optimizer:
+    """Fresh optimizer of a session: `bayes` with a prior, else the one that its spec names.
+
+    Args:
+        spec: of the session.
+        robot: the robot that walks.
+        plan: of its trials.
+        prior: of the session, None where it has none.
+        optimizer: class of the optimizer, where it cannot be imported by the name in the spec.
+    """
+    space = GaitSpace((spec.failed_leg,))
+    if spec.optimizer == TRIM:
+        heading_rad = body_heading_rad(plan, robot)
+        ranked = slots_by_stability(robot, heading_rad=heading_rad, failure=plan.belief)
+        return TrimSearch(space, spec.seed, codes=[space.code_of(slots) for slots in ranked])
+    if prior is None:
+        inner = make_optimizer(optimizer or spec.optimizer, space, spec.seed)
+        return Deduplication(inner, spec.seed, paper_count=spec.count_repeats)
+    if isinstance(prior, ScorePrior):
+        return _score_search(spec, robot, space, prior)
+    return _end_search(spec, robot, plan, space, prior)
+
+
+def _score_search(spec: SessionSpec, robot: Robot, space: GaitSpace, prior: ScorePrior) -> Optimizer:
+    """The search for the best score of steered walks."""
+    return ScoreBayes(
+        space,
+        spec.seed,
+        samples=score_samples_of(prior, robot, spec.failed_leg, spec.objective),
+        noise=SIMULATED_NOISE if spec.simulated else REAL_NOISE,
+        worth=WORTH if spec.worth_m is None else spec.worth_m,
+        budget=spec.budget - spec.confirm,
+    )
+
+
+def _end_search(
+    spec: SessionSpec, robot: Robot, plan: TrialPlan, space: GaitSpace, prior: Prior
+) -> Optimizer:
+    """The search for the end nearest to the line, of walks in open loop."""
+    search = Bayes(
+        space,
+        spec.seed,
+        samples=samples_of(prior, robot, spec.failed_leg),
+        target_m=DEFAULT_TARGET_M if spec.target_m is None else spec.target_m,
+        duration_s=spec.duration_s,
+        floor_m=progress_floor_m(robot, plan, plan.duration_s),
+        noise_m=noise_m(spec),
+        uncertainty_m=spec.uncertainty_m,
+        worth_m=spec.worth_m or 0.0,
+        budget=spec.budget - spec.confirm,
+    )
+    if spec.sag_rad is not None:
+        search.observe_stance(np.array(spec.sag_rad, dtype=float))  # None becomes NaN
+    return search

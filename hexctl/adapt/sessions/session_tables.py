@@ -1,0 +1,150 @@
+"""Trials as tables: those of a session in a CSV or Parquet file, those of all sessions in one table."""
+
+import csv
+from pathlib import Path
+from typing import Any
+
+from hexctl.adapt.sessions.search_session import BASELINE_GAITS, Session
+from hexctl.adapt.sessions.store import RUNS, list_sessions, load_session
+from hexctl.control.trial_result import QUALITIES
+from hexctl.errors import InputError, MissingExtraError
+
+#: What was predicted for a trial, a column each.
+EXPECTED = ("signed_m", "low_m", "high_m", "chance")
+
+FORMATS = (".csv", ".parquet")
+
+#: Columns before those of the baseline, and after them.
+LATER_COLUMNS = ("cause",)
+LAST_COLUMNS = (
+    "hold",
+    *QUALITIES,
+    "trim_deg",
+    "wanted_trim_deg",
+    "turn_trim_deg_s",
+    "wanted_turn_trim_deg_s",
+    "margin_m",
+)
+
+#: Fields of `SessionSpec` that come last in an exported row.
+ASKED_COLUMNS = ("robot", "world", "failure", "duration_s", "target_m")
+
+#: What is told of the session in each row: fields of `SessionSpec`.
+SPEC_COLUMNS = ("robot", "world", "failure", "objective", "duration_s", "backend")
+
+#: Columns that an empty table has, so that a question about it has an answer.
+USUAL_COLUMNS = (
+    "session",
+    "created",
+    *SPEC_COLUMNS,
+    *("optimizer", "failed_leg", "seed", "index", "code", "slots", "score", "status", "walked_s"),
+    *("distance_m", "deviation_signed_m", "energy_j", "cost_of_transport"),
+)
+
+
+def flat_rows(session: Session) -> list[dict[str, Any]]:
+    """Rows, one per trial; empty for a session without trials.
+
+    The baseline is in columns of its own, the same in every row: a row of its own would be taken for a trial.
+    """
+    rows = []
+    baseline = _baseline_columns(session)
+    for trial in session.trials:
+        values = trial.as_json()
+        deviation = values.pop("deviation_m")
+        expected = values.pop("expected") or {}
+        values |= {f"expected_{name}": expected.get(name) for name in EXPECTED}
+        values["slots"] = " ".join(str(slot) for slot in trial.slots)
+        values |= {f"deviation_{name}_m": value for name, value in deviation.items()}
+        spec = session.spec
+        head = {"session": session.name, "optimizer": spec.optimizer, "failed_leg": spec.failed_leg}
+        asked = {name: getattr(spec, name) for name in ASKED_COLUMNS}
+        later, last = ({name: values.pop(name) for name in names} for names in (LATER_COLUMNS, LAST_COLUMNS))
+        rows.append({**head, "seed": spec.seed, **values, **later, **baseline, **last, **asked})
+    return rows
+
+
+def _baseline_columns(session: Session) -> dict[str, Any]:
+    """Four columns for each gait of a baseline, None where it was not walked."""
+    walked = {walk.gait: walk.as_json() for walk in session.baseline}
+    columns: dict[str, Any] = {}
+    for gait in dict.fromkeys((*BASELINE_GAITS[1:], *BASELINE_GAITS, *walked)):
+        walk = walked.get(gait, {})
+        columns[f"baseline_{gait}_score"] = walk.get("score")
+        columns[f"baseline_{gait}_deviation_m"] = walk.get("deviation_m", {}).get("signed")
+        columns[f"baseline_{gait}_distance_m"] = walk.get("distance_m")
+        columns[f"baseline_{gait}_status"] = walk.get("status")
+    return columns
+
+
+def export_session(name: str, path: Path | str, folder: Path | str = RUNS) -> None:
+    """Write a session's trials to a new .csv or .parquet file.
+
+    Raises InputError for a name that is not there, another ending, a file that exists or cannot be written,
+    or a session without trials; StoreError for a session that is damaged.
+    """
+    session, path = load_session(name, folder), Path(path)
+    if path.suffix not in FORMATS:
+        raise InputError(f"export: got {path.name}; allowed: a name that ends in {' or '.join(FORMATS)}")
+    if not session.trials:
+        raise InputError(f"session {session.name}: has no trials to export")
+    try:
+        with path.open("xb"):
+            pass
+        (_write_csv if path.suffix == ".csv" else _write_parquet)(flat_rows(session), path)
+    except FileExistsError:
+        raise InputError(f"export: {path} exists; allowed: a new file, nothing is replaced") from None
+    except OSError as error:
+        raise InputError(
+            f"export: {path} cannot be written ({error.strerror}); allowed: a new file"
+        ) from error
+
+
+def _write_csv(rows: list[dict[str, Any]], path: Path) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, fieldnames=list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def _write_parquet(rows: list[dict[str, Any]], path: Path) -> None:
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ModuleNotFoundError as error:
+        path.unlink()
+        raise MissingExtraError("Parquet export", "study") from error
+    pq.write_table(pa.Table.from_pylist(rows), path)
+
+
+def sessions(folder: Path | str = RUNS) -> Any:
+    """All trials of all sessions of a folder, a row each, for questions across sessions.
+
+    Columns are those of `export_session` (`session`, `optimizer`, `failed_leg`, `slots`, `score`, `status`,
+    `deviation_signed_m`, ...), and of each session `created`, `robot`, `world`, `failure`, `objective`,
+    `duration_s` and `backend`.
+
+    Args:
+        folder: where the sessions lie.
+
+    Gives a `pandas.DataFrame` where pandas is installed (extra `data`), with `created` as times, else a list
+    of dicts; both are empty where there are no trials, the first with its usual columns.
+    """
+    rows = [row for session in list_sessions(folder) for row in _rows(session)]
+    try:
+        import pandas
+    except ModuleNotFoundError:
+        return rows
+    table = pandas.DataFrame(rows, columns=None if rows else list(USUAL_COLUMNS))
+    if rows:
+        table["created"] = pandas.to_datetime(table["created"], utc=True)
+    return table
+
+
+def _rows(session: Session) -> list[dict[str, Any]]:
+    """Rows of a session, with what it was about in front."""
+    spec = session.spec.as_json()
+    about = {name: spec.get(name) for name in SPEC_COLUMNS}
+    return [
+        {"session": row["session"], "created": session.created, **about, **row} for row in flat_rows(session)
+    ]

@@ -1,0 +1,334 @@
+"""The loop of trials: ask for a gait, walk it, tell the score, store the trial."""
+
+import math
+from collections.abc import Callable
+from itertools import takewhile
+from typing import Any, Protocol
+
+import numpy as np
+
+from hexctl.adapt.objectives import Objective, make_objective
+from hexctl.adapt.optimizer import Observation, Optimizer, Prediction
+from hexctl.adapt.optimizers.trim import wanted_trim_rad, wanted_turn_trim_rad_s
+from hexctl.adapt.runner import LegFailedError, RobotStoppedError, WalkedTrial, noticed_legs
+from hexctl.adapt.sessions.recommendation import Contender, next_to_confirm
+from hexctl.adapt.sessions.search_session import (
+    BASELINE_INDEX,
+    BaselineRecord,
+    ConfirmationRecord,
+    Session,
+    TrialRecord,
+)
+from hexctl.adapt.sessions.store import SessionStore
+from hexctl.adapt.space import GaitSpace
+from hexctl.control.assessment.uncertainty_store import CONFIRM_STEP_S
+from hexctl.control.preparation import StopRequested, never
+from hexctl.control.stop_reason import reason_in_words
+from hexctl.control.trial import Enough
+from hexctl.errors import HexctlError, InputError, RecordingError, argument
+from hexctl.gait.encoding import Slots
+from hexctl.gait.gait import AUTO, NAMED_SLOTS
+
+#: Ticks between two stored points of a path: 5 Hz.
+PATH_STRIDE = 10
+
+
+#: Why a search ended whose optimizer expects too little of another trial.
+NOT_WORTH = "not worth another trial"
+
+
+class Walk(Protocol):
+    """Walks a gait."""
+
+    def __call__(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
+        """Walk the trial of an index, until `should_stop` of its path, where that is given.
+
+        The index of a baseline is `BASELINE_INDEX`; its code is 0 where its slots have none.
+        """
+
+
+OnTrial = Callable[[Session, TrialRecord], None]
+
+OnBaseline = Callable[[Session, BaselineRecord], None]
+
+OnConfirmation = Callable[[Session, ConfirmationRecord], None]
+
+
+class AdaptLoop:
+    """Continues a session until its budget is spent, its target reached, or a stop requested.
+
+    Each trial is durable, together with the optimizer's state after it, before the next one starts; so a
+    session that is cut off anywhere continues to the same end.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        store: SessionStore,
+        optimizer: Optimizer,
+        walk: Walk,
+        *,
+        objective: Objective | None = None,
+        stop_requested: StopRequested = never,
+        on_trial: OnTrial | None = None,
+        on_baseline: OnBaseline | None = None,
+        stable_slots: Slots | None = None,
+        margin_m_of: Callable[[Slots], float] | None = None,
+        walk_finely: Walk | None = None,
+        on_confirmation: OnConfirmation | None = None,
+    ) -> None:
+        """Prepare to continue a session.
+
+        `objective` is the one that its spec names unless given, `stable_slots` those of the gait `auto`,
+        where the session's baseline has it. `margin_m_of` gives the static stability margin of a gait.
+        `walk_finely` walks at the time step `CONFIRM_STEP_S`; None if nothing is to be confirmed.
+        """
+        self._session, self._store, self._optimizer = session, store, optimizer
+        self._walk = walk
+        self._baseline_slots = NAMED_SLOTS if stable_slots is None else {**NAMED_SLOTS, AUTO: stable_slots}
+        self._margin_m_of, self._walk_finely = margin_m_of, walk_finely
+        self._on_confirmation = on_confirmation
+        self._objective = make_objective(session.spec.objective) if objective is None else objective
+        self._stop_requested, self._on_trial, self._on_baseline = stop_requested, on_trial, on_baseline
+        if session.optimizer_state is not None:
+            optimizer.restore(session.optimizer_state)
+
+    def run(self) -> str:
+        """Run trials and return why the search ended.
+
+        `budget`, `target`, `confirmed` (the optimizer is sure of a gait), `exhausted`,
+        `not worth another trial` (too little is expected to be gained) or `interrupted`.
+        Raises InputError when the objective fails; RobotStoppedError when the robot stopped; RecordingError
+        after a trial whose recording is not whole: the trial is stored, unless it was interrupted.
+        """
+        self._session.settled_on = None
+        self._store_end(None)
+        ended = self._search() if self._walk_baseline() else "interrupted"
+        if ended != "interrupted" and not (self._confirm() and self._confirm_finely()):
+            ended = "interrupted"
+        self._note_settled()
+        self._store_end(None if ended == "interrupted" else ended)
+        return ended
+
+    @property
+    def _index(self) -> int:
+        """Index of the next trial."""
+        return len(self._session.trials) + 1
+
+    def _store_end(self, ended: str | None) -> None:
+        self._session.ended = ended
+        self._store.keep(self._session)
+
+    def _walk_baseline(self) -> bool:
+        """Walk the gaits that the robot would use anyway, those that are missing; False when interrupted.
+
+        They are walked before the first trial or not at all, and the optimizer is not told of them.
+        """
+        session, space = self._session, self._optimizer.space
+        walked = {walk.gait for walk in session.baseline}
+        for name in [] if session.trials else session.spec.baseline_gaits:
+            if name in walked:
+                continue
+            if self._stop_requested():
+                return False
+            slots = self._baseline_slots[name]
+            code = _code_of(space, slots)
+            what = f"the baseline {name}"
+            one = self._checked(self._walk(BASELINE_INDEX, code or 0, slots, None), what)
+            if one.result.status == "aborted":
+                _check_recording(one, f"{what} was interrupted")
+                return False
+            record = BaselineRecord(
+                gait=name,
+                code=code,
+                slots=slots,
+                score=self._scored(one, what),
+                margin_m=self._margin_m(slots),
+                **_stored(one),
+            )
+            self._store.add_baseline(session, record)
+            if self._on_baseline is not None:
+                self._on_baseline(session, record)
+            _check_recording(one, f"{what} is done")
+        return True
+
+    def _search(self) -> str:
+        spec = self._session.spec
+        while len(self._session.trials) < spec.budget - spec.confirm:
+            if self._reached():
+                return "target"
+            if self._optimizer.finished:
+                return "confirmed"
+            if not self._optimizer.worthwhile:
+                return NOT_WORTH
+            if self._optimizer.exhausted:
+                return "exhausted"
+            if self._stop_requested():
+                return "interrupted"
+            (code,) = self._optimizer.ask(1)
+            predicted = self._optimizer.predict(code)
+            should_stop = self._optimizer.early_stopping(code) if spec.early_stop else None
+            walked = self._try(code, should_stop)
+            if walked.result.status == "aborted":
+                _check_recording(walked, f"trial {self._index} was interrupted")
+                return "interrupted"
+            score = self._score(code, walked)
+            self._optimizer.tell([code], [score], [Observation.of(walked.result)])
+            self._store_trial(code, score, walked, predicted)
+        if self._optimizer.finished:
+            return "confirmed"
+        return "target" if self._reached() else "budget"
+
+    def _note_settled(self) -> None:
+        """Note which gait the optimizer settles on, and what it predicts for it."""
+        code = self._optimizer.recommended()
+        predicted = self._optimizer.predict(code) if code is not None else None
+        self._session.settled_on = None if predicted is None else {"code": code, **predicted.as_json()}
+
+    def _reached(self) -> bool:
+        """Whether the best trial so far is within the target, unless the optimizer judges that."""
+        if self._optimizer.judges_target:
+            return False
+        target_m, best = self._session.spec.target_m, self._session.best
+        return target_m is not None and best is not None and best.score <= target_m
+
+    def _confirm(self) -> bool:
+        """Repeat the best gait as often as asked; return False when interrupted."""
+        session, spec = self._session, self._session.spec
+        while self._repeats() < spec.confirm and len(session.trials) < spec.budget:
+            code = self._optimizer.recommended() or (session.best.code if session.best else None)
+            if code is None:
+                break
+            predicted = self._optimizer.predict(code)
+            walked = self._try(code)
+            if walked.result.status == "aborted":
+                _check_recording(walked, f"trial {self._index} was interrupted")
+                return False
+            score = self._score(code, walked)
+            self._optimizer.repeat(code, score, Observation.of(walked.result))
+            self._store_trial(code, score, walked, predicted, confirms=True)
+        return True
+
+    def _confirm_finely(self) -> bool:
+        """Walk what may be recommended once more at a finer time step; return False when interrupted."""
+        while self._walk_finely is not None and (found := next_to_confirm(self._session)) is not None:
+            if self._stop_requested() or not self._confirmed(found, self._walk_finely):
+                return False
+        return True
+
+    def _confirmed(self, found: Contender, walk: Walk) -> bool:
+        """Walk a contender at a finer time step and store it; return False when interrupted."""
+        index = found.walk.index if isinstance(found.walk, TrialRecord) else BASELINE_INDEX
+        code, slots = found.walk.code, found.walk.slots
+        what = f"the confirmation of gait {code}"
+        one = self._checked(walk(index, code or 0, slots, None), what)
+        if one.result.status == "aborted":
+            return False
+        record = ConfirmationRecord(
+            code=code,
+            slots=slots,
+            score=self._scored(one, what),
+            margin_m=found.walk.margin_m,
+            time_step_s=CONFIRM_STEP_S,
+            **_stored(one),
+        )
+        self._store.add_confirmation(self._session, record)
+        if self._on_confirmation is not None:
+            self._on_confirmation(self._session, record)
+        return True
+
+    def _repeats(self) -> int:
+        """Number of repeats of the best gait since the last trial of the search."""
+        return sum(1 for _ in takewhile(lambda trial: trial.confirms, reversed(self._session.trials)))
+
+    def _try(self, code: int, should_stop: Enough | None = None) -> WalkedTrial:
+        """Walk a code; raises RobotStoppedError when the robot, not the operator, stopped it."""
+        index, slots = self._index, self._optimizer.space.slots_of(code)
+        return self._checked(self._walk(index, code, slots, should_stop), f"trial {index}")
+
+    def _checked(self, walked: WalkedTrial, what: str) -> WalkedTrial:
+        """A walk; raises RobotStoppedError when the robot, not the operator, stopped it, or a leg failed."""
+        result = walked.result
+        if result.status == "aborted" and result.stopped != "requested":
+            reason = result.stopped or "for no known reason"
+            if legs := tuple(one.failure.leg for one in noticed_legs(result)):
+                raise LegFailedError(f"{what} does not count: {reason}", reason, legs)
+            raise RobotStoppedError(f"{what}: the robot was stopped: {reason_in_words(reason)}", reason)
+        return walked
+
+    def _margin_m(self, slots: Slots) -> float | None:
+        return None if self._margin_m_of is None else self._margin_m_of(slots)
+
+    def _score(self, code: int, walked: WalkedTrial) -> float:
+        """Score of a walked trial."""
+        return self._scored(walked, f"trial {self._index}, gait {code}")
+
+    def _scored(self, walked: WalkedTrial, what: str) -> float:
+        """Score of a walk.
+
+        Raises InputError when the objective fails; the session is as it was before the walk, which can be
+        walked again once the objective is mended.
+        """
+        try:
+            return self._objective(walked.result)
+        except Exception as error:
+            reason = str(error) if isinstance(error, HexctlError) else f"{type(error).__name__}: {error}"
+            raise InputError(
+                f"objective {self._objective.name}: failed on {what} "
+                f"({' '.join(reason.split())}); the trials before it are stored: once it is mended, "
+                f"{argument('resume')} {self._session.name} walks it again"
+            ) from error
+
+    def _store_trial(
+        self,
+        code: int,
+        score: float,
+        walked: WalkedTrial,
+        predicted: Prediction | None,
+        *,
+        confirms: bool = False,
+    ) -> None:
+        """Make the trial durable and report it; raises RecordingError if its recording is not whole."""
+        slots = self._optimizer.space.slots_of(code)
+        trial = TrialRecord(
+            index=self._index,
+            code=code,
+            slots=slots,
+            score=score,
+            margin_m=self._margin_m(slots),
+            **_stored(walked),
+            confirms=confirms,
+            expected=None if predicted is None else predicted.as_json(),
+        )
+        self._store.add_trial(self._session, trial, self._optimizer.state())
+        if self._on_trial is not None:
+            self._on_trial(self._session, trial)
+        _check_recording(walked, f"trial {trial.index} is done")
+
+
+def _code_of(space: GaitSpace, slots: Slots) -> int | None:
+    """Code of slots; None for those that are not in the space."""
+    try:
+        return space.code_of(slots)
+    except InputError:
+        return None
+
+
+def _check_recording(walked: WalkedTrial, done: str) -> None:
+    """Raise RecordingError for a trial whose recording is not whole."""
+    error = walked.recording_error
+    if error is not None:
+        raise RecordingError(f"{done}, its recording is not whole: {error}") from error
+
+
+def _stored(walked: WalkedTrial) -> dict[str, Any]:
+    """Result and recording of a walk, by the fields of its record."""
+    points = np.round(walked.result.path_m[::PATH_STRIDE], 4)
+    wanted_rad, wanted_rad_s = wanted_trim_rad(walked.result), wanted_turn_trim_rad_s(walked.result)
+    return {
+        "outcome": walked.result.to_dict(),
+        "path_m": points[np.isfinite(points).all(axis=1)].tolist(),
+        "recording": None if walked.recording is None else str(walked.recording),
+        "wanted_trim_deg": None if wanted_rad is None else math.degrees(wanted_rad),
+        "wanted_turn_trim_deg_s": None if wanted_rad_s is None else math.degrees(wanted_rad_s),
+    }

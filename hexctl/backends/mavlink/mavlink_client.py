@@ -1,0 +1,311 @@
+"""A MAVLink servo board as LegServos; docs/firmware.md specifies the board's side."""
+
+import math
+import time
+from contextlib import ExitStack
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from hexctl.backends.base import LegServos, as_robot, check_connected, check_targets
+from hexctl.backends.clock import Clock, CountedClock, WallClock
+from hexctl.backends.mavlink import mavlink_messages
+from hexctl.backends.mavlink.codec import Codec
+from hexctl.backends.mavlink.mavlink_transport import (
+    LinkCounters,
+    MavlinkLink,
+    open_port,
+    parse_port,
+)
+from hexctl.backends.mavlink.receiver import Peer, Receiver, Stamped
+from hexctl.errors import RobotFaultError
+from hexctl.robot.model import Robot
+from hexctl.robot.servos.raw_map import RawMap
+from hexctl.robot.servos.servo_map import ServoMap
+from hexctl.types import FloatArray, JointTargets, RobotState
+from hexctl.waiting import wait_for
+
+#: How long a board may take for its first heartbeat, and then for its first servo positions.
+CONNECT_TIMEOUT_S = 3.0
+
+#: A pose this much older than the outputs is not used.
+STALE_POSE_S = 0.2
+
+#: A battery reading older than this is not used.
+STALE_BATTERY_S = 10.0
+
+#: How long an error text of the board is a fault.
+ERROR_TEXT_S = 2.0
+
+#: Where between two states of the board the ticks of this end fall: as far from both as possible.
+PHASE = 0.5
+
+#: After so long without a write the board may hold the pose before the next one, and for so long heartbeats
+#: then tell it that this end is there: it takes the first overrides for late ones otherwise.
+PAUSE_S, RESUMES_S = 0.1, 0.4
+
+WHO = "the servo board"
+
+
+class MavlinkServos(LegServos):
+    """Client of a servo board.
+
+    Each `write` sends one RC_CHANNELS_OVERRIDE in whole microseconds, after the pulse limits. States are an
+    echo unless the board reports measured positions. `read` gives one snapshot per tick; its age grows while
+    the board is silent, which the guard judges. After `close` the board holds the pose.
+
+    Args:
+        robot: the robot that the servos belong to, or the name or path of its file.
+        servo_map: conversion between joint angles and pulses.
+        port: `udpout:HOST:PORT`, `udpin:HOST:PORT`, or a serial device.
+        clock: a wall clock in phase with the board unless given.
+        signing_key: 32 bytes that sign all frames, or None.
+
+    Attributes:
+        counters: counters of the link.
+    """
+
+    def __init__(
+        self,
+        robot: Robot | str | Path,
+        *,
+        servo_map: ServoMap,
+        port: str,
+        clock: Clock | None = None,
+        signing_key: bytes | None = None,
+    ) -> None:
+        self._robot = as_robot(robot)
+        self._map = servo_map
+        self._port_text, self._address = port, parse_port(port)
+        # The phase of a clock that was given is left alone.
+        self._wall = WallClock() if clock is None else None
+        self._clock = CountedClock(clock or self._wall or WallClock())
+        self._signing_key = signing_key
+        self.counters = LinkCounters()
+        self._opened: ExitStack | None = None
+        self._assumed_rad = self._robot.stance_angles_rad.copy()
+        self._snapshot: tuple[int, RobotState] | None = None
+        self._written_at_s = self._resumed_at_s = -math.inf
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that the servos belong to."""
+        return self._robot
+
+    @property
+    def clock(self) -> Clock:
+        """The clock of this end."""
+        return self._clock
+
+    @property
+    def link_counts(self) -> dict[str, int]:
+        """`counters` by name."""
+        return asdict(self.counters)
+
+    @property
+    def servo_map(self) -> ServoMap:
+        """The servo map in use."""
+        return self._map
+
+    def remap(self, servo_map: RawMap) -> None:
+        """Use another calibration from now on: the pulses stay, and mean other angles.
+
+        A guard around these servos must be cleared right after, or it takes the change for a movement.
+        """
+        raw = self._map.raw(self._assumed_rad)
+        self._map = self._map.calibrated_as(servo_map)
+        self._assumed_rad = self._map.angles_rad(raw)
+        self._snapshot = None
+
+    def connect(self) -> None:
+        """Open the port, and wait for the heartbeat of the board and its servo positions.
+
+        Raises RobotFaultError that says what to check.
+        """
+        if self._opened is not None:
+            return
+        with ExitStack() as opening:
+            port = open_port(self._address, text=self._port_text)
+            opening.callback(port.close)
+            codec = Codec(
+                mavlink_messages.CONTROLLER_SYSTEM,
+                mavlink_messages.CONTROLLER_COMPONENT,
+                signing_key=self._signing_key,
+            )
+            self._link = MavlinkLink(port, codec)
+            self._receiver = Receiver(self._link, self.counters)
+            self._receiver.start()
+            opening.callback(self._receiver.stop)
+            self._peer = self._await_peer()
+            self._await_outputs()
+            self._snapshot = None
+            self._opened = opening.pop_all()
+
+    def read(self) -> RobotState:
+        """Newest state; the same one until the next tick.
+
+        Raises RobotFaultError when not connected or when the port has gone.
+        """
+        check_connected(self._opened is not None, WHO)
+        if self._snapshot is None or self._snapshot[0] != self._clock.ticks:
+            self._snapshot = (self._clock.ticks, self._newest())
+        return self._snapshot[1].copy()
+
+    def write(self, targets: JointTargets) -> JointTargets:
+        """Send targets as pulses; the result is the nearest targets that the pulse limits allow."""
+        check_connected(self._opened is not None, WHO)
+        check_targets(targets)
+        sent = targets
+        if self._map.outside(targets.positions_rad).any():
+            self.counters.clipped += 1
+            sent = JointTargets(self._map.limited_rad(targets.positions_rad), targets.stamp_s)
+        pulses = self._map.to_us(sent.positions_rad)
+        if self._resumes():
+            self._send(self._receiver.heartbeat())
+        self._send(mavlink_messages.override(pulses, self._peer.system, self._peer.component))
+        self._assumed_rad = sent.positions_rad.copy()
+        return sent
+
+    def disable_torque(self) -> bool:
+        """Release all servos until the next targets."""
+        check_connected(self._opened is not None, WHO)
+        self._send(mavlink_messages.release(self._peer.system, self._peer.component))
+        return True
+
+    def close(self) -> None:
+        """Announce the end and close the port; the board holds the pose."""
+        if self._opened is not None:
+            opened, self._opened = self._opened, None
+            opened.close()
+
+    def _resumes(self) -> bool:
+        """Whether a write follows a pause, or has followed one of late; notes the write."""
+        now_s = time.monotonic()
+        if now_s - self._written_at_s > PAUSE_S:
+            self._resumed_at_s = now_s
+        self._written_at_s = now_s
+        return now_s - self._resumed_at_s < RESUMES_S
+
+    def _send(self, message: object) -> None:
+        self._check_port()
+        try:
+            self._link.send(message, self._peer.address)
+        except OSError as error:
+            raise RobotFaultError(self._gone(error)) from error
+
+    def _check_port(self) -> None:
+        if self._receiver.error is not None:
+            raise RobotFaultError(self._gone(self._receiver.error))
+
+    def _gone(self, error: OSError) -> str:
+        return f"the port {self._port_text} has gone ({error.strerror or error}); is the cable still in?"
+
+    def _await_peer(self) -> Peer:
+        """Wait for the heartbeat of the board."""
+
+        def peer() -> Peer | None:
+            self._check_port()
+            return self._receiver.peer
+
+        return wait_for(peer, CONNECT_TIMEOUT_S, self._no_heartbeat, poll_s=0.002)
+
+    def _no_heartbeat(self) -> str:
+        """Error message for a missing heartbeat, with what to check."""
+        if self._receiver.wrong_type is not None:
+            return (
+                f"a MAVLink system of type {self._receiver.wrong_type} is at {self._port_text}, no servo "
+                "board; allowed: MAV_TYPE 0 or 18, see docs/firmware.md"
+            )
+        heard = f"{self._link.received_bytes} bytes came, {self.counters.malformed} runs of them no MAVLink 2"
+        return (
+            f"no heartbeat of a servo board at {self._port_text} within {CONNECT_TIMEOUT_S:g} s ({heard}); "
+            "is it on, are port and baud rate right, and has it the same signing key, or none?"
+        )
+
+    def _await_outputs(self) -> None:
+        """Wait for the servo positions of the board, and put the ticks of this end between its states."""
+
+        def first_outputs() -> Stamped | None:
+            self._check_port()
+            return self._receiver.newest("outputs")
+
+        message = (
+            f"the servo board at {self._port_text} sends no ACTUATOR_OUTPUT_STATUS with pulses in "
+            "microseconds; see docs/firmware.md"
+        )
+        outputs = wait_for(first_outputs, CONNECT_TIMEOUT_S, message, poll_s=0.002)
+        if self._wall is not None:
+            self._wall.begin(outputs.at_s - self._clock.period_s * PHASE)
+
+    def _newest(self) -> RobotState:
+        """State put together from the newest messages."""
+        self._check_port()
+        now_s = time.monotonic()
+        outputs = self._receiver.newest("outputs")
+        assert outputs is not None  # noqa: S101  connect waited for it
+        age_s = max(0.0, now_s - outputs.at_s)
+        told = self._receiver.newest("measured")
+        measured = told is not None and bool(told.value)
+        position, quaternion = self._pose(outputs.at_s)
+        battery = self._battery(now_s)
+        fault = self._fault(now_s, battery)
+        return RobotState(
+            self._positions(outputs.value, measured=measured),
+            stamp_s=max(0.0, self._clock.now_s - age_s),
+            measured=measured,
+            base_position_world=position,
+            base_quaternion_world=quaternion,
+            age_s=age_s,
+            healthy=fault is None,
+            fault=fault,
+            battery_v=battery.voltage_v,
+            battery_share=battery.share,
+        )
+
+    def _positions(self, outputs: mavlink_messages.Outputs, *, measured: bool) -> FloatArray:
+        """Joint angles of the outputs of the board.
+
+        The position of a servo without feedback that is not driven is unknown: its last target counts, and
+        before the first one the stance.
+        """
+        told = self._map.to_rad(outputs.pulses_us)
+        unknown = np.isnan(told)
+        if not measured:
+            unknown |= ~outputs.active[self._map.channels - 1]
+        return np.where(unknown, self._assumed_rad, told)
+
+    def _pose(self, outputs_at_s: float) -> tuple[FloatArray | None, FloatArray | None]:
+        """Position and orientation; each None once outputs keep arriving without it, but not in silence."""
+        if (odometry := _fresh(self._receiver.newest("odometry"), outputs_at_s, STALE_POSE_S)) is not None:
+            return odometry.value.position_world, odometry.value.quaternion_world
+        position = _fresh(self._receiver.newest("position"), outputs_at_s, STALE_POSE_S)
+        attitude = _fresh(self._receiver.newest("attitude"), outputs_at_s, STALE_POSE_S)
+        return None if position is None else position.value, None if attitude is None else attitude.value
+
+    def _battery(self, now_s: float) -> mavlink_messages.Battery:
+        """Newest reading of the battery; BATTERY_STATUS has priority over SYS_STATUS."""
+        for name in ("battery", "system"):
+            reading = _fresh(self._receiver.newest(name), now_s, STALE_BATTERY_S)
+            if reading is not None and reading.value.voltage_v is not None:
+                battery: mavlink_messages.Battery = reading.value
+                return battery
+        return mavlink_messages.Battery(None, None)
+
+    def _fault(self, now_s: float, battery: mavlink_messages.Battery) -> str | None:
+        """Fault of the board, or None."""
+        least, voltage = self._map.low_battery_v, battery.voltage_v
+        if least is not None and voltage is not None and voltage < least:
+            return f"low battery {voltage:.1f} V"
+        text = _fresh(self._receiver.newest("error"), now_s, ERROR_TEXT_S)
+        if text is not None:
+            return f"the board says: {text.value}"
+        state = self._receiver.newest("heartbeat")
+        if state is not None and state.value >= mavlink_messages.EMERGENCY:
+            return f"the board reports MAV_STATE {state.value}"
+        return None
+
+
+def _fresh(stamped: Stamped | None, now_s: float, within_s: float) -> Stamped | None:
+    """The value if it is not too old."""
+    return stamped if stamped is not None and now_s - stamped.at_s <= within_s else None

@@ -1,0 +1,172 @@
+"""Many simulations, stepped together by `mujoco.batch`."""
+
+import copy
+from collections.abc import Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch, SimulationError
+
+from hexctl.backends.base import TruePose
+from hexctl.backends.sim.effort import JointTorques
+from hexctl.backends.sim.sensing import SensorMemory
+from hexctl.backends.sim.servos import SimServos
+from hexctl.backends.sim.simulated_failure import FailuresToCome, held_rad
+from hexctl.backends.sim.simulation_model import FIRST_JOINT
+from hexctl.types import FloatArray, RobotState
+
+
+def batch_layout(servos: SimServos) -> tuple[object, ...]:
+    """What simulations must have in common to be stepped together: ticks, delays and sizes of the model."""
+    model, world = servos.simulation.physics.model.ptr, servos.world
+    sizes = [getattr(model, name) for name in dir(model) if name.startswith("n") and name != "names"]
+    counts = tuple(size for size in sizes if isinstance(size, int))
+    return (servos.robot.fingerprint, world.time_step_s, world.latency_steps, *counts)
+
+
+class SimBatch:
+    """Copies of connected simulations as they stand now: same model, same state, same noise to come.
+
+    A copy that is stepped with the same targets as its original gives the same states to the last bit.
+
+    Args:
+        servos: the simulation; or several of one `batch_layout`, in worlds and with failures of their own.
+        n: number of copies; or of each simulation, whose rows follow one another.
+        threads: threads that simulate; 0 uses all cores.
+
+    Attributes:
+        running: which simulations are still stepped, (n,); one that diverges drops out by itself, and a
+            caller may clear others. The state of one that has dropped out means nothing.
+    """
+
+    def __init__(
+        self, servos: SimServos | Sequence[SimServos], n: int | Sequence[int], threads: int = 0
+    ) -> None:
+        each = [servos] if isinstance(servos, SimServos) else list(servos)
+        counts = [n] if isinstance(n, int) else list(n)
+        models = [one.simulation.physics.model.ptr for one in each]
+        self._batch = Batch(models[0], sum(counts), threads)
+        if len(models) > 1 or any(one.events for one in each):
+            # Models of their own: an event changes that of its simulation.
+            self._batch.set_models(np.repeat(np.array(models, dtype=object), counts).tolist())
+        stops = np.cumsum(counts).tolist()
+        rows = [slice(stop - count, stop) for stop, count in zip(stops, counts, strict=True)]
+        self._copies = [_Copies(one, self._batch, part) for one, part in zip(each, rows, strict=True)]
+        self._nstep = each[0].world.steps_per_tick
+        self._qpos, self._ctrl = self._batch.bind("qpos"), self._batch.bind("ctrl")
+        self.running = np.ones(sum(counts), dtype=bool)
+
+    def tick(self) -> None:
+        """Step every running simulation by one control period."""
+        for part in self._copies:
+            part.let_fail()
+        after = self._copies[0].sensors.steps_after
+        self._step(self._nstep - after)
+        for part in self._copies:
+            part.sensors.keep()
+        if after:
+            self._step(after)
+        for part in self._copies:
+            part.draw()
+
+    def _step(self, nstep: int) -> None:
+        """Step every running simulation; one that diverges no longer runs."""
+        if not self.running.any():
+            return
+        everyone = self.running.all()
+        try:
+            self._batch.step(None if everyone else np.flatnonzero(self.running), nstep=nstep)
+        except SimulationError as error:
+            self.running[error.ids] = False
+        if self._batch.warning.any():
+            self.running &= ~self._batch.warning.any(axis=(-2, -1))
+
+    @property
+    def true_pose(self) -> TruePose:
+        """Positions (n, 3) and orientations (n, 4) of the bases as they are."""
+        return self._qpos[:, :3], self._qpos[:, 3:FIRST_JOINT]
+
+    def read(self) -> RobotState:
+        """States after the last tick, with the worlds' sensor noise; arrays of leading shape (n,).
+
+        Where some robots measure no pose in this tick, theirs is NaN; the time is that of the first one.
+        """
+        states = [part.read() for part in self._copies]
+        return states[0] if len(states) == 1 else _together(states)
+
+    def write(self, positions_rad: FloatArray) -> None:
+        """Command the simulated servos; targets (n, 18) in rad."""
+        for part in self._copies:
+            self._ctrl[part.rows] = part.drive(positions_rad[part.rows])
+
+
+class _Copies:
+    """Copies of one simulation in some rows of a batch: what they measure, and how they are driven."""
+
+    def __init__(self, servos: SimServos, batch: Any, rows: slice) -> None:
+        self.rows, n = rows, rows.stop - rows.start
+        self._simulation, self._period_s = servos.simulation, servos.clock.period_s
+        self._loss, self._actuators = copy.deepcopy(servos.loss), servos.actuators.copies(n)
+        self._start_index, self._ticks = round(servos.clock.now_s / self._period_s), 0
+        physics, row = self._simulation.physics, np.empty(batch.nstate)
+        mujoco.mj_getState(physics.model.ptr, physics.data.ptr, row, mujoco.mjtState.mjSTATE_INTEGRATION)
+        batch.state[rows] = row
+        memory = SensorMemory.of(
+            servos.sensors.torques, lambda name: batch.bind(name)[rows], self._actuators.asked_rad
+        )
+        self.sensors = servos.sensors.copies(memory, servos.world, n)
+        self._ctrl, self._to_come = batch.bind("ctrl")[rows], FailuresToCome(servos.events, self._period_s)
+
+    def let_fail(self) -> None:
+        """Let legs fail or heal whose time has come; the walk begins with the second control period."""
+        for event in self._to_come.due():
+            self._simulation.failed.change(event.leg, event.failure)
+            self.sensors.torques = JointTorques.of(self._simulation)
+            held = held_rad(self._simulation.failed, self.sensors.memory.qpos, self._ctrl)
+            self._actuators.leg_changed(event.leg, held, self._ctrl)
+
+    def draw(self) -> None:
+        """Draw what is random in the next tick."""
+        self.sensors.draw()
+        self._loss.draw()
+        self._ticks += 1
+
+    def read(self) -> RobotState:
+        """States after the last tick, with the world's sensor noise."""
+        return self.sensors.read((self._start_index + self._ticks) * self._period_s)
+
+    def drive(self, positions_rad: FloatArray) -> FloatArray:
+        """Actuator commands of this tick for joint targets."""
+        return self._actuators.drive(positions_rad, self._loss.lost)
+
+
+def _together(states: Sequence[RobotState]) -> RobotState:
+    """States of several simulations as one."""
+    first = states[0]
+    return RobotState(
+        np.concatenate([state.joint_positions_rad for state in states]),
+        first.stamp_s,
+        True,
+        _stacked([state.base_position_world for state in states], states, 3),
+        _stacked([state.base_quaternion_world for state in states], states, 4),
+        np.concatenate([state.foot_contacts for state in states if state.foot_contacts is not None]),
+        first.age_s,
+        joint_torques_nm=np.concatenate(
+            [state.joint_torques_nm for state in states if state.joint_torques_nm is not None]
+        ),
+    )
+
+
+def _stacked(
+    parts: Sequence[FloatArray | None], states: Sequence[RobotState], width: int
+) -> FloatArray | None:
+    """Rows of several simulations, NaN where one has none; None where none has."""
+    if all(part is None for part in parts):
+        return None
+    counts = [len(state.joint_positions_rad) for state in states]
+    rows = [
+        np.full((count, width), np.nan) if part is None else part
+        for part, count in zip(parts, counts, strict=True)
+    ]
+    return np.concatenate(rows)

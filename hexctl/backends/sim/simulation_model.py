@@ -1,0 +1,403 @@
+"""The simulated model: robot, world and failure compiled into one dm_control Physics in its start state."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from hexctl.backends.sim.dm import mjcf
+from hexctl.backends.sim.simulated_failure import FIRST_SPEED, FailedLegs, check_stuck_angle
+from hexctl.backends.sim.terrain import ROUGH_CELLS, ROUGH_HALF_SIZE_M, Floor, make_floor
+from hexctl.backends.sim.world import World, per_joint, per_leg
+from hexctl.errors import InputError
+from hexctl.robot.failure import Failures, each_failure
+from hexctl.robot.formats.mjcf import GEAR_DAMPING, STICTION
+from hexctl.robot.model import Body, Robot
+from hexctl.types import (
+    JOINT_KINDS,
+    N_JOINTS,
+    N_LEGS,
+    ArrayFields,
+    FloatArray,
+)
+
+#: Where the joints begin in qpos: after the free joint's position and quaternion.
+FIRST_JOINT = 7
+
+#: Place of the touch sensors of the feet in sensordata, behind the forces of the actuators.
+TOUCH = slice(N_JOINTS, N_JOINTS + N_LEGS)
+
+#: Friction of a contact against spinning and rolling; contacts of three dimensions have none.
+TURNING_FRICTION = (0.005, 0.0001)
+
+#: A geom collides with the floor only; legs pass through one another.
+ROBOT_CONTACT = {"contype": 0, "conaffinity": 1}
+NO_CONTACT = {"contype": 0, "conaffinity": 0}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Simulation(ArrayFields):
+    """A compiled simulation in its start state.
+
+    Attributes:
+        physics: dm_control Physics; qpos is base position, base quaternion, 18 joints.
+        world: the world it was made from.
+        floor: the floor it stands on.
+        joint_offsets_rad: calibration error per joint: true angle - angle reported by the servo, (18,).
+        failed: its failed legs.
+    """
+
+    physics: Any
+    world: World
+    floor: Floor
+    joint_offsets_rad: FloatArray
+    failed: FailedLegs
+
+
+def make_simulation(
+    robot: Robot, world: World, failure: Failures = None, seed: int = 0, facing_rad: float = 0.0
+) -> Simulation:
+    """The simulation of a robot that stands in a world, with failed legs if any are given.
+
+    `facing_rad` is the yaw in which the robot is put down.
+    """
+    floor = make_floor(world, seed)
+    body = make_body(robot)
+    _stretch_tibias(body, world)
+    _load_trunk(body, robot, world)
+    _load_payload(body, world)
+    root = _make_world(world, floor)
+    root.attach(body).add("freejoint")
+    missing = [one.leg for one in each_failure(failure) if one.kind == "missing"]
+    _lay_grain(root, body, world, missing)
+    _measure_forces(root, body, world)
+    physics = mjcf.Physics.from_mjcf_model(root)
+    # The plain mj_step order, which mujoco.batch also takes: results are then equal to the last bit.
+    physics.legacy_step = False
+    _check_order(physics)
+    _fill_heights(physics, floor)
+    _change_joints(physics, world)
+    failed = FailedLegs(physics, robot)
+    for one in each_failure(failure):
+        if one.kind == "stuck":
+            check_stuck_angle(robot, one)
+        failed.change(one.leg, one, physics.data.ptr)
+    _set_start_state(physics, robot, world, floor, facing_rad)
+    offsets = _joint_offsets(world, seed)
+    return Simulation(physics, world, floor, offsets, failed)
+
+
+def _load_trunk(body: Any, robot: Robot, world: World) -> None:
+    """Change and shift the mass of the trunk; its shape stays where it is."""
+    if not world.added_mass_share and not any(world.body_mass_shift_m):
+        return
+    mass_kg = robot.body.mass_kg + world.added_mass_share * robot.mass_kg
+    if mass_kg <= 0:
+        least = -robot.body.mass_kg / robot.mass_kg
+        raise InputError(
+            f"added_mass_share: got {world.added_mass_share:g}; allowed for {robot.name}: above {least:.3g}"
+        )
+    # A solid beside the trunk's own carries the mass.
+    solid = body.find("geom", "mass") or body.find("geom", "trunk")
+    at = np.zeros(3) if solid.pos is None else np.array(solid.pos)
+    body.find("body", "trunk").add(
+        "geom",
+        name="ballast",
+        type=solid.type,
+        size=solid.size,
+        pos=at + world.body_mass_shift_m,
+        mass=mass_kg,
+        **NO_CONTACT,
+    )
+    solid.mass = 0
+
+
+def _load_payload(body: Any, world: World) -> None:
+    """Put the payload on the trunk, as a mass without contact."""
+    if world.payload_kg:
+        trunk = body.find("body", "trunk")
+        trunk.add(
+            "geom",
+            name="payload",
+            type="box",
+            size=[0.02, 0.02, 0.02],
+            pos=world.payload_position_m,
+            mass=world.payload_kg,
+            **NO_CONTACT,
+        )
+
+
+def _stretch_tibias(body: Any, world: World) -> None:
+    """Make the tibias longer or shorter than the robot file has them; their mass stays where it is."""
+    for leg, error in enumerate(per_leg(world.tibia_error).tolist(), start=1):
+        if error:
+            tibia = body.find("geom", f"leg{leg}/tibia")
+            tibia.fromto = [*tibia.fromto[:3], *((1 + error) * np.array(tibia.fromto[3:]))]
+            for part in (body.find("geom", f"leg{leg}/foot"), body.find("site", f"leg{leg}/foot")):
+                part.pos = (1 + error) * np.array(part.pos)
+
+
+def _lay_grain(root: Any, body: Any, world: World, missing_legs: Sequence[int]) -> None:
+    """Give the feet another friction along the world's y axis than along its x axis.
+
+    A contact's first tangential axis is the y axis, projected onto the floor, for every contact between a
+    sphere and a plane or a height field; only explicit pairs of geoms have a friction for each axis.
+    """
+    if world.friction_ratio == 1:
+        return
+    along_y = world.friction * world.friction_ratio
+    floors = [geom for name in ("bumps", "floor") if (geom := root.find("geom", name)) is not None]
+    for leg in range(1, N_LEGS + 1):
+        for floor in floors if leg not in missing_legs else ():
+            root.contact.add(
+                "pair",
+                geom1=floor,
+                geom2=body.find("geom", f"leg{leg}/foot"),
+                condim=3,
+                friction=[along_y, world.friction, *TURNING_FRICTION, TURNING_FRICTION[1]],
+                solref=floor.solref,
+            )
+
+
+def _measure_forces(root: Any, body: Any, world: World) -> None:
+    """Give each actuator a sensor that remembers its force at every step of a control period.
+
+    Targets jump once per period and forces with them, so that a force at any one moment is far from the mean.
+    """
+    for actuator in body.find_all("actuator"):
+        root.sensor.add("actuatorfrc", actuator=actuator, nsample=world.steps_per_tick)
+
+
+def _make_world(world: World, floor: Floor) -> Any:
+    """An mjcf model with the physics options and the floor."""
+    root = mjcf.RootElement(model="world")
+    root.compiler.angle = "radian"
+    root.option.timestep = world.time_step_s
+    root.option.integrator = "implicitfast"
+    root.option.cone = world.friction_cone
+    root.option.tolerance = world.solver_tolerance
+    # One robot on one floor: a sparse Jacobian and no search for islands save a fifth of the time.
+    root.option.jacobian = "sparse"
+    root.option.flag.island = "disable"
+    contact: dict[str, Any] = {
+        "contype": 1,
+        "conaffinity": 0,
+        "friction": [world.friction, *TURNING_FRICTION],
+        "solref": [world.contact_time_s, 1],
+        "priority": 1,  # the floor's friction and softness count, whatever the feet are made of
+        "quat": floor.quaternion_world,
+    }
+    depth = 0.0
+    if floor.heights_m is not None:
+        low, high = floor.heights_m.min(), floor.heights_m.max()
+        root.asset.add(
+            "hfield",
+            name="bumps",
+            nrow=ROUGH_CELLS,
+            ncol=ROUGH_CELLS,
+            size=[ROUGH_HALF_SIZE_M, ROUGH_HALF_SIZE_M, high - low, 0.1],
+        )
+        root.worldbody.add(
+            "geom", name="bumps", type="hfield", hfield="bumps", pos=low * floor.normal_world, **contact
+        )
+        depth = low
+    root.worldbody.add(
+        "geom", name="floor", type="plane", size=[0, 0, 1], pos=depth * floor.normal_world, **contact
+    )
+    return root
+
+
+def _check_order(physics: Any) -> None:
+    """Raise unless joints and actuators are leg-major and the feet's sensors last, as arrays expect."""
+    expected = [f"leg{leg}/{kind}" for leg in range(1, N_LEGS + 1) for kind in JOINT_KINDS]
+    model = physics.model
+    joints = [model.id2name(index, "joint") for index in range(1, N_JOINTS + 1)]
+    actuators = [model.id2name(index, "actuator") for index in range(N_JOINTS)]
+    for names in (joints, actuators):
+        if [name.split("/", 1)[1] for name in names] != expected:
+            raise RuntimeError(f"the compiled model has an unexpected order: {names}")
+    kinds = [mujoco.mjtSensor.mjSENS_ACTUATORFRC] * N_JOINTS + [mujoco.mjtSensor.mjSENS_TOUCH] * N_LEGS
+    if model.sensor_type.tolist() != [int(kind) for kind in kinds]:
+        raise RuntimeError(f"the compiled model has unexpected sensors: {model.sensor_type}")
+
+
+def _fill_heights(physics: Any, floor: Floor) -> None:
+    """Write the bumps into the compiled height field, scaled to 0..1."""
+    if floor.heights_m is not None:
+        spread = floor.heights_m - floor.heights_m.min()
+        physics.model.hfield_data[:] = (spread / spread.max()).ravel()
+
+
+def _change_joints(physics: Any, world: World) -> None:
+    """Scale torque limit and stiffness of the servos by the world, and give the joints its friction."""
+    model = physics.model
+    model.actuator_forcerange[:] *= world.servo_strength
+    stiffness = world.servo_stiffness * per_joint(world.joint_stiffness)
+    model.actuator_gainprm[:, 0] *= stiffness
+    model.actuator_biasprm[:, 1] *= stiffness
+    if world.joint_friction_nm is not None:
+        model.dof_frictionloss[FIRST_SPEED:] = per_joint(world.joint_friction_nm)
+
+
+def _set_start_state(physics: Any, robot: Robot, world: World, floor: Floor, facing_rad: float) -> None:
+    """Put the robot on the floor in its nominal stance; where legs are too long, a little above."""
+    radius = robot.stance_radius_m + 2 * robot.foot_radius_m
+    longest = max(0.0, float(per_leg(world.tibia_error).max())) * float(robot.link_lengths_m[-1])
+    height = robot.standing_height_m + longest + max(0.0, floor.highest_near_origin_m(radius))
+    data = physics.data
+    data.qpos[:3] = height * floor.normal_world
+    data.qpos[3:FIRST_JOINT] = _turned(floor.quaternion_world, facing_rad)
+    data.qpos[FIRST_JOINT:] = robot.stance_angles_rad
+    data.ctrl[:] = robot.stance_angles_rad
+    physics.forward()
+
+
+def _joint_offsets(world: World, seed: int) -> FloatArray:
+    """Calibration errors of the joints, (18,)."""
+    given = world.joint_offset_deg
+    if isinstance(given, tuple):
+        return np.radians(given)
+    # A stream of its own, so that bumps and offsets do not depend on one another.
+    return np.random.default_rng([seed, 1]).normal(scale=np.radians(given), size=N_JOINTS)
+
+
+def _turned(quaternion: FloatArray, yaw_rad: float) -> FloatArray:
+    """An orientation (w, x, y, z) after a turn about the vertical of the body."""
+    cos, sin = math.cos(yaw_rad / 2), math.sin(yaw_rad / 2)
+    w, x, y, z = quaternion
+    return np.array([w * cos - z * sin, x * cos + y * sin, y * cos - x * sin, z * cos + w * sin])
+
+
+def make_body(robot: Robot) -> Any:
+    """The mjcf model of a robot; its leg k is the attachment `leg{k}`."""
+    root = mjcf.RootElement(model=robot.name)
+    trunk = root.worldbody.add("body", name="trunk")
+    length, width, height = robot.body.size_m
+    shape = {
+        "box": {"type": "box", "size": [length / 2, width / 2, height / 2]},
+        "cylinder": {"type": "cylinder", "size": [length / 2, height / 2]},
+    }[robot.body.shape]
+    trunk.add("geom", name="trunk", mass=robot.body.mass_kg, **shape, **ROBOT_CONTACT)
+    _place_mass(trunk, robot.body)
+    for index in range(N_LEGS):
+        mount = trunk.add(
+            "site",
+            name=f"mount{index + 1}",
+            pos=robot.mount_positions_body[index],
+            euler=[0, 0, robot.mount_yaws_rad[index]],
+        )
+        mount.attach(_make_leg(robot, f"leg{index + 1}"))
+    return root
+
+
+def _place_mass(trunk: Any, body: Body) -> None:
+    """Give the trunk its own centre of mass and inertia, where the robot file has them.
+
+    A solid without contact carries the mass: the trunk's own shape, or the box that has the inertia.
+    """
+    box_m = body.even_box_m
+    if box_m is None and not any(body.com_m):
+        return
+    shape = trunk.geom["trunk"]
+    solid = (
+        {"type": shape.type, "size": shape.size}
+        if box_m is None
+        else {"type": "box", "size": [side / 2 for side in box_m]}
+    )
+    trunk.add("geom", name="mass", pos=body.com_m, mass=body.mass_kg, **solid, **NO_CONTACT)
+    shape.mass = 0
+
+
+def _make_leg(robot: Robot, name: str) -> Any:
+    """One leg in the plane of x outward and z up: three links, three servos, a foot and its touch sensor."""
+    leg = mjcf.RootElement(model=name)
+    leg.compiler.angle = "radian"
+    parent: Any = leg.worldbody
+    start = [0.0, 0.0, 0.0]
+    for index, kind in enumerate(JOINT_KINDS):
+        link = parent.add("body", name=kind, pos=start)
+        _add_servo(leg, link, robot, index)
+        outward, up = robot.link_vectors_m[index]
+        start = [outward, 0.0, up]
+        contact = NO_CONTACT if kind == "coxa" else ROBOT_CONTACT
+        link.add(
+            "geom",
+            name=kind,
+            type="capsule",
+            fromto=[0, 0, 0, *_link_end(robot, index)],
+            size=[robot.link_radii_m[index]],
+            mass=robot.link_masses_kg[index],
+            **contact,
+        )
+        _shift_link_mass(link, robot, index)
+        parent = link
+    parent.add(
+        "geom", name="foot", type="sphere", pos=start, size=[robot.foot_radius_m], mass=0, **ROBOT_CONTACT
+    )
+    touch = parent.add("site", name="foot", type="sphere", pos=start, size=[1.5 * robot.foot_radius_m])
+    leg.sensor.add("touch", name="foot", site=touch)
+    return leg
+
+
+def _shift_link_mass(link: Any, robot: Robot, index: int) -> None:
+    """Move the mass of a link to its centre of mass, where the robot file has one."""
+    if robot.link_coms_m is None:
+        return
+    shape = link.geom[JOINT_KINDS[index]]
+    off = robot.link_coms_m[index] - robot.link_vectors_m[index] / 2
+    start = [off[0], 0.0, off[1]]
+    end = [off[0] + robot.link_vectors_m[index][0], 0.0, off[1] + robot.link_vectors_m[index][1]]
+    link.add(
+        "geom",
+        name=f"{JOINT_KINDS[index]}_mass",
+        type="capsule",
+        fromto=[*start, *end],
+        size=shape.size,
+        mass=shape.mass,
+        **NO_CONTACT,
+    )
+    shape.mass = 0
+
+
+def _link_end(robot: Robot, index: int) -> list[float]:
+    """End of the capsule of a link; the tibia ends before the foot, so that the foot touches first."""
+    outward, up = robot.link_vectors_m[index]
+    share = 1.0
+    if JOINT_KINDS[index] == "tibia":
+        share = max(0.5, 1 - robot.foot_radius_m / float((outward**2 + up**2) ** 0.5))
+    return [share * outward, 0.0, share * up]
+
+
+def _add_servo(leg: Any, link: Any, robot: Robot, index: int) -> None:
+    """Add a joint and the position servo that drives it."""
+    kind = JOINT_KINDS[index]
+    low, high = robot.joint_lower_rad[index], robot.joint_upper_rad[index]
+    # A negative turn about y lifts what points along x.
+    axis = [0, 0, 1] if kind == "coxa" else [0, -1, 0]
+    friction_nm = float(robot.dry_friction_nm[index])
+    joint = link.add(
+        "joint",
+        name=kind,
+        type="hinge",
+        axis=axis,
+        limited=True,
+        range=[low, high],
+        armature=robot.servo.rotor_inertia_kg_m2,
+        # The servo is a motor at a share of its voltage, limited to 1, of which its back-EMF takes a part.
+        damping=GEAR_DAMPING + float(robot.back_emf_nm_s_per_rad[index]),
+        frictionloss=friction_nm,
+        solimpfriction=list(STICTION),
+    )
+    torque = robot.joint_max_torque_nm[index]
+    leg.actuator.add(
+        "position",
+        name=kind,
+        joint=joint,
+        kp=robot.stiffness_nm_per_rad[index],
+        kv=robot.servo.damping_nm_s_per_rad,
+        forcelimited=True,
+        forcerange=[-torque, torque],
+    )

@@ -1,0 +1,442 @@
+"""Zenoh client: queries, the lease of a robot, and the served robot as LegServos."""
+
+import math
+import os
+import re
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from hexctl.backends.base import LegServos, as_robot, check_connected, check_targets
+from hexctl.backends.clock import Clock, CountedClock, WallClock
+from hexctl.backends.zenoh.subscriber import LatestValues, StateSubscriber
+from hexctl.errors import MessageError, RobotFaultError, argument, shown
+from hexctl.robot.failure import Failure
+from hexctl.robot.model import Robot
+from hexctl.types import JointTargets, RobotState
+from hexctl.waiting import wait_for
+from hexctl.wire import TIME_TO_LIVE_S
+from hexctl.wire.description import (
+    RobotIdentity,
+    check_may_command,
+    check_same_robot,
+    decode_answer,
+    encode_json,
+    robot_of,
+    status_of,
+)
+from hexctl.wire.links import CLEAR_COMMAND, KeyMap, Link, Role
+from hexctl.wire.zenoh_messages import LEASE_ID_BYTES, CommandTag, encode_positions, prepare_codec
+from hexctl.wire.zenoh_session import open_session
+
+#: A robot answers within a tick; more than this is silence.
+ANSWER_TIMEOUT_S = 1.0
+
+#: How long a robot may take to give a lease.
+ACQUIRE_TIMEOUT_S = 2.0
+
+#: Shortest and longest lease that is held, in s: it is renewed at a third of its time.
+LEASES_S = (0.1, 600.0)
+
+#: How long a robot may take to describe itself.
+DESCRIBE_TIMEOUT_S = 3.0
+
+#: How long an answer about the lease is waited for before the request is sent again: on a link that loses
+#: messages one comes through before the robot takes silence for a failure. At the end a third of the lease is
+#: waited, for links that are slow.
+RESEND_S = (0.03, 0.03, 0.05, 0.1)
+
+#: How long the reason for a lost lease may take to arrive.
+STOP_REASON_TIMEOUT_S = 0.3
+
+#: Where in the robot's period the ticks of this end fall: as far from its ticks as possible.
+PHASE = 0.5
+
+NO_LEASE = bytes(LEASE_ID_BYTES)
+
+WHO = "the robot on the network"
+
+
+def ask(
+    session: zenoh.Session,
+    key: str,
+    content: dict[str, Any] | None = None,
+    *,
+    timeout_s: float = ANSWER_TIMEOUT_S,
+) -> list[dict[str, Any]]:
+    """Answers of the robots at a key, one JSON object each; empty if none answers.
+
+    Args:
+        session: an open session.
+        key: one key, or a key expression.
+        content: payload of the query, or None.
+        timeout_s: how long to wait for answers.
+    """
+    payload = None if content is None else encode_json(content)
+    answers = []
+    for reply in session.get(key, payload=payload, timeout=timeout_s):
+        if reply.ok is not None:
+            try:
+                answers.append(decode_answer(bytes(reply.ok.payload)))
+            except MessageError:
+                continue
+    return answers
+
+
+def ask_until(
+    session: zenoh.Session,
+    key: str,
+    content: dict[str, Any] | None = None,
+    *,
+    timeout_s: float,
+    silence: str,
+) -> list[dict[str, Any]]:
+    """Repeat a query until a robot answers: it may be starting just now.
+
+    Raises RobotFaultError with the text `silence` when none answers within the time.
+    """
+    once_s = min(ANSWER_TIMEOUT_S, timeout_s)
+    return wait_for(lambda: ask(session, key, content, timeout_s=once_s), timeout_s, silence, poll_s=0.05)
+
+
+def owner_name() -> str:
+    """Name under which this process holds a lease, shown to other clients."""
+    return f"hexctl on {socket.gethostname()} (process {os.getpid()})"
+
+
+def granted(answer: Mapping[str, Any]) -> tuple[bytes, int, float]:
+    """Identifier, number and duration in s of the lease that an answer grants.
+
+    Raises RobotFaultError for an answer that grants none that could be held.
+    """
+    text, sequence = answer.get("lease"), answer.get("sequence")
+    duration_s: Any = answer.get("duration_s")
+    if (
+        isinstance(text, str)
+        and re.fullmatch(f"[0-9a-f]{{{2 * LEASE_ID_BYTES}}}", text)
+        and type(sequence) is int
+        and 0 < sequence < 1 << 32
+        and type(duration_s) in (int, float)
+        and LEASES_S[0] <= duration_s <= LEASES_S[1]
+    ):
+        return bytes.fromhex(text), sequence, float(duration_s)
+    raise RobotFaultError(
+        f"the robot grants a lease that this hexctl does not understand: {shown(dict(answer))}; install the "
+        "same version on both ends"
+    )
+
+
+def state_before(answer: Mapping[str, Any]) -> int:
+    """Number of the newest state before a lease was granted; 0 if it is not a number."""
+    state = answer.get("state")
+    return state if type(state) is int and state > 0 else 0
+
+
+class LeaseClient:
+    """Holds the lease of a robot from `acquire` to `release`, renewing it at a third of its time.
+
+    Attributes:
+        lease_id: identifier that commands carry.
+        sequence: number of the lease.
+        after_state: number of the newest state before it was granted.
+        lost: why the lease is gone, or None while it is in force.
+        lost_at_s: when it was lost, on time.monotonic.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        key: str,
+        heard_at_s: Callable[[], float] = lambda: -math.inf,
+        *,
+        clear: str = CLEAR_COMMAND,
+    ) -> None:
+        """Hold nothing yet.
+
+        Args:
+            session: an open session.
+            key: of the robot's lease.
+            heard_at_s: when the robot was heard last otherwise, on time.monotonic: one that is heard has not
+                gone, though answers get lost.
+            clear: command that ends a stop of that robot, which refusals name.
+        """
+        self._clear = clear
+        self._session, self._key, self._heard_at_s = session, key, heard_at_s
+        self.lease_id = b""
+        self.sequence = self.after_state = 0
+        self.lost: str | None = None
+        self.lost_at_s = 0.0
+        self._duration_s = 0.0
+        self._released = threading.Event()
+        self._renewal: threading.Thread | None = None
+
+    def acquire(self) -> None:
+        """Take the lease.
+
+        Raises RobotFaultError that says who holds the robot, or why it gives none.
+        """
+        answer = self._query_lease()
+        self.lease_id, self.sequence, self._duration_s = granted(answer)
+        self.after_state = state_before(answer)
+        self._renewal = threading.Thread(target=self._renew, name="lease", daemon=True)
+        self._renewal.start()
+
+    def _query_lease(self) -> dict[str, Any]:
+        """Answer of the robot to a request for the lease; raises RobotFaultError for a refusal."""
+        wanted = {"op": "acquire", "owner": owner_name()}
+        refusal = ""
+
+        def granted() -> dict[str, Any] | None:
+            nonlocal refusal
+            silence = "the robot gives no lease: it does not answer, or this end may not command it"
+            answers = ask_until(
+                self._session, self._key, wanted, timeout_s=ACQUIRE_TIMEOUT_S, silence=silence
+            )
+            if answers[0].get("error") is None:
+                return answers[0]
+            refusal = str(answers[0]["error"])
+            # A lost answer may have granted the lease to this process already; that lease expires by itself.
+            if owner_name() not in refusal:
+                raise RobotFaultError(refusal.replace(CLEAR_COMMAND, self._clear))
+            return None
+
+        return wait_for(granted, ACQUIRE_TIMEOUT_S, lambda: refusal, poll_s=0.2)
+
+    def pause_watchdog(self, after: int) -> None:
+        """Tell the robot that no command is due after one, by its number, until the next one."""
+        self._request("rest", after=after)
+
+    def release(self) -> None:
+        """Give the lease back, if it is still in force."""
+        self._released.set()
+        if self._renewal is not None:
+            self._renewal.join()
+            if self.lost is None:
+                self._request("release")
+
+    def _renew(self) -> None:
+        """Renew until released; a robot that does not answer for the duration of the lease has gone."""
+        heard_s = time.monotonic()
+        pause_s = self._duration_s / 3
+        while not self._released.wait(pause_s) and self.lost is None:
+            answer = self._request("renew")
+            pause_s = self._duration_s / (20 if answer is None else 3)
+            if answer is not None:
+                heard_s = self.lost_at_s = time.monotonic()
+                self.lost = answer.get("error")
+                continue
+            silent_s = time.monotonic() - max(heard_s, self._heard_at_s())
+            if silent_s > self._duration_s:
+                self.lost_at_s = time.monotonic()
+                self.lost = f"the robot has not answered for {silent_s:.1f} s"
+
+    def _request(self, op: str, **words: Any) -> dict[str, Any] | None:
+        """Answer to a request about the lease, which is sent until it is answered; None without one."""
+        content = {"op": op, "lease": self.lease_id.hex(), **words}
+        soon_s = [min(resend_s, self._duration_s / 10) for resend_s in RESEND_S]
+        for timeout_s in (*soon_s, self._duration_s / 3):
+            try:
+                answers = ask(self._session, self._key, content, timeout_s=timeout_s)
+            except zenoh.ZError:
+                return None
+            if answers:
+                return answers[0]
+        return None
+
+
+class ZenohServos(LegServos):
+    """Client of a robot that `hexctl serve` puts on the network.
+
+    Connecting compares the robot descriptions of both ends and takes the lease; closing releases it. The
+    clock is the wall clock of this end. `read` gives the newest state that arrived before the tick.
+
+    Args:
+        robot: the robot expected at the other end, or the name or path of its file.
+        link: endpoint, credentials and names of the link.
+        latest: where received messages are kept; a new one unless given.
+    """
+
+    def __init__(self, robot: Robot | str | Path, *, link: Link, latest: LatestValues | None = None) -> None:
+        self._robot, self._link = as_robot(robot), link
+        self._keys = link.keys(self._robot.name)
+        self._wall = WallClock()
+        self._clock = CountedClock(self._wall)
+        self._opened: ExitStack | None = None
+        self._subscriber = StateSubscriber(self._keys, latest or LatestValues(), plain=link.plain)
+        self._lease: LeaseClient | None = None
+        self._sequence = 0
+        self._snapshot: tuple[int, RobotState] | None = None
+
+    @property
+    def link(self) -> Link:
+        """Link to the robot."""
+        return self._link
+
+    @property
+    def robot(self) -> Robot:
+        """The robot expected at the other end."""
+        return self._robot
+
+    @property
+    def clock(self) -> Clock:
+        """The clock of this end."""
+        return self._clock
+
+    @property
+    def failures(self) -> tuple[Failure, ...] | None:  # type: ignore[override]  # as it tells
+        """Failures in force in a simulation at the other end, as it told last; None for a robot."""
+        return None if self._opened is None else self._subscriber.failures
+
+    def connect(self) -> None:
+        """Open the link, verify the robot, take its lease and wait for its first state.
+
+        Raises InputError for a link that is not allowed, otherwise RobotFaultError with what to check.
+        """
+        if self._opened is not None:
+            return
+        prepare_codec()
+        with ExitStack() as opening:
+            session = opening.enter_context(open_session(self._link, Role.CONTROLLER, self._keys))
+            if not self._link.plain:
+                self._check_robot(session)
+            self._subscriber.subscribe(session)
+            if not self._link.plain:
+                self._lease = LeaseClient(
+                    session,
+                    self._keys.lease,
+                    lambda: self._subscriber.heard_at_s,
+                    clear=self._link.clear_command,
+                )
+                self._lease.acquire()
+                opening.callback(self._lease.release)
+                # An older state may report a stop that the lease has lifted.
+                self._subscriber.forget(after=self._lease.after_state)
+            self._publisher = session.declare_publisher(
+                self._keys.command,
+                congestion_control=zenoh.CongestionControl.DROP,
+                priority=zenoh.Priority.REAL_TIME,
+                express=True,
+            )
+            self._sequence = 0
+            self._snapshot = None
+            # The ticks of this end fall into the middle of the robot's.
+            self._wall.begin(self._subscriber.wait_for_first_s() - self._clock.period_s * PHASE)
+            self._opened = opening.pop_all()
+
+    def read(self) -> RobotState:
+        """Newest state; the same one until the next tick.
+
+        Raises RobotFaultError when not connected, when the robot is silent, or when the lease is lost.
+        """
+        check_connected(self._opened is not None, WHO)
+        if self._snapshot is None or self._snapshot[0] != self._clock.ticks:
+            try:
+                state = self._subscriber.newest(self._clock.now_s)
+                self._check_ours(state)
+            except RobotFaultError as error:
+                if (why := self._clock.standing_still()) is None:
+                    raise
+                raise RobotFaultError(f"{why}, and the robot stopped without its commands") from error
+            self._snapshot = (self._clock.ticks, state)
+        return self._snapshot[1].copy()
+
+    def write(self, targets: JointTargets) -> JointTargets:
+        """Send targets to the robot, whose guard has the last word."""
+        check_connected(self._opened is not None, WHO)
+        check_targets(targets)
+        self._sequence += 1
+        self._publisher.put(encode_positions(targets.positions_rad), attachment=self._tag())
+        return targets
+
+    def pause_watchdog(self) -> None:
+        """Tell the robot that no command is due until the next one."""
+        if self._opened is not None and self._lease is not None:
+            self._lease.pause_watchdog(self._sequence)
+
+    def close(self) -> None:
+        """Release the lease and close the link."""
+        if self._opened is not None:
+            opened, self._opened = self._opened, None
+            opened.close()
+
+    def _check_robot(self, session: zenoh.Session) -> None:
+        """Raise RobotFaultError for another robot than the one expected."""
+        silence = (
+            f"no robot called {self._robot.name} answers at {self._link.endpoint}; "
+            f"is hexctl serve running there, with the same {argument('robot')}?"
+        )
+        try:
+            answers = ask_until(session, self._keys.describe, timeout_s=DESCRIBE_TIMEOUT_S, silence=silence)
+        except RobotFaultError as error:
+            if others := self._others_there(session):
+                raise RobotFaultError(
+                    f"no robot called {self._robot.name} answers at {self._link.endpoint}; there "
+                    f"{'is' if len(others) == 1 else 'are'} {', '.join(others)}; allowed: "
+                    f"{argument('robot')} {others[0]}, or its file"
+                ) from error
+            raise
+        if len(answers) > 1:
+            raise RobotFaultError(
+                f"{len(answers)} robots called {self._robot.name} answer at {self._link.endpoint}; "
+                "give them different names"
+            )
+        check_same_robot(answers[0], self._robot)
+        status = status_of(answers[0])
+        identity = RobotIdentity.of_answer(status)
+        check_may_command(identity, self._link)
+        self.identity = identity
+        simulated = status.get("simulated")
+        self.simulated = simulated if isinstance(simulated, dict) else None
+
+    def _others_there(self, session: zenoh.Session) -> list[str]:
+        """Names of the robots that answer at the link, without the one expected."""
+        any_robot, names = KeyMap.of("*").renamed(dict(self._link.names)), set()
+        for answer in ask(session, any_robot.describe):
+            with suppress(RobotFaultError):
+                names.add(robot_of(answer).name)
+        return sorted(names - {self._robot.name})
+
+    def _check_ours(self, state: RobotState) -> None:
+        """Raise RobotFaultError when the lease is lost.
+
+        A stop revokes the lease too, and says more: states that report it may still be on their way.
+        """
+        lease = self._lease
+        if lease is None or lease.lost is None or state.stopped is not None:
+            return
+        if time.monotonic() - lease.lost_at_s > STOP_REASON_TIMEOUT_S:
+            raise RobotFaultError(f"this end no longer commands the robot: {lease.lost}")
+
+    def _tag(self) -> bytes:
+        """Attachment of the next command."""
+        lease = self._lease
+        return CommandTag(
+            sequence=self._sequence,
+            stamp_ns=time.monotonic_ns(),
+            time_to_live_ms=round(1000 * TIME_TO_LIVE_S),
+            lease_id=NO_LEASE if lease is None else lease.lease_id,
+            lease_sequence=0 if lease is None else lease.sequence,
+        ).packed()
+
+
+@contextmanager
+def subscribe_states(link: Link) -> Iterator[tuple[Robot, StateSubscriber]]:
+    """Robot at a link and a subscriber of its states, without commanding it, until the block ends.
+
+    Raises RobotFaultError when no robot answers or it sends no state.
+    """
+    any_robot = KeyMap.of("*").renamed(dict(link.names))
+    with open_session(link, Role.VIEWER, any_robot) as session:
+        silence = f"no robot answers at {link.endpoint}; is hexctl serve running there?"
+        answers = ask_until(session, any_robot.describe, timeout_s=DESCRIBE_TIMEOUT_S, silence=silence)
+        robot = robot_of(answers[0])
+        states = StateSubscriber(link.keys(robot.name), LatestValues(), plain=link.plain)
+        states.subscribe(session)
+        states.wait_for_first_s()
+        yield robot, states

@@ -1,0 +1,478 @@
+"""Sessions as text: the table that grows trial by trial, the summary at its end."""
+
+import math
+import shlex
+import sys
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from rich.console import RenderableType
+from rich.text import Text
+
+from hexctl.adapt.objectives import Objective
+from hexctl.adapt.optimizers.bayes import SURE
+from hexctl.adapt.optimizers.shipped import TRIM
+from hexctl.adapt.runner import LegFailedError
+from hexctl.adapt.search_progress import CONFIRMATION_WALKS, SearchBar
+from hexctl.adapt.sessions.code_trust import foreign_parts
+from hexctl.adapt.sessions.comparison import scores_without_search
+from hexctl.adapt.sessions.recommendation import Contender, recommended, straightest_baseline
+from hexctl.adapt.sessions.search_session import (
+    BASELINE_INDEX,
+    BaselineRecord,
+    ConfirmationRecord,
+    Session,
+    SessionSpec,
+    TrialRecord,
+    WalkRecord,
+    trials_text,
+)
+from hexctl.adapt.trial_loop import NOT_WORTH
+from hexctl.cli.console import FAULT, code_of_stop, print_result
+from hexctl.errors import HexctlError, InputError
+from hexctl.gait.gait import NAMED_SLOTS
+from hexctl.robot.loader import load_robot
+from hexctl.runs.run_spec import RunSpec
+
+
+class SessionTable:
+    """Prints a line per walk on stdout, and a progress bar with the time left on stderr.
+
+    Silent with `quiet`; the bar is shown only if both are terminals.
+    """
+
+    def __init__(self, *, quiet: bool) -> None:
+        self._quiet = quiet
+        self._bar = SearchBar(hidden=True)
+
+    def __enter__(self) -> Self:
+        return self  # the bar begins with the table
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._bar.__exit__(kind, error, trace)
+
+    def begin(self, session: Session) -> None:
+        """Print the head of the table, the walks that a resumed session has, and open the bar."""
+        if self._quiet:
+            return
+        print_result(*table_lines(session))
+        # A bar and a question would write over one another.
+        self._bar = SearchBar(hidden=session.spec.ask or not sys.stdout.isatty())
+        self._bar.begin(session)
+
+    def add(self, session: Session, trial: TrialRecord) -> None:
+        """Print a trial and move the bar."""
+        self._add(session, trial_line(session, trial))
+
+    def add_baseline(self, session: Session, walk: BaselineRecord) -> None:
+        """Print a walk with a gait that the robot would use anyway."""
+        self._add(session, baseline_line(session, walk))
+
+    def add_confirmation(self, session: Session, walk: ConfirmationRecord) -> None:
+        """Print a walk at a finer time step."""
+        self._add(session, confirmation_line(session, walk))
+
+    def _add(self, session: Session, line: Text) -> None:
+        if self._quiet:
+            return
+        self._bar.advance(session)
+        if self._bar.shown:
+            self._bar.print_above(line)
+        else:
+            print_result(line)
+
+
+def table_lines(session: Session) -> list[RenderableType]:
+    """Options of a session and all its walks, a line each."""
+    return [
+        *opening_lines(session),
+        Text(header_line(session), style="bold"),
+        *(baseline_line(session, walk) for walk in session.baseline),
+        *(trial_line(session, trial) for trial in session.trials),
+        *(confirmation_line(session, walk) for walk in session.confirmations),
+    ]
+
+
+def session_lines(session: Session) -> list[RenderableType]:
+    """Lines of a complete session: its options, its walks, its outcome."""
+    return [*table_lines(session), *closing_parts(session, session.ended)]
+
+
+def pareto_lines(session: Session, objectives: Sequence[Objective]) -> list[str]:
+    """Table of the valid trials that no other one beats in all of some objectives."""
+    front = session.pareto(objectives)
+    trials, names = trials_text(len(session.trials)), " and ".join(objective.name for objective in objectives)
+    heads = [f"{one.name} ({one.unit})" if one.unit else one.name for one in objectives]
+    lines = [
+        f"session {session.name}: {len(front)} of {trials} that no other beats in {names}",
+        f"trial  code  {'slots':<11}  " + "  ".join(f"{head:>12}" for head in heads),
+    ]
+    for trial, scores in front:
+        slots = ",".join(str(slot) for slot in trial.slots)
+        values = "  ".join(
+            f"{score:>{max(12, len(head))}.3f}" for score, head in zip(scores, heads, strict=True)
+        )
+        lines.append(f"{trial.index:>5} {trial.code:>5}  {slots:<11}  {values}")
+    return [*lines, *(f"{one.name}: {one.label}, smaller is better" for one in objectives)]
+
+
+def header_line(session: Session) -> str:
+    """Names of the columns."""
+    trim = "     trim" if _trims(session.spec) else ""
+    score = "" if session.spec.objective == "final" else f"{'score':>10}"
+    return f"walk   gait  {'slots':<11}  {'end':>13}  {'distance':>8}{score}{trim}  status"
+
+
+def _trims(spec: SessionSpec) -> bool:
+    return spec.hold == "heading" or spec.optimizer == TRIM
+
+
+def opening_lines(session: Session) -> list[str]:
+    """Options of a session."""
+    spec = session.spec
+    believing = f" with the prior {Path(spec.prior).name}" if spec.prior else ""
+    lines = [
+        f"session {session.name}: {subject(spec)}",
+        f"{spec.optimizer}{believing}, {trials_text(spec.budget)} of {spec.duration_s:g} s"
+        f"{_hold(spec)}{_objective(spec)}{_target(spec)}",
+        *_more_walks(session),
+    ]
+    if spec.uncertainty_text:
+        caveat = f" ({spec.uncertainty_caveat})" if spec.uncertainty_caveat else ""
+        lines.append(f"ends are known to ± {in_cm(spec.uncertainty_m)}{caveat}")
+    return lines
+
+
+def _more_walks(session: Session) -> list[str]:
+    """The walks besides the trials, which the progress bar counts, in a line; none without any."""
+    baseline = len(session.baseline if session.trials else session.spec.baseline_gaits)
+    first = [f"first {_walks_text(baseline)} without a search"] if baseline else []
+    confirming = session.spec.confirmed_uncertainty_m
+    last = [f"last a finer walk to confirm (counts as {CONFIRMATION_WALKS} walks)"] if confirming else []
+    return [", ".join(first + last)] if first or last else []
+
+
+def _walks_text(count: int) -> str:
+    return f"{count} walk" + ("" if count == 1 else "s")
+
+
+def _target(spec: SessionSpec) -> str:
+    """A target that needs its unit: a share of the distance, in metres too, or one that is not in metres."""
+    told = spec.target_m is not None and (spec.target_share is not None or spec.objective_unit != "m")
+    return f", target {spec.target_text}" if told else ""
+
+
+def subject(spec: SessionSpec) -> str:
+    """Robot, world or backend, and failure."""
+    where = f"in {spec.world}" if spec.world is not None else f"over {spec.backend}"
+    return f"{robot_name(spec.robot)} {where}, leg {spec.failed_leg} {spec.failure}"
+
+
+def _hold(spec: SessionSpec) -> str:
+    """What steered walks hold; empty where they are open loop."""
+    return "" if spec.hold == "none" else f", hold {spec.hold}"
+
+
+def _objective(spec: SessionSpec) -> str:
+    return "" if spec.objective == "final" else f", best by the objective {spec.objective}"
+
+
+@lru_cache
+def robot_name(file: str) -> str:
+    """Name of a robot, or of its file where that no longer exists."""
+    try:
+        return load_robot(file).name
+    except InputError:
+        return Path(file).stem
+
+
+def trial_line(session: Session, trial: TrialRecord) -> Text:
+    """Line of a trial in the table; green if it is the best so far, red if it does not count."""
+    before = session.trials[: trial.index - 1]
+    again = any((other.code, _trim(other)) == (trial.code, _trim(trial)) for other in before)
+    note = ", repeat" if again and not session.spec.count_repeats else ""
+    best = trial.valid and all(trial.score < other.score for other in before)
+    style = "green" if best else "" if trial.valid else "red"
+    return Text(_walk_text(session.spec, trial, f"{trial.index}", f"{trial.code}", note), style=style)
+
+
+def baseline_line(session: Session, walk: BaselineRecord) -> Text:
+    """Line of a walk with a gait that the robot would use anyway, trial 0."""
+    return Text(
+        _walk_text(session.spec, walk, f"{BASELINE_INDEX}", walk.gait), style="" if walk.valid else "red"
+    )
+
+
+def confirmation_line(session: Session, walk: ConfirmationRecord) -> Text:
+    """Line of a walk at a finer time step."""
+    named = (gait for gait, slots in NAMED_SLOTS.items() if walk.code is None and slots == walk.slots)
+    name = next(named, "-" if walk.code is None else f"{walk.code}")
+    note = f" at {1000 * walk.time_step_s:g} ms"
+    return Text(_walk_text(session.spec, walk, "", name, note), style="cyan" if walk.valid else "red")
+
+
+def _walk_text(spec: SessionSpec, walk: WalkRecord, index: str, gait: str, note: str = "") -> str:
+    """A line of the table, in its columns."""
+    signed, distance_m = walk.outcome["deviation_m"]["signed"], walk.outcome["distance_m"]
+    end = "-" if signed is None else _side(signed)
+    distance = "-" if distance_m is None else f"{distance_m:.2f} m"
+    slots = ",".join(str(slot) for slot in walk.slots)
+    score = "" if spec.objective == "final" else f"{walk.score:>10.3f}" if walk.valid else f"{'-':>10}"
+    return (
+        f"{index:>4} {gait:>6}  {slots:<11}  {end:<13}  {distance:>8}{score}{_trim(walk)}  "
+        f"{_status(walk)}{note}{_cause(walk)}"
+    )
+
+
+def _status(walk: WalkRecord) -> str:
+    """Status of a walk, with the reason where it was cut short for something other than its course."""
+    status, stopped = walk.outcome["status"], walk.outcome.get("stopped")
+    return f"cut ({stopped})" if status == "cut_short" and stopped else str(status)
+
+
+def _trim(walk: WalkRecord) -> str:
+    """Trim of a walk in its column, of its course or its turn; empty for a walk without one."""
+    trim_deg, turn_deg_s = (walk.outcome.get(name) for name in ("trim_deg", "turn_trim_deg_s"))
+    if turn_deg_s is not None:
+        return f" {turn_deg_s:>+6.2f}\N{DEGREE SIGN}/s"
+    return "" if trim_deg is None else f"  {trim_deg:>+6.2f}\N{DEGREE SIGN}"
+
+
+def _cause(walk: WalkRecord) -> str:
+    """Likely cause of a walk without progress; empty without one."""
+    cause = walk.outcome.get("cause")
+    return "" if cause is None else f": {cause}"
+
+
+def in_cm(length_m: float) -> str:
+    """A length in centimetres, to a millimetre."""
+    return f"{100 * length_m:.1f} cm"
+
+
+def _side(signed_m: float) -> str:
+    return f"{100 * abs(signed_m):>5.1f} cm {'left' if signed_m > 0 else 'right'}"
+
+
+#: Why a search ended, for people.
+ENDS = {
+    "budget": "its budget is spent",
+    "target": "its target is reached",
+    "confirmed": "it is sure of a gait",
+    "exhausted": "every gait was tried",
+    NOT_WORTH: "another trial would gain too little",
+}
+
+
+def finished_line(ended: str) -> str | None:
+    """What a session that is resumed after its end says, and how it walks more; None without an end."""
+    if ended not in ENDS:
+        return None
+    more = {"budget": "; a greater --budget walks more", "exhausted": ""}
+    then = more.get(ended, "; another target takes a new session")
+    return f"the session is finished, {ENDS[ended]}: nothing to walk{then}"
+
+
+def after_stop(spec: SessionSpec, error: HexctlError) -> str:
+    """What is to be done about a stop before the search continues, as the beginning of a list.
+
+    Nothing about a fault. This end's own guard starts afresh by itself.
+    """
+    reason = getattr(error, "reason", None)
+    if reason is None or code_of_stop(reason) == FAULT:
+        return ""
+    if isinstance(error, LegFailedError):
+        legs = ",".join(map(str, sorted({spec.failed_leg, *error.legs})))
+        return f"repair the leg, or walk without it (hexctl run --failed-leg {legs}), "
+    at = f" --connect {shlex.quote(spec.connect)}" if spec.connect else ""
+    at += f" --keys {shlex.quote(str(spec.credentials))}" if spec.credentials else ""
+    clear = f"clear the stop (hexctl estop --clear{at}), " if spec.backend == "zenoh" else ""
+    return f"stand it up, {clear}" if reason == "fell" else clear
+
+
+def closing_lines(session: Session, ended: str | None) -> str:
+    """Summary at the end of a session as plain text; `ended` is None for one that can be resumed."""
+    return "\n".join(str(part) for part in closing_parts(session, ended))
+
+
+def closing_parts(session: Session, ended: str | None) -> list[RenderableType]:
+    """Summary at the end of a session, a line each, its finding coloured."""
+    return [
+        *finding_parts(session),
+        *_less_lines(session),
+        _ending(session, ended),
+        *_commands(session),
+    ]
+
+
+def finding_parts(session: Session) -> list[RenderableType]:
+    """What a search has found, how accurate that is, and what needs no search, a line each."""
+    found = recommended(session)
+    known = [Text(line, style="green" if found else "red") for line in _found_lines(session, found)]
+    return [*known, *_surety_lines(session, found), *_baseline_lines(session, found)]
+
+
+def resume_command(session: Session) -> str:
+    """Command that continues a session of this user."""
+    trust = " --trust" if foreign_parts(session.spec) else ""
+    return f"hexctl adapt --resume {shlex.quote(session.name)}{trust}"
+
+
+def _ending(session: Session, ended: str | None) -> str:
+    """Why a session ended, or how it is continued."""
+    trials = trials_text(len(session.trials))
+    if ended in (None, "interrupted"):
+        return f"unfinished after {trials}{_unfinished(session)}; continue with: {resume_command(session)}"
+    return f"ended after {trials}, {session.walked_s:.0f} s walked: {ENDS.get(ended or '', ended)}"
+
+
+def _unfinished(session: Session) -> str:
+    """The other walks of a session that can be continued, and the seconds of all of them."""
+    walks = (*session.baseline, *session.trials)
+    walked_s = sum(walk.outcome["duration_s"] for walk in walks)
+    others = f" and {_walks_text(len(session.baseline))} without a search" if session.baseline else ""
+    return f"{others}, {walked_s:.0f} s walked"
+
+
+def _commands(session: Session) -> list[str]:
+    """Commands that use what was found, and that show it."""
+    walk, lines = session.best_walk, []
+    if walk is not None:
+        lines.append(f"walk on with: {_walking(session, walk)}")
+    if any(trial.recording for trial in session.trials):
+        lines.append(f"look at it with: hexctl view {shlex.quote(session.name)}")
+    return lines
+
+
+def _found_lines(session: Session, found: Contender | None) -> list[str]:
+    """The recommended gait and where it ends, or why there is none."""
+    if not session.trials:
+        return ["found: nothing yet, no trial has been walked"]
+    if found is None:
+        return [f"found: no valid trial: {_why_none(session)}"]
+    walk = found.walk
+    name = _name(walk)
+    if session.spec.objective != "final":
+        return [f"found: {name} {session.spec.score_text(found.score)}"]
+    signed = (found.confirmation or walk).outcome["deviation_m"]["signed"]
+    return [f"found: {name} ends {_side(signed).strip()} of its line"]
+
+
+def _name(walk: TrialRecord | BaselineRecord) -> str:
+    """The gait of a walk and where it is from; `auto` with its code, by which commands take it."""
+    if isinstance(walk, TrialRecord):
+        return f"gait {walk.code}, trial {walk.index},"
+    option = _gait_option(walk)
+    return f"gait {walk.gait}{'' if option == walk.gait else f' ({option})'}, which needs no search,"
+
+
+def _surety_lines(session: Session, found: Contender | None) -> list[str]:
+    """How well the end of the recommended gait is known, in a line; none if nothing is known of it."""
+    spec, settled = session.spec, session.settled_on
+    if found is not None and found.confirmation is not None:
+        step = f"{1000 * found.confirmation.time_step_s:g} ms"
+        known = f"± {in_cm(found.uncertainty_m)} by a walk at a time step of {step}"
+        return [f"accuracy: {known}{_reached(session)}"]
+    if found is not None and spec.uncertainty_text:
+        return [f"accuracy: ± {in_cm(spec.uncertainty_m)} by the simulation's time step"]
+    if settled is None:
+        return []
+    chance, target = 100 * settled["chance"], in_cm(settled["target_m"])
+    return [f"chance: {chance:.0f} % that gait {settled['code']} ends within {target}"]
+
+
+def _reached(session: Session) -> str:
+    """Whether a confirmed gait ends within the target; empty without a target."""
+    chance, target_m = session.within_target, session.spec.target_m
+    if chance is None or target_m is None:
+        return ""
+    if chance >= SURE:
+        return f"; within {in_cm(target_m)}"
+    return f"; not within {in_cm(target_m)}" if chance <= 1 - SURE else f"; perhaps within {in_cm(target_m)}"
+
+
+def _baseline_lines(session: Session, found: Contender | None) -> list[str]:
+    """What the gaits that need no search made of it, and what the search gains; none without them."""
+    if not session.baseline:
+        return []
+    known = scores_without_search(session)
+    unit, scale = ("cm", 100.0) if session.spec.objective_unit == "m" else (session.spec.objective_unit, 1.0)
+    ends = (
+        f"{scale * known.get(walk.gait, walk.score):.1f}" if walk.valid else _status(walk)
+        for walk in session.baseline
+    )
+    unit = unit if any(walk.valid for walk in session.baseline) else ""
+    walks = [f"{walk.gait} {end}" for walk, end in zip(session.baseline, ends, strict=True)]
+    return [f"without a search: {', '.join(walks)} {unit}".rstrip() + _gain(session, found, scale, unit)]
+
+
+def _gain(session: Session, found: Contender | None, scale: float, unit: str) -> str:
+    """What the search gains over the baseline, in words; empty without a trial or a valid baseline."""
+    best = straightest_baseline(session)
+    if found is None or best is None:
+        return ""
+    if found.searched:
+        return f"; the search gains {scale * (best.score - found.score):.1f} {unit}".rstrip()
+    return "; the search found none better"
+
+
+def _less_lines(session: Session) -> list[str]:
+    """Why walks held less than they should have, and what a search for a trim can do without a yaw."""
+    caveats = dict.fromkeys(trial.outcome.get("hold_caveat") for trial in session.trials)
+    lines = [f"walks held less than {session.spec.hold}: {caveat}" for caveat in caveats if caveat]
+    if lines and session.spec.optimizer == TRIM:
+        lines[-1] += "; --optimizer trim --hold none learns a turn from the ends alone"
+    return lines
+
+
+def _gait_option(walk: TrialRecord | BaselineRecord) -> str:
+    """What `--gait` takes for a walk: the name of a fixed gait, else its code or slots.
+
+    `auto` goes by its code: which gait it is depends on the hold and the turn.
+    """
+    if isinstance(walk, BaselineRecord) and walk.gait in NAMED_SLOTS:
+        return walk.gait
+    return ",".join(map(str, walk.slots)) if walk.code is None else str(walk.code)
+
+
+def _walking(session: Session, walk: TrialRecord | BaselineRecord) -> str:
+    """Command that walks with the gait of a walk, and its trim where it has one."""
+    spec, usual = session.spec, SessionSpec()
+    chosen = {
+        "failed-leg": spec.failed_leg,
+        "gait": _gait_option(walk),
+        **_course_options(session, walk),
+    }
+    where = ("backend", "robot", "world", "failure", "seed", "connect", "link")
+    unusual = {name: getattr(spec, name) for name in where if getattr(spec, name) != getattr(usual, name)}
+    options = {
+        **chosen,
+        "body-raise": f"{spec.body_raise:g}" if spec.body_raise else None,
+        "self-rotation": spec.self_rotation,
+        **unusual,
+        "keys": spec.credentials,
+    }
+    given = [(f"--{name}", str(value)) for name, value in options.items() if value is not None]
+    words = [word for pair in given for word in pair]
+    return shlex.join(["hexctl", "run", *words, *(["--insecure"] if spec.insecure else [])])
+
+
+def _course_options(session: Session, walk: WalkRecord) -> dict[str, str]:
+    """Options of the hold and the trim of a gait; a turn with a heading goes with the walk."""
+    heading, hold = f"{session.spec.heading_deg:g}", session.spec.hold
+    trim_rad, turn_rad_s = session.trim_rad(walk.slots), session.turn_trim_rad_s(walk.slots)
+    if turn_rad_s is not None:
+        return {"hold": "none", "heading": heading, "turn": f"{math.degrees(turn_rad_s):.3f}"}
+    options = {} if hold == RunSpec().hold else {"hold": hold}
+    if trim_rad is not None:
+        options = {"hold": "heading", "trim": f"{math.degrees(trim_rad):.2f}"}
+    return options if heading == "0" else {**options, "heading": heading}
+
+
+def _why_none(session: Session) -> str:
+    """Statuses of the trials of a session without a valid one."""
+    return ", ".join(dict.fromkeys(_status(trial) for trial in session.trials))

@@ -1,0 +1,237 @@
+"""The outcome of a run as text and a table."""
+
+import math
+import shlex
+from typing import Any
+
+from rich.console import RenderableType
+from rich.text import Text
+
+from hexctl.cli.render.stop_reasons import clearing_in_words, link_in_words, why_in_words
+from hexctl.cli.render.tables import label_table
+from hexctl.wire.links import CLEAR_COMMAND
+
+#: Misses of a self-rotation up to this are usual.
+NOTED_MISS_DEG = 0.15
+
+#: The true deviation of a simulation is printed if the measured one is further off than this.
+NOTED_ERROR_M = 0.02
+
+#: Lengths below this are printed in cm.
+ONE_M = 1.0
+
+#: Colours of a status; any other one is red.
+STATUS_STYLES = {"ok": "bold green", "no_progress": "bold yellow"}
+
+
+def summary(outcome: dict[str, Any], clear: str = CLEAR_COMMAND) -> list[RenderableType]:
+    """Outcome of a run as a table of about ten rows, and the next command.
+
+    Args:
+        outcome: the object of `hexctl run --json`.
+        clear: command that ends a stop of the robot.
+    """
+    where = f"in world {outcome['world']}" if outcome["world"] else f"on {outcome['backend']}"
+    failed = f", leg {outcome['failed_leg']} {outcome['failure']}" if outcome["failed_leg"] else ""
+    failed += "".join(f", leg {leg} {how}" for leg, how in outcome.get("further_failures", {}).items())
+    rows = [
+        ("gait", _gait_text(outcome["gait"])),
+        *_posture_rows(outcome["gait"]),
+        *_distance_rows(outcome),
+        *_failure_rows(outcome),
+        ("status", _status(outcome, clear)),
+        *_trouble_rows(outcome),
+        *([("recording", outcome["recording"])] if outcome["recording"] else []),
+    ]
+    return [f"{outcome['robot']} {where}{failed}", label_table(rows), *_next_command(outcome, clear)]
+
+
+def _next_command(outcome: dict[str, Any], clear: str) -> list[str]:
+    """The command to type next: ends the stop of a robot, or shows the recording."""
+    if clearing := clearing_in_words(outcome["stopped"], clear=clear):
+        return [f"next: {clearing}"]
+    return [f"next: hexctl view {shlex.quote(outcome['recording'])}"] if outcome["recording"] else []
+
+
+def _trouble_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
+    """Rows for commands that were clipped, measurements that were ignored, and what came late or never."""
+    clipped, doubted = outcome["clipped_ticks"], outcome.get("positions_doubted", 0)
+    guarded = [
+        *([f"{clipped} commands clipped, too fast for the joints: lower --pace"] if clipped else []),
+        *([f"{doubted} impossible joint angles ignored"] if doubted else []),
+    ]
+    link = outcome["servo_link"]
+    lost = bool(link) and any(n for name, n in link.items() if name != "received")
+    late = outcome["overruns"]
+    return [
+        *([("guard", "; ".join(guarded))] if guarded else []),
+        *([("link", link_in_words(link))] if lost else []),
+        *([("late", f"{late} of {outcome['ticks']} ticks")] if late else []),
+    ]
+
+
+def _failure_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
+    """What failed during the walk, and what the controller detected."""
+    from hexctl.robot.failure_event import NoticedFailure
+
+    noticed = [str(NoticedFailure.from_dict(each)) for each in outcome.get("noticed", ())]
+    events = outcome.get("events", ())
+    rows = [
+        (word, ", ".join(texts))
+        for word, colons in (("failed", True), ("healed", False))
+        if (texts := [_event_text(event) for event in events if (":" in event) is colons])
+    ]
+    if events or noticed:
+        rows.append(("detected", "; ".join(noticed) or "nothing"))
+    return rows
+
+
+def _event_text(event: str) -> str:
+    """An event in words: `5:limp@8` fails, `5@20` heals."""
+    what, _, at_s = event.partition("@")
+    return f"leg {what.replace(':', ' ', 1)} at {at_s} s"
+
+
+def _status(outcome: dict[str, Any], clear: str) -> Text:
+    """How the walk ended, and why."""
+    status, stopped = outcome["status"], outcome["stopped"]
+    if (status, stopped) == ("aborted", "requested"):
+        return Text("stopped by Ctrl-C", style="bold red")
+    why = (
+        f" ({stopped})"
+        if clearing_in_words(stopped)
+        else why_in_words(stopped, outcome.get("standstill_s"), clear=clear)
+    )
+    text = Text(status.replace("_", " "), style=STATUS_STYLES.get(status, "bold red"))
+    return Text.assemble(text, f"{why}{_cause(outcome.get('cause'))}")
+
+
+def _cause(cause: str | None) -> str:
+    """Likely cause of a walk without progress, in words."""
+    from hexctl.control.assessment.cause import CAUSES
+
+    return "" if cause is None else f" ({cause}: {CAUSES.get(cause, '')})"
+
+
+def _gait_text(gait: dict[str, Any]) -> str:
+    """Name, slots and code, each once."""
+    slots = ",".join(str(slot) for slot in gait["slots"])
+    named = gait["name"] not in (slots, str(gait["code"]))
+    code = "" if gait["code"] is None else f", code {gait['code']}"
+    then = "".join(f", then {change}" for change in gait.get("then", []))
+    slots = f"{'a crawl, ' if gait.get('phases') else ''}slots {slots}"
+    return (f"{gait['name']} ({slots}{code})" if named else f"{slots}{code}") + then
+
+
+def _posture_rows(gait: dict[str, Any]) -> list[tuple[str, str]]:
+    """A row for how the body stood and the feet swung, where that was not as in the paper."""
+    from hexctl.gait.gait import SWING_SHARE
+    from hexctl.gait.posture import Posture
+    from hexctl.recording.trial_summary import posture_in_words
+
+    text = posture_in_words(Posture(**gait.get("posture", {})), gait.get("swing_share", SWING_SHARE))
+    return [("posture", text)] if text else []
+
+
+def _distance_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
+    """Distance, deviation and turn, as far as the robot knows them."""
+    ideal, turn = outcome["ideal_distance_m"], outcome["ideal_yaw_change_deg"]
+    turned_deg = outcome["yaw_change_deg"]
+    of_turn = f" of {turn:.1f} asked for" if turn else ""
+    turned = [] if turned_deg is None else [("turned", f"{turned_deg:z.1f} degrees{of_turn}")]
+    if turn and ideal:
+        return [*_turn_rows(outcome), *turned, *_hold_rows(outcome)]
+    missed = _turn_missed(outcome.get("turn_miss_deg"))
+    moved = _turn_rows(outcome) if turn else _line_rows(outcome)
+    return [*moved, *turned, *missed, *_hold_rows(outcome), *_cost(outcome)]
+
+
+def _turn_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
+    """Where a walk ended that turned, on the spot or in an arc."""
+    if outcome["distance_m"] is None:
+        return _unmeasured_rows(outcome)
+    seconds, ahead_m, left_m = (
+        f"{outcome['duration_s']:.1f} s",
+        outcome["distance_m"],
+        outcome["deviation_m"]["signed"],
+    )
+    if outcome["ideal_distance_m"]:
+        return [("walked", f"{seconds} in an arc, ended {ahead_m:.2f} m ahead and {_side(left_m)}")]
+    return [("walked", f"{seconds} on the spot, ended {_length(math.hypot(ahead_m, left_m))} from the start")]
+
+
+def _line_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
+    """Distance along the line, and how far off it the walk was."""
+    if outcome["distance_m"] is None:
+        return _unmeasured_rows(outcome)
+    distance, ideal = outcome["distance_m"], outcome["ideal_distance_m"]
+    share = (
+        f"{100 * distance / ideal:.0f} % of ideal ({ideal:.2f} m without slip or soft start)" if ideal else ""
+    )
+    walked = f"{distance:.2f} m in {outcome['duration_s']:.1f} s{', ' if share else ''}{share}"
+    return [("walked", walked), ("off line", _deviation(outcome["deviation_m"])), *_true_rows(outcome)]
+
+
+def _unmeasured_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
+    """How long a robot walked that does not know where it is."""
+    return [("walked", f"{outcome['duration_s']:.1f} s; {_why_no_distance(outcome)}"), *_true_rows(outcome)]
+
+
+def _why_no_distance(outcome: dict[str, Any]) -> str:
+    """Why a walk has no distance, in words."""
+    if not outcome["duration_s"]:
+        return "it never set out"
+    if outcome["status"] == "no_progress":
+        return "its position did not change"
+    hold = outcome.get("hold")
+    if hold == "line" or (hold == "none" and not outcome.get("hold_caveat")):
+        return "its position was not measured at the end"
+    return "its position is not known"
+
+
+def _true_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
+    """A row for where a simulated robot was, if its sensors measured something else or nothing."""
+    true, measured = outcome.get("true_deviation_m"), outcome["deviation_m"]
+    if not true or any(true.get(name) is None for name in ("signed", "mean")):
+        return []
+    if outcome["distance_m"] is None:
+        return [("in truth", _deviation(true))]
+    if max(abs(true[name] - measured[name]) for name in ("signed", "mean")) <= NOTED_ERROR_M:
+        return []
+    return [("in truth", f"{_deviation(true)} (the sensors were wrong)")]
+
+
+def _hold_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
+    """What the walk held by feedback, and what kept it from that; empty for a robot that never set out."""
+    from hexctl.recording.trial_summary import held_in_words
+
+    return [("held", held_in_words(outcome))] if outcome["duration_s"] else []
+
+
+def _cost(outcome: dict[str, Any]) -> list[tuple[str, str]]:
+    """A row for the energy of the walk, if the robot reports its torques."""
+    cost, energy_j = outcome.get("cost_of_transport"), outcome.get("energy_j")
+    if cost is None or energy_j is None:
+        return []
+    return [("energy", f"{energy_j:.1f} J mechanical, cost of transport {cost:.2f}")]
+
+
+def _turn_missed(miss_deg: float | None) -> list[tuple[str, str]]:
+    """A row for a self-rotation that missed its goal by more than it should."""
+    if miss_deg is None or abs(miss_deg) <= NOTED_MISS_DEG:
+        return []
+    return [("turn", f"the self-rotation missed its goal by {miss_deg:+.1f} degrees")]
+
+
+def _deviation(deviation_m: dict[str, Any]) -> str:
+    return f"{_side(deviation_m['signed'])} at the end, {_length(deviation_m['mean'])} on average"
+
+
+def _side(signed_m: float) -> str:
+    """Length to one side; without a side if it rounds to zero."""
+    length = _length(abs(signed_m))
+    return length if length == _length(0.0) else f"{length} to the {'left' if signed_m > 0 else 'right'}"
+
+
+def _length(length_m: float) -> str:
+    return f"{100 * length_m:.1f} cm" if length_m < ONE_M else f"{length_m:.2f} m"

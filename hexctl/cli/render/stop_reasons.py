@@ -1,0 +1,75 @@
+"""Why a robot was stopped, and counts of what went wrong, in words."""
+
+from collections.abc import Mapping
+
+from hexctl.backends.clock import Standstill
+from hexctl.wire.links import CLEAR_COMMAND
+from hexctl.wire.zenoh_messages import SERVER_ENDED
+
+#: Where to look after a stop that the user did not request, by its reason or what stands before the colon of
+#: that; {} is the command that ends it.
+HINTS = {
+    "state": "the robot's state did not come in time: the link, or the program that serves it, was silent",
+    "expired": "commands did not reach the robot in time; a busy computer, or a bad link",
+    "pose lost": "the robot no longer says where it is",
+    "arena": "the walk was ended before it left the circle of --arena",
+    "no position": "--arena needs a robot that knows where it is",
+    "estop": "{} when it may move again",
+    "fault": "see to it, then {}",
+    f"fault: {SERVER_ENDED}": "start it again",
+}
+
+
+def why_in_words(
+    stopped: str | None, standstill_s: float | None = None, *, clear: str = CLEAR_COMMAND
+) -> str:
+    """Why a robot was stopped, and where to look, behind what it is told of; nothing for None.
+
+    Args:
+        stopped: why it was stopped.
+        standstill_s: how long this program stood still before that, or None where it kept time.
+        clear: command that ends a stop of that robot.
+    """
+    if stopped is None:
+        return ""
+    if standstill_s is not None:
+        return f" ({stopped}): {Standstill(standstill_s)}"
+    hint = _hint(stopped)
+    return f" ({stopped})" if hint is None else f" ({stopped}): {hint.format(clear)}"
+
+
+def clearing_in_words(stopped: str | None, *, clear: str = CLEAR_COMMAND) -> str:
+    """The command that ends a stop, in words; empty if nothing has to be cleared.
+
+    Args:
+        stopped: why the robot was stopped.
+        clear: command that ends a stop of that robot.
+    """
+    hint = "" if stopped is None else _hint(stopped) or ""
+    return hint.format(clear) if "{}" in hint else ""
+
+
+def _hint(stopped: str) -> str | None:
+    return HINTS.get(stopped, HINTS.get(stopped.partition(":")[0]))
+
+
+def in_words(counts: Mapping[str, int]) -> str:
+    """Counts above zero: `2 late, 1 stale owner, 3 leases refused`."""
+    return ", ".join(counted(n, name.replace("_", " ")) for name, n in counts.items() if n)
+
+
+def counted(number: int, name: str) -> str:
+    """A number of things by the name of several, such as `leases refused`: of one, `1 lease refused`."""
+    thing, space, rest = name.partition(" ")
+    one = number == 1 and thing.endswith("s") and not thing.endswith("ss")
+    return f"{number} {thing[:-1] if one else thing}{space}{rest}"
+
+
+def link_in_words(counts: Mapping[str, int] | None) -> str:
+    """Messages to and from a servo board, received and lost; empty without a board."""
+    if not counts:
+        return ""
+    troubles = in_words({name: n for name, n in counts.items() if name != "received"})
+    if "received" not in counts:  # a bus counts what it asks for
+        return troubles or "nothing yet"
+    return f"{counted(counts['received'], 'messages')} came; {troubles or 'none lost'}"

@@ -1,0 +1,182 @@
+"""`hexctl sessions`: list, show, compare, export and delete recorded sessions."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hexctl.cli import completion
+from hexctl.cli.console import FAULT, print_note, print_result
+from hexctl.cli.options.output import JsonOption
+from hexctl.cli.settings import Commands, runs_folder
+from hexctl.cli.values import listed
+from hexctl.errors import InputError
+
+if TYPE_CHECKING:
+    from hexctl.adapt.sessions.search_session import Session
+    from hexctl.adapt.sessions.stored_rows import StoreError
+
+sessions = Commands(help="List, compare, export and delete sessions of hexctl adapt.", no_args_is_help=True)
+
+NameArgument = Annotated[
+    str,
+    typer.Argument(
+        autocompletion=completion.sessions,
+        metavar="SESSION",
+        help="Name of a session, as hexctl sessions list has it.",
+    ),
+]
+
+
+@sessions.command("list")
+def list_sessions(as_json: JsonOption = False) -> None:
+    """List all sessions under runs/, newest last.
+
+    One that is damaged is named on stderr, with exit code 3; the others are listed all the same.
+    """
+    from hexctl.adapt.sessions.store import list_sessions as all_sessions
+    from hexctl.cli.render.sessions_output import sessions_table
+
+    damaged: list[StoreError] = []
+    found = all_sessions(runs_folder(), on_damage=damaged.append)
+    if as_json:
+        print_result(json.dumps([{**session.as_json(), "trials": len(session.trials)} for session in found]))
+    elif not found and not damaged:
+        print_result(f"no sessions under {runs_folder()}/ yet; hexctl adapt makes one")
+    elif found:
+        print_result(sessions_table(found))
+    for error in damaged:
+        print_note(f"hexctl: {error}")
+    if damaged:
+        raise typer.Exit(FAULT)
+
+
+@sessions.command()
+def show(
+    name: NameArgument,
+    pareto: Annotated[
+        str | None,
+        typer.Option(
+            "--pareto",
+            metavar="OBJECTIVES",
+            help="Show the trials that no other one beats in all of these objectives, such as speed,cost. "
+            "(default: all trials)",
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Show a session's trials."""
+    from hexctl.adapt.sessions.store import load_session
+    from hexctl.cli.render.adapt_output import session_lines
+
+    session = load_session(name, runs_folder())
+    if pareto is not None:
+        print_result(_pareto_text(session, pareto, as_json=as_json))
+        return
+    print_result(*([json.dumps(session.as_json())] if as_json else session_lines(session)))
+
+
+def _pareto_text(session: "Session", wanted: str, *, as_json: bool) -> str:
+    """The Pareto table of a session, as lines or as JSON."""
+    from hexctl.adapt.objectives import OBJECTIVES, make_objective
+    from hexctl.cli.render.adapt_output import pareto_lines
+
+    names = list(dict.fromkeys(listed(wanted)))
+    if len(names) < 2:
+        raise InputError(f"--pareto: got {wanted!r}; allowed: two or more of {', '.join(OBJECTIVES)}")
+    objectives = [make_objective(name) for name in names]
+    if not as_json:
+        return "\n".join(pareto_lines(session, objectives))
+    front = [
+        {**trial.as_json(), "scores": dict(zip(names, scores, strict=True))}
+        for trial, scores in session.pareto(objectives)
+    ]
+    return json.dumps({"session": session.name, "objectives": names, "trials": front})
+
+
+@sessions.command()
+def compare(
+    names: Annotated[
+        list[str],
+        typer.Argument(
+            autocompletion=completion.sessions,
+            metavar="SESSION SESSION...",
+            help="Names of two or more sessions, as hexctl sessions list has them.",
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE", help="Write a plot too, a new .png file. (default: none)"),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Compare sessions: scores without a search, the best so far by trials, and what was found."""
+    from hexctl.adapt.sessions.comparison import (
+        best_so_far,
+        check_comparable,
+        draw_comparison,
+        scores_without_search,
+    )
+    from hexctl.adapt.sessions.store import load_session
+    from hexctl.cli.render.sessions_output import comparison_table
+
+    found = [load_session(name, runs_folder()) for name in names]
+    check_comparable(found)
+    if out is not None:
+        draw_comparison(found, out)
+    if as_json:
+        rows = [
+            {
+                "session": session.name,
+                "best_so_far": best_so_far(session),
+                "without_search": scores_without_search(session),
+                "recommended": session.as_json()["recommended"],
+            }
+            for session in found
+        ]
+        print_result(json.dumps({"sessions": rows, "out": None if out is None else str(out)}))
+        return
+    print_result(comparison_table(found), *([] if out is None else [f"{out}"]))
+
+
+@sessions.command()
+def export(
+    name: NameArgument,
+    path: Annotated[Path, typer.Argument(metavar="FILE", help="New file, .csv or .parquet.")],
+) -> None:
+    """Write a session's trials to a CSV or Parquet file."""
+    from hexctl.adapt.sessions.session_tables import export_session
+
+    export_session(name, path, runs_folder())
+    print_result(f"{path}")
+
+
+@sessions.command()
+def delete(
+    name: NameArgument,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask. Its recordings are deleted too.")] = False,
+) -> None:
+    """Delete a session and its recordings."""
+    from hexctl.adapt.sessions.search_session import trials_text
+    from hexctl.adapt.sessions.store import delete_session, load_session
+    from hexctl.adapt.sessions.stored_rows import StoreError
+
+    try:
+        trials = trials_text(len(load_session(name, runs_folder()).trials))
+    except StoreError as error:
+        print_note(f"hexctl: {error}")
+        trials = "trials"
+    if not yes and not _agreed(f"delete session {name}, its {trials} and the recordings?"):
+        print_result("nothing deleted")
+        return
+    delete_session(name, runs_folder())
+    print_result(f"deleted {name}")
+
+
+def _agreed(request: str) -> bool:
+    """Ask; raises InputError without an answer."""
+    try:
+        return typer.confirm(request)
+    except typer.Abort:
+        raise InputError("sessions delete: got no answer; allowed: y or n, or --yes to go without") from None

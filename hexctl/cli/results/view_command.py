@@ -1,0 +1,97 @@
+"""`hexctl view`: open recordings and sessions in Rerun."""
+
+from typing import Annotated, Any
+
+import typer
+
+from hexctl.cli import completion
+from hexctl.cli.console import DONE, StopOnInterrupt, note_refusal, print_note
+from hexctl.cli.options.connection import InsecureOption, KeysOption, LinkOption, WatchedOption
+from hexctl.cli.results.skipped_recordings import LeftOut
+from hexctl.cli.settings import runs_folder
+from hexctl.errors import InputError, RobotFaultError
+
+
+def view(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[RECORDING|SESSION]...",
+            autocompletion=completion.viewable,
+            help="Recordings (.rrd) or names of sessions. (default: the newest under runs/)",
+        ),
+    ] = None,
+    web: Annotated[
+        bool, typer.Option("--web", help="Serve the viewer to a browser on this computer, until Ctrl-C.")
+    ] = False,
+    connect: WatchedOption = None,
+    keys: KeysOption = None,
+    insecure: InsecureOption = False,
+    link: LinkOption = None,
+) -> None:
+    """Open recordings or sessions in the Rerun viewer until it is closed, or watch a robot.
+
+    A damaged recording of a session is named on stderr, with exit code 3; the others are shown.
+    """
+    if connect is None and link is None:
+        if keys is not None or insecure:
+            raise InputError("--keys, --insecure: got one without --connect or --link; allowed: with a robot")
+        raise typer.Exit(_view_runs(names or [], web=web))
+    if names:
+        raise InputError(f"view: got {names[0]!r} with a robot; allowed: recordings, or --connect, not both")
+    raise typer.Exit(_watch(web=web, endpoint=connect, credentials=keys, insecure=insecure, link=link))
+
+
+def _view_runs(names: list[str], *, web: bool) -> int:
+    """Open recordings and sessions; return the exit code."""
+    from hexctl.adapt.session_viewing import serve_runs, view_runs
+
+    left_out = LeftOut()
+    if not web:
+        return left_out.code(view_runs(names, runs_folder(), on_damage=left_out.name))
+    with StopOnInterrupt(plain=True) as interrupt:
+        serve_runs(
+            names,
+            runs_folder(),
+            on_url=_print_address,
+            stop_requested=interrupt.requested,
+            on_damage=left_out.name,
+        )
+    return left_out.code()
+
+
+def _watch(*, web: bool, link: str | None, **options: Any) -> int:
+    """Show the robot of a link until the viewer is closed or Ctrl-C; return the exit code."""
+    from hexctl.backends.zenoh.zenoh_client import subscribe_states
+    from hexctl.recording.live import LiveView, watch_states
+    from hexctl.recording.viewer import check_display
+    from hexctl.wire.links import load_link
+    from hexctl.wire.refusal import RefusalWatch
+
+    loaded = load_link(link, **options)
+    watch = RefusalWatch(loaded.endpoint, note_refusal)
+    with watch, subscribe_states(loaded) as (robot, states), StopOnInterrupt(plain=True) as interrupt:
+        if not web:
+            check_display()
+        with LiveView(web=web) as live:
+            if live.url is not None:
+                _print_address(live.url)
+            try:
+                watch_states(
+                    live,
+                    robot,
+                    states.newest,
+                    place=loaded.endpoint,
+                    stop_requested=interrupt.requested,
+                    failures=lambda: states.failures,
+                )
+            except RobotFaultError:
+                # A window keeps showing the last that came; a browser cannot ask for more.
+                live.close(leave_viewer=not web)
+                raise
+            live.close(leave_viewer=False)
+    return DONE
+
+
+def _print_address(url: str) -> None:
+    print_note(f"open {url} in a browser; Ctrl-C ends it")

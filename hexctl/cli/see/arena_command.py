@@ -1,0 +1,101 @@
+"""The option `--arena`: a radius, or the place that a camera sees."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hexctl.cli.values import checked
+from hexctl.errors import InputError
+from hexctl.options import Range
+
+if TYPE_CHECKING:
+    from hexctl.adapt.arena import Geofence
+
+METRES = Range(low=0, above=True, unit="m")
+
+
+def arena_of(text: str | float | Path) -> float | Path:
+    """Radius in m, or the file of a place; raises ValueError for anything else."""
+    if isinstance(text, Path):
+        return text
+    if isinstance(text, str) and text.endswith((".yaml", ".yml")):
+        return Path(text)
+    try:
+        float(text)
+    except ValueError:
+        raise ValueError(
+            f"got {text!r}; allowed: a number, above 0 m, or a file of hexctl see, such as place.yaml"
+        ) from None
+    return METRES.parse(text)
+
+
+ArenaOption = Annotated[
+    Any,
+    typer.Option(
+        "--arena",
+        hidden=True,
+        parser=checked(arena_of),
+        metavar="METRES|FILE",
+        help=f"On a robot that stays where a walk ends: the radius in metres, {METRES}, around its place at "
+        "the session's start that it is kept in; or the place file of hexctl see, for the largest circle "
+        "that its camera sees. (default: none, it wanders)",
+    ),
+]
+
+
+WalkArenaOption = Annotated[
+    Any,
+    typer.Option(
+        "--arena",
+        hidden=True,
+        parser=checked(arena_of),
+        metavar="METRES|FILE",
+        help=f"Stop softly before leaving a circle: the radius in metres, {METRES}, around where the walk "
+        "begins; or the place file of hexctl see, for the largest circle that its camera sees. "
+        "(default: none)",
+    ),
+]
+
+
+def geofence(arena: float | Path, robot: str, *, simulated: bool) -> "Geofence":
+    """What ends a walk at the edge of an arena; what a place file came to is told on stderr.
+
+    Raises InputError for files that are not allowed, for a simulation, whose floor is none that a camera
+    sees, and for a camera that sees no floor.
+    """
+    from hexctl.adapt.arena import Arena, Geofence
+
+    if not isinstance(arena, Path):
+        return Geofence(arena)
+    if simulated:
+        raise InputError(f"--arena: got {arena} with --backend sim; allowed: a radius, or another --backend")
+    fields = arena_fields(arena, robot)
+    return Geofence(Arena(home_m=tuple(fields["home_m"]), radius_m=fields["arena_m"]))
+
+
+def arena_fields(arena: float | Path | None, robot: str | None) -> dict[str, Any]:
+    """Fields of a session's spec for an arena; what a place file came to is told on stderr.
+
+    Args:
+        arena: as `arena_of` has it, or None.
+        robot: name or path of the robot's file, None for the default.
+
+    Raises InputError for files that are not allowed, and for a camera that sees no floor.
+    """
+    if arena is None:
+        return {}
+    if not isinstance(arena, Path):
+        return {"arena_m": arena}
+    from hexctl.cli.console import print_note
+    from hexctl.robot.loader import load_robot
+    from hexctl.vision import place
+
+    (x_m, y_m), radius_m = place.arena_of(place.load_place(arena), load_robot(robot or "ant"))
+    radius_m = math.floor(100 * radius_m) / 100
+    print_note(
+        f"hexctl: the robot is kept within {radius_m:g} m of {x_m:.2f}, {y_m:.2f} m, where the camera of "
+        f"{arena} sees it"
+    )
+    return {"arena_m": radius_m, "home_m": [round(x_m, 3), round(y_m, 3)]}

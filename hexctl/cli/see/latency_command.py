@@ -1,0 +1,87 @@
+"""`hexctl see latency`: how late a camera's pictures come, by a twist of the robot."""
+
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hexctl.cli.options.output import JsonOption
+from hexctl.cli.see.see_options import FpsOption, LiveCameraOption, OneRobotOption, SizeOption
+from hexctl.cli.signature import with_options
+from hexctl.wire.links import LinkOptions
+
+if TYPE_CHECKING:
+    from hexctl.vision.latency_trial import LatencyTrial, TwistAhead
+
+
+@with_options(LinkOptions)
+def latency(
+    link: dict[str, Any],
+    camera: LiveCameraOption = None,
+    place: Annotated[
+        Path,
+        typer.Option("--place", help="YAML file that hexctl see --camera made; it keeps the latency."),
+    ] = Path("place.yaml"),
+    size: SizeOption = None,
+    fps: FpsOption = None,
+    robot: OneRobotOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Measure how late a camera's pictures come: the standing robot twists once and is watched.
+
+    Its feet stay in place, and nothing else may drive it meanwhile. Ctrl-C takes the twist back. Exit codes:
+    0 done, 2 bad input, a tag that is not seen or too little motion, 3 fault of robot, link or camera, 130
+    interrupted.
+    """
+    from hexctl.cli.console import INTERRUPTED, StopOnInterrupt, print_note, print_result
+    from hexctl.errors import InputError, RobotFaultError
+    from hexctl.vision.latency_trial import CameraLatency
+
+    if camera is None:
+        raise InputError("--camera: got none; allowed: a number such as 0, or an address")
+    measuring = CameraLatency(
+        camera=camera, place=place, size_px=size, fps=fps, robot=robot, **link,
+    )  # fmt: skip
+    with StopOnInterrupt() as interrupt:
+        try:
+            done = measuring.run(
+                interrupt.requested,
+                on_moving=lambda ahead: print_note(_warning(ahead)),
+                on_event=lambda text: print_note(f"hexctl: {text}"),
+            )
+        except RobotFaultError:
+            if not interrupt.requested():
+                raise
+            done = None
+    if done is None:
+        print_note("hexctl: interrupted; nothing is stored")
+        raise typer.Exit(INTERRUPTED)
+    print_result(json.dumps(_json(done, place)) if as_json else _text(done, place))
+
+
+def _warning(ahead: "TwistAhead") -> str:
+    return (
+        f"{ahead.robot} moves now: it stands up where it is and turns its body to and fro by "
+        f"{math.degrees(ahead.amplitude_rad):.0f} degrees, its feet in place, for {ahead.duration_s:.0f} s; "
+        "Ctrl-C ends it"
+    )
+
+
+def _json(done: "LatencyTrial", place: Path) -> dict[str, Any]:
+    return {
+        "latency_ms": round(1000 * done.latency.latency_s, 1),
+        "sigma_ms": round(1000 * done.latency.sigma_s, 1),
+        "factor": round(done.latency.factor, 3),
+        "pictures": done.pictures,
+        "seen": done.seen,
+        "place": str(place),
+    }
+
+
+def _text(done: "LatencyTrial", place: Path) -> str:
+    return (
+        f"{place}: pictures come {1000 * done.latency.latency_s:.0f} ± {1000 * done.latency.sigma_s:.0f} ms "
+        f"late, by {done.seen} of {done.pictures} pictures; it is stored"
+    )

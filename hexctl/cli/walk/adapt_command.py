@@ -1,0 +1,293 @@
+"""`hexctl adapt`: find a gait for a failed leg."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hexctl.adapt.adapt_options import AdaptOptions
+from hexctl.backends.robot_options import RobotOptions
+from hexctl.cli import completion
+from hexctl.cli.console import (
+    ABORTED,
+    DONE,
+    INTERRUPTED,
+    StopOnInterrupt,
+    code_of_stop,
+    in_flags,
+    note_no_window,
+    print_note,
+    print_result,
+)
+from hexctl.cli.options.failure import (
+    AUTO_LEG,
+    AUTO_LEG_HELP,
+    FailureOption,
+    RecoverOption,
+    complete_leg,
+    leg_or_auto,
+    recovery_policy,
+)
+from hexctl.cli.options.output import JsonOption, QuietOption
+from hexctl.cli.see.arena_command import ArenaOption, arena_fields
+from hexctl.cli.settings import runs_folder
+from hexctl.cli.signature import with_options
+from hexctl.cli.values import given, rare
+from hexctl.cli.walk.diagnose_command import found_failure
+from hexctl.errors import HexctlError, InputError, RecordingError, argument
+
+if TYPE_CHECKING:
+    from hexctl.adapt.adaptation import Adaptation
+    from hexctl.adapt.adaptation_result import AdaptationResult
+    from hexctl.adapt.sessions.search_session import Session, SessionSpec
+    from hexctl.recording.live import LiveView
+
+#: Options that go with --resume.
+WITH_RESUME = ("--resume", "--budget", "--trust", "--view", "--no-record", "--quiet", "--json")
+
+
+@with_options(AdaptOptions)
+def adapt(
+    search: dict[str, Any],
+    context: typer.Context,
+    failed_leg: Annotated[
+        int | None,
+        typer.Option(
+            "--failed-leg",
+            parser=leg_or_auto,
+            metavar="LEG|auto",
+            autocompletion=complete_leg,
+            help=f"{AUTO_LEG_HELP} Needed, unless --resume. (default: none)",
+        ),
+    ] = None,
+    failure: FailureOption = None,
+    no_baseline: Annotated[
+        bool,
+        rare(
+            typer.Option(
+                "--no-baseline",
+                help="Leave out the walks before the first trial with gaits that need no search.",
+            )
+        ),
+    ] = False,
+    recover: RecoverOption = False,
+    arena: ArenaOption = None,
+    resume: Annotated[
+        str | None,
+        typer.Option(
+            "--resume",
+            autocompletion=completion.sessions,
+            help="Continue this session, by its name in hexctl sessions list; --budget lets one whose "
+            "budget is spent walk more. (default: begin a new one)",
+        ),
+    ] = None,
+    trust: Annotated[
+        bool,
+        typer.Option("--trust", help="With --resume: import custom code that the session names."),
+    ] = False,
+    view: Annotated[
+        bool,
+        typer.Option(
+            "--view",
+            help="Show a real robot's trials in Rerun while they run, and the session at its end.",
+        ),
+    ] = False,
+    no_record: Annotated[
+        bool, typer.Option("--no-record", help="Leave no recordings; the session is stored all the same.")
+    ] = False,
+    quiet: QuietOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Find a gait for a failed leg in few trials; each is kept and recorded.
+
+    A trial walks one of the 120 gaits and is scored by how far off the line it ends. Ctrl-C ends a session,
+    --resume continues it. Exit codes: 0 done, 2 bad input, 3 fault
+    of robot, link or recording, 4 stopped or no valid trial, 130 interrupted.
+    """
+    if view and no_record:
+        raise InputError("--no-record: got --view too; allowed: one or the other")
+    if resume is not None:
+        _check_resumed_alone(resume, given(context))
+        shown = {"quiet": quiet, "view": view, "as_json": as_json}
+        raise typer.Exit(
+            _resume(resume, given(context).get("--budget"), trust, record=not no_record, **shown)
+        )
+    if trust:
+        raise InputError("--trust: got it without --resume; allowed: with --resume SESSION")
+    if failed_leg is None:
+        raise InputError("--failed-leg: is missing; allowed: 1..6, auto (or --resume SESSION)")
+    if failed_leg == AUTO_LEG:
+        from hexctl.runs.run_spec import RunSpec
+
+        where = {field.name: search[field.name] for field in fields(RobotOptions)}
+        found = found_failure(RunSpec(**where), failure)
+        if found.failure is None:
+            raise InputError("--failed-leg: got auto, and no leg has failed; allowed: 1..6")
+        failed_leg, failure = found.failure.leg, str(found.failure)
+    search["policy"] = recovery_policy(recover=recover, policy=search["policy"])
+    asked = (
+        search
+        | arena_fields(arena, search["robot"])
+        | {"failed_leg": failed_leg, "baseline": not no_baseline}
+    )
+    if failure is not None:
+        asked["failure"] = failure
+    raise typer.Exit(_begin(asked, record=not no_record, view=view, quiet=quiet, as_json=as_json))
+
+
+def _check_resumed_alone(resume: str, typed: Mapping[str, Any]) -> None:
+    """Raise InputError for options that a resumed session would silently not follow."""
+    others = [flag for flag in typed if flag not in WITH_RESUME]
+    if others:
+        raise InputError(
+            f"--resume: got {', '.join(others)} too, but a session continues as it was begun; "
+            f"allowed: --resume {resume} alone, or with --budget"
+        )
+
+
+def _begin(asked: dict[str, Any], *, record: bool, quiet: bool, **shown: bool) -> int:
+    """Search in a new session and return the exit code."""
+    with StopOnInterrupt() as interrupt:  # loading takes a second, in which Ctrl-C is heard as well
+        from hexctl.adapt.adaptation import Adaptation
+        from hexctl.adapt.search import new_spec
+        from hexctl.cli.prompts import check_answerable
+        from hexctl.cli.study.prior_command import how_to_build_prior
+
+        spec = new_spec(**asked, folder=runs_folder(), note=_note, advice=how_to_build_prior)
+        if spec.ask:
+            check_answerable()
+        made = partial(Adaptation, spec)
+        searched = _search(made, spec, interrupt, record=record, quiet=quiet, **shown)
+    return searched if isinstance(searched, int) else _end(searched, **shown)
+
+
+def _resume(name: str, budget: int | None, trust: bool, *, record: bool, quiet: bool, **shown: bool) -> int:
+    """Continue a session and return the exit code."""
+    with StopOnInterrupt() as interrupt:
+        from hexctl.adapt.adaptation import Adaptation
+        from hexctl.adapt.sessions.store import load_session
+
+        try:
+            session = load_session(name, folder=runs_folder())
+        except InputError as error:
+            named = error.worded(lambda what: "--resume" if what == "session" else argument(what))
+            raise InputError(named) from error.__cause__
+        make = partial(Adaptation.resume, session, budget=budget, trust=trust)
+        searched = _search(make, session.spec, interrupt, record=record, quiet=quiet, **shown)
+    return searched if isinstance(searched, int) else _end(searched, resumed=True, **shown)
+
+
+def _search(
+    make: "Callable[..., Adaptation]",
+    spec: "SessionSpec",
+    interrupt: StopOnInterrupt,
+    *,
+    record: bool,
+    view: bool,
+    quiet: bool,
+    as_json: bool,
+) -> "AdaptationResult | int":
+    """Run an adaptation; its result, or the exit code where there is none."""
+    from hexctl.adapt.runner import NotBegunError, RobotStoppedError
+    from hexctl.adapt.sessions.stored_rows import StoreError
+    from hexctl.cli.prompts import TrialPrompt
+    from hexctl.cli.render.adapt_output import SessionTable, after_stop
+
+    begun: list[Session] = []
+    with SessionTable(quiet=quiet or as_json) as table:
+
+        def begin(session: "Session") -> None:
+            begun.append(session)
+            table.begin(session)
+
+        adaptation = make(
+            folder=runs_folder(),
+            record=record,
+            operator=TrialPrompt(spec, interrupt.requested) if spec.ask else None,
+            live=_open_window if view else None,
+            note=_note,
+        )
+        try:
+            return adaptation.run(
+                on_begin=begin,
+                on_trial=table.add,
+                on_baseline=table.add_baseline,
+                on_confirmation=table.add_confirmation,
+                stop_requested=interrupt.requested,
+            )
+        except RobotStoppedError as error:
+            _note(f"{in_flags(error)}; {after_stop(spec, error)}begin again")
+            return _code_of_stop(error)
+        except NotBegunError as error:
+            _note(str(error))
+            return INTERRUPTED
+        except (InputError, StoreError) as error:
+            if not begun:
+                raise
+            raise type(error)(f"{in_flags(error)}; {_what_is_left(begun)}") from error.__cause__ or error
+        except KeyboardInterrupt:
+            _note(f"interrupted without a soft stop; {_what_is_left(begun)}")
+            return INTERRUPTED
+
+
+def _what_is_left(begun: "Sequence[Session]") -> str:
+    """What a search that was cut off leaves behind: its session, or nothing."""
+    from hexctl.cli.render.adapt_output import resume_command
+
+    return f"continue with: {resume_command(begun[0])}" if begun else "nothing was recorded"
+
+
+def _end(result: "AdaptationResult", *, view: bool, as_json: bool, resumed: bool = False) -> int:
+    """Print how a search ended, and return the exit code."""
+    from hexctl.cli.render.adapt_output import after_stop, resume_command
+
+    session = result.session
+    _print_end(result, as_json=as_json, resumed=resumed)
+    if result.trouble is not None:
+        then = f"{after_stop(session.spec, result.trouble)}continue with: {resume_command(session)}"
+        _note(f"{in_flags(result.trouble)}; nothing is lost: {then}")
+        return _code_of_stop(result.trouble)
+    if result.ended == "interrupted":
+        return INTERRUPTED
+    if view and result.trials:
+        _show(session.name)
+    return DONE if result.best is not None else ABORTED
+
+
+def _print_end(result: "AdaptationResult", *, as_json: bool, resumed: bool) -> None:
+    """Print how a search ended; a session that was resumed may have been finished before."""
+    from hexctl.cli.render.adapt_output import closing_parts, finished_line
+
+    parts = [json.dumps(result.to_dict())] if as_json else closing_parts(result.session, result.ended)
+    print_result(*parts)
+    if resumed and not result.walked and (finished := finished_line(result.ended)) is not None:
+        _note(finished)
+
+
+def _note(text: str) -> None:
+    """Print a note on stderr."""
+    print_note(f"hexctl: {text}")
+
+
+def _open_window() -> "LiveView | None":
+    from hexctl.recording.live import open_window
+
+    return open_window(note_no_window)
+
+
+def _show(name: str) -> None:
+    """Open a session in the viewer; a missing screen does not make the search a failure."""
+    from hexctl.adapt.session_viewing import view_runs
+
+    try:
+        view_runs([name], runs_folder())
+    except RecordingError as error:
+        _note(str(error))
+
+
+def _code_of_stop(error: HexctlError) -> int:
+    """Exit code of a session that its robot, or a full disk, ended."""
+    return code_of_stop(str(getattr(error, "reason", "fault")))

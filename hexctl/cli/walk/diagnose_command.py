@@ -1,0 +1,193 @@
+"""`hexctl diagnose`: which leg has failed, found out at rest."""
+
+import json
+import sys
+from contextlib import ExitStack
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import typer
+
+from hexctl.backends.robot_options import RecordedOptions
+from hexctl.cli.console import (
+    DONE,
+    INTERRUPTED,
+    StopOnInterrupt,
+    code_of,
+    never_commanded,
+    note_never_commanded,
+    print_note,
+    print_result,
+)
+from hexctl.cli.options.failure import SimFailedLegOption, SimFailureOption
+from hexctl.cli.options.output import JsonOption, NoRecordOption
+from hexctl.cli.settings import runs_folder
+from hexctl.cli.signature import with_options
+from hexctl.errors import InputError, RecordingError, RobotFaultError
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from hexctl.robot.failure import Failure
+    from hexctl.runs.diagnosis import AskOperator, DiagnosisResult
+    from hexctl.runs.run_spec import RunSpec
+
+
+@with_options(RecordedOptions)
+def diagnose(
+    where: dict[str, Any],
+    failed_leg: SimFailedLegOption = None,
+    failure: SimFailureOption = None,
+    no_record: NoRecordOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Find out at rest which leg has failed, which joint, and how: 12 s of small motions.
+
+    The robot stands on its feet, with room around it. With sim, --failed-leg and --failure say what the
+    simulation breaks; the diagnosis is not told. Exit codes: 0 done, whatever was found, 2 bad input, 3 fault
+    of robot or link, 4 fell or was stopped, 130 interrupted.
+    """
+    from hexctl.robot.failure import failure_of
+    from hexctl.runs.run_spec import RunSpec
+
+    if no_record and where["record"] is not None:
+        raise InputError("--no-record: got --record too; allowed: one or the other")
+    spec = RunSpec(
+        **where,
+        failure=failure_of(failed_leg, failure),
+        record_folder=None if no_record or where["record"] is not None else runs_folder(),
+    )
+    done, code = diagnosed(spec)
+    if done is None:
+        raise typer.Exit(code)
+    print_result(*([json.dumps(done.outcome)] if as_json else summary(done.outcome)))
+    if done.diagnosis.source == "none" and not done.diagnosis.unfinished and _operator() is None:
+        print_note("hexctl: on a terminal, hexctl diagnose asks the operator which legs move as they should")
+    if (error := done.recording_error) is not None:
+        raise RecordingError(f"the diagnosis is done, its recording is not whole: {error}") from error
+    raise typer.Exit(code)
+
+
+def diagnosed(spec: "RunSpec") -> "tuple[DiagnosisResult | None, int]":
+    """Connect, make the standing test and judge it; the result and the exit code, no result if interrupted.
+
+    Raises what `DiagnosisRun` raises.
+    """
+    from hexctl.runs.diagnosis import DiagnosisRun
+
+    run = DiagnosisRun(spec)
+    with ExitStack() as stack:
+        interrupt = stack.enter_context(StopOnInterrupt())
+        try:
+            stack.enter_context(run)
+        except RobotFaultError:
+            if interrupt.requested():
+                note_never_commanded()
+                return None, INTERRUPTED
+            raise
+        for note in run.notes:
+            print_note(f"hexctl: {note}")
+        done = run.diagnose(ask=_operator(), stop_requested=interrupt.requested)
+        if never_commanded(done.outcome):
+            note_never_commanded()
+            return None, INTERRUPTED
+        return done, INTERRUPTED if interrupt.requested() else code_of(done.trial)
+
+
+def found_failure(spec: "RunSpec", words: str | None) -> "Found":
+    """What a diagnosis finds before a walk of a spec, for `--failed-leg auto`; it is told on stderr.
+
+    Args:
+        spec: of the walk, without a failure.
+        words: what a simulation breaks, such as `5:limp`; None for nothing.
+
+    Raises InputError where nothing or more than one leg was found out, Exit where the diagnosis was stopped.
+    """
+    broken = _broken(spec, words)
+    names = {field.name for field in fields(RecordedOptions)} - {"record", "record_folder"}
+    options = {name: getattr(spec, name) for name in names}
+    done, code = diagnosed(type(spec)(failure=broken, **options))
+    if done is None or code != DONE:
+        print_note("hexctl: the diagnosis was stopped, and so is what was to follow")
+        raise typer.Exit(code)
+    for note in done.diagnosis.notes:
+        print_note(f"hexctl: {note}")
+    print_note(f"hexctl: diagnosis: {done.diagnosis.verdict}")
+    if done.diagnosis.source == "none":
+        raise InputError("--failed-leg: got auto, which could not be found out; allowed: 1..6")
+    failures = done.diagnosis.failures
+    if len(failures) > 1:
+        raise InputError(
+            f"--failed-leg: got auto, which is {done.diagnosis.verdict}; allowed: one failed leg, or "
+            f"hexctl run --failed-leg {','.join(str(one.leg) for one in failures)}"
+        )
+    return Found(failures[0] if failures else None, broken, done)
+
+
+class Found(NamedTuple):
+    """What a diagnosis found before a walk, what the simulation breaks, and the whole result."""
+
+    failure: "Failure | None"
+    broken: "Failure | None"
+    result: "DiagnosisResult"
+
+
+def _broken(spec: "RunSpec", words: str | None) -> "Failure | None":
+    """Failure of words such as `5:limp`."""
+    from hexctl.robot.failure import parse_failure
+
+    if words is None:
+        return None
+    leg, _, kind = words.partition(":")
+    if not spec.simulated:
+        raise InputError(
+            f"--failure: got {words} with --failed-leg auto and --backend {spec.backend}; allowed: with sim, "
+            "which breaks it"
+        )
+    if leg not in ("1", "2", "3", "4", "5", "6"):
+        raise InputError(
+            f"--failure: got {words} with --failed-leg auto; allowed: a leg and what the simulation breaks, "
+            "such as 5:limp"
+        )
+    return parse_failure(int(leg), kind or "locked")
+
+
+def _operator() -> "AskOperator | None":
+    """What asks the operator; None where no answer can come."""
+    if not (sys.stdin and sys.stdin.isatty()):
+        return None
+    from hexctl.cli.prompts import LegPrompt
+
+    return LegPrompt().moved
+
+
+def summary(outcome: dict[str, Any]) -> list[Any]:
+    """Outcome of a diagnosis, the object of `hexctl diagnose --json`, as text and a table."""
+    from hexctl.cli.render.tables import label_table
+
+    where = f"in world {outcome['world']}" if outcome["world"] else f"on {outcome['backend']}"
+    stopped = f" ({outcome['stopped']})" if outcome["stopped"] else ""
+    rows = [
+        *([] if outcome["status"] == "ok" else [("status", outcome["status"] + stopped)]),
+        *[("note", note) for note in outcome["notes"]],
+        ("verdict", outcome["verdict"]),
+        *([("recording", outcome["recording"])] if outcome["recording"] else []),
+    ]
+    return [f"{outcome['robot']} {where}", "", _leg_table(outcome), "", label_table(rows)]
+
+
+def _leg_table(outcome: dict[str, Any]) -> "Table":
+    """Gains, load, torque and verdict of each leg."""
+    from hexctl.cli.render.tables import plain_table
+    from hexctl.types import JOINT_KINDS
+
+    table = plain_table("leg", *JOINT_KINDS, "load", "verdict", "")
+    for leg in outcome["legs"]:
+        gains = [_number(leg["gains"][kind]) for kind in JOINT_KINDS]
+        verdict = leg["failure"] or ("-" if outcome["source"] == "none" or not leg["tested"] else "good")
+        table.add_row(str(leg["leg"]), *gains, _number(leg["load"]), verdict, leg["evidence"])
+    return table
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"

@@ -1,0 +1,301 @@
+"""`hexctl run`: walk."""
+
+import json
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hexctl.backends.clock import PERIOD_S
+from hexctl.cli.console import (
+    INTERRUPTED,
+    StopOnInterrupt,
+    code_of,
+    make_bar,
+    never_commanded,
+    note_never_commanded,
+    note_no_window,
+    print_above,
+    print_note,
+    print_result,
+)
+from hexctl.cli.options.failure import (
+    AUTO_LEG,
+    FailedLegOption,
+    FailOption,
+    FailureOption,
+    HealOption,
+    RecoverOption,
+    recovery_policy,
+)
+from hexctl.cli.options.output import JsonOption, NoRecordOption
+from hexctl.cli.progress import WithBar
+from hexctl.cli.see.arena_command import WalkArenaOption, geofence
+from hexctl.cli.settings import runs_folder
+from hexctl.cli.signature import with_options
+from hexctl.cli.walk.diagnose_command import Found, found_failure
+from hexctl.errors import InputError, LimitError, ReachError, RecordingError, RobotFaultError
+from hexctl.robot.failure import failure_of, failures_of
+from hexctl.robot.failure_event import FailureEvent, parse_failure_event, parse_healing
+from hexctl.runs.run_spec import RunSpec
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from hexctl.control.log import Recorder, TickLog
+    from hexctl.control.trial import ShouldStop
+    from hexctl.recording.live import LiveView
+    from hexctl.runs.run import Run, RunResult
+
+#: What a robot does, by the phase of its walk.
+DOING = {
+    "settle": "standing up (Ctrl-C stops)",
+    "turn": "turning the failed leg away (Ctrl-C stops)",
+    "walk": "walking (Ctrl-C stops)",
+    "stop": "stopping",
+}
+
+
+@with_options(RunSpec)
+def run(
+    walk: dict[str, Any],
+    failed_leg: FailedLegOption = None,
+    failure: FailureOption = None,
+    fail: FailOption = None,
+    heal: HealOption = None,
+    recover: RecoverOption = False,
+    arena: WalkArenaOption = None,
+    no_record: NoRecordOption = False,
+    view: Annotated[
+        bool,
+        typer.Option(
+            "--view",
+            help="Show the walk in the Rerun viewer: during the walk with --realtime or on a robot, "
+            "otherwise afterwards.",
+        ),
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Walk, record it, and say how it went.
+
+    Ctrl-C stops softly and keeps the recording. Exit codes: 0 done, 2 bad input, 3 fault of robot or link,
+    4 fell or was stopped, 130 interrupted.
+    """
+    if no_record and (walk["record"] is not None or view):
+        raise InputError("--no-record: got --record or --view too; allowed: one or the other")
+    with _WalkProgress(walk["duration_s"], quiet=as_json) as progress:
+        diagnosed = failed_leg == (AUTO_LEG,)
+        failures = () if diagnosed else failures_of(failed_leg, failure) if failed_leg else ()
+        walk["policy"] = recovery_policy(recover=recover, policy=walk["policy"])
+        spec = RunSpec(
+            **walk,
+            failure=None if diagnosed else failures[0] if failures else failure_of(None, failure),
+            further_failures=failures[1:],
+            events=(
+                *_events("--fail", parse_failure_event, fail),
+                *_events("--heal", parse_healing, heal),
+            ),
+            record_folder=None if no_record or walk["record"] is not None else runs_folder(),
+        )
+        fence = None if arena is None else geofence(arena, str(spec.robot), simulated=spec.simulated)
+        found = None
+        if diagnosed:
+            spec.check()
+            progress.pause()
+            found = found_failure(spec, failure)
+            spec = replace(spec, failure=found.failure)
+        raise typer.Exit(
+            _walk(_with_best(spec), progress, view=view, as_json=as_json, found=found, fence=fence)
+        )
+
+
+def _with_best(spec: RunSpec) -> RunSpec:
+    """Spec with the gaits that `best` is here, which a note tells; any other spec as it is."""
+    if not spec.asks_for_best:
+        return spec
+    from hexctl.adapt.best import best_gait
+
+    best = best_gait(spec, runs_folder())
+    print_note(f"hexctl: {best.source}")
+    return best.spec
+
+
+def _events(
+    flag: str, parse: "Callable[[str], FailureEvent]", texts: "Sequence[str] | None"
+) -> "Iterator[FailureEvent]":
+    """Events of the texts of an option; raises InputError that names it."""
+    for text in texts or ():
+        try:
+            yield parse(text)
+        except InputError as error:
+            _, same, allowed = str(error).partition(f": got {text!r}")
+            raise InputError(f"{flag}: got {text!r}{allowed if same else f' ({error})'}") from error
+
+
+def _walk(
+    spec: RunSpec,
+    progress: "_WalkProgress",
+    *,
+    view: bool,
+    as_json: bool,
+    found: "Found | None" = None,
+    fence: "ShouldStop | None" = None,
+) -> int:
+    """Walk, print the outcome, show it; the exit code. The progress ends with the walk."""
+    from hexctl.cli.render.run_output import summary
+
+    run, clear = _checked(spec), _clear_command(spec)
+    if found is not None:
+        run.broken = found.broken
+    with ExitStack() as stack:
+        interrupt = stack.enter_context(StopOnInterrupt())
+        stack.enter_context(progress)
+        try:
+            stack.enter_context(run)
+        except RobotFaultError:
+            if interrupt.requested():
+                note_never_commanded()
+                return INTERRUPTED
+            raise
+        for note in run.notes:
+            print_note(f"hexctl: {note}")
+        live = _open_live(run) if view and spec.paced and not interrupt.requested() else None
+        if live is not None:
+            stack.enter_context(live)
+        progress.of_turn = _turn_note(run) if spec.paced else ""
+        recorders: list[Recorder] = [progress] if live is None else [progress, live]
+        done = _walked(run, recorders, interrupt, fence)
+        if done is None:
+            return INTERRUPTED
+        if never_commanded(done.outcome):
+            note_never_commanded()
+            return INTERRUPTED
+        if run.index_due and not as_json:
+            print_note(f"hexctl: the walk is done; writing the index of {run.recording_path}")
+    if found is not None:
+        done.outcome["diagnosis"] = found.result.diagnosis.to_dict()
+    print_result(*([json.dumps(done.outcome)] if as_json else summary(done.outcome, clear)))
+    if (error := done.recording_error) is not None:
+        raise RecordingError(f"the walk is done, its recording is not whole: {error}") from error
+    if live is not None and live.lost is not None:
+        print_note(f"hexctl: {live.lost}; the walk and its recording are whole")
+    elif view and not interrupt.requested():
+        _show(live, None if spec.paced else done.recording)
+    return INTERRUPTED if interrupt.requested() else code_of(done.trial)
+
+
+def _walked(
+    run: "Run", recorders: "list[Recorder]", interrupt: StopOnInterrupt, fence: "ShouldStop | None"
+) -> "RunResult | None":
+    """Result of a walk; None where it was interrupted without a soft stop, which a note tells."""
+    try:
+        return run.walk(recorders=recorders, stop_requested=interrupt.requested, should_stop=fence)
+    except KeyboardInterrupt:
+        kept = "" if run.recording_path is None else f"; recorded until then: {run.recording_path}"
+        print_note(f"hexctl: interrupted without a soft stop{kept}")
+        return None
+
+
+def _checked(spec: RunSpec) -> "Run":
+    from hexctl.runs.run import Run
+
+    try:
+        return Run(spec)
+    except (ReachError, LimitError) as error:
+        raise InputError(f"{error}; ask for a smaller --amplitude, --height or --turn") from error
+
+
+def _open_live(run: "Run") -> "LiveView | None":
+    """Viewer that shows a walk while it runs; None without a screen."""
+    from hexctl.recording.live import open_window
+
+    live = open_window(note_no_window)
+    if live is not None:
+        looks = None if run.robot_file is None else str(run.robot_file)
+        live.begin(
+            run.robot,
+            run.plan,
+            title=run.title,
+            floor=run.floor,
+            looks=looks,
+            watched=True,
+            servos=run.spec.backend != "sim",
+        )
+    return live
+
+
+def _show(live: "LiveView | None", recording: Path | None) -> None:
+    """Leave a live view open until it is closed; open the recording of a walk that was not shown live."""
+    if live is not None:
+        print_note("close the viewer, or press Ctrl-C, to end")
+        live.wait()
+    elif recording is not None:
+        from hexctl.recording.viewer import open_viewer
+
+        try:
+            open_viewer([recording])
+        except RecordingError as error:
+            print_note(f"hexctl: {error}")
+
+
+def _clear_command(spec: RunSpec) -> str:
+    """Command that ends a stop of the robot of a spec; read before a walk, which may outlast a link file."""
+    from hexctl.wire.links import CLEAR_COMMAND, load_link
+
+    if spec.backend != "zenoh":
+        return CLEAR_COMMAND
+    keys = None if spec.credentials is None else Path(spec.credentials)
+    return load_link(spec.link, endpoint=spec.connect, credentials=keys, insecure=spec.insecure).clear_command
+
+
+def _turn_note(run: "Run") -> str:
+    """Line about the self-rotation before a walk; empty where it is short or none."""
+    from hexctl.control.walks.turning import SMALL_TURN_RAD, turn_needed_rad
+
+    plan = run.plan
+    if plan.belief is None or abs(turn_needed_rad(run.robot, plan)) <= SMALL_TURN_RAD:
+        return ""
+    points = "trails" if plan.self_rotation == "rear" else "leads"
+    first = f"turns until leg {plan.belief.leg} {points}"
+    return f"hexctl: {first}, then walks {plan.duration_s:g} s; Ctrl-C stops it"
+
+
+class _WalkProgress(WithBar):
+    """Recorder that shows the progress of a run on a terminal (stderr), while it loads and while it walks.
+
+    Args:
+        total_s: duration of the walk.
+        quiet: True for no bar.
+
+    Attributes:
+        of_turn: line that is printed once if the robot begins to turn before the walk; empty for none.
+    """
+
+    #: A second: drawing must not delay the ticks.
+    block_ticks: int | None = 50
+
+    def __init__(self, total_s: float, *, quiet: bool) -> None:
+        self.of_turn = ""
+        self._total_s = total_s
+        self._bar = make_bar("{task.fields[walked]}", quiet=quiet)
+        self._task = self._bar.add_task("loading", total=None, walked="")
+
+    def pause(self) -> None:
+        """Hide the bar until it is entered again."""
+        self._bar.stop()
+
+    def write_block(self, log: "TickLog", start: int, stop: int) -> None:
+        """Move the bar to where the log is."""
+        if self.of_turn and log.phase == "turn":
+            print_above(self._bar, self.of_turn, err=True)
+            self.of_turn = ""
+        walked_s = min(self._total_s, log.walked_ticks * PERIOD_S)
+        self._bar.update(
+            self._task,
+            completed=walked_s,
+            total=self._total_s,
+            description=DOING[log.phase],
+            walked=f"{walked_s:.0f} of {self._total_s:.0f} s",
+        )

@@ -1,0 +1,175 @@
+"""The layout that a recording opens with."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from hexctl.backends.sim.terrain import Floor
+from hexctl.palette import BACKGROUND
+from hexctl.recording import paths, style
+from hexctl.recording.rrd import load_rerun
+from hexctl.robot.model import Robot
+
+#: The eye, as seen along the line of travel, in stance radii: behind, to the right, above.
+EYE = (-1.1, -2.1, 1.5)
+
+
+def make_blueprint(
+    robot: Robot,
+    heading_rad: float,
+    floor: Floor,
+    *,
+    watched: bool = False,
+    servos: bool = False,
+    live: bool = False,
+    several: bool = False,
+) -> Any:
+    """Blueprint of a trial's recording.
+
+    Args:
+        robot: who walks.
+        heading_rad: where it is asked to walk.
+        floor: what it walks on.
+        watched: whether its legs are watched; the layout then has the evidence against each.
+        servos: whether its servos may report temperatures and voltages; the layout then has them.
+        live: whether it is shown while it walks; the time cursor then follows it, and the events are in
+            front, as there is no summary yet.
+        several: whether it is one of several recordings; their list is then open.
+    """
+    import rerun.blueprint as rrb
+
+    hidden = rrb.PlotLegend(visible=False)
+    # All legs have a lane in a window of 760 points.
+    scene = rrb.Vertical(scene_view(robot, heading_rad, floor), _lanes_view(), row_shares=[5, 6])
+    evidence = [plot(paths.SUSPICION, "evidence, alarm at 1")] if watched else []
+    reports = [
+        plot(path, name, plot_legend=hidden)
+        for path, name in ((paths.TEMPERATURES, "servos (°C)"), (paths.VOLTAGES, "servos (V)"))
+        if servos
+    ]
+    side = rrb.Vertical(
+        rrb.Tabs(_summary_view(), _events_view(), active_tab=1 if live else 0),
+        plot(paths.DEVIATION, "deviation from the line (m), left +", plot_legend=hidden),
+        plot(paths.MARGIN, "stability margin (m), unstable below 0", plot_legend=hidden),
+        rrb.Tabs(
+            *evidence,
+            *(plot(paths.leg_path(leg), f"leg {leg} (rad)") for leg in paths.LEGS),
+            plot(paths.TORQUES, "torques (N m)", plot_legend=hidden),
+            plot(paths.VELOCITY, "commanded velocity"),
+            *reports,
+        ),
+        row_shares=[10, 4, 4, 6],
+    )
+    return rrb.Blueprint(
+        rrb.Horizontal(scene, side, column_shares=[5, 3]),
+        *side_panels(several=several),
+        rrb.TimePanel(
+            state="collapsed",
+            timeline=paths.WALK_TIMELINE,
+            play_state="following" if live else "playing",
+            loop_mode="off" if live else "all",
+        ),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def side_panels(*, several: bool) -> tuple[Any, Any]:
+    """The panels at both sides: the list of recordings, open if there are several, and the selection."""
+    import rerun.blueprint as rrb
+
+    left = rrb.BlueprintPanel(state="expanded" if several else "hidden")
+    return left, rrb.SelectionPanel(state="hidden")
+
+
+def scene_view(robot: Robot, heading_rad: float, floor: Floor) -> Any:
+    """3-D view: the eye follows the robot, trail and ribbon end at the time cursor."""
+    import rerun.blueprint as rrb
+
+    cos, sin = math.cos(heading_rad), math.sin(heading_rad)
+    back, left, up = (robot.stance_radius_m * share for share in EYE)
+    position = np.array([cos * back - sin * left, sin * back + cos * left, up])
+    plane = load_rerun().encodings.Plane3D(normal=floor.normal_world, distance=0.0)
+    return rrb.Spatial3DView(
+        origin=paths.WORLD,
+        name="robot",
+        background=[*BACKGROUND],
+        line_grid=rrb.LineGrid3D(
+            visible=floor.heights_m is None,
+            spacing=0.1,
+            plane=plane,
+            color=style.GRID_COLOR,
+            stroke_width=0.7,
+        ),
+        spatial_information=rrb.SpatialInformation(target_frame=f"tf#/{paths.WORLD}", show_axes=False),
+        eye_controls=rrb.EyeControls3D(
+            kind="orbital",
+            position=position,
+            look_target=[0.0, 0.0, 0.5 * robot.standing_height_m],
+            eye_up=[0.0, 0.0, 1.0],
+            tracking_entity=paths.FRAME,
+        ),
+        overrides={
+            paths.TRAIL: up_to_cursor(),
+            paths.RIBBON: up_to_cursor(),
+            paths.GROUND: rrb.EntityBehavior(interactive=False),
+        },
+    )
+
+
+def up_to_cursor() -> Any:
+    """Time range of everything up to the time cursor."""
+    import rerun.blueprint as rrb
+
+    start, end = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.cursor_relative()
+    return rrb.VisibleTimeRanges(
+        [
+            rrb.VisibleTimeRange(timeline, start=start, end=end)
+            for timeline in (paths.WALK_TIMELINE, paths.TIMELINE)
+        ]
+    )
+
+
+def _lanes_view() -> Any:
+    """Lanes of the trial's phases, the guard and the gait; states whose colour is enough have no label."""
+    import rerun.blueprint as rrb
+
+    lanes = load_rerun().StateConfiguration(
+        values=list(style.LANE_COLORS),
+        colors=list(style.LANE_COLORS.values()),
+        labels=[style.label_of(state) for state in style.LANE_COLORS],
+    )
+    return rrb.StateTimelineView(
+        origin="/",
+        contents=[f"+ {paths.PHASE}", f"+ {paths.GUARD}", "+ gait/**", "+ failures/**"],
+        name="gait: light stance, dark swing, orange no contact, red drags",
+        defaults=[lanes],
+        time_view=_linked(),
+    )
+
+
+def _summary_view() -> Any:
+    import rerun.blueprint as rrb
+
+    return rrb.TextDocumentView(origin=paths.SUMMARY, name="trial")
+
+
+def _events_view() -> Any:
+    import rerun.blueprint as rrb
+
+    return rrb.TextLogView(origin=paths.EVENTS, name="events")
+
+
+def plot(origin: str, name: str, **more: Any) -> Any:
+    """View of scalars over the time that all views share."""
+    import rerun.blueprint as rrb
+
+    return rrb.TimeSeriesView(origin=origin, name=name, axis_x=_linked(), **more)
+
+
+def _linked() -> Any:
+    """Time axis that all views share: zooming into one zooms into all."""
+    import rerun.blueprint as rrb
+
+    return rrb.TimeAxis(link="LinkToGlobal")

@@ -1,0 +1,265 @@
+"""Live view: walks and robots on the network, shown in a viewer through a pipe that does not block."""
+
+import os
+import pickle
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from types import TracebackType
+from typing import Any, Self
+
+from hexctl.backends.clock import PERIOD_S, WallClock
+from hexctl.backends.sim.terrain import Floor
+from hexctl.control.log import COLUMNS, TickLog
+from hexctl.control.trace import TrialFrame
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.errors import RecordingError, RobotFaultError
+from hexctl.gait.gait import make_gait
+from hexctl.recording.rerun_program import viewer_binary
+from hexctl.recording.viewer import LOCAL, check_display, free_port, web_options, web_url
+from hexctl.robot.failure import Failure
+from hexctl.robot.model import Robot
+from hexctl.robot.rotations import yaw_rad
+from hexctl.types import JointTargets, RobotState
+from hexctl.waiting import wait_for
+
+#: Ticks of a block: ten updates a second.
+LIVE_BLOCK_TICKS = 5
+
+#: Bytes that may wait for a slow viewer before the live view is given up: a minute of walking.
+MAX_WAITING_BYTES = 8_000_000
+
+#: Time in which the feeder has to pass on its last rows.
+END_TIMEOUT_S = 5.0
+
+
+#: After an hour of states another recording begins: a recording is kept in memory, here and by the feeder.
+MAX_WATCHED_TICKS = 180_000
+
+
+class LiveView:
+    """Shows walks in a Rerun viewer while they run: a recorder of `run_trial`.
+
+    Rows go through a pipe to a feeder process, which talks to the viewer. A viewer or feeder that dies or
+    hangs does not delay the robot: rows that do not fit into the pipe wait, and beyond a bound the live view
+    is given up.
+
+    Attributes:
+        lost: why nothing is shown any longer, or None.
+        block_ticks: ticks of the blocks that it wants from a log.
+        url: address for a browser, or None for a window.
+    """
+
+    def __init__(self, *, web: bool = False, options: Sequence[str] = ()) -> None:
+        """Start viewer and feeder.
+
+        Args:
+            web: serve the viewer to a browser instead of opening a window.
+            options: further options of Rerun, such as `--save FILE`.
+
+        Raises RecordingError when they cannot start, MissingExtraError without Rerun.
+        """
+        self.lost: str | None = None
+        self.block_ticks: int | None = LIVE_BLOCK_TICKS
+        self._waiting = bytearray()
+        port, web_port = free_port(), free_port()
+        self.url = web_url(port, web_port) if web else None
+        where = web_options(port, web_port) if web else ["--bind", LOCAL, "--port", str(port)]
+        command = [str(viewer_binary()), *where, *options]
+        self._viewer = _start(command)
+        # -P: a file in the working folder stands for no module.
+        feeder = [sys.executable, "-P", "-m", "hexctl.recording.live_feed", str(port)]
+        self._feeder = _start(feeder, stdin=subprocess.PIPE)
+        assert self._feeder.stdin is not None  # noqa: S101  asked for
+        self._pipe = self._feeder.stdin.fileno()
+        os.set_blocking(self._pipe, False)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def begin(
+        self,
+        robot: Robot,
+        plan: TrialPlan,
+        *,
+        title: str,
+        floor: Floor | None = None,
+        looks: str | None = None,
+        watched: bool = False,
+        servos: bool = False,
+    ) -> None:
+        """Begin another walk.
+
+        Args:
+            robot: the robot that walks.
+            plan: what it is asked to do.
+            title: name of the walk in the viewer.
+            floor: what it walks on; None is an even, level floor.
+            looks: robot file whose meshes are drawn; None draws solids.
+            watched: whether the walk watches its legs.
+            servos: whether the servos may report temperatures and voltages.
+        """
+        header = {"robot": robot, "plan": plan, "title": title, "floor": floor, "looks": looks}
+        self._send({**header, "watched": watched, "servos": servos})
+
+    def write_block(self, log: TickLog, start: int, stop: int) -> None:
+        """Pass rows [start, stop) of a log on. What it raises is kept in `lost` too."""
+        try:
+            self._send({**rows_of(log, start, stop), "at_s": time.time()})
+        except Exception as error:
+            self.lost = f"the live view failed: {error}"
+            raise
+
+    @property
+    def open(self) -> bool:
+        """Whether the viewer still runs."""
+        return self._viewer.poll() is None
+
+    def wait(self) -> None:
+        """Wait until the viewer is closed by its user."""
+        self._viewer.wait()
+
+    def close(self, *, leave_viewer: bool = True) -> None:
+        """End the feeder, by force if it hangs; the viewer stays open unless `leave_viewer` is False."""
+        deadline_s = time.monotonic() + END_TIMEOUT_S
+        with suppress(RobotFaultError):  # a feeder that hangs is ended below
+            wait_for(self._passed_on, END_TIMEOUT_S, "the feeder hangs")
+        stdin = self._feeder.stdin
+        if stdin is not None and not stdin.closed:
+            stdin.close()
+        try:
+            self._feeder.wait(max(0.1, deadline_s - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            self._feeder.kill()
+            self._feeder.wait()
+        if not leave_viewer:
+            self._viewer.kill()
+            self._viewer.wait()
+
+    def _send(self, message: dict[str, Any]) -> None:
+        """Write a message as far as the pipe takes it, without waiting."""
+        if self.lost is not None:
+            return
+        self._waiting += pickle.dumps(message, protocol=5)
+        self._push()
+        if len(self._waiting) > MAX_WAITING_BYTES:
+            self.lost = "the live view is too slow and was given up"
+
+    def _passed_on(self) -> bool:
+        """Whether no bytes wait any more, after another attempt to write them."""
+        if self._waiting and self.lost is None:
+            self._push()
+        return not self._waiting or self.lost is not None
+
+    def _push(self) -> None:
+        """Write waiting bytes as far as the pipe takes them."""
+        try:
+            del self._waiting[: os.write(self._pipe, self._waiting)]
+        except BlockingIOError:
+            pass
+        except OSError:
+            self.lost = "the live view has ended"
+
+
+def rows_of(log: TickLog, start: int, stop: int) -> dict[str, Any]:
+    """Rows [start, stop) of a log and what happened in them, which `append` of the feeder takes."""
+    return {
+        "rows": {name: log.rows(name, start, stop) for name, _, _ in COLUMNS},
+        "frame": log.frame,
+        "pose_known": log.pose_known,
+        "contacts_known": log.contacts_known,
+        "servo_rows": [(row - start, servos) for row, servos in log.servo_rows.between(start, stop)],
+        "notes": [(row - start, text) for row, text in log.notes if start <= row < stop],
+        "leg_changes": [
+            replace(change, row=change.row - start)
+            for change in log.leg_changes
+            if start <= change.row < stop
+        ],
+    }
+
+
+def open_window(on_problem: Callable[[RecordingError], object]) -> LiveView | None:
+    """Window for a walk; without a screen `on_problem` gets the reason, and the walk goes unseen."""
+    try:
+        check_display()
+    except RecordingError as error:
+        on_problem(error)
+        return None
+    return LiveView()
+
+
+def watch_states(
+    live: LiveView,
+    robot: Robot,
+    read: Callable[[float], RobotState],
+    *,
+    place: str,
+    stop_requested: Callable[[], bool],
+    failures: Callable[[], tuple[Failure, ...] | None] = lambda: None,
+) -> None:
+    """Show a robot's states at 50 Hz until the viewer is closed or a stop is requested.
+
+    Args:
+        live: the viewer; it stays open.
+        robot: whose states they are.
+        read: gives the latest state, with its stamp on the clock whose time it is given in s.
+        place: where the robot is, for titles.
+        stop_requested: asked at every tick.
+        failures: gives the legs of a simulation that have failed, None where that is unknown.
+
+    Raises RobotFaultError when the live view is lost, and what `read` raises.
+    """
+    # The layout needs some plan; a viewer is not told what the robot's controller does.
+    plan = TrialPlan(gait=make_gait(robot, "demo"))
+    while not stop_requested() and live.open:
+        title = f"{robot.name} at {place}, from {time.strftime('%H:%M:%S')}"
+        live.begin(robot, plan, title=title, servos=True)
+        _watch_recording(live, read, stop_requested, failures)
+        if live.lost is not None:
+            raise RobotFaultError(f"{live.lost}; {place} itself is as it was")
+
+
+def _watch_recording(
+    live: LiveView,
+    read: Callable[[float], RobotState],
+    stop_requested: Callable[[], bool],
+    failures: Callable[[], tuple[Failure, ...] | None],
+) -> None:
+    """Show states for as long as one recording may last."""
+    log = TickLog()
+    log.phase = "walk"
+    clock = WallClock(PERIOD_S)
+    while not stop_requested() and live.lost is None and live.open and len(log) < MAX_WATCHED_TICKS:
+        tick = clock.tick()
+        state = read(tick.time_s)
+        if log.frame is None and state.base_position_world is not None:
+            quaternion = state.base_quaternion_world
+            yaw = 0.0 if quaternion is None else float(yaw_rad(quaternion))
+            log.frame = TrialFrame(state.base_position_world, yaw, yaw)
+        positions_rad = state.joint_positions_rad
+        log.note_failures("world", failures())
+        log.record(tick, state, positions_rad, JointTargets(positions_rad, tick.time_s))
+        if len(log) % LIVE_BLOCK_TICKS == 0:
+            live.write_block(log, len(log) - LIVE_BLOCK_TICKS, len(log))
+
+
+def _start(command: Sequence[str], stdin: int = subprocess.DEVNULL) -> "subprocess.Popen[bytes]":
+    """Start a process without our terminal: no output there, no Ctrl-C from there."""
+    try:
+        return subprocess.Popen(
+            command,
+            stdin=stdin,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+    except OSError as error:
+        raise RecordingError(f"{command[0]}: does not start: {error.strerror}") from error

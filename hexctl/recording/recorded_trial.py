@@ -1,0 +1,432 @@
+"""A recorded trial, read back from its .rrd file as arrays."""
+
+import json
+import warnings
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hexctl.backends.clock import PERIOD_S
+from hexctl.control.trace import PHASES
+from hexctl.errors import HexctlError, InputError, MissingExtraError
+from hexctl.recording import paths, style
+from hexctl.recording.rerun_program import check_sound
+from hexctl.recording.rrd import check_name, check_there, load_rerun
+from hexctl.recording.tracks.servo_tracks import READINGS
+from hexctl.robot.formats.json_model import robot_from_json
+from hexctl.robot.model import Robot
+from hexctl.robot.rotations import wxyz
+from hexctl.types import JOINT_KINDS, N_JOINTS, N_LEGS, ArrayFields, BoolArray, FloatArray
+
+Rows = NDArray[np.int64]
+
+#: What a recording shows of a leg: whole, taken for failed by the walk alone, failed, or failed and gone.
+LEG_CONDITIONS = ("whole", "noticed", "failed", "missing")
+
+#: A body without a known position is drawn at its start, less often than every tick.
+UNPOSED_GAP_NS = round(2.5 * PERIOD_S * 1e9)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples(ArrayFields):
+    """Values that are not recorded at every tick.
+
+    Attributes:
+        rows: ticks at which they were, (N,), ascending.
+        values: (N, width), NaN where unknown.
+    """
+
+    rows: Rows
+    values: FloatArray
+
+    def at_every_tick(self, ticks: int) -> FloatArray:
+        """The values at their ticks and NaN at the others, (ticks, width)."""
+        spread = np.full((ticks, self.values.shape[1]), np.nan)
+        spread[self.rows] = self.values
+        return spread
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedEvent:
+    """Something that happened: the tick, how grave it is (`INFO`, `WARN`, `ERROR`), and what it was."""
+
+    row: int
+    level: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedTrial(ArrayFields):
+    """What a recording holds of a trial. Joint angles are as exact as they were recorded, 8 microradians.
+
+    Attributes:
+        path: its file.
+        robot: the robot that walked.
+        properties: what was asked for and what came of it, as `hexctl run --json` names it; the `title`
+            alone for a drive and for a trial that was cut off.
+        stamps_ns: time of each tick since 1970, (T,); their start is exact to half a second.
+        time_s: the same since the first tick, (T,).
+        walk_s: since the walk began, (T,); 0 before it.
+        phases: index of the part of the trial in `hexctl.control.trace.PHASES`, (T,).
+        commanded_rad: joint angles that were sent, (T, 18).
+        measured_rad: joint angles that came back, (T, 18).
+        base_position_world: (T, 3) in m, NaN where unknown.
+        base_quaternion_world: (T, 4) as w, x, y, z, NaN where unknown.
+        foot_contacts: which feet touch the floor, (T, 6), or None where they are not felt.
+        torques_nm: of the joints, 18 wide, ten times a second.
+        velocity_body: commanded, forward and left in m/s, turn in rad/s, ten times a second.
+        leg_conditions: index of the condition of each leg in `LEG_CONDITIONS`, (T, 6). A leg has failed where
+            the walk was told so or a simulation broke it.
+        leg_suspicion: the evidence against each leg, an alarm at 1, 6 wide, ten times a second.
+        servos: what single servos report, 18 wide, once a second, by attribute of `ServoReadings`.
+        events: what happened, in order.
+        floor_quaternion: orientation of the floor, (4,) as w, x, y, z.
+        course_world: both ends of the line of travel, just above the floor, (2, 3) in m; None without one.
+    """
+
+    path: Path
+    robot: Robot
+    properties: dict[str, Any]
+    stamps_ns: Rows
+    time_s: FloatArray
+    walk_s: FloatArray
+    phases: Rows
+    commanded_rad: FloatArray
+    measured_rad: FloatArray
+    base_position_world: FloatArray
+    base_quaternion_world: FloatArray
+    foot_contacts: BoolArray | None
+    torques_nm: Samples
+    velocity_body: Samples
+    leg_conditions: Rows
+    leg_suspicion: Samples
+    servos: dict[str, Samples] = field(default_factory=dict)
+    events: tuple[RecordedEvent, ...] = ()
+    floor_quaternion: FloatArray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0, 0.0]))
+    course_world: FloatArray | None = None
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    @property
+    def noticed(self) -> list[dict[str, Any]]:
+        """Failures that the walk noticed, as `hexctl run --json` names them."""
+        return list(json.loads(self.properties.get("noticed", "[]")))
+
+    @property
+    def floor_normal_world(self) -> FloatArray:
+        """Unit normal of the floor, (3,)."""
+        w, x, y, z = self.floor_quaternion
+        return np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x**2 + y**2)])
+
+    @property
+    def posed(self) -> BoolArray:
+        """Whether the position of the base is known, (T,)."""
+        return np.asarray(np.isfinite(self.base_position_world).all(axis=-1))
+
+
+def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
+    """Trial of a recording (.rrd) that `hexctl run` or `hexctl adapt` made.
+
+    Args:
+        path: the file.
+        robot: the robot that walked; None takes it from the recording.
+
+    Raises InputError for a file that is missing, damaged or no recording of a trial, and for one that does
+    not hold its robot; MissingExtraError without Rerun.
+    """
+    path = Path(path)
+    check_name(path)
+    check_there(path)
+    columns = _Columns(path)
+    times_ns, joints_rad = _joints(columns, path)
+    properties = columns.properties("trial") or {"title": columns.name()}
+    at = _Ticks(times_ns)
+    position_m, quaternion = _pose(columns, at)
+    servos = {name: at.samples(columns, entity, N_JOINTS) for name, entity in READINGS.items()}
+    return RecordedTrial(
+        path=path,
+        robot=robot or _robot(columns, path),
+        properties=properties,
+        stamps_ns=times_ns + columns.wall_start_ns(),
+        time_s=times_ns / 1e9,
+        walk_s=columns.walk_ns(paths.link_path(1, JOINT_KINDS[0])) / 1e9,
+        phases=at.held(*columns.texts(paths.PHASE, "StateChange:state"), PHASES),
+        commanded_rad=joints_rad[:, 0],
+        measured_rad=joints_rad[:, 1],
+        base_position_world=position_m,
+        base_quaternion_world=quaternion,
+        foot_contacts=_contacts(columns, at),
+        torques_nm=at.samples(columns, paths.TORQUES, N_JOINTS),
+        velocity_body=at.samples(columns, paths.VELOCITY, 3),
+        leg_conditions=_leg_conditions(columns, at),
+        leg_suspicion=_without_alarm(at.samples(columns, paths.SUSPICION, N_LEGS + 1)),
+        servos={name: samples for name, samples in servos.items() if samples.rows.size},
+        events=tuple(_events(columns, at)),
+        floor_quaternion=columns.static_quaternion(paths.GROUND),
+        course_world=_course(columns),
+    )
+
+
+def _joints(columns: "_Columns", path: Path) -> tuple[Rows, FloatArray]:
+    """Times of the ticks in ns, (T,), and commanded and measured angles of the joints, (T, 2, 18).
+
+    A program that was killed may have written more ticks of some joints than of others: what not all of them
+    have is left out, here and of all other columns.
+    """
+    links = [paths.link_path(leg, kind) for leg in paths.LEGS for kind in JOINT_KINDS]
+    series = [columns.numbers(link, "Scalars:scalars", 2) for link in links]
+    ticks = min(len(times_ns) for times_ns, _ in series)
+    if not ticks:
+        raise InputError(f"recording: {path} holds no trial; allowed: a recording of a walk")
+    times_ns = series[0][0][:ticks]
+    if not all(np.array_equal(others_ns[:ticks], times_ns) for others_ns, _ in series):
+        raise InputError(f"recording: {path} is damaged: its joints have different ticks")
+    if any(len(others_ns) > ticks for others_ns, _ in series):
+        columns.cut(int(times_ns[-1]))
+    return times_ns, np.stack([both_rad[:ticks] for _, both_rad in series], axis=-1)
+
+
+class _Columns:
+    """The chunks of a recording by entity, and their components as arrays in the order of time."""
+
+    def __init__(self, path: Path) -> None:
+        self._chunks: dict[str, list[Any]] = defaultdict(list)
+        self._end_ns: int | None = None
+        try:
+            load_rerun()
+            from rerun.chunk import RrdReader
+        except (ImportError, MissingExtraError) as error:
+            raise MissingExtraError("reading a recording", "view") from error
+        check_sound(path)
+        try:
+            with warnings.catch_warnings():
+                # Recordings of a program that was killed lack their index, and those of long walks at first.
+                warnings.filterwarnings("ignore", message="RRD file has no footer")
+                for chunk in RrdReader(path).stream().to_chunks():
+                    self._chunks[chunk.entity_path].append(chunk.to_record_batch())
+        except (OSError, RuntimeError, ValueError) as error:
+            reason = " ".join(str(error).split())
+            trouble = "cannot be read" if isinstance(error, OSError) else "is damaged"
+            raise InputError(
+                f"recording: {path} {trouble} ({reason}); allowed: a recording that hexctl run made"
+            ) from error
+
+    def cut(self, end_ns: int) -> None:
+        """Leave out what is later than a time."""
+        self._end_ns = end_ns
+
+    def numbers(self, entity: str, component: str, width: int) -> tuple[Rows, FloatArray]:
+        """Times in ns, (N,), and values, (N, width), of a component that holds numbers."""
+        parts = [
+            (times, np.asarray(_flat(values), dtype=float).reshape(-1, width))
+            for times, values in self._rows(entity, component)
+        ]
+        return _joined(parts, np.empty((0, width)))
+
+    def texts(self, entity: str, component: str) -> tuple[Rows, list[str]]:
+        """Times in ns, (N,), and texts of a component that holds one per row, or none, which is empty."""
+        rows = [
+            (int(time), next(iter(texts), ""))
+            for times, values in self._rows(entity, component)
+            for time, texts in zip(times, values.to_pylist(), strict=True)
+        ]
+        rows.sort(key=lambda row: row[0])
+        return np.array([time for time, _ in rows], dtype=np.int64), [text for _, text in rows]
+
+    def properties(self, name: str) -> dict[str, Any]:
+        """Values of a property by name; lists of one are plain values."""
+        found: dict[str, Any] = {}
+        for batch in self._chunks.get(f"/__properties/{name}", ()):
+            for column in set(batch.schema.names) - {"rerun.controls.RowId"}:
+                for value in filter(None, batch.column(column).to_pylist()):
+                    found[column] = value[0] if len(value) == 1 else value
+        return dict(sorted(found.items()))
+
+    def name(self) -> str:
+        """Name of the recording, empty without one."""
+        for batch in self._chunks.get("/__properties", ()):
+            if "RecordingInfo:name" in batch.schema.names:
+                return str(batch.column("RecordingInfo:name").to_pylist()[0][0])
+        return ""
+
+    def static_quaternion(self, entity: str) -> FloatArray:
+        """Orientation of an entity that does not move, (4,) as w, x, y, z."""
+        for batch in self._chunks.get(f"/{entity}", ()):
+            if "Transform3D:quaternion" in batch.schema.names:
+                return wxyz(np.asarray(_flat(batch.column("Transform3D:quaternion")), dtype=float)[:4])
+        return np.array([1.0, 0.0, 0.0, 0.0])
+
+    def wall_start_ns(self) -> int:
+        """Time of the first tick since 1970, exact to half a second."""
+        first = self._first_link()
+        return int((first[paths.WALL_TIMELINE] - first[paths.TIMELINE]).min())
+
+    def walk_ns(self, entity: str) -> Rows:
+        """Time since the walk began of each row of an entity."""
+        parts = [
+            (_times(batch, paths.TIMELINE), _times(batch, paths.WALK_TIMELINE))
+            for batch in self._batches(entity, "Scalars:scalars")
+        ]
+        times_ns, walk_ns = _joined(parts, np.empty(0, dtype=np.int64))
+        return np.asarray(walk_ns if self._end_ns is None else walk_ns[times_ns <= self._end_ns])
+
+    def _first_link(self) -> dict[str, Rows]:
+        batches = self._batches(paths.link_path(1, JOINT_KINDS[0]), "Scalars:scalars")
+        timelines = (paths.TIMELINE, paths.WALL_TIMELINE)
+        return {name: np.concatenate([_times(batch, name) for batch in batches]) for name in timelines}
+
+    def _batches(self, entity: str, component: str) -> list[Any]:
+        return [
+            batch
+            for batch in self._chunks.get(f"/{entity}", ())
+            if {component, paths.TIMELINE} <= set(batch.schema.names)
+        ]
+
+    def _rows(self, entity: str, component: str) -> Iterator[tuple[Rows, Any]]:
+        """Times and values of the rows that have a component, chunk by chunk."""
+        for batch in self._batches(entity, component):
+            values = batch.column(component)
+            times_ns = _times(batch, paths.TIMELINE)
+            there = np.asarray(values.is_valid())
+            if self._end_ns is not None:
+                there &= times_ns <= self._end_ns
+            yield times_ns[there], values.filter(there)
+
+
+class _Ticks:
+    """The ticks of a trial, by which what is recorded less often is placed."""
+
+    def __init__(self, times_ns: Rows) -> None:
+        self.times_ns = times_ns
+
+    def rows(self, times_ns: Rows) -> Rows:
+        """Row of each time: the tick at it, or the last one before."""
+        found = np.searchsorted(self.times_ns, times_ns, side="right") - 1
+        return np.asarray(np.clip(found, 0, len(self.times_ns) - 1), dtype=np.int64)
+
+    def samples(self, columns: _Columns, entity: str, width: int) -> Samples:
+        """Scalars of an entity."""
+        times_ns, values = columns.numbers(entity, "Scalars:scalars", width)
+        return Samples(self.rows(times_ns), values)
+
+    def held(self, times_ns: Rows, states: list[str], names: tuple[str, ...]) -> Rows:
+        """Index of the state at each tick, of states told where they change, (T,)."""
+        indices = np.array([names.index(state) if state in names else 0 for state in states], dtype=np.int64)
+        return self.last(times_ns, indices, 0)
+
+    def last(self, times_ns: Rows, values: Rows, before: int) -> Rows:
+        """The last value at each tick, (T,)."""
+        found = np.searchsorted(times_ns, self.times_ns, side="right")
+        return np.asarray(np.concatenate([[before], values])[found])
+
+
+def _robot(columns: _Columns, path: Path) -> Robot:
+    """The robot that the recording holds."""
+    try:
+        return robot_from_json(str(columns.properties("robot")["model"]))
+    except (HexctlError, KeyError) as error:
+        raise InputError(
+            f"recording: {path} does not hold its robot; allowed: --robot FILE with it"
+        ) from error
+
+
+def _pose(columns: _Columns, at: _Ticks) -> tuple[FloatArray, FloatArray]:
+    """Position (T, 3) and orientation (T, 4) of the base, NaN where unknown."""
+    ticks = len(at.times_ns)
+    position_m, quaternion = np.full((ticks, 3), np.nan), np.full((ticks, 4), np.nan)
+    times_ns, places_m = columns.numbers(paths.ROBOT, "Transform3D:translation", 3)
+    _, quaternions = columns.numbers(paths.ROBOT, "Transform3D:quaternion", 4)
+    rows = at.rows(times_ns)
+    quaternion[rows] = wxyz(quaternions)
+    known = _posed(times_ns, places_m)
+    position_m[rows[known]] = places_m[known]
+    return position_m, quaternion
+
+
+def _posed(times_ns: Rows, places_m: FloatArray) -> BoolArray:
+    """Which rows are of a known position, not of a body that is drawn at its start for want of one."""
+    if not len(times_ns):
+        return np.zeros(0, dtype=bool)
+    rare = np.diff(times_ns, append=times_ns[-1:]) > UNPOSED_GAP_NS
+    rare[-1] = rare[-2] if len(rare) > 1 else True
+    at_start = (places_m[:, 0] == 0) & (places_m[:, 1] == 0)
+    return np.asarray(~np.logical_and.accumulate(rare & at_start))
+
+
+def _course(columns: _Columns) -> FloatArray | None:
+    """Both ends of the line of travel, (2, 3); None for a trial that had none or did not begin to walk."""
+    _, lines = columns.numbers(paths.COURSE, "LineStrips3D:strips", 6)
+    return lines[-1].reshape(2, 3) if len(lines) else None
+
+
+def _contacts(columns: _Columns, at: _Ticks) -> BoolArray | None:
+    """Which feet touch the floor, (T, 6); None where the robot does not feel it."""
+    touching = style.packed(style.TOUCHING_COLOR)
+    contacts, felt = np.zeros((len(at.times_ns), N_LEGS), dtype=bool), False
+    for leg in paths.LEGS:
+        times_ns, colors = columns.numbers(paths.foot_path(leg), "Points3D:colors", 1)
+        felt |= bool((colors != style.packed(style.UNFELT_COLOR)).any())
+        contacts[:, leg - 1] = at.last(times_ns, (colors[:, 0] == touching).astype(np.int64), 0)
+    return contacts if felt else None
+
+
+def _leg_conditions(columns: _Columns, at: _Ticks) -> Rows:
+    """Index of the condition of each leg, (T, 6), by the labels at its foot and at its hip."""
+    indices = np.zeros((len(at.times_ns), N_LEGS), dtype=np.int64)
+    for leg in paths.LEGS:
+        for entity, condition in (
+            (paths.noticed_path(leg), _noticed_condition),
+            (paths.foot_path(leg), _failed_condition),
+        ):
+            times_ns, labels = columns.texts(entity, "Points3D:labels")
+            shown = at.held(times_ns, [condition(label) for label in labels], LEG_CONDITIONS)
+            indices[:, leg - 1] = np.maximum(indices[:, leg - 1], shown)
+    return indices
+
+
+def _noticed_condition(label: str) -> str:
+    return "noticed" if label else "whole"
+
+
+def _failed_condition(label: str) -> str:
+    if not label:
+        return "whole"
+    return "missing" if label.endswith(" missing") else "failed"
+
+
+def _without_alarm(samples: Samples) -> Samples:
+    """Evidence without the constant line of the alarm that is drawn beside it."""
+    return Samples(samples.rows, samples.values[:, :N_LEGS])
+
+
+def _events(columns: _Columns, at: _Ticks) -> Iterator[RecordedEvent]:
+    times_ns, texts = columns.texts(paths.EVENTS, "TextLog:text")
+    _, levels = columns.texts(paths.EVENTS, "TextLog:level")
+    for row, level, text in zip(at.rows(times_ns).tolist(), levels, texts, strict=True):
+        yield RecordedEvent(row, level, text)
+
+
+def _times(batch: Any, timeline: str) -> Rows:
+    return np.asarray(batch.column(timeline).cast("int64"))
+
+
+def _flat(values: Any) -> Any:
+    """Numbers of lists, however deep."""
+    while hasattr(values, "flatten") and hasattr(values.type, "value_type"):
+        values = values.flatten()
+    return values
+
+
+def _joined(parts: list[tuple[Rows, Any]], empty: Any) -> tuple[Rows, Any]:
+    """Parts in the order of time."""
+    if not parts:
+        return np.empty(0, dtype=np.int64), empty
+    times, values = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    order = np.argsort(times, kind="stable")
+    return times[order], values[order]

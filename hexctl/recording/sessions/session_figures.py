@@ -1,0 +1,450 @@
+"""The overview recording of a session: trajectories from above, convergence curve and table in one file."""
+
+import uuid
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hexctl.errors import HexctlError, InputError, RecordingError
+from hexctl.files import replacing
+from hexctl.palette import (
+    AXIS_COLOR,
+    BACKGROUND,
+    BEST_COLOR,
+    INVALID_COLOR,
+    LEGEND_M,
+    LINE_COLOR,
+    TARGET_BANDS,
+    TEXT_COLOR,
+    baseline_color,
+    deviation_color,
+)
+from hexctl.recording.blueprint import side_panels
+from hexctl.recording.rrd import (
+    check_whole,
+    create_file,
+    create_folders,
+    disconnect,
+    flush,
+    load_rerun,
+    save_stream,
+)
+from hexctl.recording.sessions.belief_figure import TIMELINE, belief_view, send_steps, steps_view
+from hexctl.recording.sessions.session_overview import (
+    Overview,
+    OverviewTrial,
+    deviation_text,
+    make_table,
+    mark_text,
+)
+from hexctl.types import FloatArray
+
+#: Where on it the baseline is.
+BEFORE_TRIALS = 0
+
+ABOVE = "above"
+AXES = "above/axes"
+BANDS = "above/bands"
+LINE = "above/line_of_travel"
+START = "above/start"
+LEGEND = "above/legend"
+BASELINE = "above/baseline"
+BEST = "above/best"
+BEST_END = "above/best/end"
+BEST_NAME = "above/best/name"
+
+#: Scenery, which cannot be selected.
+SCENERY = (AXES, BANDS, LEGEND, LINE)
+
+CURVE = "curve"
+SCORE = "curve/score"
+INVALID = "curve/invalid"
+BEST_SO_FAR = "curve/best_so_far"
+TARGETS = "curve/targets"
+BASELINE_SCORES = "curve/baseline"
+TABLE = "table"
+
+
+def trial_path(index: int) -> str:
+    """Entity of a trial's trajectory."""
+    return f"{ABOVE}/trials/{index:03d}"
+
+
+def at(indices: Sequence[int]) -> Any:
+    """Trials as a column of the timeline."""
+    return load_rerun().TimeColumn(TIMELINE, sequence=np.asarray(indices, dtype=np.int64))
+
+
+#: Limits of the picture around the line of travel, as shares of its length.
+SIDE_LIMIT, END_LIMIT = 0.75, 0.25
+SIDE_LEAST, MARGIN = 0.15, 0.06
+
+#: Distances between grid lines; the first is taken that needs at most MAX_LINES along the course.
+GRID_STEPS_M = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
+MAX_LINES = 6
+
+#: Line widths in points of the screen, which Rerun marks by a negative sign.
+THIN, TRACK, BOLD, MARK = -0.5, -1.0, -1.75, -5.0
+
+#: Draw order: higher covers lower.
+AXIS_ORDER, BAND_ORDER, LINE_ORDER, TRACK_ORDER, BEST_ORDER, MARK_ORDER = range(0, 60, 10)
+
+
+def picture(points_m: FloatArray) -> FloatArray:
+    """Progress and signed deviation, (…, 2) in m, as picture coordinates."""
+    return points_m * [1.0, -1.0]
+
+
+def visible_m(overview: Overview) -> FloatArray:
+    """Corners of the picture, ((x low, y low), (x high, y high)) in m."""
+    length = overview.course_m
+    corners = np.array([[0.0, -SIDE_LEAST * length], [length, SIDE_LEAST * length]])
+    points = np.concatenate([corners, *(trial.path_m for trial in (*overview.baseline, *overview.trials))])
+    points = np.clip(points, [-END_LIMIT * length, -SIDE_LIMIT * length], [length * 1.1, SIDE_LIMIT * length])
+    margin = MARGIN * length
+    return np.array([points.min(axis=0) - margin, points.max(axis=0) + margin])
+
+
+def send_above(stream: Any, overview: Overview) -> None:
+    """Send the view from above to a recording stream."""
+    _send_axes(stream, overview)
+    _send_course(stream, overview)
+    _send_legend(stream, overview)
+    _send_baseline(stream, overview)
+    for trial in overview.trials:
+        _send_trial(stream, trial)
+    _send_best(stream, overview)
+
+
+def _send_axes(stream: Any, overview: Overview) -> None:
+    """Send grid lines and their names, a few to a course."""
+    (x_low, y_low), (x_high, y_high) = visible_m(overview)
+    step = next((step for step in GRID_STEPS_M if overview.course_m <= MAX_LINES * step), GRID_STEPS_M[-1])
+    along = np.arange(np.ceil(x_low / step), x_high / step) * step
+    across = np.arange(np.ceil(y_low / step), y_high / step) * step
+    lines = [[(x, y_low), (x, y_high)] for x in along] + [[(x_low, y), (x_high, y)] for y in across]
+    look = {"colors": [AXIS_COLOR], "radii": [THIN], "draw_order": AXIS_ORDER}
+    strips = load_rerun().LineStrips2D(picture(np.array(lines)), **look)
+    stream.log(AXES, strips, static=True)
+    foot = y_low + MARGIN * overview.course_m
+    names = [((x, foot), f"{x:g} m") for x in along if x]
+    side = x_low + MARGIN * overview.course_m / 2
+    names += [((side, y), f"{y:+g} m") for y in across if y]
+    _send_names(stream, f"{AXES}/names", names)
+
+
+def _send_course(stream: Any, overview: Overview) -> None:
+    """Send the target bands, the line of travel and the start."""
+    rr, length = load_rerun(), overview.course_m
+    for order, (half_width_m, color, _) in enumerate(TARGET_BANDS):
+        # A line as wide as the band; its round ends reach half the width further.
+        ends = [[(half_width_m, 0.0), (length - half_width_m, 0.0)]]
+        look = {"colors": [color], "radii": [half_width_m], "draw_order": BAND_ORDER + order}
+        stream.log(f"{BANDS}/{order + 1}", rr.LineStrips2D(ends, **look), static=True)
+    look = {"colors": [LINE_COLOR], "radii": [THIN], "draw_order": LINE_ORDER}
+    stream.log(LINE, rr.LineStrips2D([[(0.0, 0.0), (length, 0.0)]], **look), static=True)
+    targets = "targets " + ", ".join(name for *_, name in reversed(TARGET_BANDS))
+    names = [
+        ((0.25 * length, TARGET_BANDS[0][0] + MARGIN * length), targets),
+        ((0.0, -TARGET_BANDS[0][0]), "start"),
+    ]
+    _send_names(stream, f"{BANDS}/names", names)
+    start = rr.Points2D([[0.0, 0.0]], radii=[MARK], colors=[LINE_COLOR], draw_order=MARK_ORDER)
+    stream.log(START, start, static=True)
+
+
+def _send_legend(stream: Any, overview: Overview) -> None:
+    """Send the colours of the deviations, at the top of the picture."""
+    (x_low, _), (x_high, y_high) = visible_m(overview)
+    xs = x_low + (x_high - x_low) * np.linspace(0.1, 0.9, len(LEGEND_M))
+    places = np.column_stack([xs, np.full(len(xs), y_high - MARGIN * overview.course_m / 4)])
+    colors = [deviation_color(mark, valid=True) for mark in LEGEND_M]
+    dots = load_rerun().Points2D(picture(places), radii=[MARK], colors=colors, draw_order=MARK_ORDER)
+    stream.log(LEGEND, dots, static=True)
+    names = [mark_text(mark) for mark in LEGEND_M]
+    names[0], names[-1] = f"deviation ≤ {names[0]}", f"≥ {names[-1]}"
+    _send_names(stream, f"{LEGEND}/names", list(zip(places, names, strict=True)))
+
+
+def _send_names(stream: Any, path: str, names: list[tuple[Any, str]]) -> None:
+    """Send texts without a mark, each just below its place (progress, deviation) in m."""
+    points = picture(np.array([place for place, _ in names]).reshape(-1, 2))
+    texts = [text for _, text in names]
+    labels = load_rerun().Points2D(points, radii=[0.0], colors=[TEXT_COLOR], labels=texts, show_labels=True)
+    stream.log(path, labels, static=True)
+
+
+def _send_trial(stream: Any, trial: OverviewTrial) -> None:
+    """Send a trajectory that appears with its trial, the straighter the further in front."""
+    if not len(trial.path_m):
+        return
+    color = deviation_color(trial.deviation_m, valid=trial.score_m is not None)
+    off_m = min(abs(trial.deviation_m or 0.0), LEGEND_M[-1]) if trial.score_m is not None else LEGEND_M[-1]
+    look = load_rerun().LineStrips2D.columns(
+        strips=[picture(trial.path_m)],
+        colors=[color],
+        radii=[TRACK],
+        draw_order=[TRACK_ORDER + LEGEND_M[-1] - off_m],
+    )
+    stream.send_columns(trial_path(trial.index), [at([trial.index])], look)
+
+
+def _send_baseline(stream: Any, overview: Overview) -> None:
+    """Send the paths of the gaits that the robot would use anyway, each named beside its end."""
+    rr = load_rerun()
+    walks = [walk for walk in overview.baseline if len(walk.path_m)]
+    for walk in walks:
+        path = f"{BASELINE}/{walk.gait}"
+        look = {"colors": [baseline_color(walk.gait or "")], "radii": [TRACK], "draw_order": TRACK_ORDER}
+        stream.log(path, rr.LineStrips2D([picture(walk.path_m)], **look), static=True)
+    for walk, place in zip(walks, _spread_ends_m(walks, overview), strict=True):
+        _send_names(stream, f"{BASELINE}/{walk.gait}/name", [(place, str(walk.gait))])
+
+
+def _spread_ends_m(walks: Sequence[OverviewTrial], overview: Overview) -> list[FloatArray]:
+    """A place beside the end of each path, a gap apart, below the legend and inside the picture."""
+    gap_m, (right_m, top_m) = 0.7 * MARGIN * overview.course_m, visible_m(overview)[1]
+    ceiling_m = top_m - 2.5 * MARGIN * overview.course_m
+    places: dict[int, FloatArray] = {}
+    for number in sorted(range(len(walks)), key=lambda one: -float(walks[one].end_m[1])):
+        along_m, across_m = walks[number].end_m
+        place_m = min(float(across_m) + gap_m / 2, ceiling_m)
+        places[number] = np.array([min(along_m + 2 * gap_m, right_m - 2 * gap_m), place_m])
+        ceiling_m = place_m - gap_m
+    return [places[number] for number in range(len(walks))]
+
+
+def _send_best(stream: Any, overview: Overview) -> None:
+    """Send the best trajectory so far, and what it is, wherever it changes."""
+    rr, last = load_rerun(), None
+    for trial, best in zip(overview.trials, overview.best_so_far(), strict=True):
+        if best is last or best is None or not len(best.path_m):
+            continue
+        last, when = best, [at([trial.index])]
+        line = rr.LineStrips2D.columns(
+            strips=[picture(best.path_m)], colors=[BEST_COLOR], radii=[BOLD], draw_order=[BEST_ORDER]
+        )
+        stream.send_columns(BEST, when, line)
+        label = f"best so far: trial {best.index}, code {best.code}, {deviation_text(best.deviation_m)}"
+        mark = rr.Points2D.columns(
+            positions=[picture(best.end_m)],
+            colors=[BEST_COLOR],
+            radii=[MARK],
+            draw_order=[MARK_ORDER],
+            labels=[label],
+            show_labels=[False],  # drawn where no path ends; here it is shown where one points at the mark
+        )
+        stream.send_columns(BEST_END, when, mark)
+        name = rr.Points2D.columns(
+            positions=[picture(name_place_m(overview))], colors=[TEXT_COLOR], radii=[0.0], labels=[label]
+        )
+        stream.send_columns(BEST_NAME, when, name)
+
+
+def name_place_m(overview: Overview) -> FloatArray:
+    """Where the best trial is named: below the middle of the line, where no path ends."""
+    (_, y_low), _ = visible_m(overview)
+    return np.array([0.5 * overview.course_m, y_low + 2.5 * MARGIN * overview.course_m])
+
+
+def score_top(overview: Overview) -> float:
+    """Height in the curve above all valid walks, at which invalid trials are drawn."""
+    walks = (*overview.baseline, *overview.trials)
+    scores_m = [walk.score_m for walk in walks if walk.score_m is not None]
+    factor, _ = overview.curve_unit
+    return factor * 1.1 * max([TARGET_BANDS[0][0], *scores_m])
+
+
+def send_curve(stream: Any, overview: Overview) -> None:
+    """Send scores, best so far, targets and the baseline to a recording stream."""
+    _send_scores(stream, overview)
+    _send_invalid(stream, overview)
+    _send_best_so_far(stream, overview)
+    _send_targets(stream, overview)
+    _send_baseline_scores(stream, overview)
+
+
+def _send_scores(stream: Any, overview: Overview) -> None:
+    """Send a point per valid trial, in the colour of its trajectory."""
+    rr, (factor, _) = load_rerun(), overview.curve_unit
+    valid = [(trial, trial.score_m) for trial in overview.trials if trial.score_m is not None]
+    if not valid:
+        return
+    look = rr.SeriesPoints(names=["trial"], markers=["circle"], marker_sizes=[4.0])
+    stream.log(SCORE, look, static=True)
+    colors = [deviation_color(trial.deviation_m, valid=True) for trial, _ in valid]
+    columns = [
+        *rr.Scalars.columns(scalars=[factor * score_m for _, score_m in valid]),
+        *rr.SeriesPoints.columns(colors=np.array(colors, dtype=np.uint8)),
+    ]
+    stream.send_columns(SCORE, [at([trial.index for trial, _ in valid])], columns)
+
+
+def _send_invalid(stream: Any, overview: Overview) -> None:
+    """Send a cross per invalid trial, above all scores: it ranks behind them."""
+    rr = load_rerun()
+    indices = [trial.index for trial in overview.trials if trial.score_m is None]
+    if not indices:
+        return
+    look = rr.SeriesPoints(names=["invalid"], markers=["cross"], marker_sizes=[4.0], colors=[INVALID_COLOR])
+    stream.log(INVALID, look, static=True)
+    scalars = rr.Scalars.columns(scalars=np.full(len(indices), score_top(overview)))
+    stream.send_columns(INVALID, [at(indices)], scalars)
+
+
+def _send_best_so_far(stream: Any, overview: Overview) -> None:
+    rr = load_rerun()
+    pairs = zip(overview.trials, overview.best_so_far(), strict=True)
+    factor, _ = overview.curve_unit
+    known = [
+        (trial.index, factor * best.score_m)
+        for trial, best in pairs
+        if best is not None and best.score_m is not None
+    ]
+    if not known:
+        return
+    look = rr.SeriesLines(
+        names=["best so far"], colors=[BEST_COLOR], widths=[2.5], interpolation_mode="StepAfter"
+    )
+    stream.log(BEST_SO_FAR, look, static=True)
+    scalars = rr.Scalars.columns(scalars=[score for _, score in known])
+    stream.send_columns(BEST_SO_FAR, [at([index for index, _ in known])], scalars)
+
+
+def _send_targets(stream: Any, overview: Overview) -> None:
+    """Send the targets as lines that grow with the trials."""
+    rr = load_rerun()
+    for number, (half_width_m, _, name) in enumerate(TARGET_BANDS, start=1):
+        path = f"{TARGETS}/{number}"
+        look = rr.SeriesLines(names=[name.removeprefix("±")], colors=[INVALID_COLOR], widths=[1.0])
+        stream.log(path, look, static=True)
+        indices = [trial.index for trial in overview.trials]
+        factor, _ = overview.curve_unit
+        scalars = rr.Scalars.columns(scalars=np.full(len(indices), factor * half_width_m))
+        stream.send_columns(path, [at(indices)], scalars)
+
+
+def _send_baseline_scores(stream: Any, overview: Overview) -> None:
+    """Send a level line per valid walk of the baseline, which begins before the first trial."""
+    rr = load_rerun()
+    indices = [BEFORE_TRIALS, *(trial.index for trial in overview.trials)]
+    for walk in overview.baseline:
+        if walk.score_m is None:
+            continue
+        path, color = f"{BASELINE_SCORES}/{walk.gait}", baseline_color(walk.gait or "")
+        name = f"{walk.gait}, without a search"
+        stream.log(path, rr.SeriesLines(names=[name], colors=[color], widths=[1.5]), static=True)
+        factor, _ = overview.curve_unit
+        scalars = rr.Scalars.columns(scalars=np.full(len(indices), factor * walk.score_m))
+        stream.send_columns(path, [at(indices)], scalars)
+
+
+#: Share of the curve's width that is kept free for its legend.
+LEGEND_SHARE = 0.15
+
+
+def make_layout(overview: Overview, *, several: bool = False) -> Any:
+    """Blueprint of an overview, with the list of recordings if it is one of several."""
+    import rerun.blueprint as rrb
+
+    views = [_above_view(overview), belief_view(overview), _curve_view(overview)]
+    shares = [share for view, share in zip(views, (5, 4, 2), strict=True) if view is not None]
+    left = rrb.Vertical(*(view for view in views if view is not None), row_shares=shares)
+    table = rrb.TextDocumentView(origin=TABLE, name="trials")
+    heights = [4, 3] if len(shares) == len(views) else [2, 1]
+    right = rrb.Vertical(table, steps_view(), row_shares=heights) if overview.steps else table
+    return rrb.Blueprint(
+        rrb.Horizontal(left, right, column_shares=[5, 3]),
+        *side_panels(several=several),
+        # Following: the time cursor begins at the last trial, so that all are shown.
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE, play_state="following", fps=4.0),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def _above_view(overview: Overview) -> Any:
+    import rerun.blueprint as rrb
+
+    (x_low, bottom), (x_high, top) = picture(visible_m(overview))
+    return rrb.Spatial2DView(
+        origin=ABOVE,
+        name="trajectories from above (m)",
+        background=[*BACKGROUND],
+        visual_bounds=rrb.VisualBounds2D(x_range=[x_low, x_high], y_range=[top, bottom]),
+        overrides={path: rrb.EntityBehavior(interactive=False) for path in SCENERY},
+    )
+
+
+def _curve_view(overview: Overview) -> Any:
+    import rerun.blueprint as rrb
+
+    first, last = overview.trials[0].index, overview.trials[-1].index
+    # Room for the legend.
+    last += max(1, round(LEGEND_SHARE * (last - first)))
+    top, (_, unit) = score_top(overview), overview.curve_unit
+    return rrb.TimeSeriesView(
+        origin=CURVE,
+        name=f"{overview.objective} ({unit})" if unit else overview.objective,
+        plot_legend=rrb.Corner2D.RightTop,
+        axis_x=rrb.TimeAxis(
+            view_range=rrb.TimeRange(
+                start=rrb.TimeRangeBoundary.absolute(seq=first - 1),
+                end=rrb.TimeRangeBoundary.absolute(seq=last),
+            )
+        ),
+        # The points appear with their trials.
+        time_ranges=rrb.VisibleTimeRanges(
+            timeline=TIMELINE,
+            start=rrb.TimeRangeBoundary.infinite(),
+            end=rrb.TimeRangeBoundary.cursor_relative(),
+        ),
+        axis_y=rrb.ScalarAxis(range=(-0.05 * top, 1.05 * top)),
+    )
+
+
+#: Differs from that of trials: a viewer keeps one layout per application.
+APPLICATION_ID = "hexctl session"
+
+
+def write_overview_file(path: Path, overview: Overview, *, several: bool = False) -> None:
+    """Write an overview atomically, in place of an earlier one; as one of several it lists the recordings.
+
+    Raises InputError for an overview without trials or a place that cannot be written, RecordingError when
+    the disk did not take everything, and MissingExtraError without Rerun.
+    """
+    if not overview.trials:
+        raise InputError(f"overview: {overview.title} has no trials; allowed: one or more")
+    load_rerun()
+    try:
+        create_folders(path)
+        with replacing(path) as draft:
+            create_file(draft)
+            _write(draft, path, overview, make_layout(overview, several=several))
+    except HexctlError:
+        raise
+    except OSError as error:
+        raise RecordingError(f"{path}: the overview cannot be written: {error.strerror}") from error
+
+
+def _write(draft: Path, path: Path, overview: Overview, layout: Any) -> None:
+    stream = load_rerun().RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
+    save_stream(stream, draft, layout)
+    try:
+        _send(stream, overview)
+        flush(stream, path)
+    finally:
+        disconnect(stream)
+    check_whole(draft)
+
+
+def _send(stream: Any, overview: Overview) -> None:
+    rr = load_rerun()
+    stream.send_recording_name(overview.title)
+    send_above(stream, overview)
+    send_curve(stream, overview)
+    send_steps(stream, overview)
+    document = rr.TextDocument(make_table(overview), media_type="text/markdown")
+    stream.log(TABLE, document, static=True)

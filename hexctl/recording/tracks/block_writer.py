@@ -1,0 +1,113 @@
+"""Writer of blocks: sends everything that rows of a log hold, part by part."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from hexctl.control.log import TickLog
+from hexctl.recording import paths
+from hexctl.recording.rrd import load_rerun
+from hexctl.recording.tracks.balance import Tally, send_balance
+from hexctl.recording.tracks.columns import (
+    Block,
+    LinkColumns,
+    Rows,
+    Subject,
+)
+from hexctl.recording.tracks.course import send_course, send_deviation, send_ribbon, send_trail, send_velocity
+from hexctl.recording.tracks.events import send_events
+from hexctl.recording.tracks.failures import send_lanes, send_looks, send_suspicion
+from hexctl.recording.tracks.gait_tracks import send_feet, send_gait, send_guard, send_phases
+from hexctl.recording.tracks.servo_tracks import send_servos, send_torques
+from hexctl.robot.rotations import xyzw
+from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, FloatArray
+
+
+class BlockWriter:
+    """Sends rows [start, stop) of a log to a recording stream.
+
+    The output depends only on these rows and earlier ones, so a log written in blocks equals the same log
+    written in one piece.
+
+    Attributes:
+        block: the rows.
+        tally: how steady the robot was, once all is sent.
+    """
+
+    def __init__(
+        self, stream: Any, subject: Subject, log: TickLog, start: int, stop: int, began_at_s: float = 0.0
+    ) -> None:
+        """Take rows of a log whose first tick was at a time of the wall clock, in s since 1970."""
+        self.block = Block(stream, subject, log, start, stop, began_at_s)
+        self.tally = Tally()
+
+    def write(self) -> Tally:
+        """Send everything that the rows hold, and return how steady the robot was."""
+        for _ in self.steps():
+            pass
+        return self.tally
+
+    def steps(self) -> Iterator[None]:
+        """Send everything part by part: all of it takes longer than a tick of a walking robot."""
+        block, links = self.block, LinkColumns(self.block.stop - self.block.start)
+        for leg in paths.LEGS:
+            _send_leg(block, links, leg)
+            yield
+            send_looks(block, leg)
+            yield
+        for send in PARTS:
+            send(block)
+            yield
+        self.tally = send_balance(block)
+
+
+def _send_base(block: Block) -> None:
+    """Send the pose of the body; until a position is known, at its start."""
+    known = np.flatnonzero(block.posed)
+    if known.size:
+        _send_pose(block, known, block.column("base_position_world")[known], block.quaternions[known])
+    # The robot is drawn at one place, but the viewer's eye only follows what comes again and again.
+    unknown = block.sparse()
+    unknown = unknown[
+        unknown + block.start < (np.inf if block.log.posed_from is None else block.log.posed_from)
+    ]
+    if unknown.size:
+        height_m = block.subject.robot.standing_height_m
+        _send_pose(block, unknown, np.tile([0, 0, height_m], (unknown.size, 1)), block.quaternions[unknown])
+
+
+def _send_pose(block: Block, rows: Rows, position: FloatArray, quaternion: FloatArray) -> None:
+    pose = load_rerun().Transform3D.columns(
+        translation=position.astype(np.float32), quaternion=xyzw(quaternion).astype(np.float32)
+    )
+    block.send(paths.ROBOT, rows, pose)
+
+
+def _send_leg(block: Block, links: LinkColumns, leg: int) -> None:
+    """Send each joint's angle as the rotation of its link, and commanded and measured as scalars."""
+    first = JOINTS_PER_LEG * (leg - 1)
+    both = [block.column(name)[:, first : first + JOINTS_PER_LEG] for name in ("sent_rad", "measured_rad")]
+    joints = np.stack(both, axis=-1)  # (ticks, 3, 2)
+    for index, kind in enumerate(JOINT_KINDS):
+        block.send(paths.link_path(leg, kind), slice(None), links.columns(kind, joints[:, index]))
+
+
+#: What is sent after the legs, in this order.
+PARTS: tuple[Callable[[Block], None], ...] = (
+    _send_base,
+    send_phases,
+    send_gait,
+    send_guard,
+    send_events,
+    send_feet,
+    send_trail,
+    send_course,
+    send_ribbon,
+    send_deviation,
+    send_torques,
+    send_velocity,
+    send_suspicion,
+    send_lanes,
+    send_servos,
+)

@@ -1,0 +1,255 @@
+"""Rows of a tick log as Rerun columns: times, numbers, and joint angles in Arrow's layout."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hexctl.backends.sim.terrain import Floor
+from hexctl.control.log import LegChange, TickLog
+from hexctl.control.trace import PHASES
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.ik.support_polygon import foot_heights_body
+from hexctl.recording import paths
+from hexctl.recording.rrd import load_rerun
+from hexctl.robot.meshes import Meshes, PartMesh
+from hexctl.robot.model import Robot
+from hexctl.types import JOINT_KINDS, BoolArray, FloatArray
+
+Rows = NDArray[np.int64] | slice
+
+#: Ticks between rows of what need not follow every tick: ten rows a second.
+SPARSE_TICKS = 5
+
+#: Resolution of the wall clock: half a second keeps its column small.
+WALL_STEP_NS = 500_000_000
+
+#: Binary places of stored numbers: an error of 8 micrometres or microradians at most.
+KEPT_BITS = 16
+
+#: Binary places of stored torques: an error of 2 mN m at most.
+TORQUE_BITS = 8
+
+#: Quaternion (w, x, y, z) of a body that stands level and faces along the x axis.
+LEVEL_AHEAD = np.array([1.0, 0.0, 0.0, 0.0])
+
+#: For how long a body without an orientation is drawn in its last one: longer than a guard lets it walk.
+REMEMBERED_TICKS = 300
+
+#: A foot commanded higher than this above its stance position is in swing.
+LIFTED_M = 1e-5
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """The robot, its plan, the floor and the meshes of a recording."""
+
+    robot: Robot
+    plan: TrialPlan
+    floor: Floor
+    meshes: Meshes = field(default_factory=dict)
+
+    def mesh_of(self, leg: int, kind: str) -> PartMesh | None:
+        """Mesh of a link; None where it is drawn as a solid, as those of a leg that is told to be missing."""
+        missing = any(one.leg == leg and one.kind == "missing" for one in self.plan.failures)
+        return None if missing else self.meshes.get(kind)
+
+
+class Block:
+    """Rows [start, stop) of a log, their times, and quantities that several tracks derive from them.
+
+    Rows are counted from the start of the block.
+
+    Attributes:
+        subject: the robot, plan and floor of the log.
+        log: the log.
+        start: its first row in the log.
+        stop: the row after its last.
+    """
+
+    def __init__(
+        self, stream: Any, subject: Subject, log: TickLog, start: int, stop: int, began_at_s: float
+    ) -> None:
+        """Take rows of a log; `began_at_s` is the wall clock at its first tick, in s since 1970."""
+        self.subject, self.log, self.start, self.stop = subject, log, start, stop
+        self._stream, self._rr, self._began_at_s = stream, load_rerun(), began_at_s
+        self._times = self._time_columns(self.column("time_s"))
+
+    def column(self, name: str) -> Any:
+        """Rows of a column in this block."""
+        return self.log.rows(name, self.start, self.stop)
+
+    def leg_changes(self) -> list[LegChange]:
+        """Changes of failed legs in this block."""
+        return [change for change in self.log.leg_changes if self.start <= change.row < self.stop]
+
+    def led(self, name: str, lead: int = 1) -> Any:
+        """Rows of a column in this block, preceded by up to `lead` earlier rows."""
+        return self.log.rows(name, max(self.start - lead, 0), self.stop)
+
+    def changes(self, led: Any) -> NDArray[np.int64]:
+        """Rows at which values (scalars or vectors, preceded by one row) change, and the first tick."""
+        changed = led[1:] != led[:-1]
+        rows = np.flatnonzero(changed if changed.ndim == 1 else changed.any(axis=-1))
+        return rows if self.start else np.concatenate([[0], rows + 1])
+
+    def in_walk(self) -> BoolArray:
+        """Whether each row belongs to the walk, (rows,)."""
+        return np.asarray(self.column("phase") == PHASES.index("walk"))
+
+    def sparse(self) -> NDArray[np.int64]:
+        """Rows whose tick is a multiple of `SPARSE_TICKS`."""
+        return np.arange(-self.start % SPARSE_TICKS, self.stop - self.start, SPARSE_TICKS)
+
+    @cached_property
+    def posed(self) -> BoolArray:
+        """Whether the base position is known, (rows,)."""
+        return posed_rows(self.log, self.start, self.stop)
+
+    @cached_property
+    def led_swing(self) -> BoolArray:
+        """Whether each foot is commanded to swing, preceded by one row, (rows + 1, 6)."""
+        return self.swing(1)
+
+    def swing(self, lead: int) -> BoolArray:
+        """Whether each foot is commanded to swing, preceded by `lead` rows; none while settling."""
+        robot = self.subject.robot
+        height = foot_heights_body(robot, self.led("wanted_rad", lead)) - robot.stance_feet_body[:, 2]
+        moving = self.led("phase", lead) != PHASES.index("settle")
+        return np.asarray((height > LIFTED_M) & moving[:, np.newaxis])
+
+    @cached_property
+    def standing(self) -> BoolArray:
+        """Feet in contact, or commanded to stance where contacts are not measured, (rows, 6)."""
+        if self.log.contacts_known:
+            return np.asarray(self.column("foot_contacts"))
+        return np.asarray(~self.led_swing[len(self.led_swing) - (self.stop - self.start) :])
+
+    @cached_property
+    def quaternions(self) -> FloatArray:
+        """Orientations to draw the body in, (rows, 4): where unknown the last known one, else level ahead."""
+        lead = min(self.start, REMEMBERED_TICKS)
+        led = self.led("base_quaternion_world", lead)
+        known = np.isfinite(led[:, 0])
+        last = np.maximum.accumulate(np.where(known, np.arange(len(led)), -1))
+        return np.asarray(np.where((last < 0)[:, np.newaxis], LEVEL_AHEAD, led[last])[lead:])
+
+    def send(self, path: str, rows: Rows, columns: Any) -> None:
+        """Send columns for rows."""
+        self._send(path, {name: times[rows] for name, times in self._times.items()}, columns)
+
+    def send_at(self, path: str, log_rows: Sequence[int], columns: Any) -> None:
+        """Send columns for a few rows counted from the start of the log; also for some before the block."""
+        times_s = np.array([self.log.rows("time_s", row, row + 1)[0] for row in log_rows])
+        self._send(path, self._time_columns(times_s), columns)
+
+    def _send(self, path: str, times: Mapping[str, Any], columns: Any) -> None:
+        """Send columns with the times of their rows on all timelines."""
+        rr = self._rr
+        indexes = [
+            rr.TimeColumn(paths.WALK_TIMELINE, duration=times[paths.WALK_TIMELINE]),
+            rr.TimeColumn(paths.TIMELINE, duration=times[paths.TIMELINE]),
+            rr.TimeColumn(paths.WALL_TIMELINE, timestamp=times[paths.WALL_TIMELINE]),
+        ]
+        self._stream.send_columns(path, indexes, columns, strict=True)
+
+    def _time_columns(self, times_s: FloatArray) -> dict[str, Any]:
+        """Times of the log's clock, (rows,), on all timelines; all time before the walk is its second 0."""
+        log = self.log
+        elapsed_ns = _ns(times_s - log.rows("time_s", 0, 1))
+        walk_ns = np.zeros_like(elapsed_ns)
+        if log.walk_from is not None:
+            walk_ns = np.maximum(0, _ns(times_s - log.rows("time_s", log.walk_from, log.walk_from + 1)))
+        wall_ns = (elapsed_ns + round(self._began_at_s * 1e9)) // WALL_STEP_NS * WALL_STEP_NS
+        return {
+            paths.WALK_TIMELINE: walk_ns.astype("timedelta64[ns]"),
+            paths.TIMELINE: elapsed_ns.astype("timedelta64[ns]"),
+            paths.WALL_TIMELINE: wall_ns.astype("datetime64[ns]"),
+        }
+
+
+def _ns(times_s: FloatArray) -> NDArray[np.int64]:
+    return np.asarray(np.round(times_s * 1e9).astype(np.int64))
+
+
+def posed_rows(log: TickLog, start: int, stop: int) -> BoolArray:
+    """Whether the base position is known in rows [start, stop) of a log, (rows,)."""
+    return np.asarray(np.isfinite(log.rows("base_position_world", start, stop)).all(axis=-1))
+
+
+def compact(points_m: FloatArray) -> NDArray[np.float32]:
+    """Points rounded to half a millimetre, enough for drawing; they compress well."""
+    return rounded(points_m, 10).astype(np.float32)
+
+
+def rounded(values: FloatArray, bits: int) -> FloatArray:
+    """Values rounded to a number of binary places: trailing zeros compress well."""
+    return np.asarray(np.round(values * 2.0**bits) / 2.0**bits)
+
+
+#: A positive coxa turns counter-clockwise from above; a positive femur or tibia lifts what points along x.
+AXES = {"coxa": (0.0, 0.0, 1.0), "femur": (0.0, -1.0, 0.0), "tibia": (0.0, -1.0, 0.0)}
+
+
+#: Binary places that a drawn angle is rounded to: a fiftieth of a degree.
+DRAWN_BITS = 11
+
+
+@dataclass(frozen=True, slots=True)
+class ArrowBatch:
+    """Component values in Arrow's layout."""
+
+    array: Any
+
+    def as_arrow_array(self) -> Any:
+        """The values, as Rerun asks for them."""
+        return self.array
+
+
+class LinkColumns:
+    """Makes the columns of links for a number of ticks; arrays that all legs share are made once.
+
+    The joint's position on the previous link is static and not part of these columns.
+    """
+
+    def __init__(self, ticks: int) -> None:
+        self._offsets = np.arange(ticks + 1, dtype=np.int32)
+        self._axes = {kind: _vectors(AXES[kind], ticks) for kind in JOINT_KINDS}
+
+    def columns(self, kind: str, angles_rad: FloatArray) -> list[Any]:
+        """Columns of a link of this kind, which turns through the measured angle.
+
+        Args:
+            kind: one of `JOINT_KINDS`.
+            angles_rad: commanded and measured, (ticks, 2).
+        """
+        import pyarrow as pa
+
+        axis = self._axes[kind]
+        angle = pa.array(rounded(angles_rad[:, 1], DRAWN_BITS).astype(np.float32))
+        fields = [
+            pa.field("axis", axis.type, nullable=False),
+            pa.field("angle", pa.float32(), nullable=False),
+        ]
+        turn = pa.StructArray.from_arrays([axis, angle], fields=fields)
+        both = pa.array(rounded(angles_rad, KEPT_BITS).ravel())
+        rr = load_rerun()
+        return [
+            self._column(rr.Transform3D.descriptor_rotation_axis_angle(), turn, self._offsets),
+            self._column(rr.Scalars.descriptor_scalars(), both, 2 * self._offsets),
+        ]
+
+    def _column(self, descriptor: Any, values: Any, offsets: NDArray[np.int32]) -> Any:
+        return load_rerun().ComponentColumn(descriptor, ArrowBatch(values), offsets=offsets)
+
+
+def _vectors(vector: tuple[float, ...], ticks: int) -> Any:
+    """The same 3-vector for each tick, as an Arrow array."""
+    import pyarrow as pa
+
+    values = pa.array(np.tile(np.asarray(vector, dtype=np.float32), ticks))
+    item = pa.field("item", pa.float32(), nullable=False)
+    return pa.FixedSizeListArray.from_arrays(values, type=pa.list_(item, len(vector)))

@@ -1,0 +1,136 @@
+"""Tracks of failures: what the world breaks, what the walk suspects and notices, and how legs look."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from hexctl.control.log import LegChange
+from hexctl.recording import paths, style
+from hexctl.recording.rrd import load_rerun
+from hexctl.recording.tracks.columns import TORQUE_BITS, Block, rounded
+from hexctl.robot.failure import Failure
+from hexctl.robot.failure_event import in_words, in_words_with_share
+from hexctl.robot.meshes import PartMesh
+from hexctl.types import JOINT_KINDS, N_LEGS
+
+#: Evidence is drawn up to this many alarms: beyond, it says nothing more.
+MOST_ALARMS = 3.0
+
+
+def send_suspicion(block: Block) -> None:
+    """Send the evidence against each leg and the alarm, now and then, and at every tick above it."""
+    ratio = block.column("leg_suspicion")  # (rows, 6)
+    known = np.isfinite(ratio).all(axis=-1)
+    due = np.zeros(len(ratio), dtype=bool)
+    due[block.sparse()] = True
+    rows = np.flatnonzero(known & (due | (ratio.max(axis=-1) > 1.0)))
+    if rows.size:
+        drawn = np.column_stack([np.minimum(ratio[rows], MOST_ALARMS), np.ones(rows.size)])
+        scalars = load_rerun().Scalars.columns(scalars=rounded(drawn, TORQUE_BITS).ravel())
+        block.send(paths.SUSPICION, rows, scalars.partition(np.full(rows.size, N_LEGS + 1)))
+
+
+def send_lanes(block: Block) -> None:
+    """Send which legs are broken, where that is known, and which the walk takes for broken."""
+    for by, path, state in (
+        ("world", paths.BROKEN, style.broken_state),
+        ("belief", paths.NOTICED, style.noticed_state),
+    ):
+        changes = [change for change in block.leg_changes() if change.by == by]
+        if changes:
+            states = [state(_short(change.failures)) for change in changes]
+            _send_states(block, path, [_since(change) for change in changes], states)
+
+
+def _send_states(block: Block, path: str, log_rows: Sequence[int], states: Sequence[str]) -> None:
+    block.send_at(path, log_rows, load_rerun().StateChange.columns(state=list(states)))
+
+
+def _since(change: LegChange) -> int:
+    """The row at which something happened: what the world does, it does before the tick that shows it."""
+    return max(0, change.row - 1) if change.by == "world" else change.row
+
+
+def _short(failures: Sequence[Failure]) -> str:
+    """Failed legs in a few words: `leg 5 limp`, `legs 2, 5`, or nothing."""
+    if len(failures) == 1:
+        return f"leg {failures[0].leg} {in_words(failures[0])}"
+    return f"legs {', '.join(str(one.leg) for one in failures)}" if failures else ""
+
+
+def failure_lines(block: Block) -> Iterator[tuple[int, str]]:
+    """Rows of the log at which the world let legs fail or heal, and lines that say so."""
+    for change in block.leg_changes():
+        if change.by == "world":
+            # What was told is not news when it begins.
+            told = [one for one in block.subject.plan.failures if one.leg in _by_leg(change.failures)]
+            before = told if change.row == 0 else change.before
+            for text in _differences(_by_leg(before), _by_leg(change.failures)):
+                yield _since(change), f"world: {text}"
+
+
+def _differences(before: Mapping[int, Failure], now: Mapping[int, Failure]) -> Iterator[str]:
+    for leg in sorted({*before, *now}):
+        if leg not in now:
+            yield f"leg {leg} whole again"
+        elif now[leg] != before.get(leg):
+            yield f"leg {leg} {in_words_with_share(now[leg])}"
+
+
+def send_looks(block: Block, leg: int) -> None:
+    """Send the colours of a leg, red from its failure on, and the mark at its hip while it is noticed."""
+    told = _by_leg(block.subject.plan.failures).get(leg)
+    if block.start == 0:
+        beginning = [change for change in block.leg_changes() if _from_the_beginning(change)]
+        _send_look(block, 0, leg, _by_leg(beginning[0].failures).get(leg, told) if beginning else told)
+    for change in block.leg_changes():
+        now = _by_leg(change.failures).get(leg)
+        if _by_leg(change.before).get(leg) == now or _from_the_beginning(change):
+            continue
+        if change.by == "belief":
+            _send_mark(block, change.row, leg, None if now == told else now)
+        else:
+            _send_look(block, _since(change), leg, now)
+
+
+def _from_the_beginning(change: LegChange) -> bool:
+    return change.by == "world" and change.row == 0
+
+
+def _by_leg(failures: Sequence[Failure]) -> dict[int, Failure]:
+    return {one.leg: one for one in failures}
+
+
+def _send_look(block: Block, row: int, leg: int, failure: Failure | None) -> None:
+    """Send how the links and the label of a leg look from a row of the log on."""
+    for kind in JOINT_KINDS:
+        columns = _link_columns(failure, kind, block.subject.mesh_of(leg, kind))
+        block.send_at(paths.link_path(leg, kind), [row], columns)
+    labels = [] if failure is None else [f"leg {leg} {failure if row == 0 else in_words(failure)}"]
+    if labels or row:
+        columns = load_rerun().Points3D.columns(labels=labels).partition([len(labels)])
+        for path in (paths.foot_path(leg), paths.label_path(paths.foot_path(leg))):
+            block.send_at(path, [row], columns)
+
+
+def _link_columns(failure: Failure | None, kind: str, mesh: PartMesh | None) -> Any:
+    """Colour of a link; a solid of a missing leg is an outline, which a mesh does not have."""
+    rr = load_rerun()
+    color = style.packed((style.FAILED_COLORS if failure else style.LINK_COLORS)[kind])
+    missing = failure is not None and failure.kind == "missing"
+    if mesh is not None:
+        # White leaves the colours of the file as they are.
+        own = mesh.coloured and failure is None
+        return rr.Asset3D.columns(albedo_factor=[style.packed(style.WHITE) if own else color])
+    return rr.Capsules3D.columns(colors=[color], fill_mode=["majorwireframe" if missing else "solid"])
+
+
+def _send_mark(block: Block, row: int, leg: int, failure: Failure | None) -> None:
+    """Send the mark at the hip of a leg that was noticed to have failed, or take it away for None."""
+    labels = [] if failure is None else [f"noticed: {in_words(failure)}"]
+    points = load_rerun().Points3D
+    mark = points.columns(positions=np.zeros((len(labels), 3)), labels=labels).partition([len(labels)])
+    block.send_at(paths.noticed_path(leg), [row], mark)
+    label = points.columns(labels=labels).partition([len(labels)])
+    block.send_at(paths.label_path(paths.noticed_path(leg)), [row], label)

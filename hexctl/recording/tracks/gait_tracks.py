@@ -1,0 +1,90 @@
+"""Tracks of the gait: phases of the trial, stance and swing of each foot, contacts, and the guard."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hexctl.backends.clock import PERIOD_S
+from hexctl.control.trace import PHASES
+from hexctl.recording import paths, style
+from hexctl.recording.rrd import load_rerun
+from hexctl.recording.tracks.columns import (
+    Block,
+)
+from hexctl.types import BoolArray, FloatArray
+
+#: Targets that differ by less count as unchanged: they were rounded on their way.
+ROUNDING_RAD = 1e-5
+
+#: Ticks for which a foot's contact must differ from the command to be shown: rebounds are left out.
+STEADY_TICKS = 5
+
+
+def clipped_joints(wanted_rad: FloatArray, sent_rad: FloatArray) -> BoolArray:
+    """Whether the guard changed each joint's target, any shape."""
+    return np.asarray(np.abs(sent_rad - wanted_rad) > ROUNDING_RAD)
+
+
+def skipped_ticks(time_s: FloatArray) -> FloatArray:
+    """Number of periods missed before each tick, (ticks,)."""
+    return np.asarray(np.maximum(np.round(np.diff(time_s, prepend=time_s[:1]) / PERIOD_S) - 1, 0))
+
+
+def send_phases(block: Block) -> None:
+    """Send the parts of the trial where they begin."""
+    rows = block.changes(block.led("phase"))
+    if rows.size:
+        names = np.array(PHASES)[block.column("phase")[rows]]
+        block.send(paths.PHASE, rows, load_rerun().StateChange.columns(state=names))
+
+
+def send_gait(block: Block) -> None:
+    """Send stance and swing of each foot where they change, as commanded and, if it is felt, as they are."""
+    states = _felt(block) if block.log.contacts_known else block.led_swing.astype(int)
+    names = np.array(style.FELT_STATES if block.log.contacts_known else style.COMMANDED_STATES)
+    lead = len(states) - (block.stop - block.start)
+    for leg in paths.LEGS:
+        rows = block.changes(states[:, leg - 1])
+        if rows.size:
+            state = names[states[rows + lead, leg - 1]]
+            block.send(paths.gait_path(leg), rows, load_rerun().StateChange.columns(state=state))
+
+
+def _felt(block: Block) -> NDArray[np.int64]:
+    """States of the feet as indices of `style.FELT_STATES`, preceded by one row, (rows + 1, 6)."""
+    swing = block.swing(STEADY_TICKS)
+    other = steadily(swing == block.led("foot_contacts", STEADY_TICKS))
+    states = 2 * swing.astype(np.int64) + (swing == other)
+    return np.asarray(states[max(min(block.start, STEADY_TICKS) - 1, 0) :])
+
+
+def steadily(is_so: BoolArray) -> BoolArray:
+    """Whether a value has been true for the last `STEADY_TICKS` rows, same shape."""
+    steady = is_so.copy()
+    for back in range(1, STEADY_TICKS):
+        steady[back:] &= is_so[:-back]
+        steady[:back] = False
+    return steady
+
+
+def send_feet(block: Block) -> None:
+    """Send which feet touch the floor, where that changes, as the foot's colour; one for all if unfelt."""
+    touching = block.led("foot_contacts")
+    felt = (style.LIFTED_COLOR, style.TOUCHING_COLOR)
+    shown = felt if block.log.contacts_known else (style.UNFELT_COLOR, style.UNFELT_COLOR)
+    colors = np.array([style.packed(color) for color in shown], dtype=np.uint32)
+    for leg in paths.LEGS:
+        rows = block.changes(touching[:, leg - 1])
+        if rows.size:
+            color = colors[block.column("foot_contacts")[rows, leg - 1].astype(int)]
+            block.send(paths.foot_path(leg), rows, load_rerun().Points3D.columns(colors=color))
+
+
+def send_guard(block: Block) -> None:
+    """Send where the guard changed targets and where the clock missed ticks."""
+    states = clipped_joints(block.led("wanted_rad"), block.led("sent_rad")).any(axis=-1).astype(int)
+    states[skipped_ticks(block.led("time_s")) > 0] = 2
+    lead = len(states) - (block.stop - block.start)
+    rows = block.changes(states)
+    if rows.size:
+        names = np.array(style.GUARD_STATES)[states[rows + lead]]
+        block.send(paths.GUARD, rows, load_rerun().StateChange.columns(state=names))

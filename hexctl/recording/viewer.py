@@ -1,0 +1,246 @@
+"""Rerun's viewer: in a window, or served to a browser on this computer."""
+
+import os
+import shutil
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from threading import Thread
+from types import TracebackType
+from typing import Any, Self
+from urllib.parse import quote, unquote, urlencode
+
+from hexctl.errors import InputError, RecordingError
+from hexctl.files import file_instead
+from hexctl.recording.rerun_program import check_sound, viewer_binary
+from hexctl.recording.rrd import check_there
+
+#: How an .rrd file begins.
+MAGIC = b"RRF"
+
+LOCAL = "127.0.0.1"
+
+NO_DISPLAY = "the viewer finds no display"
+
+
+def open_viewer(paths: Sequence[Path]) -> int:
+    """Start the native viewer on recordings, wait until it is closed, and return its exit code.
+
+    Raises InputError for a missing or damaged file or a file of another kind, RecordingError for a viewer
+    that cannot start, and MissingExtraError without Rerun.
+    """
+    for path in paths:
+        check_viewable(path)
+    # A port of its own: another viewer that is open keeps what it shows.
+    command = [str(viewer_binary()), "--bind", LOCAL, "--port", "auto", *map(str, paths)]
+    try:
+        viewer = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, errors="replace")
+    except OSError as error:
+        raise RecordingError(f"{command[0]}: the viewer does not start: {error.strerror}") from error
+    with viewer:
+        try:
+            _, messages = viewer.communicate()
+        except BaseException:
+            viewer.kill()
+            raise
+    if viewer.returncode > 0:
+        raise RecordingError(_why(messages, paths))
+    return viewer.returncode
+
+
+def newest_recording(folder: Path, *, leave_out: str | None = None) -> Path:
+    """Latest recording in a folder or in the folders below it.
+
+    Args:
+        folder: where to look.
+        leave_out: a file name that does not count.
+
+    Raises InputError when there is none, or a file in place of the folder.
+    """
+    if (instead := file_instead(folder)) is not None:
+        raise InputError(f"{instead}; allowed: a folder of recordings")
+    found = [path for path in folder.rglob("*.rrd") if path.is_file() and path.name != leave_out]
+    if not found:
+        raise InputError(f"no recording (*.rrd) under {folder}; hexctl run writes one")
+    return max(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
+
+
+def check_recording(path: Path) -> None:
+    """Raise InputError for a file that is not there, or is not a recording."""
+    check_there(path)
+    try:
+        with path.open("rb") as file:
+            head = file.read(len(MAGIC))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be opened: {error.strerror}") from error
+    if head != MAGIC:
+        raise InputError(f"{path}: is not a Rerun recording; give an .rrd file that hexctl wrote")
+
+
+def check_viewable(path: Path) -> None:
+    """Raise InputError for a file that is no recording, or at which the viewer would end."""
+    check_recording(path)
+    check_sound(path)
+
+
+def check_display() -> None:
+    """Raise RecordingError on a machine without a screen, where a window would fail silently."""
+    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise RecordingError(f"{NO_DISPLAY}; hexctl view --web shows the same in a browser")
+
+
+def _why(messages: str, paths: Sequence[Path]) -> str:
+    """One line on why the viewer ended, with the way out where there is no screen."""
+    names = " ".join(map(str, paths))
+    if any(word in messages for word in ("DISPLAY", "WAYLAND", "neither", "NoDisplay", "XOpenDisplay")):
+        return (
+            f"{NO_DISPLAY}; hexctl view --web shows the same in a browser; or copy the folder "
+            f"of {names} to a machine with one"
+        )
+    lines = [line.strip() for line in messages.splitlines() if line.strip()]
+    last = next((line for line in reversed(lines) if "rror" in line), lines[-1] if lines else "no message")
+    return f"the viewer ended with an error: {' '.join(last.split())[:200]}"
+
+
+@dataclass(frozen=True, slots=True)
+class WebViewer:
+    """A viewer that is being served.
+
+    Attributes:
+        url: address for a browser.
+        process: Rerun's server.
+    """
+
+    url: str
+    process: "subprocess.Popen[bytes]"
+
+    def check(self) -> None:
+        """Raise RecordingError when the server has ended."""
+        if self.process.poll() is not None:
+            raise RecordingError(f"the viewer's server ended with {self.process.returncode}")
+
+
+def web_options(port: int, web_port: int) -> list[str]:
+    """Options of Rerun for a server of data and viewer at two loopback ports."""
+    return ["--bind", LOCAL, "--port", str(port), "--serve-web", "--web-viewer-port", str(web_port)]
+
+
+def web_url(port: int, web_port: int) -> str:
+    """Address of the page that shows the data served at `port`."""
+    return _page(web_port, [f"rerun+http://{LOCAL}:{port}/proxy"])
+
+
+@contextmanager
+def serve_web(web_port: int, urls: Sequence[str]) -> Iterator[WebViewer]:
+    """Serve the viewer, showing recordings at some URLs, to browsers until the block ends.
+
+    Raises RecordingError for a server that cannot start, MissingExtraError without Rerun.
+    """
+    command = [
+        str(viewer_binary()),
+        "--bind",
+        LOCAL,
+        "--serve-web",
+        "--web-viewer-port",
+        str(web_port),
+        *urls,
+    ]
+    try:
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+    except OSError as error:
+        raise RecordingError(f"{command[0]}: the viewer does not start: {error.strerror}") from error
+    try:
+        yield WebViewer(_page(web_port, urls), process)
+    finally:
+        process.kill()
+        process.wait()
+
+
+def _page(web_port: int, urls: Sequence[str]) -> str:
+    """Address of the viewer's page that shows what is at some URLs, in the dark theme.
+
+    Without a theme the page takes the browser's, and light lines are drawn on white.
+    """
+    return f"{web_origin(web_port)}/?{urlencode([('theme', 'dark'), *(('url', url) for url in urls)])}"
+
+
+def web_origin(web_port: int) -> str:
+    """Origin of the viewer's page."""
+    return f"http://{LOCAL}:{web_port}"
+
+
+def free_port() -> int:
+    """Free TCP port of this machine."""
+    with socket.socket() as probe:
+        probe.bind((LOCAL, 0))
+        return int(probe.getsockname()[1])
+
+
+class FileServer:
+    """HTTP server on loopback for the recordings that are added to it; use as a context manager."""
+
+    def __init__(self, origin: str) -> None:
+        """Listen at a free port of loopback; pages of one origin, such as http://127.0.0.1:9090, may read."""
+        self._files: dict[str, Path] = {}
+        self._server = ThreadingHTTPServer((LOCAL, 0), self._handler(origin))
+        self._thread = Thread(target=self._server.serve_forever, daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._server.shutdown()
+        self._server.server_close()
+
+    def base(self, folder: str) -> str:
+        """URL below which the files of a folder are served."""
+        return f"http://{LOCAL}:{self._server.server_port}/{quote(folder, safe='')}/"
+
+    def add(self, folder: str, path: Path) -> str:
+        """Serve a recording below a folder and return its URL.
+
+        Raises InputError for a missing or damaged file or a file of another kind.
+        """
+        check_viewable(path)
+        self._files[f"/{folder}/{path.name}"] = path
+        return self.base(folder) + quote(path.name)
+
+    def _handler(self, origin: str) -> type[BaseHTTPRequestHandler]:
+        files = self._files
+
+        def server_port() -> int:
+            return self._server.server_port
+
+        class Handler(BaseHTTPRequestHandler):
+            def do_GET(self) -> None:
+                if self.headers.get("Host") != f"{LOCAL}:{server_port()}":
+                    self.send_error(HTTPStatus.FORBIDDEN)  # a page of another name that leads here
+                    return
+                try:
+                    file = files[unquote(self.path)].open("rb")
+                except (KeyError, OSError):
+                    self.send_error(HTTPStatus.NOT_FOUND)
+                    return
+                with file:
+                    self.send_response(HTTPStatus.OK)
+                    self.send_header("Content-Type", "application/octet-stream")
+                    self.send_header("Content-Length", str(os.fstat(file.fileno()).st_size))
+                    self.send_header("Access-Control-Allow-Origin", origin)
+                    self.end_headers()
+                    shutil.copyfileobj(file, self.wfile)
+
+            def log_message(self, *_: Any) -> None:
+                """Say nothing."""
+
+        return Handler

@@ -1,0 +1,187 @@
+"""One diagnosis at rest on any backend, recorded: what `hexctl diagnose` does, as a library call."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from types import NoneType
+from typing import Any
+
+from hexctl.backends.robot_options import RecordedOptions
+from hexctl.control.controllers import Stand
+from hexctl.control.diagnosis.leg_findings import Diagnosis, diagnosis_of, told_by_operator, unsafe_legs
+from hexctl.control.diagnosis.standing_test import ALL_PROBES, LIFTS, Probe, StandingTest
+from hexctl.control.log import Recorder, TickLog
+from hexctl.control.loop import run_controller
+from hexctl.control.preparation import StopRequested, WalkStart, never, ticks_of
+from hexctl.control.trial_result import TrialResult
+from hexctl.errors import CommandRefusedError, EStopError, InputError, argument, check_type
+from hexctl.robot.failure import Failure, failure_of
+from hexctl.runs.run import Run
+from hexctl.runs.run_spec import RunSpec
+
+#: Time to come to the stance and to rest, before the first probe.
+SETTLE_S = 0.8
+
+#: Asked after a leg has made its lift: did it lift, swing and stand again? None ends the questions.
+AskOperator = Callable[[int], bool | None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DiagnosisResult:
+    """Result of a diagnosis.
+
+    Attributes:
+        diagnosis: what was found, leg by leg.
+        trial: how the standing test ended: its `status` is `ok` where all of it was made.
+        outcome: everything as plain values, the object that `hexctl diagnose --json` prints.
+        recording: the recording, or None.
+        recording_error: why the recording is incomplete, or None.
+    """
+
+    diagnosis: Diagnosis
+    trial: TrialResult
+    outcome: dict[str, Any]
+    recording: Path | None
+    recording_error: Exception | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The outcome, plain and finite values or None."""
+        return dict(self.outcome)
+
+
+class DiagnosisRun(Run):
+    """A run whose controller makes the standing test: connected and recorded like a walk.
+
+    The failure of its spec is what a simulation breaks; the diagnosis is not told.
+    """
+
+    def __init__(self, spec: RunSpec) -> None:
+        """Check a spec, of which the gait and the motion do not count.
+
+        Raises InputError for what is not allowed, LimitError for a robot without room around its stance.
+        """
+        if spec.failure is not None and not spec.simulated:
+            raise InputError(
+                f"{argument('failed_leg')}: got {spec.failure.leg} with {argument('backend')} "
+                f"{spec.backend}, which is not told; allowed: with sim, which breaks it"
+            )
+        duration_s = sum(probe.duration_s for probe in ALL_PROBES)
+        plain = {"hold": "none", "self_rotation": "none", "duration_s": duration_s + 3.0, "gait": "demo"}
+        plain_spec = replace(spec, **plain)  # type: ignore[arg-type]  # as the fields are
+        super().__init__(plain_spec, controller=self._make_test)
+        self.plan = replace(self.plan, belief=None, travel=0.0, settle_s=SETTLE_S)
+        self._test: StandingTest | None = None
+        self.diagnosis: Diagnosis | None = None
+
+    @property
+    def title(self) -> str:
+        """Robot and what is done, the title of recordings and live views."""
+        return f"{self.robot.name} diagnosis"
+
+    @property
+    def _what(self) -> str:
+        return "diagnosis"
+
+    def diagnose(
+        self,
+        *,
+        recorders: Sequence[Recorder] = (),
+        ask: AskOperator | None = None,
+        stop_requested: StopRequested = never,
+    ) -> DiagnosisResult:
+        """Make the standing test and judge it.
+
+        Args:
+            recorders: take the ticks in blocks beside the recording.
+            ask: asked leg by leg where nothing that the robot measures shows its legs.
+            stop_requested: asked every tick; True ends the test.
+
+        Raises RobotFaultError when the robot or its link fails.
+        """
+        done = self.walk(recorders=recorders, stop_requested=stop_requested)
+        found = self._found()
+        if found.source == "none" and ask is not None and done.trial.status == "ok":
+            found = self._ask_operator(found, ask, stop_requested)
+            done.outcome.update(found.to_dict())
+        return DiagnosisResult(
+            diagnosis=found,
+            trial=done.trial,
+            outcome=done.outcome,
+            recording=done.recording,
+            recording_error=done.recording_error,
+        )
+
+    def _make_test(self, start: WalkStart) -> StandingTest:
+        self._test = StandingTest(
+            start.robot, start.period_s, unsafe=lambda observed: unsafe_legs(observed, self.robot)
+        )
+        return self._test
+
+    def _found(self) -> Diagnosis:
+        """Diagnosis of the test as far as it came."""
+        if self.diagnosis is None:
+            test = self._test or StandingTest(self.robot, 0.02)
+            self.diagnosis = diagnosis_of(test.observed, self.robot)
+        return self.diagnosis
+
+    def _outcome(self, trial: TrialResult, log: TickLog, wall_s: float) -> dict[str, Any]:
+        whole = super()._outcome(trial, log, wall_s)
+        kept = ("status", "stopped", "duration_s", "ticks", "overruns", "refused_commands", "servo_link")
+        where = ("realtime_factor", "backend", "robot", "world", "seed", "recording")
+        return {**self._found().to_dict(), **{name: whole[name] for name in (*kept, *where)}}
+
+    def _ask_operator(self, found: Diagnosis, ask: AskOperator, stop_requested: StopRequested) -> Diagnosis:
+        """Lift the legs once more, one at a time, and ask after each."""
+        moved: dict[int, bool] = {}
+        for probe in sorted(LIFTS, key=lambda lift: lift.legs):
+            if stop_requested() or not self._make_alone(probe):
+                return found
+            answer = ask(probe.legs[0])
+            if answer is None:
+                return found
+            moved[probe.legs[0]] = answer
+        self.diagnosis = told_by_operator(found, moved)
+        return self.diagnosis
+
+    def _make_alone(self, probe: Probe) -> bool:
+        """Make one probe, then rest; False where the robot was stopped."""
+        guard = self._guard
+        assert guard is not None  # noqa: S101  it is connected
+        try:
+            run_controller(guard, Stand(self.robot, guard.accepted_rad(), ticks_of(guard, SETTLE_S / 2)))
+            run_controller(guard, StandingTest(self.robot, guard.clock.period_s, probes=(probe,)))
+        except (EStopError, CommandRefusedError):
+            return False
+        guard.pause_watchdog()
+        return True
+
+
+def diagnose(
+    *,
+    failed_leg: int | None = None,
+    failure: Failure | str | None = None,
+    ask: AskOperator | None = None,
+    stop_requested: StopRequested = never,
+    **where: Any,
+) -> DiagnosisResult:
+    """Find out which leg of a standing robot has failed: `diagnose(failed_leg=5, failure="limp:femur")`.
+
+    Args:
+        failed_leg: the leg that a simulation breaks; the diagnosis is not told.
+        failure: how it breaks it, in words with a leg; or a Failure alone.
+        ask: asked leg by leg where nothing that the robot measures shows its legs: whether the leg with this
+            number lifted, swung and stood again; None ends the questions.
+        stop_requested: asked every tick; True ends the test.
+        where: fields of `RecordedOptions`, such as robot and backend.
+
+    Raises InputError before anything moves, RobotFaultError for a robot or a link that fails.
+    """
+    check_type(failure, (Failure, str, NoneType), "failure", "a Failure, or words with a leg")
+    known = [field.name for field in fields(RecordedOptions)]
+    unknown = [name for name in where if name not in known]
+    if unknown:
+        raise InputError(f"diagnose: got {', '.join(unknown)}; allowed: {', '.join(known)}")
+    broken = failure if isinstance(failure, Failure) else failure_of(failed_leg, failure)
+    spec = RunSpec(failure=broken, **where)
+    with DiagnosisRun(spec) as connected:
+        return connected.diagnose(ask=ask, stop_requested=stop_requested)

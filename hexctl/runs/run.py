@@ -1,0 +1,465 @@
+"""One walk on any backend, recorded: what `hexctl run` does, as a library call."""
+
+import math
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from datetime import datetime
+from functools import cached_property
+from pathlib import Path
+from types import NoneType, TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from hexctl.backends.base import connection_notes
+from hexctl.backends.clock import PERIOD_S
+from hexctl.backends.registry import BackendOptions, make_servos
+from hexctl.backends.sim.terrain import Floor, make_floor
+from hexctl.backends.sim.world import World, load_world
+from hexctl.control.assessment.leg_sets import doubt, drag, leg_set
+from hexctl.control.custom_controller import check_controller, controller_name
+from hexctl.control.guard import Guard
+from hexctl.control.log import (
+    BLOCK_TICKS,
+    PACED_BLOCK_TICKS,
+    Recorder,
+    RecorderFailure,
+    Recorders,
+    TickLog,
+)
+from hexctl.control.monitor.monitored_walk import watched_walk
+from hexctl.control.preparation import StopRequested, never
+from hexctl.control.trial import ShouldStop, run_trial
+from hexctl.control.trial_plan import AUTO_ROTATION, TrialPlan
+from hexctl.control.trial_result import TrialResult
+from hexctl.control.walks.turning import check_plan, turn_needed_rad
+from hexctl.errors import InputError, MissingExtraError, argument, check_type
+from hexctl.files import folder_trouble, write_trouble
+from hexctl.robot.configs import shipped_text
+from hexctl.robot.failure import each_failure
+from hexctl.robot.failure_event import FailureEvent, check_healings
+from hexctl.robot.loader import RobotFile, load_robot_file
+from hexctl.robot.model import Robot
+from hexctl.runs.run_spec import DEFAULT_GAIT, RunSpec, plan_of, spec_of
+from hexctl.waiting import comes_true
+
+if TYPE_CHECKING:
+    from hexctl.control.custom_controller import CustomController
+    from hexctl.recording.recording import Recording
+
+
+#: By how much a self-rotation may miss its goal.
+MISS_RAD = math.radians(2.0)
+
+#: How long a robot that has connected may take to tell where it is.
+POSITION_COMES_S = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunResult:
+    """Result of a run.
+
+    Attributes:
+        trial: result of the trial.
+        outcome: everything as plain values, the object that `hexctl run --json` prints.
+        recording: the recording, or None.
+        recording_error: why the recording is incomplete, or None.
+        recorder_failures: recorders that raised and were left out from then on.
+        log: every tick.
+    """
+
+    trial: TrialResult
+    outcome: dict[str, Any]
+    recording: Path | None
+    recording_error: Exception | None
+    recorder_failures: tuple[RecorderFailure, ...]
+    log: TickLog
+
+    def to_dict(self) -> dict[str, Any]:
+        """The outcome, plain and finite values or None."""
+        return dict(self.outcome)
+
+
+class Run:
+    """A run: as a context manager it connects the robot and opens the recording, `walk` walks.
+
+    Everything that can be refused is refused when it is made, before anything is opened or moves.
+
+    Attributes:
+        spec: what it does.
+        robot: the robot of the spec.
+        plan: the trial of the spec.
+        broken: what a simulation breaks: the failure of the spec, unless set otherwise before connecting. The
+            walk is told the spec's.
+        notes: once connected, what an operator should know about the robot that answered, and options
+            without effect.
+    """
+
+    def __init__(self, spec: RunSpec, *, controller: "CustomController | None" = None) -> None:
+        """Check a spec.
+
+        Args:
+            spec: what the run does.
+            controller: walks instead of the plan's own walk, as in `run_trial`.
+
+        Raises InputError for what is not allowed, ReachError or LimitError for a walk that the legs cannot
+        make.
+        """
+        spec.check()
+        check_controller(controller)
+        self.spec, self._controller = spec, controller
+        self._file: RobotFile | None = None
+        if isinstance(spec.robot, Robot):
+            self.robot = spec.robot
+        else:
+            self._file = load_robot_file(spec.robot)
+            self.robot = self._file.robot
+        self.plan = plan_of(spec, self.robot)
+        self._meshes = self._file.meshes if self._file is not None and spec.records else {}
+        check_plan(self.robot, self.plan)
+        self._policy = spec.made_policy
+        # A robot that stands ready must not wait for it.
+        for plan in _as_it_may_stand(self.robot, self.plan):
+            self._policy.prepare(self.robot, plan, plan.heading_rad)
+        world = "flat" if spec.world is None else spec.world
+        self._world = world if isinstance(world, World) else load_world(world)
+        self.broken = spec.failure
+        self.notes: tuple[str, ...] = ()
+        self._guard: Guard | None = None
+        self._recording: Recording | None = None
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        """Connect the robot, then create the recording.
+
+        Raises RobotFaultError for a robot that cannot be reached, InputError for a recording that cannot be
+        created and for a leg that is to heal while it is whole, MissingExtraError for an extra that is not
+        installed.
+        """
+        broken = (*each_failure(self.broken), *self.spec.further_failures)
+        check_healings(self.spec.events, self._world_events, [one.leg for one in broken])
+        options = BackendOptions.of(
+            self.spec, robot=self.robot, world=self._world, robot_file=self._file, failure=self.broken
+        )
+        servos = make_servos(self.spec.backend, options)
+        with ExitStack() as stack:
+            stack.callback(self._write_index)
+            self._guard = stack.enter_context(Guard(servos))
+            self.notes = (
+                *self._without_effect(),
+                *self._doubts(),
+                *connection_notes(servos, self.plan.failures),
+            )
+            self._suit_rotation()
+            self._recording = self._open_recording()
+            if self._recording is not None:
+                stack.enter_context(self._recording)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.__exit__(kind, error, trace)
+
+    def _write_index(self) -> None:
+        """Complete the recording of a long walk, once the robot is no longer connected."""
+        if self._recording is not None:
+            self._recording.write_index()
+
+    @property
+    def title(self) -> str:
+        """Robot and gait, the title of recordings and live views."""
+        return f"{self.robot.name} {self._walk_text}"
+
+    @property
+    def _what(self) -> str:
+        """What is done, in the name of a recording."""
+        return self._walk_text.replace(",", "").replace(" ", "-") or "gait"
+
+    @property
+    def _walk_text(self) -> str:
+        """The gait in words; before it the name of a custom controller, which follows a gait if asked to."""
+        gait = self.spec.gait_text if self._has_gait else None
+        return " ".join(filter(None, (controller_name(self._controller), gait)))
+
+    @property
+    def _has_gait(self) -> bool:
+        """Whether a gait leads the walk: under a custom controller only one that was asked for."""
+        return controller_name(self._controller) is None or self.spec.gait_text != DEFAULT_GAIT
+
+    @property
+    def robot_file(self) -> Path | None:
+        """File of the robot, None for a robot that is not from a file."""
+        return None if self._file is None else self._file.path
+
+    @property
+    def index_due(self) -> bool:
+        """Whether the recording gets its index when the robot is no longer connected: 30 s for an hour."""
+        return self._recording is not None and self._recording.index_due
+
+    @property
+    def recording_path(self) -> Path | None:
+        """File of the recording; None without one, and before the robot is connected."""
+        return None if self._recording is None else self._recording.path
+
+    @cached_property
+    def floor(self) -> Floor | None:
+        """Floor of the simulated world, None on a robot that is not simulated here."""
+        return make_floor(self._world, self.spec.seed) if self.spec.simulated else None
+
+    def walk(
+        self,
+        *,
+        recorders: Sequence[Recorder] = (),
+        stop_requested: StopRequested = never,
+        should_stop: ShouldStop | None = None,
+    ) -> RunResult:
+        """Walk as the spec says.
+
+        Args:
+            recorders: take the ticks in blocks beside the recording; each fails alone.
+            stop_requested: asked every tick; True ends the walk with a soft stop, without a recording where
+                nothing was commanded before.
+            should_stop: looks at the walk once a second, as in `run_trial`, such as a `Geofence`.
+
+        Raises RobotFaultError when the robot or its link fails. A fall, a stop or an incomplete recording is
+        part of the result.
+        """
+        if self._guard is None:
+            raise InputError("run: got a walk before the robot is connected; allowed: inside `with Run(...)`")
+        log, recording = TickLog(), self._recording
+        kept = Recorders(
+            log,
+            *([recording] if recording is not None else []),
+            *recorders,
+            block_ticks=PACED_BLOCK_TICKS if self.spec.paced else BLOCK_TICKS,
+        )
+        began_s = time.perf_counter()
+        walk = watched_walk(self._policy) if self._controller is None else self._controller
+        trial = run_trial(
+            self._guard, self.plan, walk, kept, stop_requested=stop_requested, should_stop=should_stop
+        )
+        if trial.stopped == "requested" and not len(log) and recording is not None:
+            recording.discard()
+            recording = self._recording = None
+        outcome = self._outcome(trial, log, time.perf_counter() - began_s)
+        error = kept.error_of(recording)
+        if recording is not None and error is None:
+            try:
+                recording.finish(trial, outcome)
+            except Exception as failure:  # noqa: BLE001  the walk is done, whatever its recording raises
+                error = failure
+        return RunResult(
+            trial=trial,
+            outcome=outcome,
+            recording=None if recording is None else recording.path,
+            recording_error=error,
+            recorder_failures=tuple(kept.failures),
+            log=log,
+        )
+
+    def _without_effect(self) -> list[str]:
+        """What was asked for and changes nothing, in words."""
+        end_s, rotation = self.plan.duration_s, self.spec.self_rotation
+        late = [str(event) for event in self._world_events if event.at_s >= end_s]
+        notes = [f"{', '.join(late)} of the world changes nothing: the end is at {end_s:g} s"] if late else []
+        if self.plan.belief is not None or rotation in (AUTO_ROTATION, "none"):
+            return notes
+        why = "it turns a failed leg, and six legs are good"
+        return [*notes, f"--self-rotation {rotation} changes nothing: {why}"]
+
+    def _doubts(self) -> list[str]:
+        """Whether more than one failed leg lets the robot walk, in words where that is doubtful."""
+        plan = self.plan
+        if not plan.further_failures or not plan.travel:
+            return []
+        found = leg_set(self.robot, plan.gait, plan.failed_legs, (plan.heading_rad,))
+        dragged = drag(self.robot, plan.failures, plan.heading_rad)
+        return [note for note in (doubt(found), dragged) if note is not None]
+
+    def _suit_rotation(self) -> None:
+        """Turn the failed leg away after all where `auto` took it for granted that the line can be held."""
+        spec = self.spec
+        unasked = spec.self_rotation == AUTO_ROTATION and spec.hold == "auto"
+        taken = unasked and self.plan.self_rotation == "none" and not self.plan.further_failures
+        if taken and self.plan.belief is not None and not self._position_comes():
+            # The hold stays what was asked for: the result says why less was held.
+            self.plan = replace(plan_of(replace(spec, hold="heading"), self.robot), hold=spec.hold)
+            check_plan(self.robot, self.plan)
+
+    def _position_comes(self) -> bool:
+        """Whether the robot tells a position, which may come a little after its joints."""
+        guard = self._guard
+        assert guard is not None  # noqa: S101  it is connected
+        timeout_s = POSITION_COMES_S if self.spec.paced else 0.0
+        return comes_true(lambda: guard.peek().base_position_world is not None, timeout_s, poll_s=PERIOD_S)
+
+    def _open_recording(self) -> "Recording | None":
+        if self.spec.record is not None:
+            return self._recording_at(Path(self.spec.record))
+        if self.spec.record_folder is None:
+            return None
+        while True:
+            path = self._new_path(Path(self.spec.record_folder))
+            try:
+                return self._recording_at(path)
+            except InputError:
+                if not path.exists():
+                    raise
+                # Another run has taken the name in the meantime.
+
+    def _recording_at(self, path: Path) -> "Recording":
+        from hexctl.recording.recording import Recording
+
+        try:
+            return Recording(
+                path,
+                self.robot,
+                self.plan,
+                title=self.title,
+                floor=self.floor,
+                meshes=self._meshes,
+                watched=True,
+                servos=self.spec.backend != "sim",
+            )
+        except MissingExtraError as error:
+            raise MissingExtraError("recording (or walk with --no-record)", "view") from error
+
+    def _new_path(self, folder: Path) -> Path:
+        """Path in a folder that no run has used, named by time, robot, gait and failure."""
+        now = datetime.now().strftime("%Y%m%d-%H%M%S")
+        failed = "".join(f"_leg{one.leg}-{one.kind}" for one in self.plan.failures)
+        stem = f"{now}_{self.robot.name}_{self._what}{failed}"
+        allowed = f"allowed: a folder, {argument('record')} FILE, or {argument('no_record')}"
+        if (trouble := write_trouble(folder)) is not None:
+            raise InputError(f"{trouble}; {allowed}")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{folder_trouble(folder, error)}; {allowed}") from error
+        path, number = folder / f"{stem}.rrd", 2
+        while path.exists():
+            path, number = folder / f"{stem}_{number}.rrd", number + 1
+        return path
+
+    def _outcome(self, trial: TrialResult, log: TickLog, wall_s: float) -> dict[str, Any]:
+        spec, plan, guard = self.spec, self.plan, self._guard
+        assert guard is not None  # noqa: S101  connected, or there would be no trial
+        work_us = log["work_s"] * 1e6  # (ticks,)
+        quantiles = np.percentile(work_us, [50, 99, 100]) if len(log) else np.zeros(3)
+        return {
+            "gait": self._gait_values() if self._has_gait else None,
+            "failed_leg": plan.belief.leg if plan.belief else None,
+            "failure": str(plan.belief) if plan.belief else None,
+            "further_failures": {str(one.leg): str(one) for one in plan.further_failures},
+            "events": self._event_texts(trial.duration_s, log),
+            **trial.to_dict(),
+            "ideal_yaw_change_deg": math.degrees(plan.turn_rate_rad_s * trial.duration_s),
+            "ticks": len(log),
+            "overruns": guard.clock.overruns,
+            "standstill_s": None if guard.standstill is None else round(guard.standstill.duration_s, 1),
+            "refused_commands": guard.counters.refused,
+            "positions_doubted": guard.positions.doubted,
+            "servo_link": guard.link_counts or None,
+            "tick_us": dict(zip(("p50", "p99", "max"), (round(float(q), 1) for q in quantiles), strict=True)),
+            "realtime_factor": round(len(log) * PERIOD_S / wall_s, 2) if wall_s > 0 else None,
+            "backend": spec.backend,
+            "robot": self.robot.name,
+            "world": self._world_text(),
+            "seed": spec.seed,
+            "recording": None if self._recording is None else str(self._recording.path),
+        }
+
+    def _gait_values(self) -> dict[str, Any]:
+        """The gait as plain values."""
+        gait = self.plan.gait
+        return {
+            "name": self.spec.gait_text,
+            "slots": list(gait.slots),
+            "code": gait.code(self.plan.failed_legs),
+            "posture": gait.posture.to_dict(),
+            "swing_share": gait.swing_share,
+            "phases": None if gait.phases is None else list(gait.phases),
+            "then": list(self.spec.then),
+        }
+
+    @property
+    def _world_events(self) -> tuple[FailureEvent, ...]:
+        """Legs that the simulated world lets fail and heal."""
+        return self._world.events if self.spec.simulated else ()
+
+    def _event_texts(self, until_s: float, log: TickLog) -> list[str]:
+        """What failed and healed by a time: by options and by the world itself, or as a twin has told."""
+        planned = (*self._world_events, *self.spec.events)
+        events = planned if self.spec.simulated else _events_told(log)
+        in_order = sorted(events, key=lambda event: event.at_s)
+        return [str(event) for event in in_order if event.at_s < until_s]
+
+    def _world_text(self) -> str | None:
+        if not self.spec.simulated:
+            return None
+        world = self.spec.world
+        return "custom" if isinstance(world, World) else shipped_text("worlds", world or "flat")
+
+
+def _events_told(log: TickLog) -> list[FailureEvent]:
+    """Legs that a simulation at the other end of a link let fail and heal, before the walk at its start.
+
+    What it had broken when it was first heard of is no event.
+    """
+    if log.walk_from is None:
+        return []
+    times_s, last = log["time_s"], len(log) - 1
+    changes = [change for change in log.leg_changes if change.by == "world"][1:]
+    return [
+        FailureEvent(
+            at_s=round(max(0.0, float(times_s[min(change.row, last)] - times_s[log.walk_from])), 3),
+            leg=leg,
+            failure=failure,
+        )
+        for change in changes
+        for leg, failure in change.differences
+    ]
+
+
+def _as_it_may_stand(robot: Robot, plan: TrialPlan) -> list[TrialPlan]:
+    """The plan with its heading in the body, turned a little either way as a self-rotation may leave it."""
+    heading_rad = plan.heading_rad - turn_needed_rad(robot, plan)
+    return [replace(plan, heading_rad=heading_rad + off_rad) for off_rad in (0.0, -MISS_RAD, MISS_RAD)]
+
+
+def run(
+    spec: RunSpec | None = None,
+    *,
+    controller: "CustomController | None" = None,
+    recorders: Sequence[Recorder] = (),
+    stop_requested: StopRequested = never,
+    should_stop: ShouldStop | None = None,
+    **options: Any,
+) -> RunResult:
+    """Walk once on any backend: `run(robot="phantomx", gait="tripod", duration_s=10)`.
+
+    Args:
+        spec: what to do; or the fields of `RunSpec` as keywords.
+        controller: walks instead of the plan's own walk: a function of step and state that returns 18 joint
+            angles in rad, a `Controller`, or what makes one of a `WalkStart`. Result and recording have its
+            name.
+        recorders: take the ticks in blocks beside the recording; each fails alone.
+        stop_requested: asked every tick; True ends the walk with a soft stop.
+        should_stop: looks at the walk once a second, as in `run_trial`, such as a `Geofence`.
+        options: fields of `RunSpec`; `failed_leg=5, failure="limp"` say a failure in words, and
+            `failed_leg=(2, 5), failure="limp,locked"` those of several legs; `record=False` leaves no
+            recording.
+
+    Raises what `Run` raises: InputError, ReachError and LimitError before anything moves, RobotFaultError for
+    a robot or a link that fails.
+    """
+    keywords = "a RunSpec, or its fields as keywords, as run(gait='tripod')"
+    check_type(spec, (RunSpec, NoneType), "run", keywords)
+    if spec is not None and options:
+        raise InputError(f"run: got a spec and {', '.join(options)} too; allowed: one or the other")
+    with Run(spec or spec_of(options), controller=controller) as connected:
+        return connected.walk(recorders=recorders, stop_requested=stop_requested, should_stop=should_stop)

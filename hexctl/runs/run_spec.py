@@ -1,0 +1,434 @@
+"""What a run does: its options, checked, and the plan of its trial."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from itertools import pairwise
+from pathlib import Path
+from types import NoneType
+from typing import Annotated, Any
+
+from hexctl.backends.registry import check_options, option_values
+from hexctl.backends.robot_options import RecordedOptions
+from hexctl.backends.sim.world import World
+from hexctl.control.assessment.crawl import auto_gait
+from hexctl.control.assessment.leg_sets import doubt, leg_set
+from hexctl.control.assessment.static_stability import check_tucked, stable_slots_of
+from hexctl.control.monitor.recovery import MOST_RECOVERED, RecoveryPolicy, make_policy
+from hexctl.control.trial_plan import (
+    AUTO_ROTATION,
+    DURATION_S,
+    HEADING_DEG,
+    TRIM_DEG,
+    TURN_DEG_S,
+    AskedRotation,
+    GaitChange,
+    Hold,
+    TrialPlan,
+    suited_rotation,
+)
+from hexctl.errors import InputError, argument, check_type
+from hexctl.gait.encoding import code_count
+from hexctl.gait.gait import (
+    AUTO,
+    BEST,
+    PACE_HZ,
+    STEP,
+    SWING,
+    SWING_SHARE,
+    Gait,
+    gait_text,
+    make_gait,
+    names_best,
+    parse_slots,
+)
+from hexctl.gait.posture import POSTURE, Posture
+from hexctl.options import RARE, UNTYPED, Typed
+from hexctl.recording.rrd import probe_file
+from hexctl.robot.failure import Failure, check_further, each_failure, failures_of
+from hexctl.robot.failure_event import FailureEvent
+from hexctl.robot.model import Robot
+
+#: The gait of a run that names none.
+DEFAULT_GAIT = "demo"
+
+
+def _shift(text: str) -> tuple[float, float]:
+    """Two numbers of a text such as `0.02,-0.01`."""
+    try:
+        forward, left = (float(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(f"got {text!r}; allowed: two numbers such as 0.02,-0.01") from None
+    return forward, left
+
+
+def _legs(text: str) -> tuple[int, ...]:
+    """Legs of a text such as `2,5`, ascending."""
+    try:
+        return tuple(sorted(int(part) for part in text.split(",")))
+    except ValueError:
+        raise ValueError(f"got {text!r}; allowed: numbers 1..6 with commas, such as 2,5") from None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunSpec(RecordedOptions):
+    """What a run does: which robot, where, and how it walks. Its fields are the options of `hexctl run`."""
+
+    gait: Annotated[str | int | Sequence[int] | Gait, Typed(parse=gait_text, words="gaits")] = DEFAULT_GAIT
+    """Gait: demo, tripod, wave, ripple; auto (the most stable); best or best:SESSION (the best that is known
+    for the failed leg); a code, 1..720, or 1..120 with a failed leg; or six slots such as 5,1,2,4,3,6.
+
+    Slots say when in the cycle legs 1..6 step. In Python also a Gait.
+    """
+
+    chosen_gait: Annotated[bool, UNTYPED] = False
+    """Whether the gait was chosen for the failed leg, as `auto` always is; the self-rotation `auto` depends
+    on it. `best_gait` of `hexctl.adapt.best` says so.
+    """
+
+    heading_rad: Annotated[float | None, HEADING_DEG] = None
+    """Direction of travel in degrees, {}, counter-clockwise from where the body points; 90 is to the left.
+    (default: 0)
+
+    In Python in rad. None is forward, or no travel in a turn in place.
+    """
+
+    turn_rate_rad_s: Annotated[float | None, TURN_DEG_S, Typed(flag="turn")] = None
+    """Turn rate in degrees per second, {}, counter-clockwise. Without --heading the robot turns in place.
+    (default: 0)
+
+    In Python in rad/s.
+    """
+
+    duration_s: Annotated[float, DURATION_S] = 30.0
+    """Seconds to walk, {}."""
+
+    pace_hz: Annotated[float | None, PACE_HZ] = None
+    """Gait cycles per second, {}. (default: the robot's)"""
+
+    amplitude: Annotated[float | None, STEP, RARE] = None
+    """Length of a step as a fraction of the robot's size, {}. (default: the robot's)"""
+
+    height: Annotated[float | None, STEP, RARE] = None
+    """Height of a step as a fraction of the robot's size, {}. (default: the robot's)"""
+
+    body_raise: Annotated[float | None, POSTURE, RARE] = None
+    """How much higher the body stands, as a fraction of the robot's size, {}. (default: 0; with --gait auto
+    0.012 off a locked leg that does not trail)
+    """
+
+    stance_shift: Annotated[tuple[float, float] | None, Typed(parse=_shift), RARE] = None
+    """How far the body stands forward and to the left over its feet, as fractions of the robot's size, such
+    as 0.02,-0.01. (default: 0,0)
+    """
+
+    tucked_legs: Annotated[Sequence[int], Typed(flag="tuck", parse=_legs), RARE] = ()
+    """Legs held up in the air, of 1..6, with commas. (default: none)"""
+
+    swing_share: Annotated[float | None, SWING, RARE] = None
+    """How long a foot is in the air, as a fraction of the cycle, {}. (default: 1/3)"""
+
+    then: Annotated[Sequence[str], RARE] = ()
+    """Change the gait in stride, to one that --gait takes, such as wave@10: from 10 s on; may be given
+    several times, with times that ascend. (default: never)
+    """
+
+    failure: Annotated[Failure | None, UNTYPED] = None
+    """The failed leg, or None."""
+
+    further_failures: Annotated[Sequence[Failure], UNTYPED] = ()
+    """Those of other legs that failed too, by leg."""
+
+    events: Annotated[Sequence[FailureEvent], UNTYPED] = ()
+    """Failures that come to a simulation during the walk, and legs that heal; its controller is not told."""
+
+    policy: Annotated[str | RecoveryPolicy | None, Typed(), RARE] = None
+    """What to do when a leg fails: walk-on, stop, glide (walk on without it), or package.module:Class.
+    (default: walk-on with sim, else stop)
+
+    In Python also a policy.
+    """
+
+    self_rotation: Annotated[AskedRotation, RARE] = AUTO_ROTATION
+    """Turn before the walk until the failed leg points to the rear or the front, or none: no turn. auto:
+    none with --gait auto or best where the line is held, else rear.
+    """
+
+    hold: Hold = "auto"
+    """What feedback holds: line (by position and yaw), heading (by yaw), none (open loop), or auto: the best
+    that the robot's sensors allow.
+    """
+
+    trim_rad: Annotated[float | None, TRIM_DEG, RARE] = None
+    """With --hold heading, course correction in degrees, {}, counter-clockwise: after a walk that ended E to
+    the left after S, -atan(E / S) more. (default: 0)
+
+    In Python in rad: `trimmed_rad` of `hexctl.control.walks.steering` has the one for the next walk.
+    """
+
+    def __post_init__(self) -> None:
+        path = (str, Path, NoneType)
+        check_type(self.backend, str, "backend", "a name or package.module:Class; run_trial takes servos")
+        check_type(self.world, (*path, World), "world")
+        check_type(self.failure, (Failure, NoneType), "failure", "a Failure, as Failure(leg=5), or None")
+        check_further(self.failure, self.further_failures, "further_failures")
+        object.__setattr__(self, "further_failures", each_failure(self.further_failures))
+        check_type(self.seed, int, "seed", "a whole number, 0 or more")
+        for event in self.events:
+            check_type(event, FailureEvent, "events", "FailureEvents, as parse_failure_event('5:limp@8')")
+        object.__setattr__(self, "events", tuple(self.events))
+        check_type(self.policy, (str, RecoveryPolicy, NoneType), "policy", "a name, or a RecoveryPolicy")
+        for name in ("chosen_gait", "realtime", "insecure"):
+            check_type(getattr(self, name), bool, name)
+        for name in ("record", "record_folder", "credentials"):
+            check_type(getattr(self, name), path, name)
+        for name in ("connect", "link"):
+            check_type(getattr(self, name), (str, NoneType), name)
+
+    @property
+    def failures(self) -> tuple[Failure, ...]:
+        """All failures, by leg."""
+        return each_failure((*each_failure(self.failure), *self.further_failures))
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the robot is a simulation in this process."""
+        return self.backend == "sim"
+
+    @property
+    def paced(self) -> bool:
+        """Whether a wall clock paces the walk."""
+        return self.realtime or not self.simulated
+
+    @property
+    def asks_for_best(self) -> bool:
+        """Whether its gait, or one that it changes to, is `best`, which `best_gait` finds."""
+        return names_best(self.gait) or any(names_best(text.rpartition("@")[0]) for text in self.then)
+
+    @property
+    def records(self) -> bool:
+        """Whether the walk is recorded."""
+        return self.record is not None or self.record_folder is not None
+
+    @property
+    def made_policy(self) -> RecoveryPolicy:
+        """The policy of the walk; raises InputError for a name that is not allowed."""
+        usual = "walk-on" if self.simulated else "stop"
+        policy = usual if self.policy is None else self.policy
+        return make_policy(policy) if isinstance(policy, str) else policy
+
+    @property
+    def gait_text(self) -> str:
+        """Name, code or slots of the gait."""
+        gait = self.gait.slots if isinstance(self.gait, Gait) else self.gait
+        return str(gait) if isinstance(gait, str | int) else ",".join(str(slot) for slot in gait)
+
+    def check(self) -> None:
+        """Raise InputError for options that the backend would ignore, and for a recording that cannot be."""
+        if self.seed < 0:
+            raise InputError(f"seed: got {self.seed}; allowed: 0 or more")
+        # A failure is the plan's too: on a robot that is not simulated it tells the controller.
+        options = option_values(self, but=("robot", "failure", "further_failures", "events"))
+        check_options(self.backend, **options)
+        for name, heals in (("fail", False), ("heal", True)):
+            events = [str(event) for event in self.events if (event.failure is None) is heals]
+            check_options(self.backend, names={"events": name}, events=", ".join(events))
+        names = ("pace_hz", "amplitude", "height", "body_raise", "stance_shift", "swing_share")
+        steps = {name: getattr(self, name) for name in names} | {"tucked_legs": self.tucked_legs or None}
+        for name, value in steps.items() if isinstance(self.gait, Gait) else ():
+            if value is not None:
+                raise InputError(f"{name}: got {value} with a Gait; allowed: with a name, a code or slots")
+        if self.trim_rad is not None and self.hold != "heading":
+            raise InputError(f"{argument('trim')}: got it with hold {self.hold}; allowed: with hold heading")
+        arc = self.turn_rate_rad_s is not None and (self.turn_rate_rad_s or self.heading_rad is None)
+        if self.trim_rad is not None and arc:
+            raise InputError(
+                f"{argument('trim')}: got it with a turn, which holds no heading; allowed: without a turn"
+            )
+        if self.further_failures and self.self_rotation not in (AUTO_ROTATION, "none"):
+            raise InputError(
+                f"{argument('self_rotation')}: got {self.self_rotation} with failed legs "
+                f"{', '.join(str(one.leg) for one in self.failures)}; allowed: {AUTO_ROTATION}, none"
+            )
+        late = [event for event in self.events if event.at_s >= self.duration_s]
+        if late:
+            what = "healing" if late[0].failure is None else "failure event"
+            raise InputError(f"{what}: got {late[0]}; allowed: before {self.duration_s:g} s, the end")
+        if self.record is not None:
+            probe_file(Path(self.record))
+
+
+def spec_of(options: Mapping[str, Any]) -> RunSpec:
+    """Spec of keywords: the fields of `RunSpec`, with a failure in words too."""
+    given = dict(options)
+    failed_leg, failure = given.pop("failed_leg", None), given.get("failure")
+    if given.get("record") is False:
+        given["record"] = given["record_folder"] = None
+    if failed_leg is not None:
+        if given.get("further_failures"):
+            raise InputError("further_failures: got them with failed_leg; allowed: failed_leg=(2, 5)")
+        legs = (failed_leg,) if isinstance(failed_leg, int) else failed_leg
+        check_type(legs, (tuple, list), "failed_leg", "1..6, the leg that fails, or several, as (2, 5)")
+        for leg in legs:
+            check_type(leg, int, "failed_leg", "1..6, the leg that fails")
+        check_type(failure, (str, NoneType), "failure", f"words such as 'limp' with failed_leg={failed_leg}")
+        found = failures_of(legs, failure)
+        given["failure"], given["further_failures"] = next(iter(found), None), found[1:]
+    names = [field.name for field in fields(RunSpec)]
+    unknown = [name for name in given if name not in names]
+    if unknown:
+        allowed = ("failed_leg", *names, "controller", "recorders", "stop_requested")
+        raise InputError(f"run: got {', '.join(unknown)}; allowed: {', '.join(allowed)}")
+    return RunSpec(**given)
+
+
+def plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
+    """Plan of the trial of a spec.
+
+    Raises InputError for a gait, a posture or a motion that is not allowed.
+    """
+    _check_found(spec)
+    plan = _asked_plan(spec, _gait_of(spec, robot))
+    stand_up = spec.body_raise is None
+    if spec.gait == AUTO:
+        _check_recoverable(plan, robot)
+        plan = replace(plan, gait=auto_gait(robot, plan, stand_up=stand_up))
+    check_tucked(robot, plan)
+    return replace(plan, changes=_changes_of(spec.then, robot, plan, stand_up=stand_up))
+
+
+def _gait_of(spec: RunSpec, robot: Robot) -> Gait:
+    """Gait of a spec in its posture; for `auto` the default one, which has everything but its slots."""
+    if isinstance(spec.gait, Gait):
+        return spec.gait
+    if names_best(spec.gait):
+        raise InputError(
+            f"{argument('gait')}: got {spec.gait}, which stands for another; allowed: the spec that "
+            "hexctl.adapt.best.best_gait(spec) gives for it"
+        )
+    gait = make_gait(
+        robot,
+        "demo" if spec.gait == AUTO else spec.gait,
+        pace_hz=spec.pace_hz,
+        amplitude=spec.amplitude,
+        height=spec.height,
+        failed_legs=tuple(one.leg for one in spec.failures),
+        besides=_besides(spec.failure),
+    )
+    posture = Posture(
+        body_raise=spec.body_raise or 0.0,
+        shift=spec.stance_shift or (0.0, 0.0),
+        tucked_legs=tuple(spec.tucked_legs),
+    )
+    swing_share = SWING_SHARE if spec.swing_share is None else spec.swing_share
+    return replace(gait, posture=posture, swing_share=swing_share)
+
+
+def _asked_plan(spec: RunSpec, gait: Gait) -> TrialPlan:
+    """Plan of a spec with a gait, without changes."""
+    in_place = spec.turn_rate_rad_s is not None and spec.heading_rad is None
+    rotation = suited_rotation(
+        "none" if spec.further_failures else spec.self_rotation,
+        "none" if spec.turn_rate_rad_s is not None else spec.hold,
+        chosen_gait=spec.gait == AUTO or spec.chosen_gait,
+    )
+    return TrialPlan(
+        gait=gait,
+        heading_rad=spec.heading_rad or 0.0,
+        travel=0.0 if in_place else 1.0,
+        turn_rate_rad_s=spec.turn_rate_rad_s or 0.0,
+        duration_s=spec.duration_s,
+        belief=spec.failure,
+        further_failures=tuple(spec.further_failures),
+        self_rotation=rotation,
+        hold=spec.hold,
+        trim_rad=spec.trim_rad or 0.0,
+    )
+
+
+def _check_recoverable(plan: TrialPlan, robot: Robot) -> None:
+    """Raise InputError for more failed legs than `auto` has gaits for."""
+    if len(plan.failed_legs) > MOST_RECOVERED:
+        raise InputError(
+            f"{argument('failed_leg')}: got {','.join(map(str, plan.failed_legs))} with {argument('gait')} "
+            f"{AUTO}; {doubt(leg_set(robot, plan.gait, plan.failed_legs, (plan.heading_rad,)))}; allowed: "
+            f"one leg or two, or a gait by its name or code, 1..{code_count(plan.failed_legs)}"
+        )
+
+
+def _besides(failure: Failure | None) -> tuple[str, str]:
+    """Gaits that stand for others, for messages."""
+    return AUTO, BEST if failure else f"{BEST} (with a failed leg)"
+
+
+def _name_and_time(text: str) -> tuple[str, float]:
+    """Gait and time of a change such as `wave@10`; raises InputError for another text."""
+    name, at, time_text = text.rpartition("@")
+    try:
+        time_s = float(time_text)
+    except ValueError:
+        at, time_s = "", 0.0
+    if not at:
+        raise InputError(
+            f"{argument('then')}: got {text!r}; allowed: a gait and a time in s, such as wave@10"
+        )
+    return name, time_s
+
+
+def _check_found(spec: RunSpec) -> None:
+    """Raise InputError for options of a gait that `auto` finds by itself with more than one failed leg."""
+    names = (spec.gait, *(text.rpartition("@")[0] for text in spec.then))
+    if not spec.further_failures or AUTO not in names:
+        return
+    for name in ("swing_share", "stance_shift"):
+        if (value := getattr(spec, name)) is not None:
+            got = ",".join(f"{one:g}" for one in (value if isinstance(value, tuple | list) else (value,)))
+            raise InputError(
+                f"{argument(name)}: got {got} with failed legs "
+                f"{', '.join(str(one.leg) for one in spec.failures)} and {argument('gait')} {AUTO}, which "
+                "finds its own; allowed: with one failed leg, or with a gait by its name, code or slots"
+            )
+
+
+def _changes_of(
+    texts: Sequence[str], robot: Robot, plan: TrialPlan, *, stand_up: bool
+) -> tuple[GaitChange, ...]:
+    """Changes of gait of a walk; raises InputError for times that do not ascend."""
+    changes = tuple(_change_of(text, robot, plan, stand_up=stand_up) for text in texts)
+    for (first, before), (second, after) in pairwise(zip(texts, changes, strict=True)):
+        if after.at_s <= before.at_s:
+            raise InputError(
+                f"{argument('then')}: got {first} and then {second}; allowed: times that ascend, one gait "
+                "at each"
+            )
+    return changes
+
+
+def _change_of(text: str, robot: Robot, plan: TrialPlan, *, stand_up: bool) -> GaitChange:
+    """Change of gait of a text such as `wave@10`, in the posture of the plan's gait.
+
+    Swings and shift of the body that are those of a crawl end with it. With `stand_up` the body stands up
+    with the gait `auto` for more failed legs than one.
+    """
+    name, time_s = _name_and_time(text)
+    if names_best(name):
+        raise InputError(
+            f"{argument('then')}: got {text!r}, which stands for another gait; allowed: the spec that "
+            "hexctl.adapt.best.best_gait(spec) gives for it"
+        )
+    if time_s >= plan.duration_s:
+        raise InputError(f"{argument('then')}: got {text!r}; allowed: before {plan.duration_s:g} s, the end")
+    if name == AUTO and plan.further_failures:
+        return GaitChange(gait=auto_gait(robot, plan, stand_up=stand_up), at_s=time_s)
+    try:
+        slots = (
+            stable_slots_of(robot, plan)
+            if name == AUTO
+            else parse_slots(name, plan.failed_legs, _besides(plan.belief))
+        )
+    except InputError as error:
+        raise InputError(f"{argument('then')}: got {text!r} ({error})") from error
+    plain = replace(plan.gait, slots=slots)
+    if plan.gait.phases is not None:  # a gait of slots has the swings of the paper
+        posture = replace(plan.gait.posture, shift=(0.0, 0.0))
+        plain = replace(plain, phases=None, swing_share=SWING_SHARE, posture=posture)
+    return GaitChange(gait=plain, at_s=time_s)

@@ -1,0 +1,329 @@
+"""Priors built from landscapes in many plausible worlds."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hexctl.adapt.prior.prior import CHECKPOINTS, Prior, PriorKey, ScorePrior, check_place, save_prior
+from hexctl.adapt.prior.prior_files import SUFFIX
+from hexctl.adapt.stance import stance_deflection_rad
+from hexctl.backends.sim.distribution import Distribution
+from hexctl.backends.sim.world import DomainRandomization, World
+from hexctl.control.assessment.static_stability import usual_posture
+from hexctl.control.guard import Guard
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.errors import EStopError, InputError, SimulationDivergedError, argument, check_type
+from hexctl.gait.gait import make_gait
+from hexctl.robot.failure import UNKNOWN, parse_failure
+from hexctl.robot.model import Robot
+from hexctl.study.landscapes.cache import LandscapeCache
+from hexctl.study.landscapes.evaluate import Progress, Silent, check_jobs, evaluate
+from hexctl.study.landscapes.landscape import Landscape, LandscapeSpec
+from hexctl.study.landscapes.versions import code_versions
+from hexctl.study.study_plan import check_robot, check_walks
+from hexctl.types import N_JOINTS, N_LEGS, FloatArray
+
+#: Each leg has its own block of worlds, so that six legs see six times as many; each block is evenly spread.
+WORLDS_PER_LEG = 1024
+
+#: By how much self-rotations miss their goal, in degrees. In simulation that is below 0.1; the yaw that a
+#: real robot estimates over a turn is good to about half a degree.
+MISS_DEG = Distribution(low=-1.0, high=1.0, scale="normal")
+
+#: Step of the physics where the family sets none: half the computing time of 2 ms. Ends of walks of `ant`
+#: move by 7 cm (rms over 12 worlds of `randomised`), where they differ by 81 cm between worlds.
+TIME_STEP_S = 0.004
+
+#: A shorter walk consists mostly of the soft start.
+MIN_DURATION_S = 6.0
+
+#: What the walks of a prior may hold: what a robot turns out to hold under `auto` is no matter of a plan.
+HOLDS = ("none", "heading", "line")
+
+#: Walks last multiples of this: the ten checkpoints then fall on kept points of the path, five per second.
+WHOLE_S = 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class PriorPlan:
+    """Settings of one prior.
+
+    Attributes:
+        robot: model of the robot.
+        family: distribution of plausible worlds.
+        worlds: number of worlds per leg.
+        legs: the failed legs, ascending.
+        failure: in the words of `parse_failure`; with `unknown` each world draws what breaks.
+        self_rotation: where the failed leg points during the walk.
+        duration_s: length of each walk.
+        hold: what the walks hold by feedback, one of `HOLDS`; with another than `none` the prior is of their
+            scores.
+        posture: of the gaits, one of `hexctl.control.assessment.static_stability.POSTURES`; None is the one
+            that sessions under the hold have.
+    """
+
+    robot: Robot
+    family: DomainRandomization
+    worlds: int = 16
+    legs: tuple[int, ...] = tuple(range(1, N_LEGS + 1))
+    failure: str = "locked"
+    self_rotation: str = "rear"
+    duration_s: float = 30.0
+    hold: str = "none"
+    posture: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.posture is None:
+            object.__setattr__(self, "posture", usual_posture(self.hold))
+        check_robot(self.robot)
+        allowed = "a DomainRandomization, as load_randomization('randomised') gives"
+        check_type(self.family, DomainRandomization, "plan.family", allowed)
+        if self.family.failures:
+            raise InputError(
+                "prior: got a family in which legs fail in mid-walk; allowed: one without `failures`"
+            )
+
+    def specs(self) -> list[LandscapeSpec]:
+        """Landscapes to simulate, world by world, so that any beginning of the list covers all legs.
+
+        The robot is put down as its self-rotation would leave it, with a small random miss.
+        """
+        by_leg = [self._specs_of(leg) for leg in self.legs]
+        return [specs[index] for index in range(self.worlds) for specs in by_leg]
+
+    def _specs_of(self, leg: int) -> list[LandscapeSpec]:
+        first = (leg - 1) * WORLDS_PER_LEG
+        members = enumerate(self.family.members(first, self.worlds), first)
+        worlds = [self._coarse(number, world) for number, world in members]
+        misses_deg = self.family.spare(MISS_DEG, first, self.worlds).tolist()
+        return [
+            LandscapeSpec(
+                robot=self.robot,
+                world=world,
+                leg=leg,
+                self_rotation=self.self_rotation,
+                duration_s=self.duration_s,
+                failure=self.failure,
+                seed=first + index if world.seeded or self.failure == UNKNOWN else 0,
+                placed=True,
+                miss_rad=math.radians(miss_deg) if self.self_rotation != "none" else 0.0,
+                place=f"world {index + 1}",
+                hold=self.hold,
+                posture=self.posture or "stance",
+            )
+            for index, (world, miss_deg) in enumerate(zip(worlds, misses_deg, strict=True))
+        ]
+
+    def _coarse(self, number: int, world: World) -> World:
+        """A member of the family with the prior's step, unless its kind sets one."""
+        if "time_step_s" in self.family.kind(number).world:
+            return world
+        return world.model_copy(update={"time_step_s": TIME_STEP_S})
+
+    def trial_plan(self) -> TrialPlan:
+        """Trial of a session that the prior is for, self-rotation included, with the gait `demo`."""
+        failure = parse_failure(self.legs[0], self.failure)
+        return TrialPlan(
+            gait=make_gait(self.robot, "demo"),
+            duration_s=self.duration_s,
+            belief=failure,
+            self_rotation=self.self_rotation,
+            hold=self.hold,
+        )
+
+    @property
+    def key(self) -> PriorKey:
+        """Key of the prior."""
+        key = PriorKey.of(self.robot, self.trial_plan())
+        return replace(key, posture=self.posture or "stance")
+
+    def check(self) -> None:
+        """Raise InputError for anything that is not allowed, before anything runs."""
+        if not self.legs or not set(self.legs) <= set(range(1, N_LEGS + 1)):
+            raise InputError(
+                f"{argument('legs')}: got {list(self.legs)}; allowed: one or more of 1..{N_LEGS}"
+            )
+        if len(set(self.legs)) != len(self.legs):
+            raise InputError(f"{argument('legs')}: got {list(self.legs)}; allowed: each leg once")
+        if not math.isfinite(self.duration_s):
+            raise InputError(
+                f"{argument('duration_s')}: got {self.duration_s:g}; allowed: {MIN_DURATION_S:g} s or more"
+            )
+        if self.duration_s < MIN_DURATION_S or not in_whole_steps(self.duration_s):
+            raise InputError(
+                f"{argument('duration_s')}: got {self.duration_s:g}; allowed: {MIN_DURATION_S:g} s or more, "
+                "in steps of "
+                f"{WHOLE_S:g} s"
+            )
+        if self.hold not in HOLDS:
+            raise InputError(f"{argument('hold')}: got {self.hold}; allowed: {', '.join(HOLDS)}")
+        if not 2 <= self.worlds <= WORLDS_PER_LEG:
+            raise InputError(f"{argument('worlds')}: got {self.worlds}; allowed: 2..{WORLDS_PER_LEG}")
+        # Whether the gaits can be walked does not depend on the world.
+        check_walks(replace(self, worlds=1).specs())
+
+
+def build_prior(
+    plan: PriorPlan,
+    path: Path,
+    *,
+    cache: LandscapeCache | None = None,
+    jobs: int | None = None,
+    dask: str | None = None,
+    progress: Progress | None = None,
+) -> Prior | ScorePrior:
+    """Simulate all gaits in the worlds of a plan, and write the prior to a file.
+
+    It is a `Prior` of where open-loop walks end, and a `ScorePrior` under a hold.
+
+    Simulated gaits are saved while this runs: a call that was interrupted is continued by the next one.
+
+    Args:
+        plan: robot, failure and worlds.
+        path: of the file, ending in `.npz`; an existing file is replaced.
+        cache: of landscapes; None is the one of the command line, `runs/study-cache`.
+        jobs: threads per batch of gaits; None is all cores here, one on a Dask worker.
+        dask: address of a Dask scheduler whose workers simulate; None simulates here.
+        progress: observer.
+
+    Raises InputError for a plan, a path or an address that cannot be used, PriorFileError or CacheError when
+    the disk refuses a file.
+    """
+    cache, progress = cache or LandscapeCache(), progress or Silent()
+    check_jobs(jobs)
+    plan.check()
+    if path.suffix != SUFFIX or path.is_dir():
+        raise InputError(f"{argument('out')}: got {path}; allowed: a file whose name ends in {SUFFIX}")
+    cache.probe()
+    check_place(path)
+    landscapes = evaluate(plan.specs(), cache, jobs=jobs, dask=dask, progress=progress)
+    prior: Prior | ScorePrior
+    if plan.hold == "none":
+        progress.stage("stances", len(landscapes))
+        prior = prior_of(plan, landscapes, deflections_of(plan, progress.step))
+    else:
+        prior = score_prior_of(plan, landscapes)
+    save_prior(prior, path)
+    return prior
+
+
+def prior_file_name(plan: PriorPlan, family: str) -> str:
+    """Name of a prior's file by robot, failure and trial, and by legs and worlds where not the usual ones.
+
+    `family` is the name of the plan's family of worlds, or the path of its file.
+    """
+    parts = [plan.robot.name, plan.failure.replace(":", "-"), plan.self_rotation, f"{plan.duration_s:g}s"]
+    if plan.hold != "none":
+        parts.append(plan.hold)
+    if plan.posture != usual_posture(plan.hold):
+        parts.append(str(plan.posture))
+    if len(plan.legs) < N_LEGS:
+        parts.append("leg" + "".join(str(leg) for leg in plan.legs))
+    if family != "randomised":
+        parts.append(Path(family).stem)
+    return "-".join(parts) + SUFFIX
+
+
+def in_whole_steps(duration_s: float) -> bool:
+    """Whether a finite duration is a multiple of `WHOLE_S`."""
+    return abs(duration_s / WHOLE_S - round(duration_s / WHOLE_S)) < 1e-9
+
+
+def deflection_of(spec: LandscapeSpec) -> FloatArray:
+    """Static deflection of the joints in the stance of a landscape, rad, (18,); NaN when the robot falls."""
+    trial = replace(spec, placed=False, miss_rad=0.0).trial(spec.codes[0])
+    try:
+        with Guard(trial.servos()) as servos:
+            deflection_rad = stance_deflection_rad(servos, trial.plan)
+    except (EStopError, SimulationDivergedError):
+        deflection_rad = None
+    return np.full(N_JOINTS, np.nan) if deflection_rad is None else deflection_rad
+
+
+def deflections_of(plan: PriorPlan, on_stance: Callable[[], None] = lambda: None) -> FloatArray:
+    """Static deflections of the joints in all worlds of a prior, rad, (legs, worlds, 18).
+
+    `on_stance` is called after each of them.
+    """
+
+    def one(spec: LandscapeSpec) -> FloatArray:
+        deflection_rad = deflection_of(spec)
+        on_stance()
+        return deflection_rad
+
+    specs = plan.specs()
+    return np.array([[one(spec) for spec in specs if spec.leg == leg] for leg in plan.legs])
+
+
+def prior_of(
+    plan: PriorPlan, landscapes: Sequence[Landscape], deflections_rad: FloatArray | None = None
+) -> Prior:
+    """Prior of a plan.
+
+    Args:
+        plan: its settings.
+        landscapes: complete and in the order of `plan.specs()`.
+        deflections_rad: static deflections in the stance, (legs, worlds, 18), where known.
+    """
+    by_leg = [[one for one in landscapes if one.spec.leg == leg] for leg in plan.legs]
+    paths = np.array([[checkpoints_of(one) for one in some] for some in by_leg])
+    yaws = np.array([[one.number("yaw_change_rad") for one in some] for some in by_leg])
+    finished = np.isfinite(paths[..., -1, 0])
+    return Prior(
+        key=plan.key,
+        legs=plan.legs,
+        origin=_origin(plan),
+        signed_m=paths[..., 1],
+        progress_m=paths[..., 0],
+        yaw_rad=np.where(finished, yaws, np.nan),
+        sag_rad=deflections_rad,
+    )
+
+
+def score_prior_of(plan: PriorPlan, landscapes: Sequence[Landscape]) -> ScorePrior:
+    """Prior of a plan under a hold; landscapes are complete and in the order of `plan.specs()`."""
+    by_leg = [[one for one in landscapes if one.spec.leg == leg] for leg in plan.legs]
+    return ScorePrior(
+        key=plan.key,
+        legs=plan.legs,
+        origin=_origin(plan),
+        log_scores=np.array([[log_scores_of(one) for one in some] for some in by_leg]),
+        valid=np.array([[one.valid for one in some] for some in by_leg]),
+    )
+
+
+def log_scores_of(landscape: Landscape) -> FloatArray:
+    """Logarithm of the scores of every gait, by the objectives of `SCORES`, (gaits, 4).
+
+    NaN for a walk that did not last to its end or made no way.
+    """
+    distance_m = landscape.number("distance_m")
+    walked = np.isin(landscape.status, ("ok", "no_progress")) & (distance_m > 0)
+    scores = np.stack(
+        [
+            landscape.spec.duration_s / np.where(walked, distance_m, np.nan),
+            *(landscape.number(name) for name in ("cost_of_transport", "tilt_deg", "steadiness")),
+        ],
+        axis=-1,
+    )
+    return np.log(np.where(walked[:, np.newaxis] & (scores > 0), scores, np.nan))
+
+
+def checkpoints_of(landscape: Landscape) -> FloatArray:
+    """Progress and signed deviation of every gait at the checkpoints, in m, (gaits, CHECKPOINTS, 2)."""
+    points = landscape.paths_m.shape[1]
+    rows = np.rint(np.arange(1, CHECKPOINTS + 1) * points / CHECKPOINTS).astype(int) - 1
+    return np.asarray(landscape.paths_m[:, rows], dtype=float)
+
+
+def _origin(plan: PriorPlan) -> dict[str, Any]:
+    return {
+        "family": plan.family.model_dump(mode="json"),
+        "worlds": plan.worlds,
+        "time_step_s": TIME_STEP_S,
+        "code": code_versions(),
+    }

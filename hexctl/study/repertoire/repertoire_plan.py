@@ -1,0 +1,230 @@
+"""Settings of a repertoire: which situations, which candidates, which worlds."""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations
+from zlib import crc32
+
+import numpy as np
+
+from hexctl.adapt.prior.samples import Symmetries
+from hexctl.backends.sim.world import DomainRandomization, World
+from hexctl.control.assessment.crawl import crawl_on, gait_without
+from hexctl.control.assessment.static_stability import STAND_UP, slots_by_stability
+from hexctl.control.monitor.repertoire import (
+    IDENTITY,
+    INTACT_GAIT,
+    SAFEST,
+    WALK_ON,
+    BodySymmetry,
+    Candidate,
+    FailedParts,
+    moved_parts,
+    parts_of,
+)
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.walks.turning import check_plan
+from hexctl.errors import InputError, LimitError, ReachError, argument, check_type
+from hexctl.gait.gait import Gait, make_gait
+from hexctl.gait.posture import Posture
+from hexctl.robot.failure import Failure, parse_failure
+from hexctl.robot.failure_event import parse_coming_failure
+from hexctl.robot.model import Robot
+from hexctl.study.prior_building import TIME_STEP_S
+from hexctl.study.recovery.recovery_plan import FAILURES
+from hexctl.study.repertoire.repertoire_walks import RepertoireCase, RepertoireConditions
+from hexctl.study.study_plan import check_robot
+from hexctl.types import N_LEGS
+
+#: Members of the families from this one on are walked.
+FIRST_WORLD = 100
+
+#: How many, at most: no benchmark uses them.
+MOST_WORLDS = 16
+
+#: Most next codes: two legs leave 24, of which one is the safest, and as many are drawn.
+MOST_CODES = 11
+
+#: How both legs of a pair fail.
+PAIR_FAILURES = ("locked", "limp", "missing")
+
+#: Numbers of directions of travel that are allowed, evenly spread from straight ahead on.
+DIRECTIONS = (1, 2, 4, 6, 8, 12)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RepertoirePlan:
+    """Settings of one repertoire.
+
+    Attributes:
+        robot: model of the robot.
+        families: of plausible worlds, by name.
+        worlds: number of worlds of each family.
+        directions: number of directions of travel.
+        failures: of single legs, in the words of `parse_failure`.
+        pair_failures: of both legs of a pair.
+        codes: how many next codes by the static margin are candidates, and as many drawn at random, as a
+            check of that ranking.
+    """
+
+    robot: Robot
+    families: dict[str, DomainRandomization]
+    worlds: int = 4
+    directions: int = 12
+    failures: tuple[str, ...] = FAILURES
+    pair_failures: tuple[str, ...] = PAIR_FAILURES
+    codes: int = 2
+
+    def __post_init__(self) -> None:
+        check_robot(self.robot)
+        check_type(self.families, dict, "plan.families", "families of worlds by name")
+        for family in self.families.values():
+            allowed = "a DomainRandomization, as load_randomization('transfer') gives"
+            check_type(family, DomainRandomization, "plan.families", allowed)
+
+    @property
+    def gait(self) -> Gait:
+        """The gait of the intact robot."""
+        return make_gait(self.robot, INTACT_GAIT)
+
+    @cached_property
+    def symmetries(self) -> tuple[BodySymmetry, ...]:
+        """Symmetries of the robot that move each direction of travel to another one."""
+        found = [
+            BodySymmetry(legs=one.legs, mirrored=one.mirrored, turn_deg=round(math.degrees(one.turn_rad), 6))
+            for one in Symmetries(self.robot).all
+        ]
+        kept = [one for one in found if abs(math.remainder(one.turn_deg, self.step_deg)) < 1e-3]
+        return (IDENTITY, *(one for one in kept if one.legs != IDENTITY.legs))
+
+    @property
+    def step_deg(self) -> float:
+        """Angle between directions of travel."""
+        return 360.0 / self.directions
+
+    @cached_property
+    def situations(self) -> tuple[tuple[tuple[Failure, ...], float], ...]:
+        """Failures and directions of travel that are walked, of several that are alike one."""
+        legs = range(1, N_LEGS + 1)
+        single = [(parse_failure(leg, text),) for text in self.failures for leg in legs]
+        pairs = [
+            (parse_failure(one, text), parse_failure(other, text))
+            for text in self.pair_failures
+            for one, other in combinations(legs, 2)
+        ]
+        headings_deg = [math.remainder(self.step_deg * k, 360.0) for k in range(self.directions)]
+        found: list[tuple[tuple[Failure, ...], float]] = []
+        known: set[tuple[FailedParts, float]] = set()
+        for failures in (*single, *pairs):
+            for heading_deg in headings_deg:
+                parts = parts_of(failures)
+                if (parts, _key_deg(heading_deg)) in known:
+                    continue
+                found.append((failures, heading_deg))
+                known |= {
+                    (moved_parts(parts, one.legs), _key_deg(one.heading_deg(heading_deg)))
+                    for one in self.symmetries
+                }
+        return tuple(found)
+
+    def conditions(self) -> list["RepertoireConditions"]:
+        """The worlds, those of all families by turns."""
+        return [
+            RepertoireConditions(
+                robot=self.robot, family=name, number=number, world=_coarse(family, number, world)
+            )
+            for place in range(self.worlds)
+            for name, family in self.families.items()
+            for number, world in [(FIRST_WORLD + place, family.members(FIRST_WORLD + place, 1)[0])]
+        ]
+
+    @cached_property
+    def cases(self) -> tuple["RepertoireCase", ...]:
+        """What is walked in each of the worlds, situation by situation."""
+        return tuple(
+            RepertoireCase(failures=texts_of(failures), heading_deg=heading_deg, candidate=candidate)
+            for failures, heading_deg in self.situations
+            for candidate in self.candidates(failures, heading_deg)
+        )
+
+    def walked(self) -> list[tuple["RepertoireConditions", tuple["RepertoireCase", ...]]]:
+        """Conditions of all walks, and the cases under each."""
+        return [(one, self.cases) for one in self.conditions()]
+
+    def candidates(self, failures: Sequence[Failure], heading_deg: float) -> tuple[Candidate, ...]:
+        """Candidates of a situation that the legs can walk, the safest gait first, none of them twice."""
+        found: dict[Gait, Candidate] = {}
+        for name, gait in self._gaits(failures, math.radians(heading_deg)):
+            if gait not in found and (name == SAFEST or self._walkable(gait, heading_deg)):
+                found[gait] = Candidate.of(name, gait)
+        return tuple(found.values())
+
+    def _gaits(self, failures: Sequence[Failure], heading_rad: float) -> Iterator[tuple[str, Gait]]:
+        """Names and gaits that come into question."""
+        legs = tuple(one.leg for one in failures)
+        raised = replace(self.gait, posture=Posture(body_raise=STAND_UP))
+        safest = gait_without(self.robot, raised, heading_rad=heading_rad, legs=legs)
+        yield SAFEST, safest
+        yield WALK_ON, self.gait
+        yield "not raised", replace(safest, posture=replace(safest.posture, body_raise=0.0))
+        if any(one.joint for one in failures):  # what a whole leg is told makes no difference
+            standing = replace(safest.posture, body_raise=0.0, tucked_legs=())
+            yield "not tucked", replace(safest, posture=standing)
+        tucked = replace(self.gait, posture=Posture(body_raise=STAND_UP, tucked_legs=legs))
+        lost = [Failure(leg=leg, kind="limp") for leg in legs]
+        ranked = slots_by_stability(self.robot, heading_rad=heading_rad, failure=lost)
+        if len(legs) > 1:
+            crawl = crawl_on(self.robot, tucked, heading_rad=heading_rad)
+            yield from [("crawl", crawl)] if crawl is not None else []
+            yield "code 1", replace(tucked, slots=ranked[0])
+        for rank in range(1, self.codes + 1):
+            yield f"code {rank + 1}", replace(tucked, slots=ranked[rank])
+        random = np.random.default_rng(crc32(f"{texts_of(failures)} {heading_rad:.6f}".encode()))
+        for rank in sorted(random.choice(range(self.codes + 1, len(ranked)), self.codes, False).tolist()):
+            yield f"code {rank + 1}", replace(tucked, slots=ranked[rank])
+
+    def _walkable(self, gait: Gait, heading_deg: float) -> bool:
+        plan = TrialPlan(gait=gait, heading_rad=math.radians(heading_deg), self_rotation="none", hold="line")
+        try:
+            check_plan(self.robot, plan)
+        except (ReachError, LimitError):
+            return False
+        return True
+
+    def check(self) -> None:
+        """Raise InputError for anything that is not allowed, before anything runs."""
+        if self.directions not in DIRECTIONS:
+            allowed = ", ".join(map(str, DIRECTIONS))
+            raise InputError(f"{argument('directions')}: got {self.directions}; allowed: {allowed}")
+        if not 1 <= self.worlds <= MOST_WORLDS:
+            raise InputError(f"{argument('worlds')}: got {self.worlds}; allowed: 1..{MOST_WORLDS}")
+        if not 0 <= self.codes <= MOST_CODES:
+            raise InputError(f"{argument('codes')}: got {self.codes}; allowed: 0..{MOST_CODES}")
+        for name, family in self.families.items():
+            if family.failures:
+                raise InputError(
+                    f"{argument('family')}: got {name}, in which legs fail in mid-walk; allowed: families "
+                    "without `failures`"
+                )
+        for text in (*self.failures, *self.pair_failures):
+            parse_coming_failure(1, text)
+
+
+def _key_deg(heading_deg: float) -> float:
+    """A direction as a key: -180 and 180 are the same, and rounding is none."""
+    return round(heading_deg % 360.0, 3) % 360.0
+
+
+def texts_of(failures: Sequence[Failure]) -> tuple[str, ...]:
+    """Failures as the events of a walk name them, without the angle at which a joint sticks."""
+    kinds = [f"{one.kind}:{one.joint}" if one.joint else one.kind for one in failures]
+    return tuple(f"{one.leg}:{kind}" for one, kind in zip(failures, kinds, strict=True))
+
+
+def _coarse(family: DomainRandomization, number: int, world: World) -> World:
+    """A member of a family with the step of priors, unless its kind sets one."""
+    if "time_step_s" in family.kind(number).world:
+        return world
+    return world.model_copy(update={"time_step_s": TIME_STEP_S})

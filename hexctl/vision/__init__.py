@@ -1,0 +1,82 @@
+"""A camera over the floor, and tags on robot and floor: where the robot is.
+
+What `hexctl see` does is one class for each of its commands, whose `run` neither prints nor exits:
+
+    camera = hexctl.vision.RobotCamera(camera="0", connect="tcp/127.0.0.1:7447")
+    report = camera.run(stop_requested)
+
+This is the whole public interface of the package. Names are imported when first used; they need the extra
+`see`.
+"""
+
+import os
+from typing import TYPE_CHECKING
+
+from hexctl.lazy_names import lazy_names
+
+if TYPE_CHECKING:
+    from hexctl.vision.camera_lens import CameraLens
+    from hexctl.vision.camera_options import CameraOptions, LinkOptions
+    from hexctl.vision.detection.camera import Camera
+    from hexctl.vision.detection.floor import FloorTag
+    from hexctl.vision.detection.lens import Lens, load_lens, save_lens
+    from hexctl.vision.detection.lens_calibration import CalibratedLens
+    from hexctl.vision.detection.planar_pose import PlanarPose
+    from hexctl.vision.detection.robot_tracker import RobotTag
+    from hexctl.vision.estimation.latency import Latency
+    from hexctl.vision.estimation.pose_filter import PoseEstimate
+    from hexctl.vision.latency_trial import CameraLatency, LatencyTrial, TwistAhead
+    from hexctl.vision.place import Place, arena_of, load_place, save_place
+    from hexctl.vision.pose_stream import CameraReport, CameraStatus
+    from hexctl.vision.robot_camera import CameraStarted, RobotCamera
+    from hexctl.vision.sheet import Sheet, save_sheet
+    from hexctl.vision.twin.rendering import PlacedTag
+    from hexctl.vision.twin.twin_camera import TwinCamera, TwinReport, TwinStarted
+
+# OpenCV reads this as it is loaded: a file of a hundred bytes may claim to hold a picture of a gigabyte. The
+# largest pictures of telephones have 200 million pixels.
+os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", "210000000")
+
+# fmt: off
+__all__ = [
+    # one class for each command
+    "RobotCamera", "CameraStarted", "CameraStatus", "CameraReport",
+    "Sheet", "save_sheet",
+    "CameraLens", "CalibratedLens",
+    "CameraLatency", "TwistAhead", "LatencyTrial", "Latency",
+    "TwinCamera", "TwinStarted", "TwinReport", "PlacedTag",
+    "CameraOptions", "LinkOptions",
+    # places and lenses
+    "Place", "load_place", "save_place", "arena_of", "FloorTag", "RobotTag", "Camera",
+    "Lens", "load_lens", "save_lens",
+    # poses
+    "PlanarPose", "PoseEstimate",
+]
+# fmt: on
+
+__getattr__ = lazy_names(
+    "hexctl.vision",
+    {
+        "robot_camera": "RobotCamera CameraStarted",
+        "pose_stream": "CameraStatus CameraReport",
+        "sheet": "Sheet save_sheet",
+        "camera_lens": "CameraLens",
+        "detection.lens_calibration": "CalibratedLens",
+        "latency_trial": "CameraLatency TwistAhead LatencyTrial",
+        "estimation.latency": "Latency",
+        "twin.twin_camera": "TwinCamera TwinStarted TwinReport",
+        "twin.rendering": "PlacedTag",
+        "camera_options": "CameraOptions LinkOptions",
+        "place": "Place load_place save_place arena_of",
+        "detection.floor": "FloorTag",
+        "detection.robot_tracker": "RobotTag",
+        "detection.camera": "Camera",
+        "detection.lens": "Lens load_lens save_lens",
+        "detection.planar_pose": "PlanarPose",
+        "estimation.pose_filter": "PoseEstimate",
+    },
+)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,175 @@
+"""Whether the camera still stands where it stood: by the tags on the floor, a look at each in turn."""
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from hexctl.types import ArrayFields, FloatArray
+from hexctl.vision.detection.camera import Camera, place_camera, reprojection_px
+from hexctl.vision.detection.tags import Picture, SeenTag, TagFinder, only
+
+#: A tag seen farther than this from where it should be was moved, or the camera was: in px, and in edges.
+MOVED_PX, MOVED_EDGES = 2.0, 0.06
+
+#: Pictures in a row in which a tag has to be elsewhere.
+MOVED_LOOKS = 3
+
+#: Every picture of this number is looked at while nothing has moved: at 30 a second, one in 0.13 s.
+LOOK_EVERY = 4
+
+#: Looks at each tag by whose mean the camera is placed again: at least after it was placed by one picture,
+#: and where it is known by many, as many as those of which a floor is learned. More than these are not kept.
+LEAST_LOOKS, MOST_LOOKS = 15, 90
+
+#: Pictures without any of the tags between two searches of the whole picture.
+SEARCH_EVERY = 10
+
+#: `moved`: tags are not where they should be; `blind`: none of them is seen.
+Doubt = Literal["moved", "blind"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraChange(ArrayFields):
+    """Something that moved: the camera, or a tag on the floor.
+
+    Attributes:
+        tag_id: the tag, or None for the camera.
+        camera: as it stands now.
+        shift_m: by which the camera moved; NaN for a tag.
+        turned_rad: by which the camera turned; NaN for a tag.
+    """
+
+    tag_id: int | None
+    camera: Camera
+    shift_m: float
+    turned_rad: float = float("nan")
+
+
+class CameraWatch:
+    """Looks at one tag on the floor now and then, and knows where the camera is.
+
+    A camera that stays gets better known: the mean of many looks counts. Where a tag is not where it should
+    be, all are looked at. If most of them are elsewhere, the camera has moved, and is placed again by all
+    tags that are seen; if a minority is, those tags have, and are no longer used.
+
+    Args:
+        camera: as believed at first.
+        floor_corners: corners (4, 2) of the tags on the floor in m, by number.
+        finder: of the tags.
+
+    Attributes:
+        camera: as it stands.
+        doubt: why the camera may stand elsewhere than believed in the picture looked at last, or None.
+    """
+
+    def __init__(self, camera: Camera, floor_corners: Mapping[int, FloatArray], finder: TagFinder) -> None:
+        self.camera = camera
+        self.doubt: Doubt | None = None
+        self._floor, self._finder = dict(floor_corners), finder
+        self._looks: dict[int, deque[FloatArray]] = {
+            tag_id: deque(maxlen=MOST_LOOKS) for tag_id in self._floor
+        }
+        self._elsewhere = dict.fromkeys(self._floor, 0)
+        self._seen = dict.fromkeys(self._floor, True)
+        self._turn = self._blind = self._pictures = 0
+        self._enough = MOST_LOOKS
+
+    @property
+    def floor_corners(self) -> dict[int, FloatArray]:
+        """Corners (4, 2) in m, by number, of the tags that are used: those that were not moved."""
+        return dict(self._floor)
+
+    @property
+    def visible(self) -> list[int]:
+        """Numbers of the tags that were seen when they were looked at last, or not yet looked at."""
+        return [tag_id for tag_id, seen in self._seen.items() if seen]
+
+    def look(self, gray: Picture) -> CameraChange | None:
+        """Look at the next tag in a picture; what was found to have moved, or None."""
+        self._pictures += 1
+        if not self._floor or (self.doubt is None and self._pictures % LOOK_EVERY != 1):
+            return None
+        tag_id = sorted(self._floor)[self._turn % len(self._floor)]
+        self._turn += 1
+        as_expected = self._look_at(gray, tag_id)
+        if self.doubt is not None or not as_expected:
+            for other in self._floor:
+                if other != tag_id:
+                    self._look_at(gray, other)
+        if not self.visible:
+            return self._blinded(gray)
+        self._blind = 0
+        self.doubt = "moved" if any(self._elsewhere.values()) else None
+        if self.doubt is not None:
+            return self._judged(gray)
+        self._refine()
+        return None
+
+    def _look_at(self, gray: Picture, tag_id: int) -> bool:
+        """Look at a tag; whether it is where it should be."""
+        expected_px = self.camera.pixels(np.column_stack([self._floor[tag_id], np.zeros(4)]))
+        seen_tag = self._finder.near(gray, {tag_id: expected_px}).get(tag_id)
+        self._seen[tag_id] = seen_tag is not None
+        if seen_tag is None:
+            self._elsewhere[tag_id] = 0
+            return False
+        if _is_elsewhere(seen_tag, expected_px):
+            self._elsewhere[tag_id] += 1
+            return False
+        self._elsewhere[tag_id] = 0
+        self._looks[tag_id].append(seen_tag.corners_px)
+        return True
+
+    def _blinded(self, gray: Picture) -> CameraChange | None:
+        """A camera that has moved far sees no tag where it looks for it, and nor does a covered one."""
+        self.doubt = "blind"
+        self._blind += 1
+        return self._replaced(gray) if self._blind % SEARCH_EVERY == 2 else None
+
+    def _judged(self, gray: Picture) -> CameraChange | None:
+        """What moved, once enough looks agree."""
+        moved = [tag_id for tag_id in self.visible if self._elsewhere[tag_id] >= MOVED_LOOKS]
+        if not moved:
+            return None
+        if 2 * len(moved) > len(self.visible):
+            return self._replaced(gray)
+        for known in (self._floor, self._looks, self._elsewhere, self._seen):
+            known.pop(moved[0])
+        self.doubt = "moved" if any(self._elsewhere.values()) else None
+        return CameraChange(moved[0], self.camera, float("nan"))
+
+    def _replaced(self, gray: Picture) -> CameraChange | None:
+        """The camera placed again by all tags in a picture, if they agree with one another."""
+        found = only(self._finder.search(gray, thorough=True), self._floor)
+        corners_px = {tag_id: seen_tag.corners_px for tag_id, seen_tag in found.items()}
+        camera = place_camera(self.camera.lens, corners_px, self._floor)
+        if camera is None:
+            return None
+        errors_px = reprojection_px(camera, corners_px, self._floor)
+        if max(errors_px.values()) > MOVED_PX:
+            return None
+        shift_m = float(np.linalg.norm(camera.position_floor - self.camera.position_floor))
+        turned_rad = np.linalg.norm(cv2.Rodrigues(camera.rotation.T @ self.camera.rotation)[0])
+        for tag_id in self._floor:
+            self._looks[tag_id].clear()
+            self._elsewhere[tag_id] = 0
+            self._seen[tag_id] = True
+        self.camera, self.doubt, self._blind, self._enough = camera, None, 0, LEAST_LOOKS
+        return CameraChange(None, camera, shift_m, float(turned_rad))
+
+    def _refine(self) -> None:
+        """Place the camera by the mean of many looks at each tag, once a round."""
+        full = {tag_id: looks for tag_id, looks in self._looks.items() if len(looks) >= self._enough}
+        if len(full) < len(self.visible) or self._turn % (LEAST_LOOKS * len(self._floor)):
+            return
+        means_px = {tag_id: np.mean(np.stack(looks), axis=0) for tag_id, looks in full.items()}
+        self.camera = place_camera(self.camera.lens, means_px, self._floor) or self.camera
+
+
+def _is_elsewhere(seen_tag: SeenTag, expected_px: FloatArray) -> bool:
+    miss_px = float(np.hypot(*(seen_tag.corners_px - expected_px).T).mean())
+    return miss_px > max(MOVED_PX, MOVED_EDGES * seen_tag.edge_px)

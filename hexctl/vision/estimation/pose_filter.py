@@ -1,0 +1,335 @@
+"""Where a robot is now, from sightings that come late and from its own motion, without jumps.
+
+A picture tells where the robot was when it was taken. Sightings are therefore taken in at their own time, and
+what the robot did since is played again. One that cannot be is not believed, unless others agree with it for
+a while: then the robot was carried, and the filter starts again and says so. What it publishes glides to what
+it believes.
+"""
+
+import bisect
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from hexctl.errors import InputError
+from hexctl.robot.rotations import wrapped_rad
+from hexctl.types import ArrayFields, FloatArray, check_finite
+from hexctl.vision.detection.planar_pose import PlanarPose
+from hexctl.vision.estimation.pose_belief import POSE, OwnMotion, PoseBelief, Sighting
+
+#: `seeing`: a sighting was believed just now; `bridging`: odometry only; `lost`: nothing is known.
+Sight = Literal["seeing", "bridging", "lost"]
+
+#: Sightings and motions older than this are not played again.
+HISTORY_S = 1.0
+
+#: Sightings farther off than this many standard deviations are not believed.
+MOST_SIGMA = 5.0
+
+#: Sightings that agree with one another are nearer than this.
+AGREE_SIGMA = 4.0
+
+#: So many sightings must agree for a first pose, and for so long where another pose is believed.
+LEAST_AGREEING = 3
+AGREEING_S = 0.3
+
+#: Sightings that were not believed are kept for so long.
+SUSPECT_S = 1.0
+
+#: What a robot does that no longer tells its motion: it stops soon, as its guard sees to.
+STOPPING_S = 0.1
+
+#: Without odometry for so long, only sightings tell the velocity, which dies away with the other time.
+ODOMETRY_GONE_S = 0.5
+COASTING_S = 0.5
+
+#: Corrections are blended in with this time constant, no faster than this and in no larger steps.
+BLENDING_S = 0.07
+MOST_BLENDED = np.array([0.3, 0.3, math.radians(60.0)])
+MOST_BLENDED_STEP = np.array([0.01, 0.01, math.radians(2.0)])
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class PoseEstimate(ArrayFields):
+    """Where a robot is at a time.
+
+    Attributes:
+        at_s: the time.
+        sight: what it rests on.
+        pose: in the floor's frame; None while lost.
+        covariance: of x, y in m and yaw in rad, (3, 3); None while lost.
+        age_s: since the picture of the last sighting that was believed was taken; infinite without one.
+        restarts: how often the filter started again because the robot was somewhere else.
+    """
+
+    at_s: float
+    sight: Sight
+    pose: PlanarPose | None
+    covariance: FloatArray | None
+    age_s: float
+    restarts: int
+
+
+class PoseFilter:
+    """Fuses sightings of a robot with its own motion.
+
+    All times are on one clock; see `hexctl.vision.estimation.latency` for that of a camera.
+
+    Args:
+        seeing_s: a sighting is recent for this time.
+        lost_after_s: without sightings for longer, there is no pose.
+
+    Attributes:
+        restarts: how often it started again because the robot was somewhere else than believed.
+        refused: sightings so far that were too old, or not believed.
+    """
+
+    def __init__(self, *, seeing_s: float = 0.3, lost_after_s: float = 3.0) -> None:
+        if not 0 < seeing_s < lost_after_s:
+            raise InputError(f"lost_after_s: got {lost_after_s:g}; allowed: above seeing_s of {seeing_s:g}")
+        self._seeing_s, self._lost_after_s = seeing_s, lost_after_s
+        self._motions: list[OwnMotion] = []
+        self._yaw: tuple[float, float] | None = None
+        self._base: PoseBelief | None = None
+        self._fused: list[tuple[Sighting, PoseBelief]] = []
+        self._tip: PoseBelief | None = None
+        self._mark: tuple[PoseBelief, PoseBelief] | None = None
+        self._suspects: list[Sighting] = []
+        self._slip_of: PoseBelief | None = None
+        self._believed_s, self._newest_s = -math.inf, -math.inf
+        self._published_s, self._offset = -math.inf, np.zeros(3)
+        self.restarts = self.refused = 0
+
+    def move(self, from_s: float, to_s: float, motion: FloatArray, yaw_rad: float | None = None) -> None:
+        """Take in a motion that the robot measured itself, such as one of leg odometry.
+
+        Args:
+            from_s: when it began; no earlier than the end of the one before.
+            to_s: when it ended.
+            motion: (3,), in the body's frame at the beginning: forward and left in m, counter-clockwise in
+                rad.
+            yaw_rad: the robot's own yaw at the end, where a sensor measures it; only its changes count.
+
+        Raises InputError for times that do not ascend, and for numbers that are not finite.
+        """
+        check_finite(motion, (3,), "motion")
+        last_s = self._motions[-1].to_s if self._motions else -math.inf
+        if not (math.isfinite(to_s) and last_s <= from_s + 1e-6 < to_s):
+            raise InputError(
+                f"motion: got {from_s:g} to {to_s:g} s after {last_s:g} s; allowed: in their order"
+            )
+        before, self._yaw = self._yaw, None if yaw_rad is None else (to_s, yaw_rad)
+        measured = yaw_rad is not None and before is not None and abs(before[0] - from_s) < 1e-6
+        if measured and yaw_rad is not None and before is not None:
+            motion = np.array([motion[0], motion[1], wrapped_rad(yaw_rad - before[1])])
+        own = OwnMotion(max(from_s, last_s), to_s, motion, measured)
+        with self._blended(self._published_s):
+            self._motions.append(own)
+            self._seen_until(to_s)
+            self._replay(bisect.bisect_right(self._times, from_s))
+
+    def see(self, sighting: Sighting) -> bool:
+        """Take in a sighting, which may be older than others; whether it is believed.
+
+        Raises InputError for one whose numbers are not finite.
+        """
+        pose = sighting.pose
+        numbers = np.array([sighting.at_s, pose.x_m, pose.y_m, pose.yaw_rad])
+        check_finite(numbers, (4,), "sighting")
+        check_finite(sighting.covariance, (3, 3), "sighting: covariance")
+        self._seen_until(sighting.at_s)
+        base = self._base
+        if base is None:
+            return self._suspect(sighting)
+        if sighting.at_s < base.at_s:
+            self.refused += 1
+            return False
+        place = bisect.bisect_right(self._times, sighting.at_s)
+        prior = self._advanced(self._fused[place - 1][1] if place else base, sighting.at_s)
+        if prior.surprise(sighting) > MOST_SIGMA:
+            return self._suspect(sighting)
+        with self._blended(max(self._published_s, sighting.at_s)):
+            self._fused.insert(place, (sighting, prior.after(sighting)))
+            self._tip = None
+            self._replay(place + 1)
+        self._believed_s = max(self._believed_s, sighting.at_s)
+        return True
+
+    def estimate(self, now_s: float) -> PoseEstimate:
+        """The pose at a time, no earlier than the last one asked for; to be asked at a steady rate."""
+        age_s = now_s - self._believed_s
+        if self._base is not None and age_s > self._lost_after_s:
+            self._forget()
+        if self._base is None:
+            return PoseEstimate(
+                at_s=now_s, sight="lost", pose=None, covariance=None, age_s=age_s, restarts=self.restarts
+            )
+        self._blend(now_s)
+        believed = self._at(now_s)
+        x_m, y_m, yaw_rad = (believed.mean[POSE] + self._offset).tolist()
+        return PoseEstimate(
+            at_s=now_s,
+            sight="seeing" if age_s <= self._seeing_s else "bridging",
+            pose=PlanarPose(x_m, y_m, wrapped_rad(yaw_rad)),
+            covariance=believed.covariance[POSE, POSE] + np.outer(self._offset, self._offset),
+            age_s=max(0.0, age_s),
+            restarts=self.restarts,
+        )
+
+    @property
+    def slip(self) -> FloatArray | None:
+        """Slip as it is believed now, (4,): share ahead, share left, share of a turn, turn in rad/m."""
+        last = self._fused[-1][1] if self._fused else self._base or self._slip_of
+        return None if last is None else last.mean[3:7].copy()
+
+    @property
+    def _times(self) -> list[float]:
+        return [sighting.at_s for sighting, _ in self._fused]
+
+    def _at(self, at_s: float) -> PoseBelief:
+        """Belief at a time, or after the newest sighting and motion where these are later."""
+        return self._advanced(self._newest(), at_s)
+
+    def _newest(self) -> PoseBelief:
+        """Belief after the newest sighting and motion."""
+        last = self._fused[-1][1] if self._fused else self._base
+        assert last is not None  # noqa: S101  asked for only where something is believed
+        tip = last if self._tip is None or self._tip.at_s < last.at_s else self._tip
+        until_s = self._motions[-1].to_s if self._motions else -math.inf
+        if tip.at_s < until_s:
+            tip = self._advanced(tip, until_s)
+        self._tip = tip
+        return tip
+
+    def _advanced(self, belief: PoseBelief, to_s: float) -> PoseBelief:
+        """A belief after the robot's motions until a time."""
+        first = bisect.bisect_right(self._motions, belief.at_s, key=lambda own: own.to_s)
+        for own in self._motions[first:]:
+            if max(own.from_s, belief.at_s) >= to_s:
+                break
+            if own.from_s > belief.at_s + 1e-9:
+                belief = self._coasted(belief, own.from_s)
+            belief = belief.moved(own, to_s)
+        return self._coasted(belief, to_s) if to_s > belief.at_s + 1e-9 else belief
+
+    def _coasted(self, belief: PoseBelief, to_s: float) -> PoseBelief:
+        """A belief at a time until which there was no odometry."""
+        before = bisect.bisect_right(self._motions, belief.at_s + 1e-9, key=lambda own: own.to_s)
+        told_s = self._motions[before - 1].to_s if before else -math.inf
+        if belief.at_s >= told_s + ODOMETRY_GONE_S:
+            return belief.coasted(to_s, COASTING_S)
+        stopped_s = min(to_s, told_s + ODOMETRY_GONE_S)
+        belief = belief.coasted(stopped_s, STOPPING_S)
+        return belief if stopped_s == to_s else belief.coasted(to_s, COASTING_S)
+
+    def _replay(self, place: int) -> None:
+        """Take in the sightings from a place on once more, after something before them has changed."""
+        if place < len(self._fused):
+            self._tip = None
+            belief = self._fused[place - 1][1] if place else self._base
+            for later in range(place, len(self._fused)):
+                sighting = self._fused[later][0]
+                assert belief is not None  # noqa: S101  there are sightings, so there is a base
+                belief = self._advanced(belief, sighting.at_s).after(sighting)
+                self._fused[later] = (sighting, belief)
+
+    def _suspect(self, sighting: Sighting) -> bool:
+        """Keep a sighting that is not believed, and start again where enough of them agree with it."""
+        self.refused += 1
+        recent = [one for one in self._suspects if one.at_s >= self._newest_s - SUSPECT_S]
+        self._suspects = sorted([*recent, sighting], key=lambda one: one.at_s)
+        agreeing = [one for one in self._suspects if self._agree(one, sighting)]
+        span_s = agreeing[-1].at_s - agreeing[0].at_s
+        if len(agreeing) < LEAST_AGREEING or 2 * len(agreeing) <= len(self._suspects):
+            return False
+        if self._base is not None:
+            if span_s < AGREEING_S or agreeing[0].at_s <= self._believed_s:
+                return False
+            self.restarts += 1
+        self.refused -= len(agreeing)
+        self._begin(agreeing)
+        return True
+
+    def _agree(self, one: Sighting, other: Sighting) -> bool:
+        """Whether the robot can have gone from one sighting to the other by its own motion."""
+        early, late = sorted((one, other), key=lambda each: each.at_s)
+        start = PoseBelief.of(early, self._slip_of)
+        return self._advanced(start, late.at_s).surprise(late) <= AGREE_SIGMA
+
+    def _begin(self, sightings: Sequence[Sighting]) -> None:
+        """Believe in sightings that agree, and in nothing before them."""
+        belief = PoseBelief.of(sightings[0], self._slip())
+        self._base, self._fused, self._tip, self._suspects = belief, [], None, []
+        for sighting in sightings[1:]:
+            belief = self._advanced(belief, sighting.at_s).after(sighting)
+            self._fused.append((sighting, belief))
+        self._believed_s = sightings[-1].at_s
+        self._published_s, self._offset = -math.inf, np.zeros(3)
+
+    def _slip(self) -> PoseBelief | None:
+        """Belief whose slip is to be kept."""
+        return self._newest() if self._base is not None else self._slip_of
+
+    def _forget(self) -> None:
+        """Believe in no pose any more; the slip stays."""
+        self._slip_of = self._slip()
+        self._base, self._fused, self._tip = None, [], None
+
+    def _seen_until(self, at_s: float) -> None:
+        """Note how far time is, and drop what will not be played again."""
+        self._newest_s = max(self._newest_s, at_s)
+        oldest_s = self._newest_s - HISTORY_S
+        while self._fused and self._fused[0][0].at_s < oldest_s:
+            self._base = self._fused.pop(0)[1]
+        if self._base is not None and self._base.at_s < oldest_s - HISTORY_S / 2:
+            self._base = self._advanced(self._base, oldest_s)
+        kept_s = oldest_s if self._base is None else min(oldest_s, self._base.at_s)
+        while len(self._motions) > 1 and self._motions[0].to_s < kept_s:
+            self._motions.pop(0)
+
+    @contextmanager
+    def _blended(self, at_s: float) -> Iterator[None]:
+        """What changes within about a time is a correction: what is published stays, and glides there."""
+        if self._base is None or self._published_s == -math.inf:
+            yield
+            return
+        before = self._exactly(at_s)
+        yield
+        after = self._exactly(at_s)
+        if before is not None and after is not None:
+            self._offset = self._offset + before.mean[POSE] - after.mean[POSE]
+            self._offset[2] = wrapped_rad(self._offset[2])
+
+    def _exactly(self, at_s: float) -> PoseBelief | None:
+        """Belief at a time by what is known of it then and before; None before the first.
+
+        It is asked for with each motion. The belief after the newest motion until then is kept: without it,
+        each played again all since the last sighting, which took more than there was time.
+        """
+        place = bisect.bisect_right(self._times, at_s)
+        origin = self._fused[place - 1][1] if place else self._base
+        if origin is None or origin.at_s > at_s:
+            return None
+        belief = origin
+        if self._mark is not None and self._mark[0] is origin and self._mark[1].at_s <= at_s:
+            belief = self._mark[1]
+        ended = bisect.bisect_right(self._motions, at_s, key=lambda own: own.to_s)
+        if ended and self._motions[ended - 1].to_s > belief.at_s:
+            belief = self._advanced(belief, self._motions[ended - 1].to_s)
+            self._mark = (origin, belief)
+        return self._advanced(belief, at_s)
+
+    def _blend(self, now_s: float) -> None:
+        """Let the correction that is left become smaller until a time."""
+        took_s = max(0.0, now_s - self._published_s)
+        self._published_s = now_s
+        if took_s == 0 or math.isinf(took_s):
+            return
+        most = np.minimum(MOST_BLENDED * took_s, MOST_BLENDED_STEP)
+        less = (1 - math.exp(-took_s / BLENDING_S)) * self._offset
+        share = float(np.min(most / np.maximum(np.abs(less), most)))
+        self._offset = self._offset - share * less

@@ -1,0 +1,112 @@
+"""Pictures of a camera and the robot's own motion become one pose: where the robot is now."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from hexctl.ik.leg_odometer import LegOdometer
+from hexctl.robot.model import Robot
+from hexctl.types import ArrayFields, FloatArray
+from hexctl.vision.detection.camera import Camera
+from hexctl.vision.detection.camera_watch import CameraChange, CameraWatch
+from hexctl.vision.detection.robot_tracker import LEVEL, RobotTag, RobotTracker, SeenRobot
+from hexctl.vision.detection.tags import Picture, TagFinder
+from hexctl.vision.estimation.pose_belief import Sighting
+from hexctl.vision.estimation.pose_filter import PoseEstimate, PoseFilter
+from hexctl.vision.robot_link import LegState
+
+#: While no tag on the floor is seen, the robot is believed within this distance of where it should be: its
+#: body may cover the tags, but the camera may also have been turned away.
+NEAR_M = 0.05
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observation(ArrayFields):
+    """What one picture showed.
+
+    Attributes:
+        robot: as it was seen in it, or None.
+        believed: whether that was taken for true.
+        change: what was found to have moved, or None.
+    """
+
+    robot: SeenRobot | None
+    believed: bool
+    change: CameraChange | None
+
+
+class Observer:
+    """Looks at pictures, listens to the legs, and knows where the robot is. All times are on one clock.
+
+    Args:
+        robot: whose tag it is.
+        camera: as it stands.
+        floor_corners: corners (4, 2) of the tags on the floor in m, by number.
+        tag: on the robot.
+        latency_s: age of a picture when it comes.
+        lost_after_s: how long a robot that is not seen is followed by its legs.
+        finder: of the tags; a new one unless given.
+
+    Attributes:
+        latency_s: age of a picture when it comes.
+        watch: of the camera.
+        height_m: of the robot's base above the floor, by its legs.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        camera: Camera,
+        floor_corners: Mapping[int, FloatArray],
+        tag: RobotTag,
+        *,
+        latency_s: float = 0.0,
+        lost_after_s: float = 3.0,
+        finder: TagFinder | None = None,
+    ) -> None:
+        finder = TagFinder() if finder is None else finder
+        self.latency_s = latency_s
+        self.watch = CameraWatch(camera, floor_corners, finder)
+        self.height_m = robot.standing_height_m
+        self._tracker = RobotTracker(tag, finder)
+        self._filter = PoseFilter(lost_after_s=lost_after_s)
+        self._odometer = LegOdometer(robot)
+        self._up_body = LEVEL
+        self._newest: PoseEstimate | None = None
+
+    def listen(self, state: LegState) -> None:
+        """Take in a state of the legs; one that is no later than the one before is left out."""
+        step = self._odometer.update(state.at_s, state.joint_positions_rad, state.foot_contacts)
+        if step is None:
+            return
+        self.height_m, self._up_body = step.height_m, step.up_body
+        if step.motion is not None:
+            self._filter.move(step.from_s, step.to_s, step.motion, state.yaw_rad)
+
+    def look(self, gray: Picture, came_s: float) -> Observation:
+        """Look at a picture that came at a time."""
+        change = self.watch.look(gray)
+        expected = None if self._newest is None else self._newest.pose
+        robot = self._tracker.find(gray, self.watch.camera, self.height_m, expected, self._up_body)
+        believed = robot is not None and self._may_be_believed(robot)
+        if robot is not None and believed:
+            taken_s, pose = came_s - self.latency_s, robot.pose_floor
+            self._odometer.see(taken_s, np.array([pose.x_m, pose.y_m, pose.yaw_rad]))
+            believed = self._filter.see(Sighting(taken_s, pose, robot.covariance))
+        return Observation(robot, believed, change)
+
+    def estimate(self, now_s: float) -> PoseEstimate:
+        """Where the robot is at a time; to be asked at a steady rate, with times that ascend."""
+        self._newest = self._filter.estimate(now_s)
+        return self._newest
+
+    def _may_be_believed(self, robot: SeenRobot) -> bool:
+        if self.watch.doubt is None:
+            return True
+        known = None if self._newest is None else self._newest.pose
+        if self.watch.doubt == "moved" or known is None:
+            return False
+        away_m = math.hypot(robot.pose_floor.x_m - known.x_m, robot.pose_floor.y_m - known.y_m)
+        return away_m < NEAR_M

@@ -1,0 +1,295 @@
+"""Video in, poses out: what is seen of a robot, to the robot, to a page, a video and a table."""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+
+from hexctl.robot.model import Robot
+from hexctl.vision.detection.camera_watch import CameraChange
+from hexctl.vision.detection.overlay import Overlay
+from hexctl.vision.detection.robot_tracker import SeenRobot
+from hexctl.vision.detection.tags import TagFinder
+from hexctl.vision.estimation.pose_filter import PoseEstimate, Sight
+from hexctl.vision.observer import Observation, Observer
+from hexctl.vision.place import Place
+from hexctl.vision.pose_table import PoseTable
+from hexctl.vision.robot_link import RobotLink
+from hexctl.vision.video.mjpeg import MjpegServer
+from hexctl.vision.video.video_source import Frame, VideoSource
+from hexctl.vision.video.video_writer import VideoWriter
+
+#: Without pictures the pose is told this often.
+TELL_S = 0.03
+
+#: Period of the status.
+STATUS_S = 1.0
+
+#: How long the video and the page show what happened.
+EVENT_S = 3.0
+
+#: Variances below these say less than is known of tags, paper and legs.
+LEAST_POSITION_M2, LEAST_YAW_RAD2 = 0.002**2, 0.003**2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraStatus:
+    """What a camera sees, once a second.
+
+    Attributes:
+        estimate: of the robot's pose.
+        fps: pictures per second since the last status.
+        seen: share of them in which the robot's tag was found.
+        quality: of the last sighting since then, 0 to 1; 0 without one.
+        tag_px: edge of the tag in it.
+    """
+
+    estimate: PoseEstimate
+    fps: float
+    seen: float
+    quality: float
+    tag_px: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraReport:
+    """What a camera managed.
+
+    Attributes:
+        duration_s: how long it looked.
+        pictures: looked at.
+        seen: share of them in which the robot's tag was found.
+        dropped: pictures of a live camera that came while others were looked at.
+        restarts: how often the robot was somewhere else than its legs said.
+        look_s: processor time of each picture; None without pictures.
+    """
+
+    duration_s: float = 0.0
+    pictures: int = 0
+    seen: float = 0.0
+    dropped: int = 0
+    restarts: int = 0
+    look_s: float | None = None
+
+    @property
+    def fps(self) -> float:
+        """Pictures per second."""
+        return self.pictures / self.duration_s if self.duration_s > 0 else 0.0
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON values, rounded."""
+        return {
+            "duration_s": round(self.duration_s, 1),
+            "pictures": self.pictures,
+            "fps": round(self.fps, 1),
+            "seen": round(self.seen, 3),
+            "dropped": self.dropped,
+            "restarts": self.restarts,
+            "look_ms": None if self.look_s is None else round(1000 * self.look_s, 1),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class PoseOutputs:
+    """Where poses and pictures go; None for nowhere.
+
+    Attributes:
+        robot: that is told where it is, and tells how its legs move.
+        page: that shows what is seen.
+        video: of what is seen.
+        table: of the poses.
+    """
+
+    robot: RobotLink | None
+    page: MjpegServer | None
+    video: VideoWriter | None
+    table: PoseTable | None
+
+
+class PoseStream:
+    """The loop: a picture, the states that came meanwhile, the pose to the robot.
+
+    Args:
+        place: of tags and camera.
+        robot: whose tag is looked for.
+        latency_s: age of a picture when it comes.
+        outputs: where poses and pictures go.
+        finder: of the tags.
+    """
+
+    def __init__(
+        self, place: Place, robot: Robot, latency_s: float, outputs: PoseOutputs, finder: TagFinder
+    ) -> None:
+        self._place, self._outputs = place, outputs
+        self._observer = Observer(
+            robot, place.camera, place.floor_corners, place.robot_tag, latency_s=latency_s, finder=finder
+        )
+        self._overlay = Overlay()
+        self._pictures = self._seen = self._restarts = 0
+        self._look_s = 0.0
+        self._last = Observation(None, False, None)
+        self._sighted: SeenRobot | None = None
+        self._since_believed = self._misfits = 0
+        self._sight: Sight = "lost"
+        self._event, self._event_at_s = "", -math.inf
+
+    def run(
+        self,
+        video: VideoSource,
+        stop_requested: Callable[[], bool],
+        *,
+        on_pose: Callable[[PoseEstimate], None],
+        on_status: Callable[[CameraStatus], None],
+        on_event: Callable[[str], None],
+    ) -> CameraReport:
+        """Look until `stop_requested` returns True or the video ends; callbacks as in `RobotCamera.run`."""
+        began_s = told_s = time.monotonic()
+        told_pictures = told_seen = 0
+        shown_s = 0.0
+
+        def tell(text: str) -> None:
+            self._event, self._event_at_s = text, shown_s
+            on_event(text)
+
+        while not stop_requested() and not video.ended:
+            frame = self._fitting(video.read(TELL_S), tell)
+            for state in () if self._outputs.robot is None else self._outputs.robot.states():
+                self._observer.listen(state)
+            if frame is not None:
+                shown_s = frame.at_s
+                self._look(frame, tell)
+            estimate = self._observer.estimate(time.monotonic() if video.live else shown_s)
+            self._tell(estimate, tell)
+            if frame is not None:
+                on_pose(estimate)
+                self._show(frame, estimate)
+            now_s = time.monotonic()
+            if now_s - told_s >= STATUS_S:
+                pictures, seen = self._pictures - told_pictures, self._seen - told_seen
+                on_status(self._status(estimate, pictures / (now_s - told_s), seen / max(1, pictures)))
+                told_s, told_pictures, told_seen = now_s, self._pictures, self._seen
+                self._sighted = None
+        return self._report(time.monotonic() - began_s, video)
+
+    def _fitting(self, frame: Frame | None, on_event: Callable[[str], None]) -> Frame | None:
+        """A picture of the lens's size, or None: a camera that was away may come back with another."""
+        if frame is None:
+            return None
+        lens, (height_px, width_px) = self._place.camera.lens, frame.picture.shape[:2]
+        if (width_px, height_px) == (lens.width_px, lens.height_px):
+            return frame
+        if not self._misfits:
+            on_event(
+                f"the camera sends pictures of {width_px}x{height_px} px now, and they were "
+                f"{lens.width_px}x{lens.height_px}: they are left out; start again to look at them"
+            )
+        self._misfits += 1
+        return None
+
+    def _look(self, frame: Frame, on_event: Callable[[str], None]) -> None:
+        began_s = time.process_time()
+        self._last = self._observer.look(frame.gray(), frame.at_s)
+        self._look_s += time.process_time() - began_s
+        self._pictures += 1
+        self._seen += self._last.robot is not None
+        self._sighted = self._last.robot or self._sighted
+        self._since_believed = 0 if self._last.believed else self._since_believed + 1
+        if self._last.change is not None:
+            on_event(_told_change(self._last.change))
+
+    def _tell(self, estimate: PoseEstimate, on_event: Callable[[str], None]) -> None:
+        """Send the pose to the robot, and tell when it is lost, found or elsewhere."""
+        if estimate.sight != self._sight and "lost" in (estimate.sight, self._sight):
+            on_event(
+                f"the robot is lost: {self._why_lost()}" if estimate.pose is None else "the robot is seen"
+            )
+        if estimate.restarts != self._restarts:
+            on_event("the robot is somewhere else than its legs say: was it carried, or did it slip?")
+        self._sight, self._restarts = estimate.sight, estimate.restarts
+        robot = self._outputs.robot
+        if robot is None or estimate.pose is None or estimate.covariance is None:
+            return
+        robot.publish(
+            estimate.pose,
+            self._observer.height_m,
+            position_variance_m2=max(LEAST_POSITION_M2, float(np.trace(estimate.covariance[:2, :2])) / 2),
+            yaw_variance_rad2=max(LEAST_YAW_RAD2, float(estimate.covariance[2, 2])),
+        )
+
+    def _why_lost(self) -> str:
+        if not self._since_believed:
+            return "no pictures come"
+        if self._last.robot is not None:
+            return "its tag is seen, but not believed: was the camera moved?"
+        return "its tag is not seen"
+
+    def _show(self, frame: Frame, estimate: PoseEstimate) -> None:
+        if self._outputs.table is not None:
+            self._outputs.table.write(frame.at_s, estimate, self._last)
+        looked_at = self._outputs.page is not None and self._outputs.page.clients > 0
+        if self._outputs.video is None and not looked_at:
+            return
+        drawn = self._overlay.draw(
+            frame.picture,
+            self._observer.watch.camera,
+            self._observer.watch.floor_corners,
+            sighting=self._last.robot,
+            pose_floor=estimate.pose,
+            height_m=self._observer.height_m + self._place.robot_tag.height_m,
+            lines=[*_lines(estimate, self._last), *self._events(frame.at_s)],
+        )
+        if self._outputs.video is not None:
+            self._outputs.video.write(drawn, frame.at_s)
+        if self._outputs.page is not None and looked_at:
+            good, jpeg = cv2.imencode(".jpg", drawn, [cv2.IMWRITE_JPEG_QUALITY, 80])
+            if good:
+                self._outputs.page.publish(jpeg.tobytes())
+
+    def _events(self, at_s: float) -> list[str]:
+        """What happened shortly before a picture, as text for it."""
+        return [self._event] if at_s - self._event_at_s < EVENT_S else []
+
+    def _status(self, estimate: PoseEstimate, fps: float, seen: float) -> CameraStatus:
+        robot = self._sighted
+        return CameraStatus(
+            estimate=estimate,
+            fps=fps,
+            seen=seen,
+            quality=0.0 if robot is None else robot.quality,
+            tag_px=0.0 if robot is None else robot.tag.edge_px,
+        )
+
+    def _report(self, duration_s: float, video: VideoSource) -> CameraReport:
+        return CameraReport(
+            duration_s=duration_s,
+            pictures=self._pictures,
+            seen=self._seen / self._pictures if self._pictures else 0.0,
+            dropped=video.dropped,
+            restarts=self._restarts,
+            look_s=self._look_s / self._pictures if self._pictures else None,
+        )
+
+
+def _told_change(change: CameraChange) -> str:
+    if change.tag_id is not None:
+        return f"tag {change.tag_id} on the floor was moved; it is no longer used"
+    turned_deg = math.degrees(change.turned_rad)
+    return f"the camera moved by {100 * change.shift_m:.1f} cm, {turned_deg:.1f} deg; its new place is known"
+
+
+def _lines(estimate: PoseEstimate, observation: Observation) -> list[str]:
+    """Text for the picture: where the robot is, and by what that is known."""
+    pose, robot = estimate.pose, observation.robot
+    where = "pose not known"
+    if pose is not None:
+        where = f"{pose.x_m:+.3f} {pose.y_m:+.3f} m  {math.degrees(pose.yaw_rad):+.1f} deg"
+    if robot is not None:
+        doubt = "" if observation.believed else ", not believed"
+        return [where, f"tag {robot.tag.edge_px:.0f} px, quality {robot.quality:.2f}{doubt}"]
+    if pose is None:
+        return [where, "tag not seen"]
+    return [where, f"tag not seen for {estimate.age_s:.1f} s: by its legs"]

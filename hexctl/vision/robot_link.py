@@ -1,0 +1,180 @@
+"""The robot at the other end of a link, as a camera needs it: how its legs move, and who is told its pose."""
+
+import time
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import zenoh
+
+from hexctl.backends.zenoh.zenoh_client import DESCRIBE_TIMEOUT_S, ask, ask_until
+from hexctl.errors import InputError, MessageError, RobotFaultError, argument
+from hexctl.robot.model import Robot
+from hexctl.robot.rotations import about_z, yaw_rad
+from hexctl.types import ArrayFields, BoolArray, FloatArray
+from hexctl.vision.detection.planar_pose import PlanarPose
+from hexctl.wire.description import robot_of
+from hexctl.wire.links import KeyMap, Link, Role
+from hexctl.wire.orientation import decode_orientation
+from hexctl.wire.pose import encode_pose
+from hexctl.wire.zenoh_messages import StateTag, contacts_of, decode_joints
+from hexctl.wire.zenoh_session import open_session
+
+#: States that are kept until they are taken: ten seconds; of more the older ones are lost.
+MOST_STATES = 500
+
+#: An orientation older than this does not belong to a state any more.
+STALE_YAW_S = 0.1
+
+
+#: Messages whose delay is compared; a delay that differs by more is that of another clock.
+COMPARED, OTHER_CLOCK_S = 500, 1.0
+
+
+class SenderClock:
+    """When messages were sent, on the clock of this computer: as if all came as fast as the fastest of late.
+
+    On a busy computer messages wait and come in bursts; by their times of arrival a robot would stand still
+    and leap.
+    """
+
+    def __init__(self) -> None:
+        self._offsets_s: deque[float] = deque(maxlen=COMPARED)
+
+    def sent_s(self, stamp_s: float, arrived_s: float) -> float:
+        """Time of sending by the sender's stamp, on its own clock, and the time of arrival here."""
+        offset_s = arrived_s - stamp_s
+        if self._offsets_s and abs(offset_s - min(self._offsets_s)) > OTHER_CLOCK_S:
+            self._offsets_s.clear()  # the sender was started again
+        self._offsets_s.append(offset_s)
+        return stamp_s + min(self._offsets_s)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LegState(ArrayFields):
+    """What a robot told at one moment.
+
+    Attributes:
+        at_s: when it was measured, on time.monotonic of this computer, but for the shortest time on the way.
+        joint_positions_rad: (18,).
+        foot_contacts: (6,), or None where the robot does not feel them.
+        yaw_rad: of the robot's own sensor, in a frame of its own; None without one.
+    """
+
+    at_s: float
+    joint_positions_rad: FloatArray
+    foot_contacts: BoolArray | None
+    yaw_rad: float | None
+
+
+class RobotLink:
+    """A robot on a link: its states as they come, and its pose as it is seen.
+
+    Attributes:
+        robot: as it describes itself.
+        malformed: messages that could not be read.
+    """
+
+    def __init__(self, robot: Robot, session: zenoh.Session, keys: KeyMap, *, plain: bool) -> None:
+        self.robot, self._plain = robot, plain
+        self.malformed = 0
+        self._states: deque[LegState] = deque(maxlen=MOST_STATES)
+        self._yaw: tuple[float, float] | None = None
+        self._clock = SenderClock()
+        for kind, take in (("imu", self._take_yaw), ("joint_states", self._take_state)):
+            session.declare_subscriber(getattr(keys, kind), partial(self._guarded, take))
+        self._publisher = session.declare_publisher(
+            keys.pose, congestion_control=zenoh.CongestionControl.DROP, express=True
+        )
+
+    def states(self) -> list[LegState]:
+        """States that have come since the last call, the oldest first."""
+        taken = []
+        while self._states:
+            taken.append(self._states.popleft())
+        return taken
+
+    def publish(
+        self, pose: PlanarPose, height_m: float, *, position_variance_m2: float, yaw_variance_rad2: float
+    ) -> None:
+        """Tell the robot where it is now.
+
+        Args:
+            pose: of its base on the floor.
+            height_m: of its base above the floor.
+            position_variance_m2: of x and of y.
+            yaw_variance_rad2: of the heading.
+        """
+        payload = encode_pose(
+            np.array([pose.x_m, pose.y_m, height_m]),
+            about_z(pose.yaw_rad),
+            position_variance_m2=position_variance_m2,
+            yaw_variance_rad2=yaw_variance_rad2,
+        )
+        self._publisher.put(payload)
+
+    def _guarded(self, take: Any, sample: Any) -> None:
+        """Take a sample; one that cannot be read is counted, and never ends the thread of Zenoh."""
+        try:
+            take(sample, time.monotonic())
+        except MessageError:
+            self.malformed += 1
+
+    def _take_yaw(self, sample: Any, now_s: float) -> None:
+        quaternion = decode_orientation(bytes(sample.payload))
+        self._yaw = None if quaternion is None else (now_s, float(yaw_rad(quaternion)))
+
+    def _take_state(self, sample: Any, now_s: float) -> None:
+        positions_rad, _ = decode_joints(bytes(sample.payload))
+        contacts, at_s = None, now_s
+        if not self._plain:
+            tag = StateTag.unpacked(b"" if sample.attachment is None else bytes(sample.attachment))
+            contacts = contacts_of(tag)
+            at_s = self._clock.sent_s(tag.stamp_ns / 1e9, now_s) - tag.age_us / 1e6
+        known = self._yaw is not None and now_s - self._yaw[0] <= STALE_YAW_S
+        yaw = self._yaw[1] if known and self._yaw is not None else None
+        self._states.append(LegState(at_s, positions_rad, contacts, yaw))
+
+
+@contextmanager
+def linked_robot(link: Link, role: Role, name: str | None = None) -> Iterator[tuple[zenoh.Session, Robot]]:
+    """Session on a link and a robot there, until the block ends.
+
+    Args:
+        link: where it is.
+        role: in which the session is opened.
+        name: of the robot; the only one there unless given.
+
+    Raises RobotFaultError when no robot answers, and InputError when several do, or only others.
+    """
+    asked = KeyMap.of("*" if name is None else name).renamed(dict(link.names))
+    with open_session(link, role, asked) as session:
+        silence = f"no robot answers at {link.endpoint}; is hexctl serve running there?"
+        try:
+            answers = ask_until(session, asked.describe, timeout_s=DESCRIBE_TIMEOUT_S, silence=silence)
+        except RobotFaultError:
+            everyone = KeyMap.of("*").renamed(dict(link.names))
+            others = [] if name is None else ask(session, everyone.describe)
+            if not others:
+                raise
+            raise _not_one(f"{name}", [robot_of(answer) for answer in others]) from None
+        robots = [robot_of(answer) for answer in answers]
+        if len(robots) > 1:
+            raise _not_one("none", robots)
+        yield session, robots[0]
+
+
+def _not_one(got: str, there: list[Robot]) -> InputError:
+    names = ", ".join(sorted(robot.name for robot in there))
+    return InputError(f"{argument('robot')}: got {got}, and there are: {names}; allowed: one of them")
+
+
+@contextmanager
+def robot_link(link: Link, name: str | None = None) -> Iterator[RobotLink]:
+    """End of a link for a camera, until the block ends; for arguments and errors see `linked_robot`."""
+    with linked_robot(link, Role.CONTROLLER, name) as (session, robot):
+        yield RobotLink(robot, session, link.keys(robot.name), plain=link.plain)

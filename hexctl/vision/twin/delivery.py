@@ -1,0 +1,110 @@
+"""Pictures on their way from a camera: developed, encoded, and each as late as it should be."""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+
+from hexctl.vision.detection.tags import Picture
+
+#: Pictures that are on their way at a time; a faster camera waits.
+MOST_WAITING = 8
+
+#: Quality of the JPEGs, as webcams have it.
+QUALITY = 85
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TakenPicture:
+    """A picture on its way.
+
+    Attributes:
+        develop: gives the picture (H, W, 3), blue first; called on the thread of the delivery.
+        taken_at_s: when the camera saw it, on time.monotonic.
+        due_at_s: when it is to arrive.
+    """
+
+    develop: Callable[[], Picture]
+    taken_at_s: float
+    due_at_s: float
+
+
+@dataclass(slots=True)
+class DeliveryCounts:
+    """What has arrived.
+
+    Attributes:
+        delivered: pictures that were.
+        late: those of them that arrived later than they should, by more than `Delivery.LATE_S`.
+        latency_s: sum of the times from taking to arrival.
+    """
+
+    delivered: int = 0
+    late: int = 0
+    latency_s: float = 0.0
+
+
+class Delivery:
+    """Develops and encodes pictures on a thread of its own, and hands each over when it is due; close it.
+
+    Attributes:
+        counts: of what has arrived.
+        developing_s: how long it took lately to develop and encode a picture.
+    """
+
+    #: A picture that arrives later than this after it is due is late.
+    LATE_S = 0.005
+
+    def __init__(self, publish: Callable[[bytes], None]) -> None:
+        """Begin to wait.
+
+        Args:
+            publish: called on the thread with each JPEG.
+        """
+        self._publish = publish
+        self.counts, self.developing_s = DeliveryCounts(), 0.02
+        self._waiting: deque[TakenPicture] = deque()
+        self._changed = threading.Condition()
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="delivery", daemon=True)
+        self._thread.start()
+
+    def send(self, taken: TakenPicture) -> None:
+        """Put a picture on its way, after those before it."""
+        with self._changed:
+            self._changed.wait_for(lambda: len(self._waiting) < MOST_WAITING or self._over.is_set())
+            self._waiting.append(taken)
+            self._changed.notify_all()
+
+    def close(self) -> None:
+        """End the thread; what is on its way is lost."""
+        self._over.set()
+        with self._changed:
+            self._changed.notify_all()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting or self._over.is_set())
+                if self._over.is_set():
+                    return
+                taken = self._waiting.popleft()
+                self._changed.notify_all()
+            self._deliver(taken)
+
+    def _deliver(self, taken: TakenPicture) -> None:
+        began_s = time.monotonic()
+        jpeg = cv2.imencode(".jpg", taken.develop(), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
+        done_s = time.monotonic()
+        self.developing_s += 0.2 * (done_s - began_s - self.developing_s)
+        if self._over.wait(max(0.0, taken.due_at_s - done_s)):
+            return
+        self._publish(jpeg)
+        now_s = time.monotonic()
+        self.counts.delivered += 1
+        self.counts.latency_s += now_s - taken.taken_at_s
+        self.counts.late += now_s - taken.due_at_s > self.LATE_S

@@ -1,0 +1,317 @@
+"""A camera over a robot of `hexctl serve --backend sim`: its pictures as a network camera sends them."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from hexctl.errors import InputError, argument
+from hexctl.robot.model import Robot
+from hexctl.vision.camera_options import LATENCIES_MS, LinkOptions, never
+from hexctl.vision.detection.camera import Camera
+from hexctl.vision.detection.lens import Lens, load_lens
+from hexctl.vision.detection.tags import Picture
+from hexctl.vision.twin.camera_faults import CameraFaults, parse_camera_fault, with_hand
+from hexctl.vision.twin.delivery import Delivery, TakenPicture
+from hexctl.vision.twin.posture_history import PostureHistory, followed_robot
+from hexctl.vision.twin.rendering import CameraFlaws, PlacedTag, RobotPosture, SceneRenderer
+from hexctl.vision.twin.twin_scene import FLOOR_TAGS, FOV_DEG, LOOK_AT_M, POSITION_M, WEBCAM, tag_on
+from hexctl.vision.video.mjpeg import MjpegServer
+
+#: The posture at a moment is known once the next state has come: a control period and what the link takes.
+SETTLE_S = 0.023
+
+#: Longest wait between two questions whether to stop.
+POLL_S = 0.05
+
+#: What the camera manages is looked at after this, and told if it is less than this share of its rate.
+JUDGED_AFTER_S, LEAST_SHARE = 5.0, 0.9
+
+#: A robot that tells no truth for so long is silent.
+SILENT_S = 1.0
+
+#: Ranges of the options.
+FPS = (1.0, 60.0)
+NOISES = (0.0, 50.0)
+BLURS_PX = (0.0, 10.0)
+SIZES_PX = (64, 4096)
+
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TwinStarted:
+    """What a camera reports once it sends pictures.
+
+    Attributes:
+        robot: name of the robot that it looks at.
+        url: of its stream.
+        page_url: of a page that shows it.
+    """
+
+    robot: str
+    url: str
+    page_url: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TwinReport:
+    """What a rendered camera managed.
+
+    Attributes:
+        duration_s: how long it took pictures.
+        drawn: pictures.
+        delivered: those of them that arrived.
+        dropped: those of them that were lost on request.
+        skipped: pictures that could not have been drawn in time.
+        late: delivered ones that arrived later than they should.
+        latency_s: mean time from taking to arrival; None where none arrived.
+        drawing_s: how long it took lately to draw a picture.
+        developing_s: how long it took lately to develop and encode one.
+    """
+
+    duration_s: float
+    drawn: int
+    delivered: int
+    dropped: int
+    skipped: int
+    late: int
+    latency_s: float | None
+    drawing_s: float
+    developing_s: float
+
+    @property
+    def fps(self) -> float:
+        """Pictures drawn per second."""
+        return self.drawn / self.duration_s if self.duration_s > 0 else 0.0
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON values, rounded."""
+        return {
+            "duration_s": round(self.duration_s, 1),
+            "fps": round(self.fps, 1),
+            "drawn": self.drawn,
+            "delivered": self.delivered,
+            "dropped": self.dropped,
+            "skipped": self.skipped,
+            "late": self.late,
+            "latency_ms": None if self.latency_s is None else round(1000 * self.latency_s, 1),
+            "drawing_ms": round(1000 * self.drawing_s, 1),
+            "developing_ms": round(1000 * self.developing_s, 1),
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TwinCamera(LinkOptions):
+    """A rendered camera over a simulated robot: options, checked when they are given.
+
+        TwinCamera(fps=15, latency_ms=120).run(stop_requested, on_started=print)
+
+    The robot is that of `LinkOptions`.
+
+    Attributes:
+        http_port: of the stream on this computer; 0 for any free one.
+        fps: pictures per second.
+        latency_ms: from what the camera sees to the arrival of its picture; never less than drawing takes.
+        lens: calibration of the lens (`load_lens`); None for a webcam's.
+        size_px: width and height of the pictures; None for those of the lens.
+        position_m: where the camera stands.
+        look_at_m: the point that it looks at.
+        noise: standard deviation of each pixel's brightness, of 255.
+        blur_px: of the lens out of focus.
+        drop: share of pictures that are lost, 0 to 1.
+        shadow: by which a shadow that wanders over the floor darkens it, 0 to 1.
+        floor_tags: on the floor, by number.
+        faults: texts such as `moved:0.05,0,0@10` (`parse_camera_fault`).
+        seed: of noise and lost pictures.
+    """
+
+    http_port: int = 0
+    fps: float = 30.0
+    latency_ms: float = 80.0
+    lens: str | Path | None = None
+    size_px: tuple[int, int] | None = None
+    position_m: Point = POSITION_M
+    look_at_m: Point = LOOK_AT_M
+    noise: float = 4.0
+    blur_px: float = 0.7
+    drop: float = 0.0
+    shadow: float = 0.0
+    floor_tags: Mapping[int, PlacedTag] = field(default_factory=lambda: FLOOR_TAGS)
+    faults: tuple[str, ...] = ()
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        LinkOptions.__post_init__(self)
+        ranges = {
+            "fps": FPS, "latency_ms": LATENCIES_MS, "noise": NOISES, "blur_px": BLURS_PX,
+            "drop": (0.0, 1.0), "shadow": (0.0, 1.0), "http_port": (0, 65535),
+        }  # fmt: skip
+        for name, (low, high) in ranges.items():
+            value = getattr(self, name)
+            if not low <= value <= high:  # true for nan too
+                raise InputError(f"{argument(name)}: got {value:g}; allowed: {low:g} to {high:g}")
+        if self.size_px is not None and not all(SIZES_PX[0] <= edge <= SIZES_PX[1] for edge in self.size_px):
+            size = "x".join(map(str, self.size_px))
+            raise InputError(f"{argument('size')}: got {size}; allowed: {SIZES_PX[0]} to {SIZES_PX[1]} px")
+        if self.position_m[2] <= 0 or self.position_m == self.look_at_m:
+            raise InputError(
+                f"{argument('position')}: got {self.position_m}; allowed: above the floor, and not the point "
+                "that it looks at"
+            )
+        for text in self.faults:
+            parse_camera_fault(text)
+
+    def camera(self) -> Camera:
+        """Lens and place. Raises InputError for a lens that does not fit the pictures."""
+        return Camera.looking(self._lens(), np.array(self.position_m), np.array(self.look_at_m))
+
+    def _lens(self) -> Lens:
+        lens = WEBCAM if self.lens is None else load_lens(self.lens)
+        if self.size_px is None:
+            return lens
+        width_px, height_px = self.size_px
+        if self.lens is None and abs(height_px * lens.width_px / width_px - lens.height_px) > 1:
+            return Lens.assumed(width_px, height_px, FOV_DEG)
+        return lens.scaled(width_px, height_px)
+
+    def run(
+        self,
+        stop_requested: Callable[[], bool] = never,
+        *,
+        on_started: Callable[[TwinStarted], None] = lambda _: None,
+        on_event: Callable[[str], None] = lambda _: None,
+    ) -> TwinReport:
+        """Send pictures until `stop_requested` returns True.
+
+        Args:
+            stop_requested: asked between pictures.
+            on_started: called once, when clients can look.
+            on_event: called with a line when the robot falls silent, and when the computer is too slow.
+
+        Raises InputError for a lens or link that is not allowed, RobotFaultError where no simulated robot
+        answers, or the port is taken, and what `open_context` raises.
+        """
+        camera, link = self.camera(), self.load_link()
+        flaws = CameraFlaws(noise=self.noise, blur_px=self.blur_px, shadow=self.shadow)
+        with (
+            followed_robot(link, self.robot) as (robot, history),
+            SceneRenderer(robot, camera, self.floor_tags, tag_on(robot), flaws, seed=self.seed) as renderer,
+            MjpegServer(self.http_port) as server,
+        ):
+            on_started(TwinStarted(robot=robot.name, url=server.url, page_url=server.page_url))
+            shooting = _Shooting(self, _Scene(self, robot, camera, renderer), history, on_event)
+            return shooting.run(stop_requested, server.publish)
+
+
+class _Scene:
+    """What the camera sees, faults included."""
+
+    def __init__(self, options: TwinCamera, robot: Robot, camera: Camera, renderer: SceneRenderer) -> None:
+        self._still, self._renderer, self._tag = camera, renderer, tag_on(robot)
+        self._faults = CameraFaults(tuple(map(parse_camera_fault, options.faults)))
+
+    def take(self, posture: RobotPosture, at_s: float) -> Callable[[], Picture]:
+        """Take a picture at a time since the start; what is returned develops it (H, W, 3), blue first."""
+        camera = self._faults.camera(self._still, at_s)
+        if camera != self._renderer.camera:
+            self._renderer.move_camera(camera)
+        exposed = self._renderer.expose(posture)
+
+        def develop() -> Picture:
+            picture = self._renderer.develop(exposed, at_s)
+            if self._faults.cover(at_s):
+                picture = with_hand(picture, camera, posture, self._tag)
+            return np.asarray(cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+
+        return develop
+
+
+class _Shooting:
+    """Takes pictures at a constant rate, or as often as the computer manages in time."""
+
+    def __init__(
+        self, options: TwinCamera, scene: _Scene, history: PostureHistory, on_event: Callable[[str], None]
+    ) -> None:
+        self._options, self._scene, self._history, self._on_event = options, scene, history, on_event
+        self._random = np.random.default_rng(options.seed)
+        self._drawing_s = 0.03
+        self._drawn = self._dropped = self._skipped = 0
+        self._silent = self._told = False
+
+    def run(self, stop_requested: Callable[[], bool], publish: Callable[[bytes], None]) -> TwinReport:
+        delivery = Delivery(publish)
+        started_s = time.monotonic()
+        try:
+            self._shoot(stop_requested, started_s, delivery)
+        finally:
+            delivery.close()
+        return self._report(delivery, time.monotonic() - started_s)
+
+    def _shoot(self, stop_requested: Callable[[], bool], started_s: float, delivery: Delivery) -> None:
+        period_s, number = 1 / self._options.fps, 0
+        while not stop_requested():
+            now_s = time.monotonic()
+            self._judge(now_s, now_s - started_s, delivery)
+            newest = int((now_s - SETTLE_S - started_s) / period_s)
+            known_s = started_s + number * period_s + SETTLE_S
+            if newest < number or now_s < known_s:
+                time.sleep(min(POLL_S, max(0.0, known_s - now_s) + 1e-4))
+                continue
+            taken_at_s = started_s + newest * period_s
+            self._skipped += newest - number
+            number = newest + 1
+            due_at_s = taken_at_s + max(self._options.latency_ms / 1000, SETTLE_S + self._cost_s(delivery))
+            if now_s + self._cost_s(delivery) > due_at_s + Delivery.LATE_S:
+                self._skipped += 1  # the next moment can be drawn in time
+                continue
+            posture = self._history.at(taken_at_s)
+            if posture is None:
+                raise AssertionError("a posture was waited for")
+            develop = self._scene.take(posture, taken_at_s - started_s)
+            self._drawn += 1
+            self._drawing_s += 0.2 * (time.monotonic() - now_s - self._drawing_s)
+            if self._random.random() < self._options.drop:
+                self._dropped += 1
+            else:
+                delivery.send(TakenPicture(develop, taken_at_s, due_at_s))
+
+    def _cost_s(self, delivery: Delivery) -> float:
+        """How long it takes to draw and to develop a picture."""
+        return self._drawing_s + delivery.developing_s
+
+    def _judge(self, now_s: float, since_start_s: float, delivery: Delivery) -> None:
+        """Tell when the robot has fallen silent, and once what the computer does not manage."""
+        silent = now_s - (self._history.newest_at_s or now_s) > SILENT_S
+        if silent != self._silent:
+            self._silent = silent
+            self._on_event("the robot is silent; it is shown where it was" if silent else "the robot is back")
+        if self._told or since_start_s < JUDGED_AFTER_S:
+            return
+        self._told = True
+        managed_fps = self._drawn / since_start_s
+        least_ms = 1000 * (SETTLE_S + self._cost_s(delivery))
+        if managed_fps < LEAST_SHARE * self._options.fps:
+            self._on_event(
+                f"this computer draws {managed_fps:.1f} of {self._options.fps:g} pictures a second in time"
+            )
+        if least_ms > self._options.latency_ms + 1000 * Delivery.LATE_S:
+            self._on_event(f"pictures are {least_ms:.0f} ms late, as drawing takes that long")
+
+    def _report(self, delivery: Delivery, duration_s: float) -> TwinReport:
+        counts = delivery.counts
+        return TwinReport(
+            duration_s=duration_s,
+            drawn=self._drawn,
+            delivered=counts.delivered,
+            dropped=self._dropped,
+            skipped=self._skipped,
+            late=counts.late,
+            latency_s=counts.latency_s / counts.delivered if counts.delivered else None,
+            drawing_s=self._drawing_s,
+            developing_s=delivery.developing_s,
+        )

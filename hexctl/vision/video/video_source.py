@@ -1,0 +1,289 @@
+"""Videos: frames of a camera, a network stream or a file, and files of what was seen."""
+
+import os
+import stat
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import cv2
+import numpy as np
+
+from hexctl.errors import InputError, RobotFaultError, argument
+from hexctl.vision.detection.tags import Picture
+
+#: Schemes of network streams: MJPEG over HTTP, as of phones and network cameras, and RTSP.
+SCHEMES = ("http", "https", "rtsp")
+
+#: What a source may be, for messages.
+SOURCES = "a number such as 0, /dev/video0, an address (http://... or rtsp://...) or the file of a video"
+
+#: A live source that cannot be opened, or sends nothing, for so long is lost.
+OPEN_TIMEOUT_MS, READ_TIMEOUT_MS = 3000, 3000
+
+#: A lost source is opened again after this.
+REOPEN_S = 1.0
+
+
+def hide_library_messages() -> None:
+    """Let FFmpeg print nothing of its own: what it would is said in one line.
+
+    It looks once, at the first video that this process opens.
+    """
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """A picture of a video.
+
+    Attributes:
+        picture: (H, W, 3), blue first, as OpenCV has it.
+        at_s: of a live source, when it arrived, on time.monotonic; of a file, its time since the beginning.
+        number: of the source, from 1 on; numbers are missing where frames were dropped.
+    """
+
+    picture: Picture
+    at_s: float
+    number: int
+
+    def gray(self) -> Picture:
+        """The picture in grey, (H, W)."""
+        return np.asarray(cv2.cvtColor(self.picture, cv2.COLOR_BGR2GRAY))
+
+
+class VideoSource(ABC):
+    """Frames, one after the other; close it.
+
+    Attributes:
+        name: as it was given.
+        live: whether frames come by themselves; those that nobody takes are dropped.
+        dropped: how many were.
+        ended: whether no frame will come any more.
+    """
+
+    live = False
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.dropped = 0
+        self.ended = False
+
+    @abstractmethod
+    def read(self, timeout_s: float = 1.0) -> Frame | None:
+        """The next frame; of a live source the newest that was not read yet.
+
+        None where none comes within the time, and after the end.
+        """
+
+    @abstractmethod
+    def close(self) -> None:
+        """End it; a second call changes nothing."""
+
+    def __iter__(self) -> Iterator[Frame]:
+        while not self.ended:
+            frame = self.read()
+            if frame is not None:
+                yield frame
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+
+def open_video(
+    source: str,
+    *,
+    size_px: tuple[int, int] | None = None,
+    fps: float | None = None,
+    on_event: Callable[[str], None] = lambda _: None,
+) -> VideoSource:
+    """Video of a camera, a network stream or a file.
+
+    Args:
+        source: number of a camera, its device, an address, or a file (`SOURCES`).
+        size_px: width and height that a camera is asked for; None leaves it as it is.
+        fps: pictures per second that a camera is asked for; None leaves it as it is.
+        on_event: called with a line when a live source is lost or found again, on its thread.
+
+    Raises InputError for anything else, and RobotFaultError for a camera or stream that is not there.
+    """
+    hide_library_messages()
+    scheme, colon, _ = source.partition("://")
+    if colon:
+        if scheme not in SCHEMES:
+            raise InputError(f"{argument('camera')}: got {source!r}; allowed: {SOURCES}")
+        return LiveVideo(source, lambda: _opened_stream(source), on_event)
+    device = Path(f"/dev/video{source}") if source.isdecimal() else Path(source)
+    if source.isdecimal() or device.is_char_device():
+        return LiveVideo(source, lambda: _opened_device(device, size_px, fps), on_event)
+    return VideoFile(device)
+
+
+class VideoFile(VideoSource):
+    """Frames of a file, each of them.
+
+    Attributes:
+        fps: pictures per second, as the file says.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Open it. Raises InputError for a file that is not there, or no video."""
+        super().__init__(str(path))
+        if not path.is_file():
+            raise InputError(
+                f"{argument('camera')}: got {str(path)!r}, which is not there; allowed: {SOURCES}"
+            )
+        self._capture = quietly(lambda: cv2.VideoCapture(str(path), cv2.CAP_FFMPEG))
+        if not self._capture.isOpened():
+            raise InputError(f"{path}: is no video that can be read; allowed: MP4, AVI, MKV and others")
+        self.fps = float(self._capture.get(cv2.CAP_PROP_FPS))
+        self._number = 0
+
+    def read(self, timeout_s: float = 1.0) -> Frame | None:
+        """The next frame, or None after the last."""
+        good, picture = (False, None) if self.ended else self._capture.read()
+        if not good or picture is None:
+            self.ended = True
+            return None
+        self._number += 1
+        at_s = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
+        return Frame(np.asarray(picture, dtype=np.uint8), at_s, self._number)
+
+    def close(self) -> None:
+        """Close the file."""
+        self.ended = True
+        self._capture.release()
+
+
+class LiveVideo(VideoSource):
+    """Frames of a camera or a stream, the newest one only, read by a thread that opens it again when lost."""
+
+    live = True
+
+    def __init__(self, name: str, opened: Callable[[], Any], on_event: Callable[[str], None]) -> None:
+        """Open it and begin to read. Raises what `opened` raises."""
+        super().__init__(name)
+        self._opened, self._on_event = opened, on_event
+        self._arrived = threading.Condition()
+        self._newest: Frame | None = None
+        self._number = 0
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, args=(opened(),), name="video", daemon=True)
+        self._thread.start()
+
+    def read(self, timeout_s: float = 1.0) -> Frame | None:
+        """The newest frame that was not read yet, or None where none comes within the time."""
+        with self._arrived:
+            self._arrived.wait_for(lambda: self.ended or self._newest is not None, timeout_s)
+            frame, self._newest = self._newest, None
+            return frame
+
+    def close(self) -> None:
+        """End the thread, which takes as long as a frame of the source."""
+        self._closing.set()
+        with self._arrived:
+            self.ended = True
+            self._arrived.notify_all()
+        self._thread.join((OPEN_TIMEOUT_MS + READ_TIMEOUT_MS) / 1000)
+
+    def _run(self, capture: Any) -> None:
+        """Read until closed, and open the source again where it is lost."""
+        while True:
+            self._take(capture)
+            capture.release()
+            if self._closing.is_set():
+                return
+            self._on_event(f"camera {self.name} is lost; looking for it again")
+            found = self._found_again()
+            if found is None:
+                return
+            capture = found
+            self._on_event(f"camera {self.name} is there again")
+
+    def _take(self, capture: Any) -> None:
+        """Keep the newest frame of what is open, until it ends."""
+        while not self._closing.is_set() and capture.grab():
+            at_s = time.monotonic()
+            good, picture = capture.retrieve()
+            if good:
+                self._keep(np.asarray(picture, dtype=np.uint8), at_s)
+
+    def _keep(self, picture: Picture, at_s: float) -> None:
+        with self._arrived:
+            self.dropped += self._newest is not None
+            self._number += 1
+            self._newest = Frame(picture, at_s, self._number)
+            self._arrived.notify_all()
+
+    def _found_again(self) -> Any:
+        """The source, opened again, or None once it is closed."""
+        while not self._closing.wait(REOPEN_S):
+            try:
+                return self._opened()
+            except RobotFaultError:
+                continue
+        return None
+
+
+def _opened_stream(address: str) -> Any:
+    """Capture of a network stream; raises RobotFaultError without one."""
+    settings = [
+        cv2.CAP_PROP_OPEN_TIMEOUT_MSEC,
+        OPEN_TIMEOUT_MS,
+        cv2.CAP_PROP_READ_TIMEOUT_MSEC,
+        READ_TIMEOUT_MS,
+    ]
+    # Several threads would decode several pictures at a time, and give out each one late.
+    capture = quietly(
+        lambda: cv2.VideoCapture(address, cv2.CAP_FFMPEG, [*settings, cv2.CAP_PROP_N_THREADS, 1])
+    )
+    if not capture.isOpened():
+        raise RobotFaultError(
+            f"no video comes from {address}; is the camera on, on this network, and is it the address of the "
+            "stream itself?"
+        )
+    return capture
+
+
+def _opened_device(device: Path, size_px: tuple[int, int] | None, fps: float | None) -> Any:
+    """Capture of a camera of this computer; raises RobotFaultError without one."""
+    if not _is_device(device):
+        others = ", ".join(sorted(map(str, Path("/dev").glob("video*")))) or "none"
+        raise RobotFaultError(f"there is no camera {device}; cameras here: {others}")
+    if not os.access(device, os.R_OK | os.W_OK):
+        raise RobotFaultError(f"camera {device} may not be used; is this user in the group video?")
+    capture = quietly(lambda: cv2.VideoCapture(str(device), cv2.CAP_V4L2))
+    if not capture.isOpened():
+        raise RobotFaultError(f"camera {device} gives no pictures; does another program use it?")
+    # Webcams send large pictures at full rate only as JPEG.
+    capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG"))
+    if size_px is not None:
+        capture.set(cv2.CAP_PROP_FRAME_WIDTH, size_px[0])
+        capture.set(cv2.CAP_PROP_FRAME_HEIGHT, size_px[1])
+    if fps is not None:
+        capture.set(cv2.CAP_PROP_FPS, fps)
+    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+    return capture
+
+
+def _is_device(path: Path) -> bool:
+    try:
+        return stat.S_ISCHR(path.stat().st_mode)
+    except OSError:
+        return False
+
+
+def quietly(make: Callable[[], Any]) -> Any:
+    """Result of a call during which OpenCV prints no warnings of its own."""
+    before = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        return make()
+    finally:
+        cv2.utils.logging.setLogLevel(before)

@@ -1,0 +1,94 @@
+"""A file of what was seen: pictures at their times become a video of a constant rate."""
+
+from pathlib import Path
+from typing import Any, Self
+
+import cv2
+
+from hexctl.errors import InputError, RecordingError, argument
+from hexctl.vision.detection.tags import Picture
+from hexctl.vision.video.video_source import hide_library_messages, quietly
+
+#: Code of the pictures by the ending of the file's name.
+CODECS = {".mp4": "mp4v", ".avi": "MJPG"}
+
+#: A longer time without pictures is left out.
+MOST_GAP_S = 2.0
+
+
+class VideoWriter:
+    """Writes pictures into a new video, each for as long as it was the newest; close it.
+
+    The file is made with the first picture, in its size.
+
+    Attributes:
+        path: of the file.
+        frames: written so far.
+    """
+
+    def __init__(self, path: Path, fps: float = 30.0) -> None:
+        """Prepare to write.
+
+        Args:
+            path: of the file; the ending of its name says of which kind it is.
+            fps: pictures per second of the video.
+
+        Raises InputError for another ending than those of `CODECS`, or a folder that is not there.
+        """
+        if path.suffix.lower() not in CODECS:
+            raise InputError(
+                f"{argument('output')}: got {path}; allowed: names that end in {', '.join(CODECS)}"
+            )
+        if not path.parent.is_dir():
+            raise InputError(f"{argument('output')}: got {path}; allowed: a folder that is there")
+        hide_library_messages()
+        self.path, self.frames = path, 0
+        self._fps = fps
+        self._writer: Any = None
+        self._last: Picture | None = None
+        self._size_px = (0, 0)
+        self._began_at_s = 0.0
+
+    def write(self, picture: Picture, at_s: float) -> None:
+        """Write a picture (H, W, 3), blue first, that was seen at a time in s.
+
+        Raises RecordingError where the file cannot be written, InputError for another size than the first.
+        """
+        height_px, width_px = picture.shape[:2]
+        if self._writer is None:
+            self._begin((width_px, height_px), at_s)
+        if (width_px, height_px) != self._size_px:
+            wanted = "x".join(map(str, self._size_px))
+            raise InputError(f"{self.path}: got a picture of {width_px}x{height_px} px; allowed: {wanted}")
+        due = int((at_s - self._began_at_s) * self._fps + 0.5) + 1
+        if due - self.frames > MOST_GAP_S * self._fps:
+            self._began_at_s += (due - self.frames - 1) / self._fps
+            due = self.frames + 1
+        for left in range(due - self.frames, 0, -1):
+            self._writer.write(picture if left == 1 or self._last is None else self._last)
+            self.frames += 1
+        self._last = picture
+
+    def close(self) -> None:
+        """Finish the file; a second call changes nothing."""
+        if self._writer is not None:
+            self._writer.release()
+            self._writer = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def _begin(self, size_px: tuple[int, int], at_s: float) -> None:
+        if self.frames:
+            raise RecordingError(f"{self.path}: the video is closed")
+        code = cv2.VideoWriter.fourcc(*CODECS[self.path.suffix.lower()])
+        self._writer = quietly(
+            lambda: cv2.VideoWriter(str(self.path), cv2.CAP_FFMPEG, code, self._fps, size_px)
+        )
+        if not self._writer.isOpened():
+            self._writer = None
+            raise RecordingError(f"{self.path}: the video cannot be written here")
+        self._size_px, self._began_at_s = size_px, at_s

@@ -1,0 +1,464 @@
+"""The loop of trials: budget, target, invalid trials, repeats, and going on after a cut."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES, as_objective
+from hexctl.adapt.optimizer import Optimizer
+from hexctl.adapt.optimizers.bayes import REAL_NOISE_M, Bayes
+from hexctl.adapt.optimizers.deduplication import Deduplication
+from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
+from hexctl.adapt.prior.samples import FINAL
+from hexctl.adapt.runner import WalkedTrial
+from hexctl.adapt.sessions.search_session import Session, SessionSpec
+from hexctl.adapt.sessions.store import SessionStore
+from hexctl.adapt.space import GaitSpace
+from hexctl.adapt.trial_loop import AdaptLoop
+from hexctl.control.trial import Enough
+from hexctl.control.trial_result import TrialResult
+from hexctl.errors import InputError, RecordingError
+from hexctl.gait.encoding import Slots
+from hexctl.types import FloatArray
+from tests.adapt.priors import BAYES_SPEC, MadeUpModel, MadeUpWorld, made_up_bayes, shown_of
+from tests.adapt.walking import SPEC, Landscape, result_of
+
+MODEL = MadeUpModel()
+_WORLDS = MODEL.worlds(40, 500)
+_BEST_M = np.abs(_WORLDS[..., FINAL]).min(axis=1)
+
+#: A made-up world in which some gait is within the target that is no first choice, and one without any.
+KIND, HARD = _WORLDS[np.flatnonzero(_BEST_M < 0.01)[3]], _WORLDS[np.flatnonzero(_BEST_M > 0.03)[0]]
+
+NAMES = ("pso", "psosp", "dps", "debest", "derand", "random", "exhaustive")
+
+
+def optimizer_of(spec: SessionSpec) -> Optimizer:
+    inner = make_optimizer(spec.optimizer, GaitSpace((spec.failed_leg,)), spec.seed)
+    return Deduplication(inner, spec.seed, paper_count=spec.count_repeats)
+
+
+def run(store: SessionStore, spec: SessionSpec, walk: Landscape | None = None) -> tuple[Session, str]:
+    session = store.create(spec)
+    ended = AdaptLoop(session, store, optimizer_of(spec), walk or Landscape()).run()
+    return session, ended
+
+
+def run_on(store: SessionStore, name: str) -> tuple[Session, str]:
+    """Continue a session and return it, and why it ended."""
+    session = store.load(name)
+    loop = AdaptLoop(session, store, optimizer_of(session.spec), Landscape())
+    return session, loop.run()
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> SessionStore:
+    return SessionStore(tmp_path)
+
+
+def test_it_spends_its_budget_and_no_gait_twice(store: SessionStore) -> None:
+    session, ended = run(store, SPEC)
+    assert ended == "budget"
+    assert [trial.index for trial in session.trials] == list(range(1, 13))
+    codes = [trial.code for trial in session.trials]
+    assert len(set(codes)) == 12
+
+
+def test_the_papers_count_pays_for_repetitions(store: SessionStore) -> None:
+    session, _ = run(store, replace(SPEC, budget=120, count_repeats=True))
+    assert len(session.trials) == 120
+    assert len({trial.code for trial in session.trials}) < 120
+
+
+def test_an_objective_that_fails_is_named_with_its_trial_and_nothing_before_it_is_lost(
+    store: SessionStore,
+) -> None:
+    whole, _ = run(store, SPEC)
+    session = store.create(SPEC)
+
+    def divides(result: TrialResult) -> float:
+        return OBJECTIVES["final"].measure(result) / (len(session.trials) < 4)
+
+    spoiled = as_objective(divides, "mine:ratio")
+    with pytest.raises(InputError) as failed:
+        AdaptLoop(session, store, optimizer_of(SPEC), Landscape(), objective=spoiled).run()
+    code = whole.trials[4].code  # the fourth trial is invalid and not measured
+    assert str(failed.value) == (
+        f"objective mine:ratio: failed on trial 5, gait {code} (ZeroDivisionError: float division by zero); "
+        f"the trials before it are stored: once it is mended, resume {session.name} walks it again"
+    )
+    assert len(store.load(session.name).trials) == 4
+    resumed, ended = run_on(store, session.name)
+    assert (ended, [trial.code for trial in resumed.trials]) == (
+        "budget",
+        [trial.code for trial in whole.trials],
+    )
+
+
+def test_it_stops_at_the_target(store: SessionStore) -> None:
+    session, ended = run(store, replace(SPEC, budget=120, target_m=0.1))
+    assert ended == "target"
+    assert session.trials[-1].score <= 0.1
+    assert all(trial.score > 0.1 for trial in session.trials[:-1])
+
+
+def test_it_ends_when_every_gait_has_been_tried(store: SessionStore) -> None:
+    session, ended = run(store, replace(SPEC, budget=500))
+    assert ended == "exhausted"
+    assert sorted(trial.code for trial in session.trials) == list(range(1, 121))
+
+
+def test_an_invalid_trial_is_never_the_best(store: SessionStore) -> None:
+    session, _ = run(store, replace(SPEC, budget=120, optimizer="exhaustive"))
+    invalid = [trial for trial in session.trials if trial.code % 7 == 0]
+    assert all(trial.score == INVALID_SCORE for trial in invalid)
+    assert session.best is not None
+    assert session.best.code == 60
+    assert session.as_json()["trials"][6]["score"] is None
+
+
+def test_the_best_is_repeated_within_the_budget(store: SessionStore) -> None:
+    session, _ = run(store, replace(SPEC, confirm=2))
+    assert len(session.trials) == 12
+    assert [trial.confirms for trial in session.trials] == [False] * 10 + [True] * 2
+    assert {trial.code for trial in session.trials[-2:]} == {session.best.code if session.best else None}
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("cut", [0, 1, 5, 11, 12, 13])
+def test_a_session_that_was_cut_ends_as_if_it_had_not_been(name: str, cut: int, store: SessionStore) -> None:
+    spec = replace(SPEC, optimizer=name, budget=14, confirm=1)
+    whole, _ = run(store, spec)
+    session, ended = run(store, spec, Landscape(cut_after=cut))
+    assert ended == "interrupted"
+    assert len(session.trials) == cut
+    resumed = store.load(session.name)
+    assert AdaptLoop(resumed, store, optimizer_of(spec), Landscape()).run() == "budget"
+    assert resumed.trials == whole.trials
+    assert store.load(session.name).trials == whole.trials
+
+
+def with_budget(session: Session, budget: int, store: SessionStore) -> Session:
+    """A session from the disk after it got another budget."""
+    session.spec = replace(session.spec, budget=budget)
+    store.keep(session)
+    return store.load(session.name)
+
+
+def test_a_greater_budget_has_the_best_confirmed_again(store: SessionStore) -> None:
+    spec = replace(SPEC, budget=14, confirm=2)
+    session, _ = run(store, replace(spec, budget=6))
+    longer = with_budget(session, 14, store)
+    assert AdaptLoop(longer, store, optimizer_of(spec), Landscape()).run() == "budget"
+    assert [trial.index for trial in longer.trials if trial.confirms] == [5, 6, 13, 14]
+    assert {trial.code for trial in longer.trials[-2:]} == {longer.best.code if longer.best else None}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_session_that_gets_a_greater_budget_ends_as_if_it_had_had_it(
+    name: str, store: SessionStore
+) -> None:
+    spec = replace(SPEC, optimizer=name, budget=14)
+    whole, _ = run(store, spec)
+    session, _ = run(store, replace(spec, budget=6))
+    longer = with_budget(session, 14, store)
+    assert longer.spec == spec
+    assert AdaptLoop(longer, store, optimizer_of(spec), Landscape()).run() == "budget"
+    assert longer.trials == whole.trials
+
+
+def test_an_aborted_trial_is_not_kept(store: SessionStore) -> None:
+    session, ended = run(store, SPEC, Landscape(cut_after=3))
+    assert ended == "interrupted"
+    assert len(store.load(session.name).trials) == 3
+
+
+def test_each_trial_is_on_disk_before_the_next_begins(store: SessionStore, tmp_path: Path) -> None:
+    seen: list[int] = []
+
+    class Watching(Landscape):
+        def __call__(  # type: ignore[override]
+            self, index: int, code: int, slots: tuple[int, ...], enough: object = None
+        ) -> object:
+            with SessionStore(tmp_path) as other:
+                seen.append(len(other.load(other.names()[-1]).trials))
+            return super().__call__(index, code, slots)
+
+    run(store, SPEC, Watching())
+    assert seen == list(range(12))
+
+
+def believing(**options: Any) -> Bayes:
+    return made_up_bayes(MODEL.samples(48), **options)
+
+
+def with_a_bad_start() -> FloatArray:
+    """The kind world, but the gait that is tried first goes astray."""
+    world: FloatArray = KIND.copy()
+    world[believing().ask()[0] - 1, : FINAL + 1] = 2.5 * (np.arange(1, 11) / 10) ** 1.5
+    return world
+
+
+def walked_by_bayes(
+    store: SessionStore, world: MadeUpWorld, spec: SessionSpec = BAYES_SPEC, **options: Any
+) -> tuple[Session, str]:
+    session = store.create(spec)
+    return session, AdaptLoop(session, store, believing(**options), world).run()
+
+
+def test_a_search_that_is_sure_ends_confirmed(store: SessionStore) -> None:
+    session, ended = walked_by_bayes(store, MadeUpWorld(KIND))
+    assert ended == "confirmed"
+    assert len(session.trials) < 12
+    assert session.best is not None
+    assert session.best.score <= 0.025
+    assert session.settled_on is not None
+    assert session.settled_on["code"] == session.best.code
+    assert 0.9 <= session.settled_on["chance"] <= 1.0
+    assert session.as_json()["settled_on"] == session.settled_on
+
+
+def test_a_search_ends_when_another_trial_is_not_worth_it(store: SessionStore) -> None:
+    session, ended = walked_by_bayes(store, MadeUpWorld(HARD), worth_m=0.05)
+    assert ended == session.ended == "not worth another trial"
+    assert 1 <= len(session.trials) < 12
+
+
+def test_what_was_expected_is_kept_with_each_trial(store: SessionStore) -> None:
+    session, _ = walked_by_bayes(store, MadeUpWorld(KIND))
+    kept = store.load(session.name).trials
+    assert kept == session.trials
+    fresh = believing()
+    for trial in kept:
+        (code,) = fresh.ask()
+        assert trial.expected == fresh.predict(code).as_json()
+        assert trial.expected["low_m"] < trial.expected["signed_m"] < trial.expected["high_m"]
+        assert trial.as_json()["expected"] == trial.expected
+        fresh.tell([code], [trial.score], [shown_of(KIND[code - 1])])
+
+
+def test_searches_that_expect_nothing_keep_nothing_of_it(store: SessionStore) -> None:
+    session, _ = run(store, SPEC)
+    assert all(trial.expected is None for trial in session.trials)
+    assert session.settled_on is None
+
+
+def test_where_no_gait_is_good_enough_the_budget_is_spent_and_it_says_how_sure_it_is(
+    store: SessionStore,
+) -> None:
+    session, ended = walked_by_bayes(store, MadeUpWorld(HARD))
+    assert ended == "budget"
+    assert len(session.trials) == 12
+    assert session.settled_on is not None
+    assert session.settled_on["chance"] < 0.9
+
+
+def test_a_target_that_the_optimizer_judges_is_not_judged_by_one_lucky_trial(store: SessionStore) -> None:
+    """On a real floor one trial within the target is not yet the end, though the best score is below it."""
+    spec = replace(BAYES_SPEC, target_m=0.025, budget=30)
+    session, ended = walked_by_bayes(store, MadeUpWorld(KIND), spec, noise_m=REAL_NOISE_M)
+    assert ended == "confirmed"
+    first = next(trial.index for trial in session.trials if trial.score <= 0.025)
+    assert first < len(session.trials)
+    assert session.trials[-1].code in [trial.code for trial in session.trials[:-1]]
+
+
+def test_an_early_stop_is_an_invalid_trial_that_took_less_time(store: SessionStore) -> None:
+    spec = replace(BAYES_SPEC, early_stop=True, budget=60)
+    session, ended = walked_by_bayes(store, MadeUpWorld(with_a_bad_start()), spec)
+    cut = [trial for trial in session.trials if trial.outcome["status"] == "cut_short"]
+    assert cut
+    for trial in cut:
+        assert trial.score == INVALID_SCORE
+        assert not trial.valid
+        assert trial.as_json()["score"] is None
+        assert 0 < trial.as_json()["walked_s"] < 30.0
+    assert ended == "confirmed"
+    assert session.best is not None
+    assert session.best.outcome["status"] == "ok"
+    # Nothing of a walk that was cut short is asked for again.
+    codes = [trial.code for trial in session.trials]
+    assert len(set(codes)) == len(codes)
+
+
+def test_without_early_stop_every_walk_is_whole(store: SessionStore) -> None:
+    session, _ = walked_by_bayes(store, MadeUpWorld(KIND))
+    assert {trial.outcome["duration_s"] for trial in session.trials} == {30.0}
+
+
+def test_the_seconds_walked_are_those_of_all_trials(store: SessionStore) -> None:
+    world = with_a_bad_start()
+    whole, _ = walked_by_bayes(store, MadeUpWorld(world))
+    assert whole.walked_s == pytest.approx(30.0 * len(whole.trials))
+    early, _ = walked_by_bayes(store, MadeUpWorld(world), replace(BAYES_SPEC, early_stop=True))
+    assert early.walked_s == pytest.approx(sum(trial.outcome["duration_s"] for trial in early.trials))
+    assert early.walked_s < 30.0 * len(early.trials)
+    assert early.as_json()["walked_s"] == pytest.approx(early.walked_s, abs=1e-3)
+
+
+def test_a_search_without_an_opinion_never_ends_a_walk_early(store: SessionStore) -> None:
+    session, _ = run(store, replace(SPEC, early_stop=True))
+    assert {trial.outcome["status"] for trial in session.trials} <= {"ok", "no_progress"}
+
+
+def test_robots_that_fall_do_not_stop_the_search(store: SessionStore) -> None:
+    first = believing().ask()[0]
+    session, _ = walked_by_bayes(store, MadeUpWorld(KIND, fallen=(first,)))
+    assert [trial.code for trial in session.trials].count(first) == 1
+    assert session.trials[0].outcome["status"] == "fell"
+    assert session.best is not None
+    assert session.best.code != first
+
+
+def test_repeats_are_of_the_gait_that_it_settles_on_and_are_learned_from(store: SessionStore) -> None:
+    spec = replace(BAYES_SPEC, budget=30, confirm=2)
+    session, ended = walked_by_bayes(store, MadeUpWorld(KIND), spec, noise_m=REAL_NOISE_M)
+    assert ended == "confirmed"
+    assert [trial.confirms for trial in session.trials[-3:]] == [False, True, True]
+    assert session.settled_on is not None
+    assert {trial.code for trial in session.trials[-2:]} == {session.settled_on["code"]}
+    alone, _ = walked_by_bayes(
+        store, MadeUpWorld(KIND), replace(spec, budget=28, confirm=0), noise_m=REAL_NOISE_M
+    )
+    assert alone.settled_on is not None
+    assert session.settled_on["chance"] > alone.settled_on["chance"]
+
+
+class CutOff(MadeUpWorld):
+    """Is interrupted after a number of trials."""
+
+    def __init__(self, features: FloatArray, after: int) -> None:
+        super().__init__(features)
+        self._after = after
+
+    def __call__(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
+        if len(self.walked) >= self._after:
+            return WalkedTrial(result=result_of(0.0, "aborted"))
+        return super().__call__(index, code, slots, should_stop)
+
+
+@pytest.mark.parametrize("early_stop", [False, True])
+@pytest.mark.parametrize("cut", [0, 1, 4, 9])
+def test_a_session_that_believes_and_was_cut_ends_as_if_it_had_not_been(
+    cut: int, early_stop: bool, store: SessionStore
+) -> None:
+    spec = replace(BAYES_SPEC, early_stop=early_stop, budget=10, confirm=1)
+    whole, ended = walked_by_bayes(store, MadeUpWorld(HARD), spec)
+    session = store.create(spec)
+    assert AdaptLoop(session, store, believing(), CutOff(HARD, cut)).run() == "interrupted"
+    resumed = store.load(session.name)
+    assert len(resumed.trials) == cut
+    assert AdaptLoop(resumed, store, believing(), MadeUpWorld(HARD)).run() == ended
+    assert resumed.trials == whole.trials
+    assert resumed.settled_on == whole.settled_on
+
+
+def test_a_session_that_was_sure_ends_at_once_when_it_is_continued(store: SessionStore) -> None:
+    session, _ = walked_by_bayes(store, MadeUpWorld(KIND))
+    again, world = store.load(session.name), MadeUpWorld(KIND)
+    assert AdaptLoop(again, store, believing(), world).run() == "confirmed"
+    assert world.walked == []
+    assert again.settled_on == session.settled_on
+
+
+def test_what_the_optimizer_settled_on_is_stored(store: SessionStore) -> None:
+    session, _ = walked_by_bayes(store, MadeUpWorld(KIND))
+    assert session.settled_on is not None
+    assert store.load(session.name).settled_on == session.settled_on
+    assert store.load(session.name).as_json() == session.as_json()
+
+
+def test_a_recording_that_is_not_whole_costs_no_trial_and_is_reported(store: SessionStore) -> None:
+    class NoRoom(Landscape):
+        def __call__(
+            self, index: int, code: int, slots: Slots, should_stop: Enough | None = None
+        ) -> WalkedTrial:
+            walked = super().__call__(index, code, slots, should_stop)
+            return replace(walked, recording_error=OSError("disk full")) if index == 2 else walked
+
+    session = store.create(SPEC)
+    optimizer = Deduplication(make_optimizer(SPEC.optimizer, GaitSpace((5,)), SPEC.seed), SPEC.seed)
+    with pytest.raises(RecordingError, match="trial 2 is done, its recording is not whole: disk full"):
+        AdaptLoop(session, store, optimizer, NoRoom()).run()
+    assert [trial.index for trial in store.load(session.name).trials] == [1, 2]
+    whole, ended = run(store, SPEC)
+    resumed, ended_later = run_on(store, session.name)
+    assert (resumed.trials, ended_later) == (whole.trials, ended)
+
+
+@pytest.mark.parametrize("confirm", [0, 1])
+def test_an_interrupted_trial_whose_recording_is_not_whole_is_reported(
+    confirm: int, store: SessionStore
+) -> None:
+    class NoRoom(Landscape):
+        def __call__(
+            self, index: int, code: int, slots: Slots, should_stop: Enough | None = None
+        ) -> WalkedTrial:
+            walked = super().__call__(index, code, slots, should_stop)
+            return replace(walked, recording_error=OSError("disk full")) if index == 3 else walked
+
+    session = store.create(replace(SPEC, budget=3, confirm=confirm))
+    optimizer = Deduplication(make_optimizer(SPEC.optimizer, GaitSpace((5,)), SPEC.seed), SPEC.seed)
+    with pytest.raises(RecordingError, match="trial 3 was interrupted, its recording is not whole: disk"):
+        AdaptLoop(session, store, optimizer, NoRoom(cut_after=2)).run()
+    assert [trial.index for trial in store.load(session.name).trials] == [1, 2]
+
+
+def test_an_objective_of_ones_own_decides(store: SessionStore) -> None:
+    farthest = as_objective(lambda result: -abs(result.deviation.signed), "farthest")
+    session = store.create(replace(SPEC, objective="tests.adapt.test_trial_loop:unknown", objective_unit=""))
+    optimizer = Deduplication(make_optimizer(SPEC.optimizer, GaitSpace((5,)), SPEC.seed), SPEC.seed)
+    AdaptLoop(session, store, optimizer, Landscape(), objective=farthest).run()
+    assert session.best is not None
+    valid = [trial for trial in session.trials if trial.valid]
+    assert session.best.code == max(valid, key=lambda trial: trial.outcome["deviation_m"]["final"]).code
+    assert session.trials_to(0.1) is None, "a milestone in m of a score that is not"
+
+
+BASELINE_SPEC = replace(SPEC, baseline_gaits=["demo", "tripod"])
+
+
+def test_a_baseline_comes_before_the_trials_and_changes_none_of_them(store: SessionStore) -> None:
+    walk = Landscape()
+    session, ended = run(store, BASELINE_SPEC, walk)
+    plain, _ = run(store, SPEC)
+    assert (ended, [one.gait for one in session.baseline]) == ("budget", ["demo", "tripod"])
+    assert walk.walked[:2] == [0, 0]
+    assert [trial.code for trial in session.trials] == [trial.code for trial in plain.trials]
+    assert store.load(session.name) == session
+    assert session.best == plain.best
+
+
+def test_a_baseline_is_walked_once_whenever_the_session_was_cut_off(store: SessionStore) -> None:
+    session = store.create(BASELINE_SPEC)
+    for cut, gaits in ((1, ["demo"]), (1, ["demo", "tripod"]), (3, ["demo", "tripod"])):
+        session = store.load(session.name)
+        loop = AdaptLoop(session, store, optimizer_of(session.spec), Landscape(cut_after=cut))
+        assert loop.run() == "interrupted"
+        assert [one.gait for one in session.baseline] == gaits
+    assert len(session.trials) == 3
+    ended, whole = run_on(store, session.name)[1], run(store, SPEC)[0]
+    assert ended == "budget"
+    assert [trial.code for trial in store.load(session.name).trials] == [one.code for one in whole.trials]
+
+
+def test_a_session_without_baseline_gaits_walks_no_baseline(store: SessionStore) -> None:
+    session = store.create(SPEC)
+    assert not AdaptLoop(session, store, optimizer_of(SPEC), Landscape()).run().startswith("inter")
+    assert session.baseline == []
+
+
+def test_an_invalid_baseline_has_no_score_and_is_never_the_best(store: SessionStore) -> None:
+    class Stuck(Landscape):
+        def __call__(
+            self, index: int, code: int, slots: Slots, should_stop: Enough | None = None
+        ) -> WalkedTrial:
+            status = "no_progress" if index == 0 else "ok"
+            return WalkedTrial(result=result_of(0.0 if index == 0 else 0.2, status))
+
+    session, _ = run(store, BASELINE_SPEC, Stuck())
+    assert [one.as_json()["score"] for one in session.baseline] == [None, None]
+    assert session.best is session.trials[0]

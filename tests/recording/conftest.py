@@ -1,0 +1,182 @@
+"""A short simulated trial with a failed leg, a made-up session, and a reader of recordings."""
+
+import signal
+import subprocess
+import sys
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rerun as rr
+
+from hexctl.backends.sim.servos import SimServos
+from hexctl.backends.sim.terrain import Floor
+from hexctl.control.guard import Guard
+from hexctl.control.log import TickLog
+from hexctl.control.trial import run_trial
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_result import TrialResult
+from hexctl.gait.gait import NAMED_SLOTS, Gait
+from hexctl.recording.recording import Recording
+from hexctl.recording.rerun_program import READ, viewer_binary
+from hexctl.recording.rrd import MESSAGE_HEAD
+from hexctl.recording.sessions.session_overview import Overview, OverviewTrial
+from hexctl.robot.failure import Failure
+from hexctl.robot.loader import load_robot
+from hexctl.robot.model import Robot
+
+#: Bytes of a file of Rerun before its first message, and the kind of messages that hold a chunk.
+STREAM_HEAD_BYTES, CHUNK = 12, 2
+
+#: Bytes from one place of a message that is damaged to the next that is tried.
+STRIDE = 13
+
+
+@dataclass
+class Trial:
+    robot: Robot
+    plan: TrialPlan
+    floor: Floor
+    log: TickLog
+    result: TrialResult
+
+
+def make_plan(robot: Robot, **changes: Any) -> TrialPlan:
+    defaults = robot.gait
+    gait = Gait(
+        slots=NAMED_SLOTS["demo"],
+        pace_hz=defaults.pace_hz,
+        amplitude=defaults.amplitude,
+        height=defaults.height,
+    )
+    return TrialPlan(gait=gait, **changes)
+
+
+@pytest.fixture(scope="session")
+def trial() -> Trial:
+    robot = load_robot("ant")
+    plan = make_plan(robot, belief=Failure(leg=5), duration_s=3.0)
+    log = TickLog()
+    with SimServos(robot, failure=plan.belief) as servos:
+        result = run_trial(Guard(servos), plan, recorders=(log,))
+        floor = servos.simulation.floor
+    return Trial(robot, plan, floor, log, result)
+
+
+def write(path: Path, trial: Trial, block_ticks: int | None = None) -> Path:
+    """Record a finished trial, in blocks or in one piece."""
+    ticks = len(trial.log)
+    with Recording(path, trial.robot, trial.plan, title="a trial", floor=trial.floor) as recording:
+        for start in range(0, ticks, block_ticks or ticks):
+            recording.write_block(trial.log, start, min(start + (block_ticks or ticks), ticks))
+        recording.finish(trial.result, {"world": "flat", "seed": 0})
+    return path
+
+
+class ReadBack:
+    """All columns of a recording, by entity and component, with chunks joined in the order of time."""
+
+    def __init__(self, path: Path) -> None:
+        reader = rr.chunk.RrdReader(path)
+        self.recordings, self.blueprints = reader.recordings(), reader.blueprints()
+        self._chunks: dict[str, list[Any]] = defaultdict(list)
+        for chunk in reader.stream().to_chunks():
+            self._chunks[chunk.entity_path].append(chunk.to_record_batch())
+
+    @property
+    def entities(self) -> set[str]:
+        return set(self._chunks)
+
+    def values(self, entity: str, component: str) -> list[Any]:
+        """The component's value per row, static ones included."""
+        return [value for _, value in self._rows(entity, component)]
+
+    def times_s(self, entity: str, component: str, timeline: str = "trial_time") -> np.ndarray:
+        times = [time for time, _ in self._rows(entity, component, timeline) if time is not None]
+        return np.array(times, dtype="int64") / 1e9
+
+    def _rows(
+        self, entity: str, component: str, timeline: str = "trial_time"
+    ) -> list[tuple[int | None, Any]]:
+        rows: list[tuple[int | None, Any]] = []
+        for batch in self._chunks[entity]:
+            if component not in batch.schema.names:
+                continue
+            values = batch.column(component).to_pylist()
+            if timeline in batch.schema.names:
+                times = batch.column(timeline).cast("int64").to_pylist()
+                rows += zip(times, values, strict=True)
+            else:
+                rows += [(None, value) for value in values]
+        return sorted((row for row in rows if row[1] is not None), key=lambda row: row[0] or 0)
+
+    def temporal(self) -> dict[tuple[str, str], Any]:
+        """Times and values of everything that changes over time, by entity and component."""
+        found = {}
+        for entity, batches in self._chunks.items():
+            names = {name for batch in batches for name in batch.schema.names if ":" in name}
+            for name in names:
+                rows = [row for row in self._rows(entity, name) if row[0] is not None]
+                if rows:
+                    found[entity, name] = rows
+        return found
+
+
+def make_trial(index: int, deviation_m: float, *, valid: bool = True) -> OverviewTrial:
+    return OverviewTrial(
+        index=index,
+        code=10 * index,
+        slots=(1, 2, 3, 4, 5, 6),
+        score_m=abs(deviation_m) if valid else None,
+        deviation_m=deviation_m,
+        distance_m=4.0,
+        status="ok" if valid else "fell",
+        path_m=np.linspace([0.0, 0.0], [4.0, deviation_m], 20),
+    )
+
+
+def make_overview(*trials: OverviewTrial) -> Overview:
+    return Overview(
+        title="a session", facts=("leg 5",), objective="deviation at the end", course_m=4.5, trials=trials
+    )
+
+
+SESSION = make_overview(
+    make_trial(1, -0.8), make_trial(2, 0.0, valid=False), make_trial(3, 0.3), make_trial(4, 1.2)
+)
+
+
+def damage(path: Path) -> Path:
+    """A copy of a recording with one other byte, at which Rerun's reader ends its process (SIGABRT)."""
+    whole, damaged = path.read_bytes(), path.with_name(f"{path.stem}-damaged.rrd")
+    # The last quarter of most messages holds lengths of their columns, which Rerun does not check.
+    messages = islice(_chunk_messages(whole), 1, 9)
+    places = (at for start, stop in messages for at in range(start + (stop - start) * 3 // 4, stop, STRIDE))
+    for at in places:
+        damaged.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
+        command = [str(viewer_binary()), "rrd", "stats", str(damaged)]
+        code = subprocess.run(command, capture_output=True, timeout=60, check=False).returncode
+        if code > 1 and _exit_code_of_reader(damaged) == -signal.SIGABRT:
+            return damaged
+    raise AssertionError(f"no byte of {path} ends Rerun's reader")
+
+
+def _exit_code_of_reader(path: Path) -> int:
+    command = [sys.executable, "-c", READ, str(path)]
+    return subprocess.run(command, capture_output=True, timeout=60, check=False).returncode
+
+
+def _chunk_messages(content: bytes) -> Iterator[tuple[int, int]]:
+    """Where each message with a chunk begins, behind its head, and where it ends."""
+    at = STREAM_HEAD_BYTES
+    while at + MESSAGE_HEAD.size <= len(content):
+        kind, length = MESSAGE_HEAD.unpack_from(content, at)
+        at += MESSAGE_HEAD.size
+        if kind == CHUNK:
+            yield at, at + length
+        at += length

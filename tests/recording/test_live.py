@@ -1,0 +1,153 @@
+"""Live view: the walk arrives whole, and no viewer delays the robot."""
+
+import signal
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.backends.sim.servos import SimServos
+from hexctl.control.guard import Guard
+from hexctl.control.log import Recorder, TickLog
+from hexctl.control.trace import TrialFrame
+from hexctl.control.trial import run_trial
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.control.trial_result import TrialResult
+from hexctl.gait.gait import make_gait
+from hexctl.recording import live as live_module
+from hexctl.recording.live import LiveView, watch_states
+from hexctl.recording.recording import Recording
+from hexctl.recording.rrd import load_rerun
+from hexctl.types import RobotState
+from hexctl.waiting import wait_for
+from tests.recorders import Calling
+from tests.robots import shipped
+
+PLAN = TrialPlan(gait=make_gait(shipped(), "tripod"), duration_s=3.0)
+#: Has a row for each tick.
+ROBOT = "world/robot"
+
+TIMEOUT_S = 30.0
+TICKS = 50 + 150 + 101
+
+
+def walk(*recorders: Recorder | TickLog) -> TrialResult:
+    with Guard(SimServos(shipped())) as servos:
+        return run_trial(servos, PLAN, recorders=recorders)
+
+
+@contextmanager
+def viewing(saved: Path) -> Iterator[LiveView]:
+    """Show walks to a viewer that needs no screen and saves what it is sent, until the block ends."""
+    live = LiveView(options=("--save", str(saved)))
+    try:
+        yield live
+    finally:
+        live.close(leave_viewer=False)
+
+
+def rows_at(path: Path, entity: str) -> int:
+    """Number of rows of an entity in a recording; 0 while it cannot be read yet."""
+    try:
+        stream = load_rerun().chunk.RrdReader(path).stream()
+        chunks = [chunk for chunk in stream if str(chunk.entity_path) == f"/{entity}"]
+    except (OSError, RuntimeError, ValueError):
+        return 0
+    return sum(chunk.num_rows for chunk in chunks if not chunk.is_static)
+
+
+def test_what_is_shown_is_the_whole_walk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The viewer's place is taken by one that saves what it is sent."""
+    monkeypatch.setattr(live_module, "END_TIMEOUT_S", TIMEOUT_S)  # however slowly the feeder starts
+    saved = tmp_path / "shown.rrd"
+    with viewing(saved) as live:
+        live.begin(shipped(), PLAN, title="walk")
+        log = TickLog()
+        assert walk(log, live).status == "ok"
+        assert len(log) == TICKS
+        live.close()
+        assert live.lost is None
+        wait_for(lambda: rows_at(saved, ROBOT) == TICKS, TIMEOUT_S, "the viewer did not save the walk")
+
+
+@pytest.mark.parametrize("who", ["viewer", "feeder"])
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_viewer_that_dies_or_hangs_holds_nothing_up(tmp_path: Path, who: str, how: signal.Signals) -> None:
+    with (
+        viewing(tmp_path / "shown.rrd") as live,
+        Recording(tmp_path / "walk.rrd", shipped(), PLAN, title="walk") as recording,
+    ):
+        live.begin(shipped(), PLAN, title="walk")
+        process = live._viewer if who == "viewer" else live._feeder
+
+        def break_it(_: TickLog, start: int, stop: int) -> None:
+            if start <= 100 < stop:
+                process.send_signal(how)
+
+        log = TickLog()
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # a recorder that fails is a warning
+            result = walk(log, recording, live, Calling(break_it, block_ticks=live.block_ticks))
+        assert result.status == "ok"
+        assert len(log) == TICKS
+        recording.finish(result, {})
+        live.close(leave_viewer=False)
+    assert rows_at(tmp_path / "walk.rrd", ROBOT) == TICKS
+    assert not live.open
+
+
+class Unreadable(TickLog):
+    """A log whose rows cannot be read."""
+
+    def rows(self, name: str, start: int, stop: int) -> Any:
+        raise ValueError(f"no {name}")
+
+
+def test_what_a_live_view_raises_is_kept_and_ends_it(tmp_path: Path) -> None:
+    with viewing(tmp_path / "shown.rrd") as live:
+        with pytest.raises(ValueError, match="no time_s"):
+            live.write_block(Unreadable(), 0, 1)
+        assert live.lost == "the live view failed: no time_s"
+        live.close(leave_viewer=False)
+
+
+def test_what_a_slow_viewer_leaves_waiting_is_bounded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live_module, "MAX_WAITING_BYTES", 100_000)
+    with viewing(tmp_path / "shown.rrd") as live:
+        live._feeder.send_signal(signal.SIGSTOP)
+        live.begin(shipped(), PLAN, title="walk")
+        walk(live)
+        assert live.lost is not None
+        assert "too slow" in live.lost
+        live.close(leave_viewer=False)
+
+
+class Shown:
+    """Stands in for a live view, and keeps the frames of the logs that it is given."""
+
+    lost: str | None = None
+    open = True
+
+    def __init__(self) -> None:
+        self.frames: list[TrialFrame | None] = []
+
+    def begin(self, *_: Any, **__: Any) -> None:
+        """Begin to show."""
+
+    def write_block(self, log: TickLog, start: int, stop: int) -> None:
+        """Keep the frame."""
+        self.frames.append(log.frame)
+
+
+def test_a_robot_that_knows_its_position_alone_can_be_watched() -> None:
+    shown: Any = Shown()
+    state = RobotState(shipped().stance_angles_rad, 0.0, True, base_position_world=np.array([1.0, 2.0, 0.1]))
+    watch_states(shown, shipped(), lambda _: state, place="home", stop_requested=lambda: bool(shown.frames))
+    (frame,) = shown.frames
+    assert (frame.origin_world.tolist(), frame.yaw_rad) == ([1.0, 2.0, 0.1], 0.0)

@@ -1,0 +1,194 @@
+"""Recordings read back: the arrays are those of the walk."""
+
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rerun as rr
+
+from hexctl.control.log import COLUMNS, TickLog
+from hexctl.control.servo_rows import ServoRows
+from hexctl.errors import InputError
+from hexctl.recording.recorded_trial import LEG_CONDITIONS, RecordedTrial, read_trial
+from hexctl.recording.recording import Recording
+from hexctl.robot.failure_event import parse_failure_event, parse_healing
+from hexctl.robot.loader import load_robot
+from hexctl.runs.run import run
+from hexctl.types import N_JOINTS, ServoReadings
+from tests.recording.conftest import Trial, write
+
+
+@pytest.fixture(scope="module")
+def read(tmp_path_factory: Any, trial: Trial) -> RecordedTrial:
+    return read_trial(write(tmp_path_factory.mktemp("read") / "a.rrd", trial, block_ticks=40))
+
+
+def changed(trial: Trial, **columns: Any) -> Trial:
+    """The trial with other columns in its log."""
+    log = TickLog()
+    log.extend({name: trial.log[name] for name, _, _ in COLUMNS} | columns)
+    return replace(trial, log=log)
+
+
+def test_it_is_what_was_walked(read: RecordedTrial, trial: Trial) -> None:
+    log = trial.log
+    assert len(read) == len(log)
+    assert read.time_s == pytest.approx(log["time_s"] - log["time_s"][0], abs=1e-9)
+    assert read.walk_s[-1] == pytest.approx(log["time_s"][-1] - log["time_s"][log.walk_from], abs=1e-9)
+    assert np.array_equal(read.phases, log["phase"])
+    assert read.commanded_rad == pytest.approx(log["sent_rad"], abs=8e-6)
+    assert read.measured_rad == pytest.approx(log["measured_rad"], abs=8e-6)
+    assert read.base_position_world == pytest.approx(log["base_position_world"], abs=1e-6)
+    assert read.base_quaternion_world == pytest.approx(log["base_quaternion_world"], abs=1e-6)
+    assert read.foot_contacts is not None
+    assert np.array_equal(read.foot_contacts, log["foot_contacts"])
+    sparse = read.torques_nm
+    assert sparse.values == pytest.approx(log["joint_torques_nm"][sparse.rows], abs=2e-3)
+    assert np.diff(sparse.rows).max() == 5
+    assert np.isnan(sparse.at_every_tick(len(log))[1]).all()
+    assert not read.servos
+
+
+def test_it_holds_the_robot_the_outcome_and_what_happened(read: RecordedTrial, trial: Trial) -> None:
+    assert read.robot == trial.robot
+    assert read.properties["status"] == trial.result.status
+    assert read.properties["failed_leg"] == 5
+    assert read.events[0].text == "settle begins"
+    assert read.events[-1].text.startswith("trial over")
+    assert read.events[-1].row == len(trial.log) - 1
+
+
+def test_the_line_of_travel_begins_where_the_walk_does_and_leads_along_it(
+    read: RecordedTrial, trial: Trial
+) -> None:
+    frame = trial.log.frame
+    assert frame is not None
+    assert read.course_world is not None
+    start_m, end_m = read.course_world
+    assert start_m[:2] == pytest.approx(frame.origin_world[:2], abs=1e-6)
+    along = (end_m - start_m)[:2]
+    assert np.arctan2(along[1], along[0]) == pytest.approx(frame.heading_rad, abs=1e-6)
+
+
+def conditions(trial: RecordedTrial, leg: int) -> list[tuple[int, str]]:
+    """Conditions of a leg, each with the tick from which on it is so."""
+    indices = trial.leg_conditions[:, leg - 1]
+    starts = [0, *(np.flatnonzero(np.diff(indices)) + 1).tolist()]
+    return [(row, LEG_CONDITIONS[indices[row]]) for row in starts]
+
+
+def test_legs_that_failed_before_the_walk(read: RecordedTrial, tmp_path: Path) -> None:
+    assert [conditions(read, leg) for leg in (4, 5)] == [[(0, "whole")], [(0, "failed")]]
+    path = tmp_path / "two.rrd"
+    run(failed_leg=(3, 6), failure="missing,limp", gait="auto", duration_s=1.0, record=path)
+    two = read_trial(path)
+    assert [conditions(two, leg) for leg in (2, 3, 6)] == [[(0, "whole")], [(0, "missing")], [(0, "failed")]]
+
+
+def test_legs_that_fail_are_noticed_and_heal_in_a_walk(tmp_path: Path) -> None:
+    path = tmp_path / "healed.rrd"
+    events = [parse_failure_event("5:locked@1"), parse_healing("5@2.5")]
+    result = run(gait="tripod", events=events, policy="walk-on", duration_s=3.5, record=path)
+    (noticed,) = result.trial.noticed
+    assert noticed.at_s < 2.5
+    read = read_trial(path)
+    begun = int(np.flatnonzero(read.walk_s > 0)[0]) - 1
+    found = conditions(read, 5)
+    assert [name for _, name in found] == ["whole", "failed", "noticed"]
+    assert [row - begun for row, _ in found[1:]] == pytest.approx([50, 125], abs=1)
+    assert conditions(read, 1) == [(0, "whole")]
+
+
+def test_the_robot_need_not_be_one_that_ships(trial: Trial, tmp_path: Path) -> None:
+    mine = replace(trial.robot, name="mine", foot_radius_m=0.009)
+    assert read_trial(write(tmp_path / "mine.rrd", replace(trial, robot=mine))).robot == mine
+
+
+def test_a_place_that_is_not_known_yet_is_none(trial: Trial, tmp_path: Path) -> None:
+    position_m = trial.log["base_position_world"].copy()
+    position_m[:70] = np.nan
+    read = read_trial(write(tmp_path / "later.rrd", changed(trial, base_position_world=position_m)))
+    assert np.array_equal(read.posed, np.arange(len(read)) >= 70)
+    never = changed(trial, base_position_world=np.full_like(position_m, np.nan))
+    assert not read_trial(write(tmp_path / "never.rrd", never)).posed.any()
+
+
+def test_feet_that_are_not_felt(trial: Trial, tmp_path: Path) -> None:
+    unfelt = changed(trial)
+    unfelt.log.contacts_known = False
+    assert read_trial(write(tmp_path / "unfelt.rrd", unfelt)).foot_contacts is None
+
+
+def test_what_servos_reported(trial: Trial, tmp_path: Path) -> None:
+    told = changed(trial)
+    values = np.linspace(20, 40, N_JOINTS)
+    unknown = np.full(N_JOINTS, np.nan)
+    readings = ServoReadings(
+        ages_s=np.zeros(N_JOINTS),
+        efforts=unknown,
+        currents_a=unknown,
+        voltages_v=unknown,
+        temperatures_c=values,
+    )
+    told.log.servo_rows = ServoRows([(0, readings), (50, readings)])
+    servos = read_trial(write(tmp_path / "servos.rrd", told)).servos
+    assert set(servos) == {"ages_s", "temperatures_c"}
+    assert servos["temperatures_c"].rows.tolist() == [0, 50]
+    assert servos["temperatures_c"].values == pytest.approx(np.tile(values, (2, 1)), abs=0.01)
+
+
+@pytest.mark.parametrize("parts", [1, 2, 3])
+def test_of_a_program_that_was_killed_while_it_wrote_all_is_read_but_the_last_block(
+    parts: int, trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hexctl.recording.recording.BLOCK_TICKS", 60)
+    path = tmp_path / "killed.rrd"
+    recording = Recording(path, trial.robot, trial.plan, title="killed")
+    written = 0
+    for stop in range(60, 10_000, 10):
+        recording.write_block(trial.log, written, min(stop, len(trial.log)))
+        written = min(stop, len(trial.log))
+        if recording._written >= 180:
+            break
+    for _ in range(parts):
+        recording._write_part()
+    recording._writer = recording._pending = None  # nothing more gets to the disk
+    recording.close()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read = read_trial(path)
+    assert 60 <= len(read) <= len(trial.log)
+    assert read.properties == {"title": "killed"}
+    times_s = trial.log["time_s"]
+    assert read.time_s == pytest.approx(times_s[: len(read)] - times_s[0], abs=1e-9)
+    assert len(read.walk_s) == len(read.phases) == len(read.base_position_world) == len(read)
+    assert read.measured_rad == pytest.approx(trial.log["measured_rad"][: len(read)], abs=8e-6)
+    positions = trial.log["base_position_world"][: len(read)]
+    assert read.base_position_world == pytest.approx(positions, abs=1e-6, nan_ok=True)
+
+
+def test_what_is_no_recording_of_a_trial_is_refused_in_one_line(tmp_path: Path) -> None:
+    damaged, empty, other = (tmp_path / f"{name}.rrd" for name in ("damaged", "empty", "other"))
+    damaged.write_bytes(b"nonsense")
+    empty.write_bytes(b"")
+    with rr.RecordingStream("other") as stream:
+        stream.save(str(other))
+        stream.log("x", rr.Scalars([1.0]))
+    for path in (damaged, empty, other, tmp_path / "missing.rrd", tmp_path / "a.txt"):
+        with pytest.raises(InputError, match="recording: ") as refused:
+            read_trial(path)
+        assert str(path) in str(refused.value)
+        assert "\n" not in str(refused.value)
+
+
+def test_a_recording_without_its_robot_is_read_with_one(
+    trial: Trial, tmp_path: Path, monkeypatch: Any
+) -> None:
+    monkeypatch.setattr("hexctl.recording.recording.robot_to_json", lambda _: None)
+    unknown = write(tmp_path / "unknown.rrd", trial)
+    with pytest.raises(InputError, match="does not hold its robot"):
+        read_trial(unknown)
+    assert read_trial(unknown, robot=load_robot("ant")).robot == trial.robot

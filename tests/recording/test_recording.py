@@ -1,0 +1,420 @@
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from threading import Event
+from typing import Any
+
+import numpy as np
+import pytest
+import rerun as rr
+
+from hexctl.backends.sim.servos import SimServos
+from hexctl.control.guard import Guard
+from hexctl.control.log import COLUMNS, Recorders, TickLog
+from hexctl.control.trace import PHASES
+from hexctl.control.trial import run_trial
+from hexctl.errors import HexctlError, InputError, RecordingError
+from hexctl.ik.legs import foot_positions_body
+from hexctl.recording import paths, rrd
+from hexctl.recording import recording as module
+from hexctl.recording.blueprint import make_blueprint
+from hexctl.recording.recording import Recording
+from hexctl.recording.rerun_program import viewer_binary
+from hexctl.types import JOINT_KINDS
+from tests.recording.conftest import ReadBack, Trial, make_plan, write
+
+
+@pytest.fixture(scope="module")
+def written(trial: Trial, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write(tmp_path_factory.mktemp("recording") / "runs" / "trial.rrd", trial)
+
+
+@pytest.fixture(scope="module")
+def read(written: Path) -> ReadBack:
+    return ReadBack(written)
+
+
+def _joints(read: ReadBack, which: int) -> np.ndarray:
+    """Commanded (0) or measured (1) angles, (ticks, 18)."""
+    columns = []
+    for leg in range(1, 7):
+        for kind in JOINT_KINDS:
+            path = f"/{paths.link_path(leg, kind)}"
+            columns.append([value[which] for value in read.values(path, "Scalars:scalars")])
+    return np.array(columns).T
+
+
+def test_every_tick_is_recorded_from_time_zero(read: ReadBack, trial: Trial) -> None:
+    times = read.times_s("/world/robot", "Transform3D:translation")
+    np.testing.assert_allclose(times, trial.log["time_s"] - trial.log["time_s"][0], atol=1e-9)
+
+
+def test_the_wall_clock_runs_along(written: Path) -> None:
+    written_at_s = written.stat().st_mtime
+    for chunk in rr.chunk.RrdReader(written).stream().to_chunks():
+        batch = chunk.to_record_batch()
+        if "trial_time" not in batch.schema.names:
+            continue
+        trial_s, wall_s = (
+            np.array(batch.column(name).cast("int64")) / 1e9 for name in ("trial_time", "wall_time")
+        )
+        np.testing.assert_allclose(wall_s - trial_s, written_at_s, atol=60)
+        assert np.ptp(wall_s - trial_s) <= 0.5
+
+
+def test_joint_angles_are_those_of_the_log(read: ReadBack, trial: Trial) -> None:
+    np.testing.assert_allclose(_joints(read, 0), trial.log["sent_rad"], atol=1e-5)
+    np.testing.assert_allclose(_joints(read, 1), trial.log["measured_rad"], atol=1e-5)
+
+
+def test_the_drawn_feet_are_where_the_kinematics_put_them(read: ReadBack, trial: Trial) -> None:
+    row = len(trial.log) // 2
+    expected = foot_positions_body(trial.robot, trial.log["measured_rad"][row])
+    for leg in range(1, 7):
+        path = f"/{paths.foot_path(leg)}"
+        point = np.array(read.values(path, "Points3D:positions")[0][0])
+        while (path := path.rpartition("/")[0]) != "/world/robot":
+            point = _placed(read, path, row, point)
+        np.testing.assert_allclose(point, expected[leg - 1], atol=2e-4)
+
+
+def _placed(read: ReadBack, path: str, row: int, point: np.ndarray) -> np.ndarray:
+    """A point of an entity in its parent; what is static has one row."""
+    starts, turns = (
+        read.values(path, f"Transform3D:{part}") for part in ("translation", "rotation_axis_angle")
+    )
+    start = np.array(starts[0][0]) if starts else np.zeros(3)
+    if not turns:
+        moved: np.ndarray = point + start
+        return moved
+    turn = turns[min(row, len(turns) - 1)][0]
+    axis, angle = np.array(turn["axis"]), turn["angle"]
+    turned = (
+        point * np.cos(angle)
+        + np.cross(axis, point) * np.sin(angle)
+        + axis * (axis @ point) * (1 - np.cos(angle))
+    )
+    placed: np.ndarray = turned + start
+    return placed
+
+
+def test_deviation_ends_with_the_result(read: ReadBack, trial: Trial) -> None:
+    deviation = [value[0] for value in read.values("/deviation", "Scalars:scalars")]
+    assert trial.result.deviation is not None
+    assert len(deviation) == len(trial.result.path_m)
+    assert deviation[-1] == pytest.approx(trial.result.deviation.signed, abs=1e-5)
+
+
+def test_phases_trail_and_layout_are_in_the_file(read: ReadBack, trial: Trial) -> None:
+    phases = [value[0] for value in read.values("/phase", "StateChange:state")]
+    assert phases == list(PHASES)
+    assert len(read.values("/world/trail", "LineStrips3D:strips")) == (len(trial.log) - 1) // 5
+    assert len(read.values("/world/course", "LineStrips3D:strips")) == 1
+    assert len(read.blueprints) == 1
+    assert read.blueprints[0].application_id == read.recordings[0].application_id
+
+
+def test_the_failed_leg_has_another_colour(read: ReadBack) -> None:
+    color = {
+        leg: read.values(f"/{paths.link_path(leg, 'coxa')}", "Capsules3D:colors")[0] for leg in range(1, 7)
+    }
+    assert all(color[leg] == color[1] for leg in (2, 3, 4, 6))
+    assert color[5] != color[1]
+
+
+def test_outcome_is_text_and_properties(read: ReadBack) -> None:
+    texts = [value[0] for value in read.values("/summary", "TextDocument:text")]
+    # A viewer shows the first text while it loads the file of a finished walk: it claims no outcome.
+    pending, outcome = texts
+    assert "finished" not in pending
+    assert "**deviation**" not in pending
+    assert "| 5 (locked)" in outcome
+    assert "**deviation**" in outcome
+    assert "| world | flat |" in outcome
+    assert read.values("/__properties/trial", "failed_leg") == [[5]]
+    assert read.values("/__properties/trial", "gait_slots") == [[1, 4, 2, 6, 3, 5]]
+    ((stability,),) = read.values("/__properties/trial", "stability")
+    assert 0.5 < stability < 1
+    assert any(f"**{100 * stability:.0f} %** of the walk" in text for text in texts)
+
+
+def test_rerun_finds_nothing_wrong_with_the_file(written: Path) -> None:
+    done = subprocess.run(
+        [str(viewer_binary()), "rrd", "verify", str(written)], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_blocks_give_the_same_recording(
+    read: ReadBack, trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "BLOCK_TICKS", 1)
+    blocks = ReadBack(write(tmp_path / "blocks.rrd", trial, block_ticks=37))
+    assert blocks.temporal() == read.temporal()
+    assert blocks.entities == read.entities
+
+
+def test_blocks_that_come_fast_wait_for_the_end(trial: Trial, read: ReadBack, tmp_path: Path) -> None:
+    blocks = ReadBack(write(tmp_path / "blocks.rrd", trial, block_ticks=37))
+    assert blocks.temporal() == read.temporal()
+
+
+def test_without_a_pose_the_robot_stands_at_the_origin(trial: Trial, tmp_path: Path) -> None:
+    log = TickLog()
+    nowhere = {"base_position_world": np.nan, "base_quaternion_world": np.nan}
+    log.extend({name: trial.log[name] * nowhere.get(name, 1) for name, _, _ in COLUMNS})
+    path = tmp_path / "blind.rrd"
+    with Recording(path, trial.robot, make_plan(trial.robot), title="blind") as recording:
+        recording.write_block(log, 0, len(log))
+    read = ReadBack(path)
+    positions = np.array(read.values("/world/robot", "Transform3D:translation"))[:, 0]
+    np.testing.assert_allclose(positions, [[0, 0, trial.robot.standing_height_m]] * len(positions), atol=1e-6)
+    assert not read.values("/deviation", "Scalars:scalars")
+    assert len(_joints(read, 1)) == len(log)
+
+
+def test_where_the_position_is_lost_for_a_while_nothing_is_drawn(trial: Trial, tmp_path: Path) -> None:
+    lost = slice(100, 110)
+    position = trial.log["base_position_world"].copy()
+    position[lost] = np.nan
+    log = TickLog()
+    log.frame = trial.log.frame
+    log.extend({name: trial.log[name] for name, _, _ in COLUMNS} | {"base_position_world": position})
+    paths_read = []
+    for block_ticks in (len(log), 7):
+        path = tmp_path / f"{block_ticks}.rrd"
+        with Recording(path, trial.robot, trial.plan, title="lost", floor=trial.floor) as recording:
+            for stop in range(block_ticks, len(log) + block_ticks, block_ticks):
+                recording.write_block(log, stop - block_ticks, min(stop, len(log)))
+        paths_read.append(ReadBack(path))
+    whole, parts = paths_read
+    assert whole.temporal() == parts.temporal()
+    ticks = np.round(whole.times_s("/world/robot", "Transform3D:translation") * 50).astype(int)
+    np.testing.assert_array_equal(ticks, np.delete(np.arange(len(log)), lost))
+    for entity, component in (
+        ("/world/trail", "LineStrips3D:strips"),
+        ("/world/ribbon", "Mesh3D:vertex_positions"),
+    ):
+        assert np.isfinite(
+            np.concatenate([np.ravel(value) for value in whole.values(entity, component)])
+        ).all()
+
+
+def test_a_walk_that_keeps_time_writes_a_part_at_each_tick(
+    trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "BLOCK_TICKS", 50)
+    sent: list[int] = []
+    with Recording(tmp_path / "a.rrd", trial.robot, trial.plan, title="a", floor=trial.floor) as recording:
+        stream = recording._stream
+        monkeypatch.setattr(type(stream), "send_columns", _counting(type(stream).send_columns, sent))
+        most = 0
+        for stop in range(1, len(trial.log) + 1):
+            before = len(sent)
+            recording.write_block(trial.log, stop - 1, stop)
+            most = max(most, len(sent) - before)
+        assert 0 < most <= 6, "a leg, or the lanes of all legs"
+        recording.finish(trial.result, {"world": "flat", "seed": 0})
+
+
+def _counting(send: Any, sent: list[int]) -> Any:
+    def counted(*arguments: Any, **named: Any) -> Any:
+        sent.append(1)
+        return send(*arguments, **named)
+
+    return counted
+
+
+def test_an_existing_file_is_refused_and_kept(trial: Trial, tmp_path: Path) -> None:
+    path = tmp_path / "trial.rrd"
+    path.write_bytes(b"precious")
+    with pytest.raises(InputError, match="nothing is replaced"):
+        Recording(path, trial.robot, trial.plan, title="again")
+    assert path.read_bytes() == b"precious"
+
+
+def test_a_place_that_cannot_be_written_is_refused_in_one_line(trial: Trial, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError) as refusal:
+        Recording(tmp_path / "file" / "trial.rrd", trial.robot, trial.plan, title="nowhere")
+    assert "\n" not in str(refusal.value)
+    assert "trial.rrd" in str(refusal.value)
+
+
+def test_a_recording_that_is_deleted_meanwhile_is_reported_at_the_end(trial: Trial, tmp_path: Path) -> None:
+    path = tmp_path / "runs" / "trial.rrd"
+    with Recording(path, trial.robot, trial.plan, title="deleted") as recording:
+        recording.write_block(trial.log, 0, 10)
+        shutil.rmtree(path.parent)
+        with pytest.raises(RecordingError):
+            recording.finish(trial.result, {})
+    assert not path.exists()
+
+
+def test_a_folder_that_is_deleted_before_the_first_write_is_a_recording_error(
+    trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "runs" / "trial.rrd"
+
+    def delete_first(*given: Any, **more: Any) -> Any:
+        shutil.rmtree(path.parent)
+        return make_blueprint(*given, **more)
+
+    monkeypatch.setattr(module, "make_blueprint", delete_first)
+    with pytest.raises(RecordingError):
+        Recording(path, trial.robot, trial.plan, title="deleted")
+
+
+def test_close_twice_is_fine(trial: Trial, tmp_path: Path) -> None:
+    recording = Recording(tmp_path / "trial.rrd", trial.robot, trial.plan, title="closed")
+    recording.close()
+    recording.close()
+    recording.write_block(trial.log, 0, 10)
+
+
+CHILD = """
+import pickle, sys, time
+from pathlib import Path
+from hexctl.recording import recording as module
+from hexctl.recording.rrd import END_PADDING, check_whole
+from hexctl.recording.recording import Recording
+module.BLOCK_TICKS = 1
+trial = pickle.load(sys.stdin.buffer)
+recording = Recording(Path(sys.argv[1]), trial["robot"], trial["plan"], title="interrupted")
+"""
+
+KILLED = (
+    CHILD
+    + """
+recording.write_block(trial["log"], 0, 200)
+while recording._writer is not None:  # each tick writes a part
+    recording.write_block(trial["log"], 0, 200)
+time.sleep(1.0)
+print("written", flush=True)
+time.sleep(60)
+"""
+)
+
+FULL_DISK = (
+    CHILD
+    + """
+import resource, signal
+from hexctl.errors import RecordingError
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
+try:
+    recording.write_block(trial["log"], 0, 200)
+    recording.finish(trial["result"], {})
+except RecordingError as error:
+    print("refused:", error)
+"""
+)
+
+
+def _start(script: str, path: Path, trial: Trial) -> "subprocess.Popen[bytes]":
+    """Run a script that records the trial in a process of its own."""
+    import pickle
+
+    log = TickLog()
+    log._rows, log.frame = trial.log._rows, trial.log.frame
+    content = {"robot": trial.robot, "plan": trial.plan, "log": log, "result": trial.result}
+    child = subprocess.Popen(
+        [sys.executable, "-c", script, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    assert child.stdin is not None
+    child.stdin.write(pickle.dumps(content))
+    child.stdin.close()
+    return child
+
+
+def test_a_killed_process_leaves_a_readable_recording(trial: Trial, tmp_path: Path) -> None:
+    path = tmp_path / "killed.rrd"
+    child = _start(KILLED, path, trial)
+    assert child.stdout is not None
+    try:
+        assert child.stdout.readline() == b"written\n"
+    finally:
+        os.kill(child.pid, signal.SIGKILL)
+        child.wait(10)
+        child.stdout.close()
+    read = ReadBack(path)
+    assert len(_joints(read, 1)) == 200
+    assert len(read.blueprints) == 1
+
+
+def test_a_full_disk_is_reported_at_the_end(trial: Trial, tmp_path: Path) -> None:
+    child = _start(FULL_DISK, tmp_path / "full.rrd", trial)
+    assert child.stdout is not None
+    output = child.stdout.read().decode()
+    child.stdout.close()
+    child.wait(10)
+    assert output.startswith("refused:"), output
+    assert "incomplete" in output
+    assert output.count("\n") == 1
+
+
+def test_without_rerun_the_extra_is_named(
+    trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(HexctlError, match=r"hexctl\[view\]"):
+        Recording(tmp_path / "trial.rrd", trial.robot, trial.plan, title="none")
+    assert not (tmp_path / "trial.rrd").exists()
+
+
+class FullDisk(Recording):
+    """A recording that cannot be written from some tick on."""
+
+    def write_block(self, log: TickLog, start: int, stop: int) -> None:
+        if stop > 100:
+            raise OSError("no space left")
+        super().write_block(log, start, stop)
+
+
+def test_a_recorder_that_raises_leaves_the_others_whole(trial: Trial, tmp_path: Path) -> None:
+    """Whichever comes first: the walk and the other recording are complete."""
+    for order in (1, -1):
+        whole = Recording(tmp_path / f"whole{order}.rrd", trial.robot, trial.plan, title="whole")
+        full = FullDisk(tmp_path / f"full{order}.rrd", trial.robot, trial.plan, title="full")
+        recorders = Recorders(*[full, whole][::order])
+        with SimServos(trial.robot, failure=trial.plan.belief) as servos, whole, full:
+            result = run_trial(Guard(servos), trial.plan, recorders=recorders)
+            whole.finish(result, {})
+        assert result.to_dict() == trial.result.to_dict()
+        assert str(recorders.error_of(full)) == "no space left"
+        assert recorders.error_of(whole) is None
+        read = ReadBack(whole.path)
+        assert len(read.values("/world/robot", "Transform3D:translation")) == len(trial.log)
+        assert read.values("/__properties/trial", "status") == [["ok"]]
+
+
+class NeverBack:
+    """A stream whose writer has died: its calls come back only when the test lets them."""
+
+    def __init__(self) -> None:
+        self.released = Event()
+
+    def flush(self, timeout_sec: float) -> None:
+        self.released.wait(60)
+
+    def disconnect(self) -> None:
+        self.released.wait(60)
+
+
+def test_a_flush_that_never_comes_back_is_left_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rrd, "FLUSH_TIMEOUT_S", 0.05)
+    monkeypatch.setattr(rrd, "FULL_TIMEOUT_S", 0.05)
+    stream = NeverBack()
+    with pytest.raises(RecordingError, match=r"incomplete; is the disk full\? \(no answer in"):
+        rrd.flush(stream, tmp_path / "walk.rrd")
+    rrd.disconnect(stream)
+    assert rrd.stuck(), "so that the command does not wait for it at its end"
+    stream.released.set()
+    for thread in rrd._abandoned:
+        thread.join(10)
+    assert not rrd.stuck()

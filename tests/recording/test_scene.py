@@ -1,0 +1,94 @@
+"""The static part of a recording: the floor, and the robot's parts as meshes or solids."""
+
+import numpy as np
+import pytest
+
+from hexctl.backends.sim.servos import SimServos
+from hexctl.backends.sim.terrain import make_floor
+from hexctl.backends.sim.world import World
+from hexctl.control.log import TickLog
+from hexctl.recording import paths, style
+from hexctl.recording.recording import Recording
+from hexctl.recording.scene import MAX_VERTICES, make_floor_mesh
+from hexctl.robot.failure import Failure
+from hexctl.robot.loader import load_meshes
+from hexctl.types import JointTargets
+from tests.recording.conftest import ReadBack, make_plan
+from tests.robot.meshmaking import glb_box, stl_box
+from tests.robots import edited_file, put, shipped
+
+
+@pytest.fixture(scope="module")
+def read(tmp_path_factory: pytest.TempPathFactory) -> ReadBack:
+    folder = tmp_path_factory.mktemp("looks")
+    (folder / "trunk.stl").write_bytes(stl_box())
+    (folder / "shin.glb").write_bytes(glb_box())
+    turned = {"file": "shin.glb", "scale": 0.02, "position_m": [0.0, 0.0, -0.06], "rotation_deg": [0, 0, 90]}
+    file = edited_file(folder, put("meshes", {"body": {"file": "trunk.stl"}, "tibia": turned}))
+    plan = make_plan(shipped(), belief=Failure(leg=5))
+    log = TickLog()
+    with (
+        Recording(folder / "a.rrd", shipped(), plan, title="looks", meshes=load_meshes(file)) as recording,
+        SimServos(shipped()) as servos,
+    ):
+        clock, targets = servos.clock, JointTargets(shipped().stance_angles_rad, 0.0)
+        log.record(clock.tick(), servos.read(), targets.positions_rad, targets)
+        recording.write_block(log, 0, 1)
+    return ReadBack(folder / "a.rrd")
+
+
+def test_a_mesh_takes_the_place_of_the_solid(read: ReadBack) -> None:
+    assert bytes(read.values(f"/{paths.BODY}", "Asset3D:blob")[0][0]) == stl_box()
+    assert not read.values(f"/{paths.BODY}", "Cylinders3D:lengths")
+    for leg in paths.LEGS:
+        path = f"/{paths.link_path(leg, 'tibia')}"
+        assert bytes(read.values(path, "Asset3D:blob")[0][0]) == glb_box()
+        assert read.values(path, "Asset3D:media_type") == [["model/gltf-binary"]]
+        assert not read.values(path, "Capsules3D:lengths")
+
+
+def test_parts_without_a_mesh_stay_solids(read: ReadBack) -> None:
+    assert read.values(f"/{paths.link_path(2, 'femur')}", "Capsules3D:lengths")
+    assert not read.values(f"/{paths.link_path(2, 'femur')}", "Asset3D:blob")
+
+
+def test_a_mesh_is_put_in_its_place(read: ReadBack) -> None:
+    path = f"/{paths.link_path(1, 'tibia')}"
+    assert read.values(path, "InstancePoses3D:translations")[0][0] == pytest.approx([0, 0, -0.06])
+    assert read.values(path, "InstancePoses3D:scales")[0][0] == pytest.approx([0.02] * 3)
+    half = 0.5**0.5
+    assert read.values(path, "InstancePoses3D:quaternions")[0][0] == pytest.approx([0, 0, half, half])
+
+
+def test_only_a_mesh_without_colours_or_of_the_failed_leg_is_tinted(read: ReadBack) -> None:
+    assert read.values(f"/{paths.BODY}", "Asset3D:albedo_factor") == [[style.packed(style.BODY_COLOR)]]
+    coloured = read.values(f"/{paths.link_path(1, 'tibia')}", "Asset3D:albedo_factor")
+    assert coloured == [[style.packed(style.WHITE)]], "as it is"
+    failed = read.values(f"/{paths.link_path(5, 'tibia')}", "Asset3D:albedo_factor")
+    assert failed == [[style.packed(style.FAILED_COLORS["tibia"])]]
+
+
+def test_an_even_floor_is_two_triangles_around_the_whole_path() -> None:
+    mesh = make_floor_mesh(None, np.array([4.0, 0.0]))
+    assert len(mesh.triangles) == 2
+    assert mesh.positions[:, 0].min() < -1
+    assert mesh.positions[:, 0].max() > 5
+
+
+def test_bumps_have_the_heights_of_the_floor_and_face_up() -> None:
+    floor = make_floor(World(roughness_m=0.01), seed=3)
+    assert floor.heights_m is not None
+    mesh = make_floor_mesh(floor.heights_m, np.array([1.0, 0.0]))
+    axis = np.linspace(-8, 8, 400)
+    column, row = (np.searchsorted(axis, mesh.positions[:, i].astype(float) - 1e-5) for i in (0, 1))
+    np.testing.assert_allclose(mesh.positions[:, 2], floor.heights_m[row, column], atol=1e-6)
+    corners = mesh.positions[mesh.triangles]
+    facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert (facing[:, 2] > 0).all()
+    assert (mesh.normals[:, 2] > 0).all()
+
+
+def test_a_long_walk_over_bumps_stays_small() -> None:
+    floor = make_floor(World(roughness_m=0.01), seed=3)
+    mesh = make_floor_mesh(floor.heights_m, np.array([50.0, 50.0]))
+    assert len(mesh.positions) <= 1.1 * MAX_VERTICES

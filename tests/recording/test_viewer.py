@@ -1,0 +1,143 @@
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.error import HTTPError
+from urllib.parse import parse_qs, urlsplit
+from urllib.request import Request, urlopen
+
+import pytest
+
+from hexctl.errors import InputError, RecordingError
+from hexctl.recording import viewer
+from hexctl.recording.viewer import FileServer, newest_recording, open_viewer, serve_web, web_url
+
+
+def test_the_newest_recording_of_all_folders_is_found(tmp_path: Path) -> None:
+    for age, name in enumerate(["a.rrd", "session/b.rrd", "c.txt"]):
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.touch()
+        os.utime(path, (1000 + age, 1000 + age))
+    assert newest_recording(tmp_path) == tmp_path / "session" / "b.rrd"
+
+
+@pytest.mark.parametrize("folder", ["", "missing"])
+def test_no_recording_is_said_in_one_line(tmp_path: Path, folder: str) -> None:
+    with pytest.raises(InputError, match="no recording"):
+        newest_recording(tmp_path / folder)
+
+
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"gone\.rrd is not there"):
+        open_viewer([tmp_path / "gone.rrd"])
+
+
+def test_another_kind_of_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "notes.rrd"
+    path.write_text("hello")
+    with pytest.raises(InputError, match="not a Rerun recording"):
+        open_viewer([path])
+
+
+def stand_in(folder: Path, script: str, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Put a program in the viewer's place and return a file that looks like a recording."""
+    program = folder / "viewer"
+    program.write_text(f"#!/bin/sh\n{script}\n")
+    program.chmod(0o755)
+    monkeypatch.setattr(viewer, "viewer_binary", lambda: program)
+    recording = folder / "trial.rrd"
+    recording.write_bytes(b"RRF2")
+    return recording
+
+
+def test_the_viewer_gets_the_file_and_listens_to_this_machine_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording = stand_in(tmp_path, f'echo "$@" > {tmp_path}/arguments', monkeypatch)
+    assert open_viewer([recording]) == 0
+    arguments = (tmp_path / "arguments").read_text().split()
+    assert arguments[:2] == ["--bind", "127.0.0.1"]
+    assert arguments[-1] == str(recording)
+
+
+def test_a_browser_is_sent_to_the_dark_viewer_of_all_recordings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stand_in(tmp_path, "sleep 60", monkeypatch)
+    urls = ["http://127.0.0.1:1/a session/1.rrd", "http://127.0.0.1:1/b.rrd?x=1&y=2"]
+    with serve_web(9090, urls) as served:
+        served.check()
+        assert served.url.startswith("http://127.0.0.1:9090/?")
+        asked = parse_qs(urlsplit(served.url).query)
+    assert asked == {"theme": ["dark"], "url": urls}
+    live = parse_qs(urlsplit(web_url(1234, 9090)).query)
+    assert live == {"theme": ["dark"], "url": ["rerun+http://127.0.0.1:1234/proxy"]}
+
+
+def test_a_missing_display_comes_with_a_way_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    message = "Error: winit EventLoopError: neither WAYLAND_DISPLAY nor WAYLAND_SOCKET nor DISPLAY is set."
+    recording = stand_in(tmp_path, f'echo "{message}" >&2; exit 1', monkeypatch)
+    with pytest.raises(RecordingError, match=r"no display; hexctl view --web .*trial\.rrd") as refusal:
+        open_viewer([recording])
+    assert "\n" not in str(refusal.value)
+
+
+def test_another_error_is_passed_on_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = stand_in(tmp_path, 'printf "info\\nError: no GPU\\n" >&2; exit 3', monkeypatch)
+    with pytest.raises(RecordingError, match=r"no GPU$"):
+        open_viewer([recording])
+
+
+ORIGIN = "http://127.0.0.1:9090"
+
+
+@pytest.fixture
+def server() -> Iterator[FileServer]:
+    with FileServer(ORIGIN) as server:
+        yield server
+
+
+def recording_in(folder: Path, name: str) -> Path:
+    path = folder / name
+    path.write_bytes(b"RRF2" + name.encode())
+    return path
+
+
+def test_what_was_added_is_served_to_pages_of_the_viewer(server: FileServer, tmp_path: Path) -> None:
+    path = recording_in(tmp_path, "ein großer 1%.rrd")
+    url = server.add("a session", path)
+    assert url.startswith("http://127.0.0.1:")
+    assert url.startswith(server.base("a session"))
+    with urlopen(url) as answer:  # noqa: S310  loopback
+        assert answer.read() == path.read_bytes()
+        assert answer.headers["Access-Control-Allow-Origin"] == ORIGIN
+
+
+@pytest.mark.parametrize("name", ["other.rrd", "../secret", "%2e%2e/secret", "", "/etc/passwd"])
+def test_nothing_else_is_served(server: FileServer, tmp_path: Path, name: str) -> None:
+    (tmp_path / "secret").touch()
+    recording_in(tmp_path, "other.rrd")
+    server.add("here", recording_in(tmp_path, "trial.rrd"))
+    with pytest.raises(HTTPError, match="404"):
+        urlopen(server.base("here") + name)  # noqa: S310  loopback
+
+
+def test_a_file_that_is_gone_is_not_found(server: FileServer, tmp_path: Path) -> None:
+    path = recording_in(tmp_path, "trial.rrd")
+    url = server.add("here", path)
+    path.unlink()
+    with pytest.raises(HTTPError, match="404"):
+        urlopen(url)  # noqa: S310  loopback
+
+
+def test_only_recordings_are_served(server: FileServer, tmp_path: Path) -> None:
+    (tmp_path / "notes.rrd").write_text("hello")
+    with pytest.raises(InputError, match="not a Rerun recording"):
+        server.add("here", tmp_path / "notes.rrd")
+
+
+def test_a_page_of_another_name_that_leads_here_is_refused(server: FileServer, tmp_path: Path) -> None:
+    url = server.add("here", recording_in(tmp_path, "trial.rrd"))
+    request = Request(url, headers={"Host": "evil.example"})  # noqa: S310  loopback
+    with pytest.raises(HTTPError, match="403"):
+        urlopen(request)  # noqa: S310  loopback

@@ -1,0 +1,458 @@
+"""A run as a Python program makes it: one walk on any backend, recorded, without printing anything."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.adapt.best import best_gait
+from hexctl.backends.mock import MockServos
+from hexctl.backends.sim.world import World
+from hexctl.control.controllers import Stand
+from hexctl.control.log import TickLog
+from hexctl.control.monitor.recovery import RecoveryPolicy, Response
+from hexctl.control.trial_result import TrialResult
+from hexctl.errors import HexctlError, InputError, ReachError, WrongTypeError
+from hexctl.gait.gait import make_gait
+from hexctl.recording.recorded_trial import read_trial
+from hexctl.robot.failure import Failure
+from hexctl.robot.failure_event import parse_failure_event, parse_healing
+from hexctl.robot.loader import load_robot
+from hexctl.robot.model import Robot
+from hexctl.runs.run import Run, run
+from hexctl.runs.run_spec import RunSpec, plan_of, spec_of
+from hexctl.types import FloatArray, RobotState
+from tests.control.posed import PosedMock
+from tests.robots import shipped
+
+SHORT: dict[str, Any] = {"duration_s": 1.5}
+
+
+def test_names_and_objects_give_the_same_walk(capfd: pytest.CaptureFixture[str]) -> None:
+    robot = load_robot("ant")
+    by_name = run(gait="tripod", pace_hz=0.8, world="slippery", **SHORT)
+    gait = make_gait(robot, "tripod", pace_hz=0.8)
+    by_object = run(RunSpec(robot=robot, gait=gait, world=World(friction=0.3), **SHORT))
+    assert by_name.trial.status == "ok"
+    again = run(RunSpec(gait="tripod", pace_hz=0.8, world="slippery", **SHORT))
+    assert again.trial.to_dict() == by_name.trial.to_dict()
+    assert by_object.outcome["gait"]["slots"] == by_name.outcome["gait"]["slots"]
+    assert by_object.outcome["world"] == "custom"
+    assert capfd.readouterr() == ("", "")
+
+
+def test_the_outcome_is_what_the_command_prints() -> None:
+    done = run(failure=Failure(leg=2, kind="weak", torque_fraction=0.5), seed=3, **SHORT)
+    outcome = json.loads(json.dumps(done.to_dict(), allow_nan=False))
+    assert (outcome["failed_leg"], outcome["failure"], outcome["seed"]) == (2, "weak:0.5", 3)
+    assert outcome["ticks"] == len(done.log)
+    assert outcome["recording"] is None
+
+
+def test_it_is_recorded_to_a_file_or_into_a_folder(tmp_path: Path) -> None:
+    done = run(record=tmp_path / "walk.rrd", **SHORT)
+    assert done.recording == tmp_path / "walk.rrd"
+    assert done.recording_error is None
+    folder = tmp_path / "made" / "here"
+    first, second = (run(record_folder=folder, gait="wave", **SHORT).recording for _ in range(2))
+    assert {first, second} == set(folder.iterdir())
+    assert all(path.name.endswith(".rrd") and "_ant_wave" in path.name for path in folder.iterdir())
+
+
+class Broken:
+    """A recorder that fails."""
+
+    block_ticks = None
+
+    def write_block(self, log: TickLog, start: int, stop: int) -> None:
+        raise RuntimeError("no room")
+
+
+class Counting:
+    """A recorder that counts."""
+
+    block_ticks = 10
+
+    def __init__(self) -> None:
+        self.ticks = 0
+
+    def write_block(self, log: TickLog, start: int, stop: int) -> None:
+        self.ticks += stop - start
+
+
+def test_a_recorder_that_fails_costs_neither_walk_nor_recording_nor_other_recorders(tmp_path: Path) -> None:
+    broken, counting = Broken(), Counting()
+    done = run(record=tmp_path / "walk.rrd", recorders=[broken, counting], **SHORT)
+    assert done.trial.status == "ok"
+    assert counting.ticks == len(done.log)
+    assert done.recording_error is None
+    (failure,) = done.recorder_failures
+    assert failure.recorder is broken
+    assert "no room" in str(failure.error)
+
+
+def test_it_stops_on_request() -> None:
+    asked = iter(range(1000))
+    done = run(stop_requested=lambda: next(asked) > 10, duration_s=60)
+    assert (done.trial.status, done.trial.stopped) == ("aborted", "requested")
+    assert len(done.log) > 0
+
+
+def test_a_stop_from_the_start_moves_nothing_and_leaves_no_recording(tmp_path: Path) -> None:
+    done = run(stop_requested=lambda: True, record=tmp_path / "walk.rrd")
+    assert (done.trial.status, done.trial.stopped, len(done.log)) == ("aborted", "requested", 0)
+    assert (done.recording, done.outcome["recording"], done.recording_error) == (None, None, None)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_another_controller_may_walk() -> None:
+    robot = load_robot("ant")
+    stand = Stand(robot, robot.stance_angles_rad, 5, 20)
+    done = run(controller=stand, **SHORT)
+    assert abs(done.trial.distance_m or 0.0) < 0.01
+    assert (done.trial.controller, done.outcome["controller"], done.outcome["gait"]) == ("Stand",) * 2 + (
+        None,
+    )
+
+
+def crouch(step: int, _state: RobotState) -> FloatArray:
+    """Lifts all femurs slowly."""
+    angles_rad = shipped().stance_angles_rad.copy()
+    angles_rad[1::3] += min(0.2, 0.002 * step)
+    return angles_rad
+
+
+@pytest.mark.parametrize(("gait", "title"), [({}, "ant crouch"), ({"gait": "wave"}, "ant crouch wave")])
+def test_a_recording_of_a_custom_controller_has_its_name(
+    gait: dict[str, Any], title: str, tmp_path: Path
+) -> None:
+    done = run(controller=crouch, record_folder=tmp_path, duration_s=0.4, **gait)
+    assert done.recording is not None
+    assert done.recording.stem.endswith(title.replace("ant ", "ant_").replace(" ", "-"))
+    properties = read_trial(done.recording).properties
+    assert (properties["title"], properties["controller"]) == (title, "crouch")
+    assert ("gait" in properties) == bool(gait)
+    assert (done.outcome["gait"] or {}).get("name") == gait.get("gait")
+    assert TrialResult.from_dict(done.trial.to_dict()).controller == "crouch"
+
+
+def test_17_angles_end_a_run_with_the_number() -> None:
+    with pytest.raises(InputError, match=r"^controller: expected 18 joint angles, got 17"):
+        run(controller=lambda step, state: crouch(step, state)[:17], **SHORT)
+
+
+def test_a_walk_of_its_plan_names_no_controller() -> None:
+    done = run(gait="tripod", duration_s=0.2)
+    assert done.trial.controller is None
+    assert "controller" not in done.outcome
+    assert done.outcome["gait"]["name"] == "tripod"
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"seed": -1}, "seed: got -1; allowed: 0 or more"),
+        ({"seed": 3, "backend": "mock"}, "seed: got 3 with backend mock; allowed: with sim"),
+        ({"realtime": True, "backend": "mock"}, "realtime: got it with backend mock; allowed: with sim"),
+        ({"world": "rough", "backend": "zenoh"}, "world: got rough with backend zenoh; allowed: with"),
+        ({"connect": "tcp/x:1"}, "connect: got tcp/x:1 with backend sim; allowed: with zenoh,"),
+        ({"speed": 3}, "run: got speed; allowed: failed_leg, "),
+        ({"gait": make_gait(load_robot(), "demo"), "pace_hz": 1.0}, "pace_hz: got 1.0 with a Gait"),
+        ({"record": Path("walk.txt")}, "walk.txt"),
+    ],
+    ids=lambda value: str(value)[:30],
+)
+def test_what_cannot_be_done_is_refused_before_anything_is_opened(
+    options: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(InputError) as refused:
+        run(**options)
+    assert words in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (
+            {"failure": "locked"},
+            "failure: got 'locked' (str); allowed: a Failure, as Failure(leg=5)",
+        ),
+        ({"seed": 1.5}, "seed: got 1.5 (float); allowed: a whole number, 0 or more"),
+        ({"world": 3}, "world: got 3 (int); allowed: text or a Path or None or a World"),
+        ({"backend": RunSpec}, "allowed: a name or package.module:Class; run_trial takes servos"),
+        ({"realtime": "yes"}, "realtime: got 'yes' (str); allowed: True or False"),
+        ({"record": 5}, "record: got 5 (int); allowed: text or a Path or None"),
+        ({"duration_s": "5"}, "duration_s: got '5' (str); allowed: a number"),
+        ({"robot": 3}, "robot: got 3 (int)"),
+    ],
+    ids=lambda value: str(value)[:30],
+)
+def test_a_wrong_type_is_refused_by_name(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(WrongTypeError) as refused:
+        run(**options)
+    assert words in str(refused.value)
+    with pytest.raises(WrongTypeError, match=r"run: got 'ant' .str.; allowed: a RunSpec"):
+        run("ant")  # type: ignore[arg-type]
+
+
+def test_what_the_legs_cannot_reach_is_refused_before_anything_is_opened() -> None:
+    with pytest.raises(ReachError):
+        Run(RunSpec(amplitude=0.6))
+
+
+def test_a_run_walks_only_while_connected() -> None:
+    with pytest.raises(InputError, match="before the robot is connected"):
+        Run(RunSpec()).walk()
+    with pytest.raises(InputError, match="a spec and gait too"):
+        run(RunSpec(), gait="tripod")
+
+
+def test_a_failure_may_be_said_in_words() -> None:
+    spec = RunSpec(failure=Failure(leg=5, kind="limp"), gait=57, duration_s=0.2)
+    assert run(failed_leg=5, failure="limp", gait=57, duration_s=0.2).trial == run(spec).trial
+    assert run(failed_leg=2, duration_s=0.2).outcome["failure"] == "locked"
+    with pytest.raises(WrongTypeError, match=r"failed_leg: got '5' \(str\); allowed: 1..6"):
+        run(failed_leg="5")
+    with pytest.raises(WrongTypeError, match="failure: got 'limp'"):
+        run(failure="limp")
+
+
+@pytest.mark.parametrize(
+    ("options", "rotation"),
+    [
+        ({"gait": "auto"}, "none"),
+        ({"gait": "auto", "hold": "heading"}, "rear"),
+        ({"gait": "auto", "hold": "none"}, "rear"),
+        ({"gait": "auto", "turn_rate_rad_s": 0.1}, "rear"),
+        ({"gait": "demo"}, "rear"),
+        ({"gait": "auto", "self_rotation": "front"}, "front"),
+    ],
+)
+def test_a_failed_leg_is_turned_away_where_that_helps(options: dict[str, Any], rotation: str) -> None:
+    spec = RunSpec(failure=Failure(leg=2), **options)
+    assert Run(spec).plan.self_rotation == rotation
+
+
+@pytest.mark.parametrize(("robot_tells", "rotation"), [("position", "none"), ("yaw", "rear")])
+def test_a_robot_that_does_not_tell_its_position_turns_its_failed_leg_to_the_rear(
+    robot_tells: str, rotation: str
+) -> None:
+    backend = f"tests.record.test_run:{robot_tells.title()}Mock"
+    spec = RunSpec(failure=Failure(leg=2), gait="auto", backend=backend)
+    with Run(spec) as connected:
+        assert connected.plan.self_rotation == rotation
+        gait = connected.plan.gait
+    assert (gait.posture.body_raise > 0) == (rotation == "none"), "the gait is the one for that direction"
+
+
+def test_a_leg_that_was_turned_away_for_want_of_a_position_leaves_the_result_to_say_that_it_is_missing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("hexctl.runs.run.POSITION_COMES_S", 0.0)
+    spec = RunSpec(
+        failure=Failure(leg=4),
+        gait="auto",
+        heading_rad=math.remainder(load_robot("ant").mount_yaws_rad[3] - math.pi, math.tau),
+        backend="tests.record.test_run:FastYawMock",
+        duration_s=0.5,
+    )
+    with Run(spec) as connected:
+        assert connected.plan.self_rotation == "rear"
+        result = connected.walk().trial
+    assert (result.hold, result.hold_caveat) == (
+        "heading",
+        "no position was measured at rest before the walk",
+    )
+
+
+def test_a_gait_that_is_not_known_is_answered_with_the_best_where_a_leg_has_failed() -> None:
+    with pytest.raises(InputError, match=r"allowed: demo, .*, auto, best, a code"):
+        Run(RunSpec(gait="bestest", failure=Failure(leg=2)))
+    with pytest.raises(InputError, match=r"allowed: demo, .*, auto, best \(with a failed leg\), a code"):
+        Run(RunSpec(gait="bestest"))
+
+
+class FastYawMock(PosedMock):
+    """A robot that knows its yaw alone, in a time of its own."""
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot)
+        self.position_world = None
+
+
+class YawMock(MockServos):
+    """A robot that knows its yaw alone."""
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot)
+
+    def read(self) -> RobotState:
+        return replace(super().read(), base_quaternion_world=np.array([1.0, 0.0, 0.0, 0.0]))
+
+
+class PositionMock(YawMock):
+    """A robot that tells its position only at the fifth reading."""
+
+    reads = 0
+
+    def read(self) -> RobotState:
+        self.reads += 1
+        return replace(super().read(), base_position_world=np.zeros(3) if self.reads > 4 else None)
+
+
+class TestFailuresInMidWalk:
+    """What the world breaks, what the walk notices, and what it does about it."""
+
+    def test_the_result_tells_them_apart(self) -> None:
+        done = run(gait="tripod", duration_s=6.0, events=[parse_failure_event("5:locked@3")], policy="glide")
+        assert done.outcome["events"] == ["5:locked@3"]
+        assert done.outcome["failed_leg"] is None
+        (noticed,) = done.outcome["noticed"]
+        assert (noticed["leg"], noticed["kind"]) == (5, "locked")
+        assert 3 < noticed["at_s"] < 4.2
+        assert noticed["did"].startswith("glided to slots")
+        assert TrialResult.from_dict(done.trial.to_dict()).noticed == done.trial.noticed
+        texts = [text for _, text in done.log.notes]
+        assert [text.partition(":")[0] for text in texts] == ["noticed", "policy"]
+        walk = done.log.rows_of("walk").start
+        assert {row - walk for row, _ in done.log.notes} == {round(50 * noticed["at_s"])}
+        changes = [(change.by, change.row - walk) for change in done.log.leg_changes if change.failures]
+        assert changes == [("world", 151), ("belief", round(50 * noticed["at_s"]))]
+
+    def test_what_the_world_lets_fail_is_told_as_well(self) -> None:
+        world = World(failures=("2:limp@1", "4:limp@9"))
+        done = run(gait="tripod", duration_s=2.0, events=[parse_failure_event("5:locked@0.5")], world=world)
+        assert done.outcome["events"] == ["5:locked@0.5", "2:limp@1"], "not those after its end"
+
+    def test_what_the_world_does_after_the_end_is_noted(self) -> None:
+        world = World(failures=("2:limp@1", "4:limp@9"))
+        with Run(RunSpec(gait="tripod", duration_s=2.0, world=world)) as late:
+            assert late.notes == ("4:limp@9 of the world changes nothing: the end is at 2 s",)
+        with Run(RunSpec(gait="tripod", duration_s=10.0, world=world)) as whole:
+            assert whole.notes == ()
+
+    def test_a_leg_heals_that_failed_before_the_walk_or_in_its_world(self) -> None:
+        heals = {"gait": "tripod", "duration_s": 2.0, "events": [parse_healing("5@1.5")]}
+        for failing in ({"failure": Failure(leg=5)}, {"world": World(failures=("5:limp@1",))}):
+            with Run(RunSpec(**heals, **failing)) as connected:  # type: ignore[arg-type]
+                assert connected.notes == ()
+        with pytest.raises(InputError, match="leg 5 is whole"), Run(RunSpec(**heals)):  # type: ignore[arg-type]
+            pass
+
+    def test_a_simulation_walks_on_unless_asked(self) -> None:
+        done = run(gait="tripod", duration_s=5.0, events=[parse_failure_event("5:locked@3")])
+        assert done.trial.status == "ok"
+        assert [each.did for each in done.trial.noticed] == ["walked on"]
+
+    def test_a_policy_of_ones_own(self) -> None:
+        class Once(RecoveryPolicy):
+            def respond(self, *_args: object) -> Response:
+                return Response(stop=True)
+
+        done = run(gait="tripod", duration_s=5.0, events=[parse_failure_event("5:locked@3")], policy=Once())
+        assert done.trial.status == "aborted"
+
+    @pytest.mark.parametrize(
+        ("options", "message"),
+        [
+            ({"events": [parse_failure_event("5:limp@30")]}, "before 30 s"),
+            ({"events": ["5:limp@3"]}, "events"),
+            ({"events": [parse_healing("5@3")], "backend": "mock"}, "with sim"),
+            ({"policy": "run"}, "walk-on, stop, glide"),
+            ({"policy": "os:path"}, "RecoveryPolicy"),
+            ({"policy": "nowhere:Policy"}, "cannot be loaded"),
+            ({"policy": 3}, "policy"),
+        ],
+    )
+    def test_what_is_not_allowed_is_refused_before_anything_moves(
+        self, options: dict[str, Any], message: str
+    ) -> None:
+        with pytest.raises(HexctlError, match=message):
+            Run(RunSpec(**options))
+
+
+def test_several_legs_fail_from_the_start() -> None:
+    done = run(failed_leg=(5, 4), failure="limp,missing", gait="auto", duration_s=6.0, self_rotation="none")
+    assert done.outcome["failed_leg"] == 4
+    assert done.outcome["further_failures"] == {"5": "limp"}
+    assert done.outcome["gait"]["phases"] is not None
+    assert done.trial.status == "ok"
+    assert done.trial.distance_m is not None
+    assert done.trial.distance_m > 0.5 * done.trial.ideal_distance_m
+
+
+def test_further_legs_beside_one_by_its_number_are_refused() -> None:
+    with pytest.raises(InputError, match=r"further_failures: got them with failed_leg; allowed: .*\(2, 5\)"):
+        spec_of({"failed_leg": 2, "further_failures": (Failure(leg=5),)})
+
+
+def test_a_code_counts_among_the_arrangements_of_the_legs_that_are_left() -> None:
+    plan = plan_of(spec_of({"failed_leg": (2, 5), "gait": "24"}), shipped("ant"))
+    assert plan.gait.slots == (6, 2, 4, 3, 5, 1)
+    with pytest.raises(InputError, match=r"gait code: got 25; allowed: 1..24 with failed leg 2, 5"):
+        plan_of(spec_of({"failed_leg": (2, 5), "gait": "25"}), shipped("ant"))
+
+
+def test_a_change_to_auto_without_two_legs_is_a_crawl_and_one_to_a_name_is_none() -> None:
+    options = {"failed_leg": (2, 3), "gait": "auto", "then": ("wave@5", "auto@9")}
+    wave, crawl = (change.gait for change in plan_of(spec_of(options), shipped("ant")).changes)
+    assert (wave.phases, wave.swing_share) == (None, 1 / 3)
+    assert crawl.phases is not None
+    assert crawl.swing_share < 1 / 4
+
+
+@pytest.mark.parametrize(("gait", "then"), [("auto", ()), ("wave", ("auto@5",))])
+@pytest.mark.parametrize(("name", "value"), [("swing_share", 0.4), ("stance_shift", (0.02, 0.0))])
+def test_auto_without_two_legs_refuses_what_it_finds_by_itself(
+    gait: str, then: tuple[str, ...], name: str, value: Any
+) -> None:
+    options = {"gait": gait, "then": then, name: value}
+    with pytest.raises(InputError, match=rf"{name}: got 0\S+ with failed legs 2, 5 and gait auto.*allowed: "):
+        plan_of(spec_of({"failed_leg": (2, 5), **options}), shipped("ant"))
+    assert plan_of(spec_of({"failed_leg": 2, **options}), shipped("ant"))
+
+
+def test_a_body_that_is_to_stay_down_stays_down_with_a_change_to_auto() -> None:
+    options = {"failed_leg": (2, 3), "gait": "wave", "then": ("auto@5",)}
+    for given, raised in (({"body_raise": 0.0}, 0.0), ({}, 0.012)):
+        (change,) = plan_of(spec_of({**options, **given}), shipped("ant")).changes
+        assert change.gait.posture.body_raise == raised
+
+
+def test_the_shift_of_a_crawl_ends_with_it() -> None:
+    plan = plan_of(spec_of({"failed_leg": (1, 3), "gait": "auto", "then": ("2@5",)}), shipped("ant"))
+    assert plan.gait.posture.shift != (0.0, 0.0)
+    assert plan.changes[0].gait.posture == replace(plan.gait.posture, shift=(0.0, 0.0))
+
+
+def test_a_robot_without_two_legs_does_not_turn_before_its_walk() -> None:
+    with pytest.raises(InputError, match="rear with failed legs 2, 5; allowed: auto, none"):
+        Run(spec_of({"failed_leg": (2, 5), "self_rotation": "rear"}))
+    with pytest.raises(InputError, match="best with failed legs 2, 5; allowed: with one"):
+        best_gait(spec_of({"failed_leg": (2, 5), "gait": "best"}))
+
+
+def test_legs_without_which_a_robot_hardly_walks_are_said_before_it_moves() -> None:
+    spec = spec_of({"robot": "pexod", "failed_leg": (1, 2), "failure": "limp", "gait": "auto"})
+    with Run(replace(spec, duration_s=0.5)) as connected:
+        assert "whether the robot walks without legs 1, 2 is doubtful" in connected.notes[0]
+    with Run(replace(spec, failure=Failure(leg=1), further_failures=(Failure(leg=4),))) as connected:
+        assert not any("doubtful" in note for note in connected.notes)
+    with pytest.raises(InputError, match=r"got 1,3,5 with gait auto; .* no gait keeps .* allowed: one"):
+        Run(spec_of({"failed_leg": (1, 3, 5), "gait": "auto"}))
+
+
+@pytest.mark.parametrize("heading_rad", [None, 0.0])
+def test_a_trim_with_a_turn_is_refused(heading_rad: float | None) -> None:
+    spec = RunSpec(hold="heading", trim_rad=0.1, turn_rate_rad_s=0.1, heading_rad=heading_rad)
+    with pytest.raises(InputError, match="trim: got it with a turn"):
+        spec.check()
+    replace(spec, turn_rate_rad_s=0.0, heading_rad=0.0).check()
+
+
+def test_a_run_may_say_that_it_leaves_no_recording() -> None:
+    assert spec_of({"record": False, "record_folder": "runs"}) == RunSpec()

@@ -1,0 +1,85 @@
+"""What trials bring to steered walks, replayed on made-up landscapes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hexctl.adapt.objectives import INVALID_SCORE
+from hexctl.backends.sim.world import load_randomization
+from hexctl.control.assessment.static_stability import STAND_UP
+from hexctl.study.holds.search_gain import (
+    AFTER,
+    END_POINTS,
+    FAMILY,
+    lines_of,
+    losses,
+    regrets,
+    searches,
+    specs,
+    table,
+    told_scores,
+)
+from hexctl.study.landscapes.landscape import NUMBERS, Landscape
+from hexctl.types import FloatArray
+from tests.adapt.priors import made_up_score_prior
+from tests.robots import shipped
+from tests.study.made_up import made_up_in
+
+DISTANCE = NUMBERS.index("distance_m")
+
+
+def landscape(way_m: FloatArray, invalid: tuple[int, ...] = (), leg: int = 5) -> Landscape:
+    """Steered walks of some ways, the last second of which is straight on."""
+    (asked,) = [spec for spec in specs(shipped(), load_randomization(FAMILY), 300, 5) if spec.leg == leg]
+    made = made_up_in(replace(asked, duration_s=6.0), np.zeros(120), invalid)
+    made.numbers[:, DISTANCE] = way_m
+    made.paths_m[:, -END_POINTS:, 0] = way_m[:, np.newaxis]
+    return made
+
+
+def test_each_world_has_one_locked_leg_on_its_line_and_the_sensors_of_the_comparison() -> None:
+    asked = specs(shipped(), load_randomization(FAMILY), 300, 8)
+    assert [spec.leg for spec in asked] == [1, 2, 3, 4, 5, 6, 1, 2]
+    assert [spec.seed for spec in asked] == list(range(300, 308))
+    assert {(spec.hold, spec.self_rotation, spec.failure) for spec in asked} == {("line", "none", "locked")}
+    assert {spec.world.lost_poses for spec in asked} == {0.05}
+    assert asked[1].trial(1).plan.gait.posture.body_raise == STAND_UP
+
+
+def test_a_loss_is_against_the_fastest_valid_gait() -> None:
+    way_m = np.linspace(2.0, 4.0, 120)
+    made = landscape(way_m, invalid=(120,))
+    assert losses(made)[118] == 0.0
+    assert losses(made)[0] == pytest.approx(1 - 2.0 / way_m[118])
+    assert losses(made)[119] == 1.0
+    assert told_scores(made)[119] == INVALID_SCORE
+    assert told_scores(made)[0] == pytest.approx(6.0 / 2.0)
+
+
+def test_regrets_begin_with_the_gait_auto_and_never_grow() -> None:
+    way_m = np.random.default_rng(0).uniform(2, 4, 120)
+    found = regrets(landscape(way_m), [*range(1, 11)])
+    assert len(found) == len(AFTER)
+    assert found == sorted(found, reverse=True)
+    assert regrets(landscape(way_m), [int(np.argmax(way_m)) + 1] * 10)[1:] == [0.0] * (len(AFTER) - 1)
+
+
+def test_a_prior_that_knows_the_gaits_is_ahead_of_chance_and_of_a_shuffled_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("hexctl.study.holds.search_gain.RUNS", 5)
+    prior = made_up_score_prior(legs=(5,), worlds=4)
+    unseen = made_up_score_prior(legs=(5,), worlds=1, seed=8).log_scores[0, 0, :, 0]
+    rows = table(prior, [landscape(6.0 / np.exp(unseen))])
+    assert list(rows) == ["order of the prior", "bayes", "random", "bayes, codes of the prior shuffled"]
+    third = AFTER.index(3)
+    assert rows["bayes"][0, third] < 0.5 * rows["random"][0, third]
+    assert rows["bayes"][0, third] < 0.5 * rows["bayes, codes of the prior shuffled"][0, third]
+    assert {values[0, 0] for values in rows.values()} == {rows["bayes"][0, 0]}, "auto is auto"
+    assert [runs for runs, _ in searches(prior, shipped(), 5).values()] == [1, 5, 5]
+
+
+def test_the_table_has_a_line_for_each_search() -> None:
+    lines = lines_of({"bayes": np.array([[0.1, 0.02], [0.3, 0.0]])})
+    assert lines[-1] == "| bayes | 20.0 ± 10.0 (30.0) | 1.0 ± 1.0 (2.0) |"

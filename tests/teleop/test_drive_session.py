@@ -1,0 +1,313 @@
+"""A session in simulation: what devices ask for is done, and release and silence end in a stand in time."""
+
+import math
+import os
+import sys
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.backends.clock import PERIOD_S
+from hexctl.backends.sim.servos import SimServos
+from hexctl.control.drive.arbiter import Arbiter
+from hexctl.control.drive.drive import Drive
+from hexctl.control.guard import Guard
+from hexctl.errors import InputError
+from hexctl.gait.gait import make_gait
+from hexctl.robot.failure import Failure
+from hexctl.teleop.drive_session import DriveSession, Travel, name_of
+from hexctl.teleop.keyboard import Keyboard
+from hexctl.types import N_JOINTS, FloatArray, RobotState
+from tests.robots import ROBOT_NAMES
+
+#: A body slower than this is at rest: a thousandth of what `ant` walks.
+REST_M_S = 0.01
+
+
+#: Within what a robot has to be at rest that is let go of, and one that hears nothing more; ticks add up to
+#: a little more or less.
+RELEASE_S, SILENCE_S, ROUNDING_S = 0.3, 0.8, 1e-9
+
+
+@pytest.fixture(scope="module", params=ROBOT_NAMES)
+def session(request: pytest.FixtureRequest) -> Iterator[DriveSession]:
+    guard = Guard(SimServos(request.param))
+    with Drive(servos=guard, arbiter=Arbiter(lambda: guard.clock.now_s)) as drive:
+        drive.reset()
+        yield DriveSession(drive)
+
+
+def rest_after_s(drive: Drive) -> float:
+    """Time until no target moves and the body rests."""
+    ticks = 0
+    while True:
+        before = drive.guard.true_pose
+        drive.step()
+        after = drive.guard.true_pose
+        ticks += 1
+        assert before is not None
+        assert after is not None
+        speed = float(np.linalg.norm((after[0] - before[0])[:2])) / PERIOD_S
+        if drive.at_rest and speed < REST_M_S:
+            return ticks * PERIOD_S
+
+
+def test_a_release_at_any_moment_and_a_silence_end_in_a_stand(session: DriveSession) -> None:
+    drive, random = session.drive, np.random.default_rng(1)
+    stick = drive.arbiter.source("gamepad")
+    released, silent = [], []
+    for number in range(30):
+        shares = random.uniform(-0.7, 0.7, 3)
+        for _ in range(60 + int(random.integers(0, 60))):
+            stick.command(drive.share(*shares))
+            drive.step()
+        if number % 2:
+            stick.release()
+            released.append(rest_after_s(drive))
+        else:
+            silent.append(rest_after_s(drive))
+    assert max(released) <= RELEASE_S
+    assert max(silent) <= SILENCE_S
+
+
+def stopped_after_s(drive: Drive, ticks: int = 70) -> float:
+    """Time from which on the body is slower than a tenth of the greatest speed."""
+    slow_m_s, last_s = 0.1 * drive.controller.most[0], 0.0  # type: ignore[attr-defined]
+    for tick in range(1, ticks + 1):
+        before = drive.guard.true_pose
+        drive.step()
+        after = drive.guard.true_pose
+        assert before is not None
+        assert after is not None
+        if float(np.linalg.norm((after[0] - before[0])[:2])) / PERIOD_S > slow_m_s:
+            last_s = tick * PERIOD_S
+    return last_s
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("gait", ["tripod", "wave"])
+@pytest.mark.parametrize("robot", ROBOT_NAMES)
+def test_bodies_rest_in_time_a_hundred_times_of_a_hundred(
+    robot: str, gait: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The figures of docs/driving.md, on the simulation's clock."""
+    guard, random = Guard(SimServos(robot)), np.random.default_rng(7)
+    after_s: dict[str, list[float]] = {"release": [], "silence": []}
+    with Drive(servos=guard, gait=gait, arbiter=Arbiter(lambda: guard.clock.now_s)) as drive:
+        drive.reset()
+        stick = drive.arbiter.source("gamepad")
+        for number in range(200):
+            shares = random.uniform(-1, 1, 3)
+            for _ in range(110 + int(random.integers(0, 80))):
+                stick.command(drive.share(*shares))
+                drive.step()
+            if number % 2:
+                stick.release()
+            after_s["release" if number % 2 else "silence"].append(stopped_after_s(drive))
+        assert drive.noticed == ()  # no leg is accused for a hard halt
+    with capsys.disabled():
+        for why, times_s in after_s.items():
+            sys.stdout.write(f"\n{robot} {gait} {why}: {np.median(times_s):.2f}, {max(times_s):.2f} s\n")
+    assert max(after_s["release"]) <= RELEASE_S + ROUNDING_S
+    assert max(after_s["silence"]) <= SILENCE_S + ROUNDING_S
+
+
+class Script:
+    """A device that asks for something at ticks, and keeps what it is told."""
+
+    def __init__(self, session: DriveSession, requests: dict[int, str]) -> None:
+        self._session, self._requests = session, requests
+        self.tick, self.told = 0, dict[str, Any]()
+
+    def poll(self) -> None:
+        if (request := self._requests.get(self.tick)) is not None:
+            self._session.ask(request)
+        self.tick += 1
+
+    def report(self, status: dict[str, Any]) -> None:
+        self.told = status
+
+
+def test_what_is_asked_for_is_done() -> None:
+    with Drive("ant") as drive:
+        session = DriveSession(drive)
+        drive.command(forward_m_s=0.1)
+        script = Script(session, {110: "gait", 115: "up", 120: "up", 125: "down", 300: "quit"})
+        assert session.run([script]) == "quit"
+        assert name_of(drive.gait.slots) == "wave"
+        assert drive.body_raise == pytest.approx(0.01)
+        assert script.told["gait"] == "wave"
+        assert script.told["source"] == "motion"
+        assert script.told["velocity"][0] > 0.05
+        assert drive.at_rest
+        assert drive.stopped == "quit"
+
+
+@pytest.mark.parametrize("name", ["ant", "lukas"])
+def test_the_body_goes_no_higher_and_no_lower_than_the_gait_can_walk(name: str) -> None:
+    with Drive(name) as drive:
+        session = DriveSession(drive)
+        requests = dict.fromkeys(range(150, 170), "up") | dict.fromkeys(range(400, 430), "down")
+        script = Script(session, requests | {800: "quit"})
+        stick, seen = drive.arbiter.source("motion"), list[tuple[float, float, str]]()
+
+        class Watch:
+            def poll(self) -> None:
+                stick.command(drive.share(0.5))
+                seen.append((drive.body_raise, drive.velocity.forward_m_s, session.said))
+
+            def report(self, status: dict[str, Any]) -> None:
+                pass
+
+        session.run([script, Watch()])
+    highest, lowest = seen[395], seen[795]
+    assert highest[0] > 0 > lowest[0]
+    assert min(highest[1], lowest[1]) > 0
+    assert highest[2] == "the body is as high as the gait can walk"
+    assert lowest[2] == "the body is as low as the gait can walk"
+
+
+def test_a_height_at_which_nothing_walks_is_said() -> None:
+    with Drive("ant", body_raise=0.1) as drive:
+        session = DriveSession(drive)
+        drive.command(forward_m_s=0.1)
+        script = Script(session, {250: "quit"})
+        session.run([script])
+        assert script.told["said"] == "no speed is possible with the body at +0.10"
+        assert script.told["velocity"] == [0, 0, 0]
+
+
+def test_a_gait_that_was_glided_to_is_the_one_that_is_told() -> None:
+    with Drive("ant", failure=Failure(leg=5, kind="locked")) as drive:
+        session = DriveSession(drive)
+        script = Script(session, {150: "quit"})
+        session.run([script])
+        assert script.told["gait"] == name_of(drive.gait_now.slots) != "tripod"
+
+
+def test_a_stop_holds_until_it_is_told_to_stand() -> None:
+    with Drive("ant") as drive:
+        session = DriveSession(drive)
+        drive.command(forward_m_s=0.1)
+        script = Script(session, {150: "stop", 200: "quit"})
+        session.run([script])
+        assert script.told["stopped"] == "stop button"
+        assert drive.at_rest
+
+
+class Typed(Keyboard):
+    """A keyboard on which keys are pressed at ticks; the greatest speed after each."""
+
+    def __init__(self, session: DriveSession, keys: dict[int, str]) -> None:
+        self._reading, self.writing = os.pipe()
+        drive = session.drive
+        super().__init__(drive.arbiter.source("keyboard"), drive.share, session.ask, self._reading)
+        self._drive, self._typed = drive, keys
+        self._tick, self._last = 0, ""
+        self.speeds_m_s = dict.fromkeys(keys.values(), 0.0)
+
+    def poll(self) -> None:
+        if keys := self._typed.get(self._tick, ""):
+            os.write(self.writing, keys.encode())
+            self._last = keys
+        super().poll()
+        self._tick += 1
+        if self._last:
+            now_m_s = abs(self._drive.velocity.forward_m_s)
+            self.speeds_m_s[self._last] = max(now_m_s, self.speeds_m_s[self._last])
+
+
+@pytest.mark.parametrize("down", ["x", "0"])
+def test_a_robot_that_is_told_to_stand_does_not_walk_off_at_the_speed_of_before(down: str) -> None:
+    with Drive("ant") as drive:
+        session = DriveSession(drive)
+        # The key after the stop, or after sitting down, moves nothing either.
+        typed = Typed(session, {150: "ww", 250: down, 450: "w", 460: "1", 700: "www", 800: "q"})
+        session.run([typed])
+        assert typed.speeds_m_s["ww"] > 0.05
+        assert typed.speeds_m_s["1"] == 0.0
+        assert typed.speeds_m_s["www"] > 0.08
+
+
+def test_an_interrupt_before_the_first_command_commands_nothing() -> None:
+    guard = Guard(SimServos("ant"))
+    with Drive(servos=guard) as drive:
+        begun_s = guard.clock.now_s
+        session = DriveSession(drive)
+        assert session.run(stop_requested=lambda: True) == "interrupted"
+        assert not session.commanded
+        assert guard.clock.now_s == begun_s
+
+
+def test_an_interrupt_ends_at_a_stand() -> None:
+    with Drive("ant") as drive:
+        drive.command(forward_m_s=0.1)
+        session = DriveSession(drive)
+        script = Script(session, {})
+        assert session.run([script], lambda: script.tick > 200) == "interrupted"
+        assert drive.at_rest
+
+
+def test_a_request_that_is_none_is_refused() -> None:
+    with Drive("ant") as drive, pytest.raises(InputError, match="request: got 'jump'"):
+        DriveSession(drive).ask("jump")
+
+
+def test_gaits_have_names_or_slots() -> None:
+    with Drive("ant") as drive:
+        assert name_of(make_gait(drive.robot, "wave").slots) == "wave"
+        assert name_of((5, 1, 2, 4, 3, 6)) == "5,1,2,4,3,6"
+
+
+def test_travel_is_the_length_of_a_path_its_speed_and_the_turn() -> None:
+    travel = Travel()
+    assert (travel.distance_m, travel.speed_m_s, travel.heading_deg) == (None, None, None)
+    for tick in range(21):  # 0.3 m forward, then 1.2 m to the left, turning by 90 degrees
+        way = 0.075 * tick
+        position = np.array([min(way, 0.3), max(way - 0.3, 0.0), 0.1])
+        half = math.radians(170 + 4.5 * tick) / 2
+        travel.add(pose(position, np.array([math.cos(half), 0, 0, math.sin(half)])), 0.15 * tick)
+    assert travel.distance_m == pytest.approx(1.5, abs=0.03)
+    assert travel.speed_m_s == pytest.approx(0.5, rel=0.25)
+    assert travel.heading_deg == pytest.approx(90.0)
+
+
+def test_noise_of_a_standing_robot_is_no_travel() -> None:
+    travel, random = Travel(), np.random.default_rng(2)
+    for tick in range(500):
+        travel.add(pose(random.uniform(-0.002, 0.002, 3), None), 0.1 * tick)
+    assert travel.distance_m == 0.0
+    assert travel.heading_deg is None
+
+
+def pose(position: FloatArray, quaternion: FloatArray | None) -> RobotState:
+    """State of a robot that is somewhere."""
+    return RobotState(
+        joint_positions_rad=np.zeros(N_JOINTS),
+        stamp_s=0.0,
+        measured=True,
+        base_position_world=position,
+        base_quaternion_world=quaternion,
+    )
+
+
+def test_a_driven_robot_reports_its_travel() -> None:
+    with Drive("ant") as drive:
+        drive.reset()
+        session, seen = DriveSession(drive), list[dict[str, Any]]()
+        stick = drive.arbiter.source("page")
+
+        class Stick:
+            def poll(self) -> None:
+                stick.command(drive.share(1, 0, 0))
+
+            def report(self, status: dict[str, Any]) -> None:
+                seen.append(status)
+
+        session.run([Stick()], lambda: len(seen) > 30)
+    assert seen[0]["distance_m"] == 0.0
+    assert seen[-1]["distance_m"] > 0.1
+    assert seen[-1]["speed_m_s"] > 0.05
+    assert abs(seen[-1]["heading_deg"]) < 20

@@ -1,0 +1,274 @@
+"""The filter on simulated walks: late and lost sightings, gaps, wild ones, and a robot that is carried."""
+
+import math
+
+import numpy as np
+import pytest
+
+from hexctl.errors import InputError
+from hexctl.robot.failure import Failure
+from hexctl.vision.detection.planar_pose import PlanarPose
+from hexctl.vision.estimation.pose_belief import OwnMotion, PoseBelief, Sighting
+from hexctl.vision.estimation.pose_filter import HISTORY_S, PoseFilter
+from tests.driven import Command, driven
+from tests.vision.sightings import SIGMA, Eye, followed
+
+AHEAD: tuple[Command, ...] = ((1, 0, 0, 0), (7, 1, 0, 0))
+TURNING: tuple[Command, ...] = ((1, 0, 0, 0), (7, 0, 0, 0.7))
+STOPPING: tuple[Command, ...] = ((1, 0, 0, 0), (5, 1, 0, 0), (3, 0, 0, 0))
+GAP = ((5.0, 7.0),)
+
+
+def seen(at_s: float, x_m: float = 0.0, y_m: float = 0.0, yaw_rad: float = 0.0) -> Sighting:
+    return Sighting(at_s, PlanarPose(x_m, y_m, yaw_rad), np.diag(SIGMA**2))
+
+
+def fixed(until_s: float = 1.0, **options: float) -> PoseFilter:
+    """A filter that has seen a robot stand at the origin."""
+    poses = PoseFilter(**options)
+    for frame in range(round(until_s * 30) + 1):
+        if frame:
+            poses.move((frame - 1) / 30, frame / 30, np.zeros(3))
+        poses.see(seen(frame / 30))
+        poses.estimate(frame / 30)
+    return poses
+
+
+@pytest.mark.parametrize("fps", [15.0, 30.0])
+def test_it_is_better_than_what_is_seen(fps: float) -> None:
+    course = followed(driven("ant", AHEAD), Eye(fps=fps))
+    assert course.errors()[0] < 0.008
+    assert course.errors()[1] < 0.5
+    assert course.held_errors()[0] > 2 * course.errors()[0]
+    assert course.greatest_jump_m() < 0.02
+    assert course.estimates[-1].sight == "seeing"
+
+
+def test_wild_sightings_are_not_believed() -> None:
+    course = followed(driven("ant", AHEAD), Eye(wild=0.1))
+    assert course.errors()[0] < 0.01
+    assert course.held_errors()[0] > 0.1
+    assert course.filter.refused > 10
+    assert course.filter.restarts == 0
+
+
+@pytest.mark.parametrize("world", ["flat", "real:3"])
+@pytest.mark.parametrize(
+    ("commands", "failure"),
+    [
+        (AHEAD, None),
+        (TURNING, None),
+        (STOPPING, None),
+        (AHEAD, Failure(leg=2)),
+        (AHEAD, Failure(leg=2, kind="missing")),
+    ],
+)
+def test_two_seconds_without_sight_are_bridged(
+    commands: tuple[Command, ...], failure: Failure | None, world: str
+) -> None:
+    course = followed(driven("ant", commands, world=world, failure=failure), Eye(gaps=GAP))
+    assert course.error_at(7.0) < 0.025
+    assert course.greatest_jump_m() < 0.02
+    bridging = course.estimates[int(6.9 * 30)]
+    before = course.estimates[int(4.9 * 30)]
+    assert (before.sight, bridging.sight, course.filter.restarts) == ("seeing", "bridging", 0)
+    assert bridging.covariance is not None
+    assert before.covariance is not None
+    assert bridging.covariance[0, 0] > before.covariance[0, 0]
+
+
+def test_without_odometry_a_robot_that_stops_unseen_runs_on() -> None:
+    """What the odometry is for: the velocity alone does not know that the robot stops."""
+    walk = driven("ant", STOPPING)
+    alone, both = (followed(walk, Eye(gaps=GAP), odometry=odometry) for odometry in (False, True))
+    assert alone.error_at(7.0) > 0.05 > 5 * both.error_at(7.0)
+    assert alone.errors(2.0, 5.0)[0] < 0.02
+    assert alone.greatest_jump_m() < 0.02
+
+
+def test_a_measured_yaw_bridges_better_than_feet() -> None:
+    walk = driven("pexod", TURNING, world="real:3")
+    feet, imu = (followed(walk, Eye(gaps=GAP), robot="pexod", imu=imu) for imu in (False, True))
+    assert imu.errors(6.0, 7.0)[1] < 0.7 < feet.errors(6.0, 7.0)[1]
+
+
+def test_a_robot_that_is_carried_is_told_once() -> None:
+    course = followed(driven("ant", STOPPING), Eye(carried=(7.0, 0.3, 0.0, 0.5), wild=0.05))
+    assert course.filter.restarts == 1
+    assert course.errors(7.6)[0] < 0.01
+    since_s = course.times_s[[one.restarts for one in course.estimates].index(1)] - 7.0
+    assert 0.3 <= since_s < 0.55
+
+
+def test_a_few_sightings_elsewhere_do_not_carry_it_away() -> None:
+    poses = fixed()
+    for frame in range(6):
+        assert not poses.see(seen(1.1 + frame / 30, 0.5))
+    assert poses.see(seen(1.35))
+    for frame in range(6):
+        assert not poses.see(seen(1.4 + frame / 30, 0.5))
+    assert poses.restarts == 0
+
+
+def test_a_first_pose_needs_sightings_that_agree() -> None:
+    poses = PoseFilter()
+    for at_s, x_m in ((0.0, 0.0), (0.03, 0.7), (0.06, -0.4), (0.09, 0.001)):
+        assert not poses.see(seen(at_s, x_m))
+        assert poses.estimate(at_s).sight == "lost"
+    assert not poses.see(seen(0.12, 0.7))
+    assert not poses.see(seen(0.15, 0.001))
+    assert poses.see(seen(0.18, 0.0))
+    found = poses.estimate(0.2)
+    assert found.pose is not None
+    assert abs(found.pose.x_m) < 0.01
+    assert found.restarts == 0
+
+
+def test_it_is_lost_after_a_while_and_found_again_by_agreement() -> None:
+    poses = fixed(lost_after_s=2.0)
+    assert poses.estimate(2.9).sight == "bridging"
+    lost = poses.estimate(3.1)
+    assert (lost.sight, lost.pose, lost.covariance) == ("lost", None, None)
+    assert not poses.see(seen(3.2, 0.5))
+    assert not poses.see(seen(3.23, 0.5))
+    assert poses.see(seen(3.26, 0.5))
+    assert poses.estimate(3.3).pose is not None
+
+
+def test_the_order_in_which_sightings_come_does_not_matter() -> None:
+    walk = [(0.02 * tick, 0.02 * (tick + 1), np.array([0.002, 0.0, 0.001])) for tick in range(100)]
+    sightings = [seen(0.02 * tick + 0.007, 0.002 * tick) for tick in range(0, 100, 3)]
+    results = []
+    for late in (0, 4):
+        poses = PoseFilter()
+        for three in sightings[:3]:
+            poses.see(three)
+        left = sightings[3:]
+        for from_s, to_s, motion in walk:
+            poses.move(from_s, to_s, motion)
+            while left and left[min(late, len(left) - 1)].at_s <= to_s:
+                poses.see(left.pop(min(late, len(left) - 1)))
+        assert not left
+        results.append(poses.estimate(2.0))
+    assert results[0].pose is not None
+    assert results[1].pose is not None
+    assert (results[1].pose.x_m, results[1].pose.yaw_rad) == pytest.approx(
+        (results[0].pose.x_m, results[0].pose.yaw_rad), abs=2e-4
+    )
+
+
+def test_motions_that_come_after_the_sightings_count_all_the_same() -> None:
+    early, late = PoseFilter(), PoseFilter()
+    for poses in (early, late):
+        for tick in range(60):
+            motion = (0.02 * tick, 0.02 * (tick + 1), np.array([0.004, 0.0, 0.0]))
+            if poses is early:
+                poses.move(*motion)
+            poses.see(seen(0.02 * tick + 0.01, 0.004 * (tick + 0.5)))
+            if poses is late:
+                poses.move(*motion)
+    ends = [poses.estimate(1.2).pose for poses in (early, late)]
+    assert ends[0] is not None
+    assert ends[1] is not None
+    assert ends[0].x_m == pytest.approx(ends[1].x_m, abs=1e-3)
+    assert ends[0].x_m == pytest.approx(0.24, abs=0.005)
+
+
+def test_too_old_a_sighting_is_refused() -> None:
+    poses = fixed(4.0)
+    assert poses.see(seen(4.0 - 0.8 * HISTORY_S))
+    assert not poses.see(seen(2.0))
+    assert poses.refused == 1
+
+
+def test_what_is_published_glides_to_a_correction() -> None:
+    poses = fixed()
+    poses.move(1.0, 1.2, np.array([0.1, 0.0, 0.0]))
+    for tick in range(15):
+        poses.move(1.2 + 0.02 * tick, 1.22 + 0.02 * tick, np.zeros(3))
+    shown = [poses.estimate(1.5)]
+    for frame in range(30):
+        poses.see(seen(1.5 + frame / 30, 0.14))
+        shown.append(poses.estimate(1.5 + (frame + 1) / 30))
+    along = [one.pose.x_m for one in shown if one.pose is not None]
+    assert along[0] == pytest.approx(0.1, abs=0.01)
+    assert along[-1] == pytest.approx(0.14, abs=0.01)
+    assert np.abs(np.diff(along)).max() < 0.012
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        Sighting(math.nan, PlanarPose(0, 0, 0), np.eye(3)),
+        Sighting(0.0, PlanarPose(math.nan, 0, 0), np.eye(3)),
+        Sighting(0.0, PlanarPose(0, 0, 0), np.full((3, 3), math.inf)),
+        Sighting(0.0, PlanarPose(0, 0, 0), np.eye(2)),
+    ],
+)
+def test_what_is_no_sighting_is_refused(bad: Sighting) -> None:
+    with pytest.raises(InputError, match="sighting"):
+        PoseFilter().see(bad)
+
+
+def test_what_is_no_motion_is_refused() -> None:
+    poses = PoseFilter()
+    poses.move(0.0, 0.1, np.zeros(3))
+    for from_s, to_s, motion in (
+        (0.05, 0.2, np.zeros(3)),
+        (0.2, 0.2, np.zeros(3)),
+        (0.2, 0.3, np.full(3, math.nan)),
+    ):
+        with pytest.raises(InputError, match="motion"):
+            poses.move(from_s, to_s, motion)
+    with pytest.raises(InputError, match="lost_after_s"):
+        PoseFilter(lost_after_s=0.1)
+
+
+def test_a_pose_may_be_asked_for_twice_at_one_time() -> None:
+    pose_filter = PoseFilter()
+    for number in range(4):
+        pose_filter.see(Sighting(0.1 * number, PlanarPose(0.001 * number, 0.0, 0.0), np.eye(3) * 1e-6))
+    first, again = pose_filter.estimate(0.5), pose_filter.estimate(0.5)
+    assert first.pose is not None
+    assert first.pose == again.pose
+
+
+def test_motions_that_come_in_bursts_make_no_leap() -> None:
+    """On a busy computer ten steps of 3 mm come within a millisecond, and then none for 0.2 s."""
+    pose_filter, x_m, last_s = PoseFilter(), 0.0, 0.0
+    offs_m = []
+    for burst in range(40):
+        for step in range(10):
+            at_s = 0.2 * (burst + 1) + 1e-4 * step
+            pose_filter.move(max(last_s, at_s - 1e-4), at_s, np.array([0.003, 0.0, 0.0]))
+            x_m, last_s = x_m + 0.003, at_s
+        for picture in range(4):
+            now_s = last_s + 0.05 * picture
+            pose_filter.see(Sighting(now_s, PlanarPose(x_m, 0.0, 0.0), np.eye(3) * 1e-5))
+            estimate = pose_filter.estimate(now_s + 0.04)
+            if estimate.pose is not None and burst > 5:
+                offs_m.append(abs(estimate.pose.x_m - x_m))
+    assert max(offs_m) < 0.05
+
+
+def test_a_motion_costs_as_much_after_seconds_without_a_sighting(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each motion used to play again all those since the last sighting, until no time was left to look."""
+    played: list[float] = []
+    moved = PoseBelief.moved
+
+    def counted(self: PoseBelief, own: OwnMotion, to_s: float) -> PoseBelief:
+        played.append(to_s)
+        return moved(self, own, to_s)
+
+    monkeypatch.setattr(PoseBelief, "moved", counted)
+    pose_filter = PoseFilter()
+    for at_s in (0.0, 0.1, 0.2, 0.3):
+        pose_filter.see(Sighting(at_s, PlanarPose(0.0, 0.0, 0.0), np.diag([1e-5, 1e-5, 1e-4])))
+    counts = []
+    for tick in range(140):
+        played.clear()
+        from_s = 0.3 + 0.02 * tick
+        pose_filter.move(from_s, from_s + 0.02, np.array([0.002, 0.0, 0.001]))
+        assert pose_filter.estimate(from_s + 0.06).pose is not None
+        counts.append(len(played))
+    assert sum(counts) < 6 * len(counts)

@@ -1,0 +1,66 @@
+"""Scenes that tests look at: a robot with a tag, tags on the floor, and a webcam 2.3 m away at 45 deg."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from hexctl.robot.loader import load_robot
+from hexctl.robot.model import Robot
+from hexctl.robot.rotations import about_z
+from hexctl.types import FloatArray
+from hexctl.vision.detection.camera import Camera
+from hexctl.vision.detection.lens import save_lens
+from hexctl.vision.detection.planar_pose import PlanarPose
+from hexctl.vision.detection.tags import UNIT_CORNERS
+from hexctl.vision.twin.rendering import CameraFlaws, RobotPosture, SceneRenderer
+from hexctl.vision.twin.twin_scene import CAMERA, FLOOR_TAGS, ROBOT_TAG, WEBCAM, tag_on
+from hexctl.vision.video.video_writer import VideoWriter
+
+__all__ = [
+    "CAMERA", "FLOOR_CORNERS", "FLOOR_TAGS", "ROBOT_TAG", "WEBCAM", "film_walk", "filmed_pose", "scene",
+    "standing", "tag_on",
+]  # fmt: skip
+
+FLOOR_CORNERS = {number: tag.pose.of_points(UNIT_CORNERS * tag.edge_m) for number, tag in FLOOR_TAGS.items()}
+
+
+def standing(robot: Robot, pose: PlanarPose, joints_rad: FloatArray | None = None) -> RobotPosture:
+    """Robot that stands level at a place."""
+    return RobotPosture(
+        np.array([pose.x_m, pose.y_m, robot.standing_height_m]),
+        about_z(pose.yaw_rad),
+        robot.stance_angles_rad if joints_rad is None else joints_rad,
+    )
+
+
+@contextmanager
+def scene(
+    camera: Camera = CAMERA, flaws: CameraFlaws | None = None, robot: str = "ant", **options: Any
+) -> Iterator[SceneRenderer]:
+    """The usual scene, seen by a camera."""
+    model = load_robot(robot)
+    with SceneRenderer(model, camera, FLOOR_TAGS, tag_on(model), flaws, **options) as renderer:
+        yield renderer
+
+
+#: Rate and length of a film.
+FILM_FPS, FILM_PICTURES = 10.0, 50
+
+
+def filmed_pose(number: int) -> PlanarPose:
+    """Where the robot is in a picture of a film: it stands for a second, then goes along an arc."""
+    walked = max(0, number - 10) / FILM_FPS
+    return PlanarPose(0.1 * walked, 0.05 * walked, 0.1 * walked)
+
+
+def film_walk(folder: Path) -> None:
+    """Make a video of a walk of `ant` (walk.mp4), and the calibration of its lens (lens.yaml)."""
+    save_lens(WEBCAM, folder / "lens.yaml")
+    with scene() as renderer, VideoWriter(folder / "walk.mp4", FILM_FPS) as writer:
+        for number in range(FILM_PICTURES):
+            color = renderer.draw_color(standing(load_robot("ant"), filmed_pose(number)))
+            writer.write(np.asarray(cv2.cvtColor(color, cv2.COLOR_RGB2BGR)), number / FILM_FPS)

@@ -1,0 +1,84 @@
+"""The robot at the other end of a link, served in real time."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from hexctl.errors import InputError, RobotFaultError
+from hexctl.vision.detection.planar_pose import PlanarPose
+from hexctl.vision.robot_link import LegState, SenderClock, robot_link
+from hexctl.waiting import wait_for
+from hexctl.wire.links import Link
+from tests.serve.processes import Served, free_port, served
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    with served(tmp_path_factory.mktemp("robot"), backend="sim") as running:
+        yield running
+
+
+def test_states_come_once_in_their_order(robot: Served) -> None:
+    states: list[LegState] = []
+    with robot_link(Link(endpoint=robot.endpoint), "ant") as end:
+
+        def many() -> bool:
+            states.extend(end.states())
+            return len(states) > 100
+
+        wait_for(many, 30, "no states came")
+        assert end.malformed == 0
+    times_s = np.array([state.at_s for state in states])
+    assert (np.diff(times_s) > 0).mean() > 0.95
+    assert np.median(np.diff(times_s)) == pytest.approx(0.02, abs=0.004)
+    assert states[-1].joint_positions_rad.shape == (18,)
+    assert states[-1].yaw_rad is not None  # a simulated robot has an orientation of its own
+
+
+def test_the_robot_takes_the_pose_for_its_own(robot: Served) -> None:
+    with robot_link(Link(endpoint=robot.endpoint)) as end:
+
+        def taken() -> bool:
+            end.publish(PlanarPose(1.5, -0.5, 0.7), 0.12, position_variance_m2=1e-4, yaw_variance_rad2=1e-4)
+            status = robot.status()
+            return bool(status["pose"] and status["malformed"]["poses"] == 0)
+
+        wait_for(taken, 30, "the pose was never taken")
+
+
+def test_without_a_robot_it_is_a_fault() -> None:
+    with (
+        pytest.raises(RobotFaultError),
+        robot_link(Link(endpoint=f"tcp/127.0.0.1:{free_port()}")),
+    ):
+        pass
+
+
+def test_another_name_than_that_of_the_robot_there_is_told(robot: Served) -> None:
+    with (
+        pytest.raises(InputError, match=r"robot: got pexod, and there are: ant; allowed: one of them"),
+        robot_link(Link(endpoint=robot.endpoint), "pexod"),
+    ):
+        pass
+
+
+def test_messages_that_come_in_bursts_were_sent_evenly() -> None:
+    clock, arrived_s = SenderClock(), 0.0
+    sent_s = []
+    for number in range(100):
+        stamp_s = 5000.0 + 0.02 * number
+        earliest_s = 70.0 + 0.02 * number
+        # Every tenth is 0.15 s late, and those behind it wait.
+        arrived_s = max(arrived_s, earliest_s + (0.15 if number % 10 == 9 else 0.0)) + 1e-4
+        sent_s.append(clock.sent_s(stamp_s, arrived_s))
+    steps_s = np.diff(sent_s)
+    assert np.allclose(steps_s, 0.02, atol=0.001)
+    assert sent_s[-1] == pytest.approx(70.0 + 0.02 * 99, abs=0.001)
+
+
+def test_a_sender_that_was_started_again_has_another_clock() -> None:
+    clock = SenderClock()
+    clock.sent_s(5000.0, 70.0)
+    assert clock.sent_s(3.0, 75.0) == 75.0
+    assert clock.sent_s(3.02, 75.03) == pytest.approx(75.02)

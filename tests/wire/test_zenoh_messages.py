@@ -1,0 +1,329 @@
+"""Commands, states and tags on the wire: byte-exact, complete, and nothing else."""
+
+import struct
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hexctl.errors import MessageError
+from hexctl.types import JOINT_NAMES, RobotState
+from hexctl.wire import MAX_PAYLOAD_BYTES, ros_cdr
+from hexctl.wire.zenoh_messages import (
+    CommandTag,
+    StateTag,
+    contacts_of,
+    decode_battery,
+    decode_command,
+    decode_joints,
+    decode_positions,
+    encode_battery,
+    encode_positions,
+    stale_joints_of,
+    tag_of,
+)
+
+COMMAND = CommandTag(
+    sequence=7, stamp_ns=1_500_000_000, time_to_live_ms=200, lease_id=bytes(range(16)), lease_sequence=3
+)
+#: The example of docs/protocol.md.
+COMMAND_BYTES = bytes.fromhex(
+    "48584363010700000000000000002f685900000000c8000000000102030405060708090a0b0c0d0e0f03000000"
+)
+STATE = StateTag(
+    sequence=9,
+    stamp_ns=2_000_000_000,
+    age_us=1500,
+    command_sequence=7,
+    measured=True,
+    healthy=False,
+    contacts=0b101101,
+    fault="low battery",
+    stopped=None,
+)
+STATE_BYTES = bytes.fromhex(
+    "485843730109000000000000000094357700000000dc0500000700000000000000052d0b6c6f77206261747465727900"
+)
+
+texts = st.none() | st.text(min_size=1, max_size=30)
+u32, u64 = st.integers(0, 2**32 - 1), st.integers(0, 2**64 - 1)
+i64 = st.integers(-(2**63), 2**63 - 1)
+
+
+def test_the_bytes_of_a_commands_tag() -> None:
+    assert COMMAND.packed() == COMMAND_BYTES
+    assert CommandTag.unpacked(COMMAND_BYTES) == COMMAND
+
+
+def test_the_bytes_of_a_states_tag() -> None:
+    assert STATE.packed() == STATE_BYTES
+    assert StateTag.unpacked(STATE_BYTES) == STATE
+
+
+@given(u64, i64, u32, st.binary(min_size=16, max_size=16), u32)
+def test_a_commands_tag_comes_back_as_it_was(
+    sequence: int, stamp_ns: int, ttl_ms: int, lease_id: bytes, lease_sequence: int
+) -> None:
+    tag = CommandTag(
+        sequence=sequence,
+        stamp_ns=stamp_ns,
+        time_to_live_ms=ttl_ms,
+        lease_id=lease_id,
+        lease_sequence=lease_sequence,
+    )
+    assert CommandTag.unpacked(tag.packed()) == tag
+
+
+@given(
+    u64,
+    i64,
+    u32,
+    u64,
+    st.booleans(),
+    st.booleans(),
+    st.none() | st.integers(0, 63),
+    texts,
+    texts,
+    st.integers(0, 2**18 - 1),
+)
+def test_a_states_tag_comes_back_as_it_was(
+    sequence: int,
+    stamp_ns: int,
+    age_us: int,
+    command_sequence: int,
+    measured: bool,
+    healthy: bool,
+    contacts: int | None,
+    fault: str | None,
+    stopped: str | None,
+    stale_joints: int,
+) -> None:
+    tag = StateTag(
+        sequence=sequence,
+        stamp_ns=stamp_ns,
+        age_us=age_us,
+        command_sequence=command_sequence,
+        measured=measured,
+        healthy=healthy,
+        contacts=contacts,
+        fault=fault,
+        stopped=stopped,
+        stale_joints=stale_joints,
+    )
+    assert StateTag.unpacked(tag.packed()) == tag
+
+
+@pytest.mark.parametrize(
+    ("fault", "told"),
+    [
+        ("ä" * 200, "ä" * 58 + "..."),
+        ("a" * 100 + " " + "b" * 19, "a" * 100 + " " + "b" * 19),
+        ("a" * 100 + ", " + "b" * 19, "a" * 100 + "..."),
+        ("a" * 110 + " " + "b" * 6 + " " + "c" * 9, "a" * 110 + " " + "b" * 6 + "..."),
+    ],
+)
+def test_a_text_that_is_too_long_is_cut_at_a_word(fault: str, told: str) -> None:
+    tag = StateTag(
+        sequence=1,
+        stamp_ns=0,
+        age_us=0,
+        command_sequence=0,
+        measured=True,
+        healthy=True,
+        contacts=None,
+        fault=fault,
+    )
+    assert StateTag.unpacked(tag.packed()).fault == told
+
+
+@pytest.mark.parametrize("kind", [CommandTag, StateTag])
+@given(data=st.binary(max_size=200))
+def test_other_bytes_are_refused(kind: type[CommandTag] | type[StateTag], data: bytes) -> None:
+    with pytest.raises(MessageError, match="allowed"):
+        kind.unpacked(data)
+
+
+STALE_BYTES = replace(STATE, stale_joints=1 << 17 | 1).packed()
+
+
+@pytest.mark.parametrize("good", [COMMAND_BYTES, STATE_BYTES, STALE_BYTES])
+def test_every_cut_and_every_other_version_is_refused(good: bytes) -> None:
+    kind = CommandTag if good is COMMAND_BYTES else StateTag
+    for end in range(len(good)):
+        with pytest.raises(MessageError):
+            kind.unpacked(good[:end])
+    with pytest.raises(MessageError):
+        kind.unpacked(good + b"\x00")
+    with pytest.raises(MessageError, match="version 2"):
+        kind.unpacked(good[:4] + b"\x02" + good[5:])
+
+
+POSITIONS = np.arange(18) / 8
+TORQUES = np.linspace(-1.5, 2.0, 18)
+
+
+def joint_state_by_hand(positions: np.ndarray, stamp_s: int, stamp_ns: int) -> bytes:
+    """Sensor_msgs/JointState as little-endian CDR, laid out with nothing but struct."""
+    out = struct.pack("<IIIB", stamp_s, stamp_ns, 1, 0)
+    out += b"\x00" * (-len(out) % 4) + struct.pack("<I", len(JOINT_NAMES))
+    for name in JOINT_NAMES:
+        out += b"\x00" * (-len(out) % 4) + struct.pack("<I", len(name) + 1) + name.encode() + b"\x00"
+    out += b"\x00" * (-len(out) % 4) + struct.pack("<I", positions.size)
+    out += b"\x00" * (-len(out) % 8) + positions.astype("<f8").tobytes()
+    return b"\x00\x01\x00\x00" + out + struct.pack("<II", 0, 0)
+
+
+def test_joint_angles_are_the_bytes_of_a_ros_joint_state() -> None:
+    assert encode_positions(POSITIONS, 3_000_000_005) == joint_state_by_hand(POSITIONS, 3, 5)
+
+
+def test_joint_angles_come_back_as_they_were() -> None:
+    np.testing.assert_array_equal(decode_positions(encode_positions(POSITIONS)), POSITIONS)
+
+
+def test_joints_named_in_another_order_are_put_in_ours() -> None:
+    order = np.random.default_rng(0).permutation(18)
+    payload = ros_cdr.encode(
+        ros_cdr.make(
+            ros_cdr.JOINT_STATE,
+            header=ros_cdr.header(0),
+            name=[JOINT_NAMES[joint] for joint in order],
+            position=POSITIONS[order],
+            velocity=np.zeros(0),
+            effort=TORQUES[order],
+        )
+    )
+    np.testing.assert_array_equal(decode_positions(payload), POSITIONS)
+    np.testing.assert_array_equal(decode_joints(payload)[1], TORQUES)
+
+
+@pytest.mark.parametrize(
+    ("names", "n_positions"),
+    [
+        (list(JOINT_NAMES), 17),
+        (list(JOINT_NAMES), 19),
+        (list(JOINT_NAMES[:17]), 18),
+        ([], 18),
+        (["leg1_coxa"] * 18, 18),
+        ([*JOINT_NAMES[:17], "tail"], 18),
+    ],
+)
+def test_a_joint_state_of_other_joints_is_refused(names: list[str], n_positions: int) -> None:
+    payload = ros_cdr.encode(
+        ros_cdr.make(
+            ros_cdr.JOINT_STATE,
+            header=ros_cdr.header(0),
+            name=names,
+            position=np.zeros(n_positions),
+            velocity=np.zeros(0),
+            effort=np.zeros(0),
+        )
+    )
+    with pytest.raises(MessageError, match="joints: got"):
+        decode_positions(payload)
+
+
+def test_torques_are_the_efforts_of_a_ros_joint_state() -> None:
+    payload = encode_positions(POSITIONS, 0, TORQUES)
+    message = ros_cdr.decode(ros_cdr.JOINT_STATE, payload)  # as peers read it that know of no torques
+    np.testing.assert_array_equal(message.position, POSITIONS)
+    np.testing.assert_array_equal(message.effort, TORQUES)
+    for got, sent in zip(decode_joints(payload), (POSITIONS, TORQUES), strict=True):
+        np.testing.assert_array_equal(got, sent)
+    assert decode_joints(encode_positions(POSITIONS))[1] is None
+    for end in range(len(payload) - 150, len(payload) - 8):
+        with pytest.raises(MessageError):
+            decode_joints(payload[:end])
+
+
+@pytest.mark.parametrize("efforts", [np.zeros(17), np.full(18, np.nan), np.append(TORQUES[:17], np.inf)])
+def test_efforts_that_are_no_torques_are_unknown(efforts: np.ndarray) -> None:
+    payload = ros_cdr.encode(
+        ros_cdr.make(
+            ros_cdr.JOINT_STATE,
+            header=ros_cdr.header(0),
+            name=list(JOINT_NAMES),
+            position=POSITIONS,
+            velocity=np.zeros(18),
+            effort=efforts,
+        )
+    )
+    positions, torques = decode_joints(payload)
+    np.testing.assert_array_equal(positions, POSITIONS)
+    assert torques is None
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("joint", [0, 17])
+def test_angles_that_are_not_finite_are_refused(bad: float, joint: int) -> None:
+    positions = POSITIONS.copy()
+    positions[joint] = bad
+    with pytest.raises(MessageError, match="not finite"):
+        decode_positions(encode_positions(positions))
+
+
+def test_a_message_of_a_million_joints_is_refused_unread() -> None:
+    with pytest.raises(MessageError, match=f"allowed: {MAX_PAYLOAD_BYTES}"):
+        decode_positions(b"\x00\x01\x00\x00" + bytes(8_000_000))
+
+
+def test_every_cut_of_a_command_is_refused() -> None:
+    payload = encode_positions(POSITIONS)
+    for end in range(len(payload) - 8):
+        with pytest.raises(MessageError):
+            decode_command(payload[:end], COMMAND_BYTES)
+
+
+def test_a_command_without_an_attachment_is_refused() -> None:
+    with pytest.raises(MessageError, match="no attachment"):
+        decode_command(encode_positions(POSITIONS), None)
+
+
+@pytest.mark.parametrize(("voltage_v", "share"), [(11.5, 0.25), (None, 0.5), (12.0, None), (None, None)])
+def test_a_battery_comes_back_as_it_was(voltage_v: float | None, share: float | None) -> None:
+    assert decode_battery(encode_battery(voltage_v, share)) == (voltage_v, share)
+
+
+def test_stale_joints_travel_in_the_tag() -> None:
+    stale = np.arange(18) % 5 == 3
+    state = RobotState(np.zeros(18), 0.0, True, stale_joints=stale)
+    tag = tag_of(state, sequence=1, stamp_ns=0, command_sequence=0)
+    assert tag.packed().endswith((0b10000100001000).to_bytes(4, "little"))
+    np.testing.assert_array_equal(stale_joints_of(StateTag.unpacked(tag.packed())), stale)
+    fresh = replace(state, stale_joints=None)
+    tag = tag_of(fresh, sequence=1, stamp_ns=0, command_sequence=0)
+    assert stale_joints_of(StateTag.unpacked(tag.packed())) is None
+
+
+def test_contacts_travel_in_the_tag() -> None:
+    contacts = np.array([True, False, True, True, False, True])
+    state = RobotState(POSITIONS, 0.0, True, foot_contacts=contacts)
+    tag = tag_of(state, sequence=1, stamp_ns=0, command_sequence=0)
+    np.testing.assert_array_equal(contacts_of(tag), contacts)
+    assert contacts_of(replace(tag, contacts=None)) is None
+
+
+def test_commands_compare_by_value() -> None:
+    one, other = (decode_command(encode_positions(POSITIONS), COMMAND_BYTES) for _ in range(2))
+    assert one == other
+    assert one != replace(other, positions_rad=POSITIONS + 1)
+
+
+def test_a_prepared_codec_loads_nothing_more_in_a_tick() -> None:
+    """The first message of a robot must not cost its controller a tenth of a second."""
+    program = """
+import sys
+import numpy as np
+from hexctl.wire import messages
+assert "rosbags" not in sys.modules
+messages.prepare_codec()
+before = set(sys.modules)
+messages.decode_positions(messages.encode_positions(np.ones(18)))
+messages.decode_pose(messages.encode_pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])))
+assert "rosbags" in before and set(sys.modules) == before, set(sys.modules) - before
+"""
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=60)

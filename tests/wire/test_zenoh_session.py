@@ -1,0 +1,347 @@
+"""Sessions over real links: refused clients, with the message that a user reads, beside admitted ones."""
+
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zenoh
+from cryptography.hazmat.primitives.serialization import load_pem_private_key
+
+from hexctl.errors import InputError, RobotFaultError
+from hexctl.wire import certificates, zenoh_session
+from hexctl.wire.certificates import load_certificate, make_certificates
+from hexctl.wire.links import Link, Role
+from hexctl.wire.zenoh_session import MAX_MESSAGE_BYTES, open_session
+from tests.serve.processes import free_port, wait_until
+from tests.wire.knocking import KEYS, ListeningRobot, answers, knocking, posing_as_robot, tls
+
+
+@pytest.fixture(autouse=True)
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A client that is refused in these tests would not be admitted later either."""
+    monkeypatch.setattr(zenoh_session, "CONNECT_MS", 1500)
+
+
+@pytest.fixture
+def link(authority: Path) -> Link:
+    return Link(endpoint=f"tls/127.0.0.1:{free_port()}", credentials=authority)
+
+
+@pytest.fixture
+def robot(link: Link) -> Iterator[ListeningRobot]:
+    with open_session(link, Role.ROBOT, KEYS) as opened:
+        robot = ListeningRobot(link, opened)
+        robot.listen()
+        yield robot
+
+
+def let_in(link: Link, role: Role = Role.CONTROLLER) -> bool:
+    with open_session(link, role, KEYS) as opened:
+        return answers(opened, KEYS.describe) == [b"robot"]
+
+
+def refused(link: Link) -> str:
+    with pytest.raises(RobotFaultError) as error:
+        open_session(link, Role.CONTROLLER, KEYS)
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+def expired(authority: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Make a controller's certificate of an authority that was good until some weeks ago."""
+
+    class LongAgo(datetime):
+        @classmethod
+        def now(cls, _tz: object = None) -> "datetime":  # type: ignore[override]
+            return datetime.now(UTC) - timedelta(days=30)
+
+    home = authority / certificates.AUTHORITY_FOLDER
+    secret: Any = load_pem_private_key((home / "key.pem").read_bytes(), password=None)
+    issuer = certificates._Issuer(load_certificate(home / "certificate.pem"), secret)
+    key = certificates._new_key()
+    with monkeypatch.context() as patched:
+        patched.setattr(certificates, "datetime", LongAgo)
+        certificate = certificates._certify(Role.CONTROLLER, key.public_key(), [], issuer, days=5)
+    certificates._write(folder, issuer, certificate, key)
+    return folder
+
+
+def test_who_knocks_without_a_good_certificate_is_not_let_in(
+    robot: ListeningRobot,
+    authority: Path,
+    other_authority: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    (stranger := tmp_path / "stranger").mkdir()
+    for name, home in (
+        ("ca.pem", authority),
+        ("certificate.pem", other_authority),
+        ("key.pem", other_authority),
+    ):
+        (stranger / name).write_bytes((home / "controller" / name).read_bytes())
+    good = tls(authority / "controller", "connect")
+    for settings in (
+        {"transport/link/tls/root_ca_certificate": good["transport/link/tls/root_ca_certificate"]},
+        tls(stranger, "connect"),
+        tls(authority / "robot", "connect"),
+        tls(expired(authority, tmp_path / "expired", monkeypatch), "connect"),
+    ):
+        with pytest.raises(zenoh.ZError):
+            knocking(robot.link.endpoint, settings)
+    assert not robot.heard
+    with knocking(robot.link.endpoint, good) as opened:
+        assert answers(opened, KEYS.lease) == [b"robot"]
+
+
+def test_only_a_robots_certificate_is_good_for_a_robot(link: Link, authority: Path) -> None:
+    for role, trusted in ((Role.VIEWER, False), (Role.CONTROLLER, False), (Role.ROBOT, True)):
+        with posing_as_robot(link.endpoint, tls(authority / role.value, "listen")) as posing:
+            ListeningRobot(link, posing).listen()
+            if trusted:
+                assert let_in(link)
+            else:
+                assert "is not good here (unsuitable certificate purpose)" in refused(link)
+
+
+def test_a_certificate_of_another_authority(robot: ListeningRobot, other_authority: Path) -> None:
+    message = refused(replace(robot.link, credentials=other_authority))
+    assert "unable to get local issuer certificate" in message
+    assert "same authority on both ends" in message
+    assert not robot.heard
+    assert let_in(robot.link)
+
+
+def test_a_robot_under_another_name_than_its_certificates(tmp_path: Path) -> None:
+    make_certificates(tmp_path / "keys", hosts=["localhost"], days=1)
+    link = Link(endpoint=f"tls/127.0.0.1:{free_port()}", credentials=tmp_path / "keys")
+    with open_session(link, Role.ROBOT, KEYS) as opened:
+        ListeningRobot(link, opened).listen()
+        assert "made for 127.0.0.1?" in refused(link)
+        assert let_in(replace(link, endpoint=link.endpoint.replace("127.0.0.1", "localhost")))
+
+
+def test_plain_to_secured_and_secured_to_plain(robot: ListeningRobot, authority: Path) -> None:
+    plain = Link(endpoint=robot.link.endpoint.replace("tls/", "tcp/"))
+    assert "does it want tls/ and credentials?" in refused(plain)
+    assert not robot.heard
+    open_one = Link(endpoint=f"tcp/127.0.0.1:{free_port()}")
+    with open_session(open_one, Role.ROBOT, KEYS) as opened:
+        ListeningRobot(open_one, opened).listen()
+        secured = Link(endpoint=open_one.endpoint.replace("tcp/", "tls/"), credentials=authority)
+        assert "is it hexctl serve with credentials?" in refused(secured)
+        assert let_in(open_one, Role.VIEWER)
+
+
+def test_what_listens_and_says_nothing_is_not_taken_for_another_robot() -> None:
+    """As of a server that hangs: its kernel goes on taking connections."""
+    with socket.create_server(("127.0.0.1", 0)) as hung:
+        place = f"tcp/127.0.0.1:{hung.getsockname()[1]}"
+        assert f"nobody answers at {place}" in refused(Link(endpoint=place))
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "words"),
+    [
+        ("tcp/127.0.0.1:{}", "nothing listens at"),
+        ("tcp/nowhere.invalid:{}", "no computer called nowhere.invalid"),
+        ("quic/127.0.0.1:{}", "no robot lets this end in at"),
+    ],
+)
+def test_where_no_robot_is(endpoint: str, words: str, authority: Path) -> None:
+    keys = authority if endpoint.startswith("quic") else None
+    link = Link(endpoint=endpoint.format(free_port()), credentials=keys, insecure=True)
+    assert words in refused(link)
+
+
+def test_where_a_robot_cannot_listen(robot: ListeningRobot) -> None:
+    for link, words in (
+        (robot.link, "already in use; by another robot or a ROS router? --listen gives each"),
+        (
+            Link(endpoint="tcp/192.0.2.1:7447", insecure=True),
+            "192.0.2.1 is none of this computer's addresses",
+        ),
+    ):
+        with pytest.raises(RobotFaultError, match="cannot listen at") as error:
+            open_session(link, Role.ROBOT, KEYS)
+        assert words in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "words"),
+    [
+        ("tcp/0.0.0.0:7447", "without certificates"),
+        ("tcp/192.168.1.20:7447", "without certificates"),
+        ("tcp/robot.local:7447", "insecure deliberately"),
+        ("tcp/[::]:7447", r"use tls/\[::\]:7447"),
+        ("tls/127.0.0.1:7447", "needs certificates"),
+        ("quic/0.0.0.0:7447", "needs certificates"),
+    ],
+)
+@pytest.mark.parametrize("role", list(Role))
+def test_beyond_this_computer_nothing_opens_without_certificates(
+    endpoint: str, words: str, role: Role
+) -> None:
+    with pytest.raises(InputError, match=words):
+        open_session(Link(endpoint=endpoint), role, KEYS)
+
+
+def test_certificates_that_would_not_be_used_are_not_taken(authority: Path) -> None:
+    for role in Role:
+        with pytest.raises(InputError, match=r"tcp knows no certificates; use tls/127\.0\.0\.1:7447"):
+            open_session(Link(credentials=authority), role, KEYS)
+
+
+def test_all_addresses_are_for_listening_only() -> None:
+    everywhere = Link(endpoint=f"tcp/0.0.0.0:{free_port()}", insecure=True)
+    with pytest.raises(InputError, match="where a robot listens"):
+        open_session(everywhere, Role.VIEWER, KEYS)
+    with open_session(everywhere, Role.ROBOT, KEYS) as opened:
+        ListeningRobot(everywhere, opened).listen()
+        near = Link(endpoint=everywhere.endpoint.replace("0.0.0.0", "127.0.0.1"))  # noqa: S104  meant so
+        assert let_in(near, Role.VIEWER)
+
+
+#: Long enough for a message that is let through to arrive, many times over.
+GRACE_S = 0.5
+
+#: Key expressions under which an impostor could speak for a robot, to it, or to all peers.
+ALL_SAID = (
+    *(KEYS.joint_states, KEYS.status, KEYS.imu, KEYS.truth, KEYS.command, KEYS.pose),
+    *("hexctl/ant/*", "hexctl/**", "**"),
+)
+
+
+@pytest.fixture
+def protocol() -> str:
+    return "tls"
+
+
+@pytest.fixture
+def accessed_robot(protocol: str, authority: Path) -> Iterator[ListeningRobot]:
+    keys = None if protocol == "tcp" else authority
+    link = Link(endpoint=f"{protocol}/127.0.0.1:{free_port()}", credentials=keys)
+    with open_session(link, Role.ROBOT, KEYS) as session:
+        accessed_robot = ListeningRobot(link, session)
+        accessed_robot.listen()
+        yield accessed_robot
+
+
+@contextmanager
+def client(accessed_robot: ListeningRobot, role: Role) -> Iterator[zenoh.Session]:
+    with open_session(accessed_robot.link, role, KEYS) as session:
+        yield session
+
+
+def hearing(session: zenoh.Session, key: str) -> list[bytes]:
+    """What is heard at a key from now on."""
+    heard: list[bytes] = []
+    session.declare_subscriber(key, lambda sample: heard.append(bytes(sample.payload)))
+    return heard
+
+
+def said_and_heard(robot: ListeningRobot, key: str, heard: list[bytes]) -> list[bytes]:
+    """What was heard at a key after the robot has spoken there."""
+    robot.session.put(key, b"own")
+    return heard
+
+
+@pytest.mark.parametrize("protocol", ["tls", "quic"])
+def test_a_controller_commands_and_a_viewer_only_reads(accessed_robot: ListeningRobot) -> None:
+    states: list[bytes] = []
+    with client(accessed_robot, Role.CONTROLLER) as controller, client(accessed_robot, Role.VIEWER) as viewer:
+        viewer.declare_subscriber(KEYS.joint_states, lambda sample: states.append(bytes(sample.payload)))
+        wait_until(lambda: accessed_robot.publisher.put(b"state") or states, "a state")
+        for key in (KEYS.imu, KEYS.truth):
+            heard = hearing(viewer, key)
+            wait_until(partial(said_and_heard, accessed_robot, key, heard), key)
+        for kind in ("lease", "estop", "describe"):
+            assert answers(controller, getattr(KEYS, kind), b"controller") == [b"robot"]
+        assert answers(controller, "hexctl/*/estop") == answers(controller, "hexctl/*/describe") == [b"robot"]
+        assert answers(viewer, KEYS.describe) == answers(viewer, "hexctl/*/describe") == [b"robot"]
+        for key in (KEYS.lease, KEYS.estop, "hexctl/*/estop", "hexctl/**"):
+            assert answers(viewer, key, b"viewer") == []
+        for session, name in ((viewer, b"viewer"), (controller, b"controller")):
+            session.put(KEYS.command, name)
+            session.put(KEYS.pose, name)
+        wait_until(lambda: ("pose", b"controller") in accessed_robot.heard, "what the controller may say")
+        time.sleep(GRACE_S)
+    assert ("command", b"controller") in accessed_robot.heard
+    assert not [said for said in accessed_robot.heard if said[1] == b"viewer"]
+
+
+@pytest.mark.parametrize("mode", ["client", "peer", "router"])
+@pytest.mark.parametrize(
+    ("protocol", "role"),
+    [
+        ("tcp", Role.CONTROLLER),
+        ("tls", Role.CONTROLLER),
+        ("tls", Role.VIEWER),
+        ("quic", Role.CONTROLLER),
+        ("quic", Role.VIEWER),
+    ],
+)
+def test_no_other_peer_publishes_answers_or_listens_in_the_robots_name(
+    accessed_robot: ListeningRobot, authority: Path, role: Role, mode: str
+) -> None:
+    settings = {} if accessed_robot.link.credentials is None else tls(authority / role.value, "connect")
+    heard: list[bytes] = []
+    listened: list[bytes] = []
+
+    def answer(query: Any) -> None:
+        query.reply(str(query.key_expr), b"impostor")
+        query.drop()
+
+    with (
+        client(accessed_robot, Role.CONTROLLER) as victim,
+        knocking(accessed_robot.link.endpoint, settings, mode) as impostor,
+    ):
+        for key in (KEYS.joint_states, KEYS.status, KEYS.imu, KEYS.truth):
+            victim.declare_subscriber(key, lambda sample: heard.append(bytes(sample.payload)))
+        impostor.declare_subscriber("**", lambda sample: listened.append(bytes(sample.payload)))
+        impostor.declare_subscriber(KEYS.command, lambda sample: listened.append(bytes(sample.payload)))
+        for key in (KEYS.lease, KEYS.describe, KEYS.estop, "hexctl/**"):
+            impostor.declare_queryable(key, answer)
+        token = impostor.liveliness().declare_token("hexctl/ant/alive")
+        wait_until(lambda: accessed_robot.publisher.put(b"state") or b"state" in heard, "a state")
+        for key in ALL_SAID:
+            impostor.put(key, b"impostor")
+            impostor.delete(key)
+        victim.put(KEYS.command, b"secret")
+        for kind in ("lease", "describe", "estop"):
+            assert answers(victim, getattr(KEYS, kind)) == [b"robot"]
+        assert answers(accessed_robot.session, KEYS.lease) == [b"robot"]
+        assert not list(victim.liveliness().get("**", timeout=GRACE_S))
+        token.undeclare()  # type: ignore[no-untyped-call]
+    assert set(heard) == {b"state"}
+    assert b"secret" not in listened
+    assert ("command", b"secret") in accessed_robot.heard
+    said = {kind for kind, payload in accessed_robot.heard if payload in (b"impostor", b"")}
+    assert said <= {"lease", "describe", "estop"} | (
+        {"command", "pose"} if role is Role.CONTROLLER else set()
+    )
+
+
+@pytest.mark.parametrize("protocol", ["tcp", "tls"])
+def test_a_message_that_is_too_long_is_dropped_on_the_way(protocol: str, authority: Path) -> None:
+    keys = authority if protocol == "tls" else None
+    link = Link(endpoint=f"{protocol}/127.0.0.1:{free_port()}", credentials=keys)
+    sizes: list[int] = []
+    with (
+        open_session(link, Role.ROBOT, KEYS) as accessed_robot,
+        open_session(link, Role.CONTROLLER, KEYS) as sender,
+    ):
+        accessed_robot.declare_subscriber(KEYS.command, lambda sample: sizes.append(len(sample.payload)))
+        wait_until(lambda: sender.put(KEYS.command, b"") or sizes, "a message")
+        for size in (MAX_MESSAGE_BYTES // 2, *[2 * MAX_MESSAGE_BYTES] * 5, 20_000_000, 7):
+            sender.put(KEYS.command, bytes(size), congestion_control=zenoh.CongestionControl.BLOCK)
+            time.sleep(0.1)  # shared memory, were it on, would take long messages over from here on
+        wait_until(lambda: 7 in sizes, "the message after them")
+    assert [size for size in sizes if size] == [MAX_MESSAGE_BYTES // 2, 7]
