@@ -66,7 +66,7 @@ def test_every_public_name_is_in_the_reference() -> None:
     assert len(set(described)) == len(described)
     packages = {"adapt": "adapt.adaptation.adapt", "export": "export.export.export"}
     own = set(hexctl.__all__) - {"testing", "vision"}
-    seen = {f"see.{name}" for name in hexctl.vision.__all__}
+    seen = {f"vision.{name}" for name in hexctl.vision.__all__}
     suites = {f"testing.{name}" for name in hexctl.testing.__all__}
     assert {packages.get(name, name) for name in own} | seen | suites <= set(described)
     overview = (DOCS / "api" / "index.md").read_text(encoding="utf-8")
