@@ -142,7 +142,7 @@ def walks(robot: Robot, gait: str, duration_s: float, *, solid: bool = False) ->
 
 def make_legs_solid(servos: SimServos) -> None:
     """Make each leg of a connected simulation collide with the other five, besides the floor."""
-    model = servos.simulation.physics.model
+    model = servos.compiled.physics.model
     for leg in range(N_LEGS):
         own = 1 << (leg + 1)
         others = sum(1 << (other + 1) for other in range(N_LEGS) if other != leg)

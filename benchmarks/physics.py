@@ -27,7 +27,7 @@ class Start:
     @classmethod
     def of(cls, servos: SimServos) -> "Start":
         """Return the connected simulation as it stands now; it may then move on or be closed."""
-        physics = servos.simulation.physics
+        physics = servos.compiled.physics
         return cls(copy.copy(physics.model.ptr), state_of(physics.model.ptr, physics.data.ptr))
 
     def data(self) -> Any:
@@ -59,7 +59,7 @@ def controls_of(log: TickLog, servos: SimServos) -> list[FloatArray]:
     What a tick sends acts from the next one on; the first is stepped with the controls of the start state.
     """
     sent = [servos.robot.stance_angles_rad, *log["sent_rad"][:-1]]
-    train = ActuatorModel.at_rest(servos.simulation, servos.robot.stance_angles_rad)
+    train = ActuatorModel.at_rest(servos.compiled, servos.robot.stance_angles_rad)
     return [train.drive(row) for row in sent]
 
 

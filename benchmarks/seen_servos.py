@@ -137,7 +137,7 @@ class SeenServos(ServosWrapper):
         super().close()
 
     def _posture(self) -> RobotPosture:
-        simulation = self._simulated.simulation.physics.data.ptr
+        simulation = self._simulated.compiled.physics.data.ptr
         qpos = np.array(simulation.qpos[:25])
         return RobotPosture(qpos[:3], qpos[3:7], qpos[7:])
 

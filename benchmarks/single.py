@@ -42,7 +42,7 @@ class _SingleRun:
             log = TickLog()
             run_trial(Guard(servos), plan, recorders=(log,))
             self._controls = controls_of(log, servos)
-            require_same_end(servos.simulation.physics.data.qpos.copy(), self._replay(), "single")
+            require_same_end(servos.compiled.physics.data.qpos.copy(), self._replay(), "single")
 
     def ours(self) -> float:
         """Return the wall time of the trial in s, the connection excluded."""

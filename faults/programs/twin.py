@@ -110,7 +110,7 @@ class TwinServos(SimServos):
         with suppress(BlockingIOError):
             while True:
                 self._begin_fault(self._words.recv(256).decode())
-        data = self.simulation.physics.data.ptr
+        data = self.compiled.physics.data.ptr
         _, x, y, _ = data.qpos[3:7].tolist()
         self.truth.add(STATE, data.qpos[7 : 7 + N_JOINTS], float(cos_tilt(x, y)))
 
@@ -137,7 +137,7 @@ class TwinServos(SimServos):
         self.truth.add(FAULT)
 
     def _fall(self) -> None:
-        data = self.simulation.physics.data.ptr
+        data = self.compiled.physics.data.ptr
         data.qpos[2] += LIFTED_M
         data.qpos[3:7] = np.cos(TIPPED_RAD / 2), np.sin(TIPPED_RAD / 2), 0.0, 0.0
         data.qvel[:6] = 0.0

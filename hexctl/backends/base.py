@@ -1,25 +1,18 @@
 """The abstract leg-servo interface: the only way to a robot, simulated or real."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Protocol, Self, runtime_checkable
+from typing import Protocol, Self, runtime_checkable
 
 from hexctl.backends.clock import Clock
+from hexctl.backends.facets import RemoteFacet, SimulationFacet
 from hexctl.errors import CommandRefusedError, InputError, RobotFaultError, check_type
 from hexctl.robot.failure import Failure, Failures, each_failure, failure_text, untold_note
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.robot.servos.raw_map import RawMap
-from hexctl.types import N_JOINTS, FloatArray, JointTargets, RobotState, all_finite
-
-if TYPE_CHECKING:
-    from hexctl.wire.description import RobotIdentity
-
-
-#: Position (3,) and orientation (4,), with the same leading shape.
-TruePose = tuple[FloatArray, FloatArray]
+from hexctl.types import N_JOINTS, JointTargets, RobotState, all_finite
 
 
 class LegServos(ABC):
@@ -28,29 +21,6 @@ class LegServos(ABC):
     `robot` and `clock` can be read before `connect`. One tick is: `clock.tick()`, `read()`, `write()`.
     `hexctl.testing.LegServosConformance` states what every implementation must do, as tests.
     """
-
-    #: True for a simulation, which knows the failure that it injects; a real robot does not.
-    injects_failure: bool = False
-
-    #: The leg failure that a simulation injects, or None.
-    failure: Failure | None = None
-
-    #: Those of other legs that it injects besides.
-    further_failures: tuple[Failure, ...] = ()
-
-    #: Failures in force now, by leg, of a simulation, here or at the other end of a link; None where unknown.
-    #: Recordings show them, controllers must not use them.
-    failures: tuple[Failure, ...] | None = None
-
-    #: True position (3,) and orientation (4,) of a simulation's base in the world, whatever is measured of
-    #: them; None for real robots. Results are scored with it, controllers must not use it.
-    true_pose: "TruePose | None" = None
-
-    #: Once connected to a simulation over a link: its `world` and `failure`, as text; else None.
-    simulated: Mapping[str, str] | None = None
-
-    #: Once connected to a robot over a link: which robot answered and who started it; else None.
-    identity: "RobotIdentity | None" = None
 
     @property
     @abstractmethod
@@ -61,6 +31,16 @@ class LegServos(ABC):
     @abstractmethod
     def clock(self) -> Clock:
         """The clock that says when the next tick is due."""
+
+    @property
+    def simulation(self) -> SimulationFacet | None:
+        """What only a simulation knows and can do; None for real servos."""
+        return None
+
+    @property
+    def remote(self) -> RemoteFacet | None:
+        """The link to the robot's server and what that reports; None without a server."""
+        return None
 
     @property
     def link_counts(self) -> dict[str, int]:
@@ -91,16 +71,6 @@ class LegServos(ABC):
 
     def pause_watchdog(self) -> None:  # noqa: B027  most servos have no watchdog
         """Expect no command until the next one: until then, silence is not a failure."""
-
-    def change_leg(self, leg: int, failure: Failure | None) -> None:
-        """Let a leg of a simulation fail now, or heal for None.
-
-        Raises InputError for servos that are no simulation.
-        """
-        raise InputError("failure: got it for a robot that is not simulated; allowed: with hexctl serve sim")
-
-    def walk_begins(self) -> None:  # noqa: B027  only simulations have failures to come
-        """Know that a walk begins: a simulation counts its failure events from here."""
 
     def disable_torque(self) -> bool:
         """Let the joints go limp until the next `write`; False where the servos cannot."""
@@ -141,41 +111,6 @@ class ServosWrapper(LegServos):
         return self.wrapped.unwrapped if isinstance(self.wrapped, ServosWrapper) else self.wrapped
 
     @property
-    def injects_failure(self) -> bool:  # type: ignore[override]  # forwarded, never assigned
-        """Whether the wrapped servos are a simulation that injects a failure."""
-        return self.wrapped.injects_failure
-
-    @property
-    def failure(self) -> Failure | None:  # type: ignore[override]
-        """The leg failure that the wrapped servos inject, or None."""
-        return self.wrapped.failure
-
-    @property
-    def further_failures(self) -> tuple[Failure, ...]:  # type: ignore[override]
-        """Those of other legs that the wrapped servos inject besides."""
-        return self.wrapped.further_failures
-
-    @property
-    def failures(self) -> tuple[Failure, ...] | None:  # type: ignore[override]
-        """Failures in force now in the wrapped servos, where they are known; else None."""
-        return self.wrapped.failures
-
-    @property
-    def true_pose(self) -> TruePose | None:  # type: ignore[override]
-        """True pose of the wrapped servos, where they simulate; else None."""
-        return self.wrapped.true_pose
-
-    @property
-    def simulated(self) -> Mapping[str, str] | None:  # type: ignore[override]
-        """World and failure of a simulation at the other end of a link, or None."""
-        return self.wrapped.simulated
-
-    @property
-    def identity(self) -> "RobotIdentity | None":  # type: ignore[override]
-        """The robot that answered at the other end of a link, or None."""
-        return self.wrapped.identity
-
-    @property
     def robot(self) -> Robot:
         """Description of the robot that the wrapped servos move."""
         return self.wrapped.robot
@@ -184,6 +119,16 @@ class ServosWrapper(LegServos):
     def clock(self) -> Clock:
         """The clock of the wrapped servos."""
         return self.wrapped.clock
+
+    @property
+    def simulation(self) -> SimulationFacet | None:
+        """What only a simulation knows and can do, of the wrapped servos; None for real servos."""
+        return self.wrapped.simulation
+
+    @property
+    def remote(self) -> RemoteFacet | None:
+        """The link to the server of the wrapped servos and what that reports; None without a server."""
+        return self.wrapped.remote
 
     @property
     def link_counts(self) -> dict[str, int]:
@@ -205,14 +150,6 @@ class ServosWrapper(LegServos):
     def pause_watchdog(self) -> None:
         """Expect no command until the next one."""
         self.wrapped.pause_watchdog()
-
-    def change_leg(self, leg: int, failure: Failure | None) -> None:
-        """Let a leg of wrapped servos that simulate fail now, or heal for None."""
-        self.wrapped.change_leg(leg, failure)
-
-    def walk_begins(self) -> None:
-        """Tell the wrapped servos that a walk begins."""
-        self.wrapped.walk_begins()
 
     def disable_torque(self) -> bool:
         """Let the joints go limp until the next `write`; False where the wrapped servos cannot."""
@@ -277,12 +214,27 @@ def connection_notes(servos: LegServos, told: Failures) -> list[str]:
         servos: connected.
         told: failures that the controller is told of.
     """
-    notes = [] if servos.identity is None else [f"the robot is {servos.identity}"]
-    broken = (*each_failure(servos.failure), *servos.further_failures)
-    if servos.injects_failure and (note := untold_note(broken, told)) is not None:
+    simulation, remote = servos.simulation, servos.remote
+    identity = None if remote is None else remote.identity
+    notes = [] if identity is None else [f"the robot is {identity}"]
+    if simulation is not None and (note := untold_note(simulation.failures, told)) is not None:
         notes.append(note)
-    there, here = (servos.simulated or {}).get("failure"), failure_text(*each_failure(told))
     notes += [f"servos: {warning}" for warning in servos.read().warnings]
+    there = None if remote is None else (remote.simulated or {}).get("failure")
+    here = failure_text(*each_failure(told))
     if there not in (None, here):
         notes.append(f"the simulated robot there has failure {there}, this end walks as with failure {here}")
     return notes
+
+
+def failures_in_force(servos: LegServos) -> tuple[Failure, ...] | None:
+    """Failures of a simulation now, by leg, here or at the other end of a link; None where unknown."""
+    facet = servos.remote if servos.simulation is None else servos.simulation
+    return None if facet is None else facet.failures
+
+
+def simulation_of(servos: LegServos) -> SimulationFacet:
+    """What only a simulation knows and can do; raises InputError for servos that are none."""
+    if servos.simulation is None:
+        raise InputError("failure: got it for a robot that is not simulated; allowed: with hexctl serve sim")
+    return servos.simulation

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from hexctl.backends.base import LegServos
+from hexctl.backends.base import LegServos, failures_in_force
 from hexctl.backends.clock import Tick
 from hexctl.control.controllers import Controller, HeldLegs, Stand
 from hexctl.control.guard import Guard
@@ -103,10 +103,10 @@ class _TraceObserver:
     """Adds every tick to the trial's trace."""
 
     def __init__(self, trace: Trace, servos: LegServos) -> None:
-        self._trace, self._servos = trace, servos
+        self._trace, self._simulation = trace, servos.simulation
 
     def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
-        pose = self._servos.true_pose
+        pose = None if self._simulation is None else self._simulation.true_pose
         self._trace.add(tick.time_s, state, None if pose is None else pose[0])
 
     def took(self, work_s: float) -> None:
@@ -120,7 +120,7 @@ class _NewsObserver:
         self._log, self._servos, self._controller = log, servos, controller
 
     def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
-        self._log.note_failures("world", self._servos.failures)
+        self._log.note_failures("world", failures_in_force(self._servos))
         self._log.note_failures("belief", self._controller.believed_failures())
         if texts := self._controller.news():
             self._log.note(texts)

@@ -156,7 +156,7 @@ def _guarded(servos: LegServos) -> Guard:
     """
     if isinstance(servos, Guard):
         return servos
-    if servos.injects_failure:
+    if servos.simulation is not None:
         return Guard(servos)
     raise InputError(
         f"servos: got {type(servos).__name__} without a guard; allowed: Guard(servos), one for all trials, "
@@ -248,7 +248,8 @@ class _Trial:
         phases = Phases(self._servos, self.trace, self._recorders)
         self.trace.frame = start.frame
         phases.begin("walk")
-        self._servos.walk_begins()
+        if self._servos.simulation is not None:
+            self._servos.simulation.walk_begins()
         clipped_before = self._servos.counters.clipped
         try:
             step = phases.run(walk, until=self._until(), seen_by=(self._samples, self._effort))

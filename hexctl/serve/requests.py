@@ -5,11 +5,13 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
+from hexctl.backends.base import simulation_of
 from hexctl.control.guard import Guard
 from hexctl.control.stop_reason import reason_in_words
 from hexctl.errors import HexctlError, MessageError, RobotFaultError
 from hexctl.robot.failure_event import in_words_with_share, parse_failure_now, parse_healing
 from hexctl.serve.leases import Lease, LeaseManager, LeaseRefusedError
+from hexctl.serve.served_servos import call_servos
 from hexctl.serve.stops.latch import StopLatch
 from hexctl.serve.stops.stop import (
     LIFTED_BY_LEASE,
@@ -174,12 +176,13 @@ class RequestHandler:
             text = str(content.get("leg" if heals else "failure", ""))[:MAX_FAILURE_TEXT]
             failure = None if heals else parse_failure_now(text)
             leg = parse_healing(f"{text}@0").leg if failure is None else failure.leg
-            whole = all(one.leg != leg for one in self._guard.failures or ())
-            self._guard.change_leg(leg, failure)
+            simulation = simulation_of(self._guard)
+            whole = all(one.leg != leg for one in simulation.failures)
+            call_servos(self._guard, "change_leg", lambda: simulation.change_leg(leg, failure))
             changed_at_s.append(at_s)
         except HexctlError as error:
             return {"error": str(error)}
-        failures = self._guard.failures or ()
+        failures = simulation.failures
         note = {"note": f"leg {leg} was whole already"} if heals and whole else {}
         return {"failures": [f"leg {one.leg} {in_words_with_share(one)}" for one in failures], **note}
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from hexctl.backends.base import TruePose
+from hexctl.backends.facets import TruePose
 from hexctl.robot.rotations import xyzw
 from hexctl.types import FloatArray
 from hexctl.wire.ros import telemetry

@@ -8,7 +8,6 @@ from typing import TypeVar
 from hexctl.backends.base import LegServos, ServosWrapper
 from hexctl.control.guard import EXPIRY_S
 from hexctl.errors import HexctlError, RobotFaultError
-from hexctl.robot.failure import Failure
 from hexctl.types import FloatArray, JointTargets, RobotState
 
 Answer = TypeVar("Answer")
@@ -68,11 +67,11 @@ class ServedServos(ServosWrapper):
 
     def connect(self) -> None:
         """Connect the servos."""
-        self._call("connect", super().connect)
+        call_servos(self, "connect", super().connect)
 
     def read(self) -> RobotState:
         """State of the servos, with the pose from outside once there was one."""
-        state = self._call("read", super().read)
+        state = call_servos(self, "read", super().read)
         self._own_quaternion = state.base_quaternion_world
         if self._pose is None:
             return state
@@ -82,31 +81,35 @@ class ServedServos(ServosWrapper):
 
     def write(self, targets: JointTargets) -> JointTargets:
         """Write to the servos."""
-        return self._call("write", lambda: self.wrapped.write(targets))
+        return call_servos(self, "write", lambda: self.wrapped.write(targets))
 
     def pause_watchdog(self) -> None:
         """Expect no command until the next one."""
-        self._call("pause_watchdog", super().pause_watchdog)
+        call_servos(self, "pause_watchdog", super().pause_watchdog)
 
     def disable_torque(self) -> bool:
         """Switch off the torque of the servos."""
-        return self._call("disable_torque", super().disable_torque)
-
-    def change_leg(self, leg: int, failure: Failure | None) -> None:
-        """Let a leg of a simulation fail now, or heal for None."""
-        self._call("change_leg", lambda: self.wrapped.change_leg(leg, failure))
+        return call_servos(self, "disable_torque", super().disable_torque)
 
     def close(self) -> None:
         """Close the servos and drop the pose."""
         self._pose = self._own_quaternion = None
-        self._call("close", super().close)
+        call_servos(self, "close", super().close)
 
-    def _call(self, name: str, method: Callable[[], Answer]) -> Answer:
-        try:
-            return method()
-        except HexctlError:
-            raise
-        except Exception as error:
-            servos = type(self.unwrapped).__name__
-            reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-            raise RobotFaultError(f"the servos failed: {servos}.{name} raised {reason}") from error
+
+def call_servos(servos: ServosWrapper, name: str, method: Callable[[], Answer]) -> Answer:
+    """Result of a method of servos; an error that hexctl does not know becomes a RobotFaultError.
+
+    Args:
+        servos: whose method is called.
+        name: of the method, for the message.
+        method: the call.
+    """
+    try:
+        return method()
+    except HexctlError:
+        raise
+    except Exception as error:
+        kind = type(servos.unwrapped).__name__
+        reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+        raise RobotFaultError(f"the servos failed: {kind}.{name} raised {reason}") from error

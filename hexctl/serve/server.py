@@ -7,7 +7,7 @@ from contextlib import nullcontext
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
-from hexctl.backends.base import LegServos
+from hexctl.backends.base import LegServos, failures_in_force
 from hexctl.backends.clock import STANDSTILL_S, Standstill
 from hexctl.control.guard import EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, MessageError, RobotFaultError
@@ -347,8 +347,9 @@ class RobotServer:
 
     def _publish_own_poses(self) -> None:
         """Publish what no pose from outside replaces."""
-        servos = self._servos
-        for kind, payload in self._own_poses.messages(servos.own_orientation, servos.true_pose):
+        servos, simulation = self._servos, self._servos.simulation
+        truth = None if simulation is None else simulation.true_pose
+        for kind, payload in self._own_poses.messages(servos.own_orientation, truth):
             self._transport.publish(kind, payload)
 
     def _offer(self, state: RobotState) -> None:
@@ -375,11 +376,11 @@ class RobotServer:
         now_s = time.monotonic()
         lease, state, guard = self._leases.holder(now_s), self._state, self._guard
         self._commands.counters.overflowed = self._inbox.overflowed
-        cleared = self._latch.cleared
+        cleared, failures = self._latch.cleared, failures_in_force(guard)
         return {
             **self._who,
             "simulated": self._simulated,
-            "failures": None if guard.failures is None else [f"{one.leg}:{one}" for one in guard.failures],
+            "failures": None if failures is None else [f"{one.leg}:{one}" for one in failures],
             "stopped": guard.stopped,
             "stop": self._latch.status(),
             "cleared": None if cleared is None else cleared.to_json(now_s),

@@ -49,7 +49,7 @@ class StayingSim(LegServos):
         self._connected = True
         if PLACE.exists():
             kept = np.load(PLACE)
-            data = self._sim.simulation.physics.data.ptr
+            data = self._sim.compiled.physics.data.ptr
             data.qpos[:], data.ctrl[:] = kept["qpos"], kept["ctrl"]
 
     def read(self) -> RobotState:
@@ -73,7 +73,7 @@ class StayingSim(LegServos):
         self._sim.close()
 
     def _note(self) -> None:
-        data = self._sim.simulation.physics.data.ptr
+        data = self._sim.compiled.physics.data.ptr
         with PLACE.with_suffix(".new").open("wb") as file:
             np.savez(file, qpos=data.qpos, ctrl=data.ctrl)
         PLACE.with_suffix(".new").replace(PLACE)

@@ -1,13 +1,21 @@
 """The servos wrapper, and robots given by name."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pytest
 
-from hexctl.backends.base import LegServos, ServosWrapper, as_robot
+from hexctl.backends.base import (
+    LegServos,
+    ServosWrapper,
+    as_robot,
+    connection_notes,
+    failures_in_force,
+    simulation_of,
+)
 from hexctl.backends.clock import WallClock
+from hexctl.backends.facets import TruePose
 from hexctl.backends.mock import MockServos
 from hexctl.control.guard import Guard
 from hexctl.errors import InputError, WrongTypeError
@@ -16,18 +24,46 @@ from hexctl.robot.failure import Failure
 from hexctl.serve.served_servos import ServedServos
 from hexctl.testing import LegServosConformance
 from hexctl.types import JointTargets
+from hexctl.wire.description import RobotIdentity
+from hexctl.wire.links import Link
 from tests.backends.fake_time import FakeTime
 from tests.robots import shipped
 
 PUBLIC = sorted(name for name in dir(LegServos) if not name.startswith("_"))
 
 
-class Recorder(MockServos):
+class BreakingServos(MockServos):
+    """Servos of a simulation, as far as their failures go."""
+
+    failures: tuple[Failure, ...] = (Failure(leg=2), Failure(leg=5))
+    true_pose: TruePose | None = None
+
+    @property
+    def simulation(self) -> Self:
+        return self
+
+    def change_leg(self, leg: int, failure: Failure | None) -> None:
+        raise NotImplementedError
+
+    def walk_begins(self) -> None:
+        raise NotImplementedError
+
+
+class ServedMock(MockServos):
+    """Servos behind a server, as far as an operator is told of them."""
+
+    identity = RobotIdentity(robot="ant", backend="sim", host="lab-pc", user="alice", pid=4711)
+    link, failures = Link(), (Failure(leg=2, kind="limp"),)
+    simulated: Mapping[str, str] | None = {"world": "flat", "failure": "leg 2 limp"}
+
+    @property
+    def remote(self) -> Self:
+        return self
+
+
+class Recorder(BreakingServos, ServedMock):  # type: ignore[misc]  # the failures are those of the simulation
     """Servos whose every property says something else than the default, and whose calls are kept."""
 
-    injects_failure = True
-    failure = Failure(leg=3)
-    simulated: Mapping[str, str] | None = {"world": "slope", "failure": "leg 3 locked"}
     calls: list[str]
 
     def __init__(self) -> None:
@@ -40,9 +76,6 @@ class Recorder(MockServos):
 
     def pause_watchdog(self) -> None:
         self.calls.append("pause_watchdog")
-
-    def change_leg(self, leg: int, failure: Failure | None) -> None:
-        self.calls.append(f"leg {leg} {failure}")
 
 
 class TestServosWrapper(LegServosConformance):
@@ -61,7 +94,7 @@ def test_a_wrapper_forwards_every_public_attribute() -> None:
 
     wrapper = ServosWrapper(Inner())
     targets = JointTargets(shipped().stance_angles_rad, 0.0)
-    arguments: dict[str, tuple[Any, ...]] = {"write": (targets,), "change_leg": (5, None)}
+    arguments: dict[str, tuple[Any, ...]] = {"write": (targets,)}
     wrapper.connect()
     for name in [*(name for name in PUBLIC if name not in ("close", "connect")), "close"]:
         called.clear()
@@ -75,7 +108,7 @@ def test_a_wrapper_forwards_every_public_attribute() -> None:
 def test_what_wraps_servos_is_as_they_are(wrap: type[ServosWrapper]) -> None:
     servos = Recorder()
     with wrap(servos) as wrapper:
-        for name in ("robot", "clock", "injects_failure", "failure", "simulated", "identity", "link_counts"):
+        for name in ("robot", "clock", "simulation", "remote", "link_counts"):
             assert getattr(wrapper, name) == getattr(servos, name), name
         wrapper.pause_watchdog()
         assert servos.calls == ["pause_watchdog"]
@@ -84,12 +117,29 @@ def test_what_wraps_servos_is_as_they_are(wrap: type[ServosWrapper]) -> None:
         assert wrap(wrapper).unwrapped is servos
 
 
-def test_what_a_simulation_says_after_connecting_is_forwarded() -> None:
-    servos = MockServos(shipped(), clock=FakeTime().clock())
-    guard = Guard(servos)
-    servos.simulated, servos.failure = {"failure": "none"}, Failure(leg=2)
-    assert guard.simulated == {"failure": "none"}
-    assert guard.failure == Failure(leg=2)
+def test_an_operator_is_told_whose_robot_it_is_and_what_a_simulation_breaks() -> None:
+    with ServedMock("ant") as servos:
+        whose, breaks = connection_notes(Guard(servos), None)
+        assert "alice on lab-pc" in whose
+        assert "leg 2 limp" in breaks
+        assert connection_notes(servos, Failure(leg=2, kind="limp")) == [whose]
+    with BreakingServos("ant") as simulated:
+        (note,) = connection_notes(Guard(simulated), Failure(leg=5))
+        assert "leg 2 locked" in note
+        assert connection_notes(simulated, simulated.failures) == []
+
+
+def test_failures_in_force_are_those_of_a_simulation_here_or_there() -> None:
+    assert failures_in_force(Guard(BreakingServos("ant"))) == BreakingServos.failures
+    assert failures_in_force(Guard(ServedMock("ant"))) == ServedMock.failures
+    assert failures_in_force(Guard(MockServos("ant"))) is None
+
+
+def test_only_a_simulation_breaks_legs() -> None:
+    simulated = BreakingServos("ant")
+    assert simulation_of(Guard(simulated)) is simulated
+    with pytest.raises(InputError, match="not simulated"):
+        simulation_of(Guard(MockServos("ant")))
 
 
 def test_a_robot_is_taken_by_its_name() -> None:

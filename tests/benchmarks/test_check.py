@@ -35,7 +35,7 @@ def legs_in_contact(robot: Robot, *, solid: bool) -> int:
             make_legs_solid(servos)
         servos.clock.tick()
         servos.read()
-        physics = servos.simulation.physics
+        physics = servos.compiled.physics
         names = [
             [physics.model.id2name(geom, "geom") for geom in (contact.geom1, contact.geom2)]
             for contact in physics.data.contact

@@ -308,7 +308,7 @@ def test_a_fall_to_any_side_is_one(degrees: float) -> None:
 def test_a_robot_that_lies_on_its_back_in_the_simulation_has_fallen() -> None:
     servos = SimServos(ANT)
     with Guard(servos) as guard:
-        servos.simulation.physics.data.qpos[3:7] = [0, 1, 0, 0]
+        servos.compiled.physics.data.qpos[3:7] = [0, 1, 0, 0]
         for _ in range(9):
             guard.clock.tick()
             guard.read()

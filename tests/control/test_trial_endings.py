@@ -57,7 +57,7 @@ def _with_physics_at(tick: int, happen: Callable[[Any], None], **plan: Any) -> t
 
         def never_but_look() -> bool:
             if log.phase == "walk" and len(log) - log.rows_of("walk").start == tick:
-                happen(servos.simulation.physics.data)
+                happen(servos.compiled.physics.data)
             return False
 
         gait = gait_of(shipped(), "tripod")

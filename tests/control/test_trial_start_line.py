@@ -29,7 +29,7 @@ def _start(seed: int, failure: Failure | None = None) -> tuple[TrialFrame, float
     with SimServos(shipped(), world=NOISY, failure=failure, seed=seed) as servos:
         log = TickLog()
         run_trial(Guard(servos), plan, recorders=(log,), soft_stop=False)
-        true_yaw_rad = float(yaw_rad(servos.simulation.physics.data.qpos[3:7].copy()))
+        true_yaw_rad = float(yaw_rad(servos.compiled.physics.data.qpos[3:7].copy()))
     assert log.frame is not None
     return log.frame, true_yaw_rad
 

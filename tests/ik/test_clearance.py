@@ -30,7 +30,7 @@ def test_gaps_are_those_of_the_simulated_solids(name: str) -> None:
     rng = np.random.default_rng(2)
     low, high = robot.joint_lower_rad, robot.joint_upper_rad
     with SimServos(robot) as servos:
-        physics = servos.simulation.physics
+        physics = servos.compiled.physics
         model, data = physics.model.ptr, physics.data.ptr
         geoms = {
             (leg, part): physics.model.name2id(f"{robot.name}/leg{leg}/{part}", "geom")

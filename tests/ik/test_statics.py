@@ -28,7 +28,7 @@ def at_rest(robot: Robot, targets_rad: FloatArray) -> tuple[FloatArray, FloatArr
             servos.clock.tick()
             state = servos.read()
             servos.write(JointTargets(targets_rad, servos.clock.now_s))
-        return servos.simulation.physics.data.actuator_force.copy(), state.joint_positions_rad
+        return servos.compiled.physics.data.actuator_force.copy(), state.joint_positions_rad
 
 
 def same_torques(computed_nm: FloatArray, simulated_nm: FloatArray) -> None:

@@ -64,7 +64,7 @@ def trial() -> Trial:
     log = TickLog()
     with SimServos(robot, failure=plan.belief) as servos:
         result = run_trial(Guard(servos), plan, recorders=(log,))
-        floor = servos.simulation.floor
+        floor = servos.compiled.floor
     return Trial(robot, plan, floor, log, result)
 
 

@@ -8,6 +8,7 @@ import pytest
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
 from hexctl.errors import EStopError
+from hexctl.robot.failure import Failure
 from hexctl.serve.leases import LeaseManager
 from hexctl.serve.requests import MOST_CHANGES, RequestHandler
 from hexctl.serve.stops.stop import HOLD_S, MAX_BY, UNNAMED
@@ -184,6 +185,24 @@ def test_a_request_for_a_failure_that_cannot_be_is_answered_with_an_error(payloa
         answer = RequestHandler(Guard(servos), LeaseManager()).failure(payload, 0.0)
         assert list(answer) == ["error"]
         assert servos.failures == ()
+
+
+class Buggy(SimServos):
+    """A simulation that cannot break legs."""
+
+    def change_leg(self, leg: int, failure: Failure | None) -> None:
+        raise ZeroDivisionError
+
+
+def test_a_simulation_that_fails_at_breaking_a_leg_answers_with_an_error() -> None:
+    with Buggy(shipped()) as servos:
+        desk = RequestHandler(Guard(servos), LeaseManager())
+        answer = desk.failure(b'{"op": "fail", "failure": "5:limp"}', 0.0)
+    assert "Buggy.change_leg" in answer["error"]
+
+
+def test_a_robot_breaks_no_leg(desk: RequestHandler) -> None:
+    assert list(desk.failure(b'{"op": "fail", "failure": "5:limp"}', 0.0)) == ["error"]
 
 
 def test_a_leg_that_is_whole_already_and_the_torque_of_a_weak_one_are_told() -> None:

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hexctl.backends.facets import TruePose
+from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.zenoh.subscriber import LatestValues, StateSubscriber
 from hexctl.control.guard import POSE_EXPIRY_S
 from hexctl.errors import RobotFaultError
@@ -493,10 +495,21 @@ def test_the_own_orientation_goes_out_beside_a_pose_from_outside(bench: Bench) -
     assert [kind for kind, _, _ in bench.said].count("imu") == 5
 
 
-def test_only_a_simulated_robot_tells_the_truth(bench: Bench) -> None:
+class Still(SimServos):
+    """A simulation of a robot that is here and stands upright."""
+
+    def __init__(self) -> None:
+        super().__init__("ant")
+
+    @property
+    def true_pose(self) -> TruePose:
+        return HERE, UPRIGHT
+
+
+def test_only_a_simulated_robot_tells_the_truth(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     bench.ticks(1)
     assert "truth" not in [kind for kind, _, _ in bench.said]
-    bench.servos.true_pose = (HERE, UPRIGHT)
+    monkeypatch.setattr(PosedMock, "simulation", Still())
     bench.ticks(1)
     position, quaternion = decode_pose([payload for kind, payload, _ in bench.said if kind == "truth"][-1])
     assert position == pytest.approx(HERE)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hexctl.backends.base import simulation_of
 from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.drive.arbiter import Arbiter
@@ -43,9 +44,9 @@ def rest_after_s(drive: Drive) -> float:
     """Time until no target moves and the body rests."""
     ticks = 0
     while True:
-        before = drive.guard.true_pose
+        before = simulation_of(drive.guard).true_pose
         drive.step()
-        after = drive.guard.true_pose
+        after = simulation_of(drive.guard).true_pose
         ticks += 1
         assert before is not None
         assert after is not None
@@ -76,9 +77,9 @@ def stopped_after_s(drive: Drive, ticks: int = 70) -> float:
     """Time from which on the body is slower than a tenth of the greatest speed."""
     slow_m_s, last_s = 0.1 * drive.controller.most[0], 0.0  # type: ignore[attr-defined]
     for tick in range(1, ticks + 1):
-        before = drive.guard.true_pose
+        before = simulation_of(drive.guard).true_pose
         drive.step()
-        after = drive.guard.true_pose
+        after = simulation_of(drive.guard).true_pose
         assert before is not None
         assert after is not None
         if float(np.linalg.norm((after[0] - before[0])[:2])) / PERIOD_S > slow_m_s:

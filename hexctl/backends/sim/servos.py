@@ -3,13 +3,14 @@
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import mujoco
 import numpy as np
 
-from hexctl.backends.base import LegServos, TruePose, as_robot, check_connected, check_targets
+from hexctl.backends.base import LegServos, as_robot, check_connected, check_targets
 from hexctl.backends.clock import Clock, Standstill, Tick, WallClock
+from hexctl.backends.facets import TruePose
 from hexctl.backends.sim.actuators import ActuatorModel
 from hexctl.backends.sim.effort import JointTorques
 from hexctl.backends.sim.sensing import Losses, SensorMemory, Sensors
@@ -83,8 +84,6 @@ class SimServos(LegServos):
         further_failures: those of other legs besides `failure`; the attribute is what breaks.
     """
 
-    injects_failure = True
-
     def __init__(
         self,
         robot: Robot | str | Path,
@@ -116,7 +115,7 @@ class SimServos(LegServos):
         self.trial = trial
         self.facing_rad = facing_rad
         self._clock = SimClock(self._step, WallClock() if realtime else None)
-        self._simulation: Simulation | None = None
+        self._compiled: Simulation | None = None
         self._limp, self._to_come = False, FailuresToCome((), 0.0)
 
     @property
@@ -130,54 +129,63 @@ class SimServos(LegServos):
         return self._clock
 
     @property
-    def simulation(self) -> Simulation:
+    def simulation(self) -> Self:
+        """The servos themselves: they know what only a simulation does."""
+        return self
+
+    @property
+    def compiled(self) -> Simulation:
         """The compiled simulation.
 
         Raises RobotFaultError before `connect`.
         """
-        check_connected(self._simulation is not None, "the simulated robot")
-        assert self._simulation is not None  # noqa: S101  narrows the type after the check
-        return self._simulation
+        check_connected(self._compiled is not None, "the simulated robot")
+        assert self._compiled is not None  # noqa: S101  narrows the type after the check
+        return self._compiled
 
     def connect(self) -> None:
         """Compile the model and stand the robot on the floor."""
-        if self._simulation is not None:
+        if self._compiled is not None:
             return
-        broken = (*each_failure(self.failure), *self.further_failures)
-        simulation = make_simulation(self._robot, self.world, broken, self.seed, facing_rad=self.facing_rad)
-        self._simulation = simulation
+        broken = self._first_failures
+        compiled = make_simulation(self._robot, self.world, broken, self.seed, facing_rad=self.facing_rad)
+        self._compiled = compiled
         self._limp = False
         self._keep_springs()
         self.loss = Losses.of_commands(self.world, self.seed, self.trial)
-        data = simulation.physics.data.ptr
+        data = compiled.physics.data.ptr
         # Views of MuJoCo's own memory: they stay valid and save the wrapper's cost on every tick.
         self._qpos, self._ctrl, self._warnings = data.qpos, data.ctrl, data.warning.number
         self._steps_per_tick = self.world.steps_per_tick
         jammed_at_rad = jammed_angles_rad(self._robot, broken)
-        self.actuators = ActuatorModel.at_rest(simulation, self._robot.stance_angles_rad, jammed_at_rad)
-        torques = JointTorques.of(simulation)
+        self.actuators = ActuatorModel.at_rest(compiled, self._robot.stance_angles_rad, jammed_at_rad)
+        torques = JointTorques.of(compiled)
         self.sensors = Sensors.of(
             SensorMemory.of(torques, partial(getattr, data), self.actuators.asked_rad),
             torques,
-            simulation.joint_offsets_rad,
+            compiled.joint_offsets_rad,
             world=self.world,
             seed=self.seed,
             trial=self.trial,
         )
 
     @property
-    def true_pose(self) -> TruePose | None:  # type: ignore[override]  # changes with every step
-        """Position and orientation of the base as they are, without errors and without delay."""
-        if self._simulation is None:
+    def true_pose(self) -> TruePose | None:
+        """True position and orientation of the base; None before `connect`."""
+        if self._compiled is None:
             return None
         return self._qpos[:3].copy(), self._qpos[3:FIRST_JOINT].copy()
 
     @property
-    def failures(self) -> tuple[Failure, ...] | None:  # type: ignore[override]  # changes while it walks
-        """The failures in force now, by leg; None before `connect`."""
-        if self._simulation is None:
-            return None
-        return tuple(failure for _, failure in sorted(self._simulation.failed.by_leg.items()))
+    def failures(self) -> tuple[Failure, ...]:
+        """The failures in force now, by leg; before `connect` those that it begins with."""
+        if self._compiled is None:
+            return self._first_failures
+        return each_failure(list(self._compiled.failed.by_leg.values()))
+
+    @property
+    def _first_failures(self) -> tuple[Failure, ...]:
+        return each_failure((*each_failure(self.failure), *self.further_failures))
 
     def walk_begins(self) -> None:
         """Count the times of the events from the next control period on."""
@@ -189,25 +197,25 @@ class SimServos(LegServos):
         A joint that sticks does so where it is, and a leg that locks keeps the targets that it was sent last.
         Raises RobotFaultError before `connect`, InputError for a failure of another leg or an `unknown` one.
         """
-        simulation, limp = self.simulation, self._limp
+        compiled, limp = self.compiled, self._limp
         FailureEvent(at_s=0.0, leg=leg, failure=failure)  # refuses what cannot be
         if limp:
             self._set_springs(1.0)
-        simulation.failed.change(leg, failure)
+        compiled.failed.change(leg, failure)
         self._keep_springs()
         if limp:
             self._set_springs(0.0)
-        self.sensors.torques = JointTorques.of(simulation)
-        self.actuators.leg_changed(leg, held_rad(simulation.failed, self._qpos, self._ctrl), self._ctrl)
+        self.sensors.torques = JointTorques.of(compiled)
+        self.actuators.leg_changed(leg, held_rad(compiled.failed, self._qpos, self._ctrl), self._ctrl)
 
     def read(self) -> RobotState:
         """State after the last tick, with the sensor noise of the world."""
-        check_connected(self._simulation is not None, "the simulated robot")
+        check_connected(self._compiled is not None, "the simulated robot")
         return self.sensors.read(self._clock.now_s)
 
     def write(self, targets: JointTargets) -> JointTargets:
         """Command the simulated servos; a jammed joint ignores its target."""
-        check_connected(self._simulation is not None, "the simulated robot")
+        check_connected(self._compiled is not None, "the simulated robot")
         check_targets(targets)
         if self._limp:
             self._set_springs(1.0)
@@ -218,20 +226,20 @@ class SimServos(LegServos):
 
     def disable_torque(self) -> bool:
         """Set the stiffness of the servos to zero until the next targets; their damping stays."""
-        check_connected(self._simulation is not None, "the simulated robot")
+        check_connected(self._compiled is not None, "the simulated robot")
         self._set_springs(0.0)
         return True
 
     def close(self) -> None:
         """Free the simulation."""
-        if self._simulation is not None:
-            self._simulation.physics.free()
-            self._simulation = None
+        if self._compiled is not None:
+            self._compiled.physics.free()
+            self._compiled = None
             del self._qpos, self._ctrl, self._warnings, self.sensors, self._springs
 
     def _keep_springs(self) -> None:
         """Note the stiffness of the servos, views of the model beside copies."""
-        model = self.simulation.physics.model
+        model = self.compiled.physics.model
         self._springs = [
             (values, values.copy()) for values in (model.actuator_gainprm[:, 0], model.actuator_biasprm[:, 1])
         ]
@@ -245,7 +253,7 @@ class SimServos(LegServos):
         """Step the physics by one control period."""
         for event in self._to_come.due():
             self.change_leg(event.leg, event.failure)
-        physics, after = self.simulation.physics, self.sensors.steps_after
+        physics, after = self.compiled.physics, self.sensors.steps_after
         self._advance(physics, self._steps_per_tick - after)
         self.sensors.keep()
         if after:

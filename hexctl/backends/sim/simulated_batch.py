@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch, SimulationError
 
-from hexctl.backends.base import TruePose
+from hexctl.backends.facets import TruePose
 from hexctl.backends.sim.effort import JointTorques
 from hexctl.backends.sim.sensing import SensorMemory
 from hexctl.backends.sim.servos import SimServos
@@ -19,7 +19,7 @@ from hexctl.types import FloatArray, RobotState
 
 def batch_layout(servos: SimServos) -> tuple[object, ...]:
     """What simulations must have in common to be stepped together: ticks, delays and sizes of the model."""
-    model, world = servos.simulation.physics.model.ptr, servos.world
+    model, world = servos.compiled.physics.model.ptr, servos.world
     sizes = [getattr(model, name) for name in dir(model) if name.startswith("n") and name != "names"]
     counts = tuple(size for size in sizes if isinstance(size, int))
     return (servos.robot.fingerprint, world.time_step_s, world.latency_steps, *counts)
@@ -45,7 +45,7 @@ class SimBatch:
     ) -> None:
         each = [servos] if isinstance(servos, SimServos) else list(servos)
         counts = [n] if isinstance(n, int) else list(n)
-        models = [one.simulation.physics.model.ptr for one in each]
+        models = [one.compiled.physics.model.ptr for one in each]
         self._batch = Batch(models[0], sum(counts), threads)
         if len(models) > 1 or any(one.events for one in each):
             # Models of their own: an event changes that of its simulation.
@@ -106,7 +106,7 @@ class _Copies:
 
     def __init__(self, servos: SimServos, batch: Any, rows: slice) -> None:
         self.rows, n = rows, rows.stop - rows.start
-        self._simulation, self._period_s = servos.simulation, servos.clock.period_s
+        self._simulation, self._period_s = servos.compiled, servos.clock.period_s
         self._loss, self._actuators = copy.deepcopy(servos.loss), servos.actuators.copies(n)
         self._start_index, self._ticks = round(servos.clock.now_s / self._period_s), 0
         physics, row = self._simulation.physics, np.empty(batch.nstate)

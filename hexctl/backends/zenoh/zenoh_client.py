@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import zenoh
 
@@ -260,10 +260,16 @@ class ZenohServos(LegServos):
         robot: the robot expected at the other end, or the name or path of its file.
         link: endpoint, credentials and names of the link.
         latest: where received messages are kept; a new one unless given.
+
+    Attributes:
+        identity: once connected, which robot answered and who started it; None on a plain link.
+        simulated: once connected to a simulation, its `world` and `failure` as text; else None.
     """
 
     def __init__(self, robot: Robot | str | Path, *, link: Link, latest: LatestValues | None = None) -> None:
         self._robot, self._link = as_robot(robot), link
+        self.identity: RobotIdentity | None = None
+        self.simulated: Mapping[str, str] | None = None
         self._keys = link.keys(self._robot.name)
         self._wall = WallClock()
         self._clock = CountedClock(self._wall)
@@ -289,8 +295,13 @@ class ZenohServos(LegServos):
         return self._clock
 
     @property
-    def failures(self) -> tuple[Failure, ...] | None:  # type: ignore[override]  # as it tells
-        """Failures in force in a simulation at the other end, as it told last; None for a robot."""
+    def remote(self) -> Self:
+        """The servos themselves: they know what the server at the other end reports."""
+        return self
+
+    @property
+    def failures(self) -> tuple[Failure, ...] | None:
+        """Failures in force in a simulation at the other end, as reported last; None for a robot."""
         return None if self._opened is None else self._subscriber.failures
 
     def connect(self) -> None:

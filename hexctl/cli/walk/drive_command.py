@@ -258,24 +258,22 @@ def _why(drive: "Drive", stopped: str) -> str:
     from hexctl.cli.render.stop_reasons import why_in_words
     from hexctl.wire.links import Link
 
-    standstill, link = drive.guard.standstill, getattr(drive.guard.unwrapped, "link", None)
+    standstill, remote = drive.guard.standstill, drive.guard.remote
     return why_in_words(
         stopped,
         None if standstill is None else standstill.duration_s,
-        clear=(link if isinstance(link, Link) else Link()).clear_command,
+        clear=(Link() if remote is None else remote.link).clear_command,
     )
 
 
 def _robot_stop(drive: "Drive") -> "StopSender | None":
     """What stops a robot on the network for all its clients; None for another backend."""
-    from hexctl.wire.links import Link
-
-    link = getattr(drive.guard.unwrapped, "link", None)
-    if not isinstance(link, Link) or link.plain:
+    remote = drive.guard.remote
+    if remote is None or remote.link.plain:
         return None
     from hexctl.serve.stop_sender import StopSender
 
-    return StopSender(link)
+    return StopSender(remote.link)
 
 
 def _drive(stack: ExitStack, drive: "Drive", wanted: _Wanted, keep: Callable[[], None]) -> int:

@@ -9,7 +9,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from hexctl.backends.base import LegServos, as_robot, connection_notes
+from hexctl.backends.base import LegServos, as_robot, connection_notes, failures_in_force
 from hexctl.backends.clock import Tick
 from hexctl.backends.registry import BackendOptions, check_options, make_servos
 from hexctl.backends.sim.world import World, load_world
@@ -109,7 +109,7 @@ class Drive:
         self.robot = self._guard.robot
         self.arbiter = Arbiter() if arbiter is None else arbiter
         check_type(self.arbiter, Arbiter, "arbiter", "an Arbiter")
-        usual = "glide" if self._guard.injects_failure else "stop"
+        usual = "stop" if self._guard.simulation is None else "glide"
         policy = usual if policy is None else policy
         self._policy = make_policy(policy) if isinstance(policy, str) else policy
         self._gait = self._gait_of(gait)
@@ -150,7 +150,7 @@ class Drive:
         """
         self._connected  # noqa: B018  raises
         guard = self._guard
-        if guard.injects_failure:
+        if guard.simulation is not None:
             guard.close()
             guard.connect()
         guard.clear()
@@ -191,7 +191,8 @@ class Drive:
         state = run_step(self._guard, controller, tick, tick.index - self._zero_index, self._observers)
         if not self._stood and controller.mode == "driving":
             self._stood = True
-            self._guard.walk_begins()
+            if self._guard.simulation is not None:
+                self._guard.simulation.walk_begins()
         return state
 
     def pause(self) -> None:
@@ -391,7 +392,7 @@ class _EventNotes:
             return
         if recorders.log.frame is None and drive.mode == "driving":
             recorders.begin_phase("walk", _frame_of(state))
-        recorders.log.note_failures("world", drive.guard.unwrapped.failures)
+        recorders.log.note_failures("world", failures_in_force(drive.guard))
         recorders.log.note_failures("belief", drive.failures)
         if texts := (*self._changed(), *drive.controller.news()):
             recorders.log.note(texts)

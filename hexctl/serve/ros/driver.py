@@ -225,7 +225,7 @@ class RosDriver:
             start_rad,
             period_s=guard.clock.period_s,
             arbiter=self._arbiter,
-            policy=make_policy("glide" if guard.injects_failure else "stop"),
+            policy=make_policy("stop" if guard.simulation is None else "glide"),
         )
         return self._pilot
 

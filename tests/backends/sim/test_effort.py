@@ -26,7 +26,7 @@ class Metered(SimServos):
         self.work_j: list[FloatArray] = []
 
     def _step(self) -> None:
-        physics, forces, work = self.simulation.physics, [], []
+        physics, forces, work = self.compiled.physics, [], []
         back_emf = self.robot.back_emf_nm_s_per_rad
         for _ in range(self.world.steps_per_tick):
             physics.step()

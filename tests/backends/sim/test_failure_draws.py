@@ -79,7 +79,7 @@ def test_batches_and_single_simulations_get_what_was_drawn(tmp_path: Path, robot
         servos.walk_begins()
         for _ in range(6):
             servos.clock.tick()
-        assert [failure.leg for failure in servos.failures or ()] == [event.leg]
+        assert [failure.leg for failure in servos.failures] == [event.leg]
     plan = TrialPlan(gait=make_gait(model, "tripod"), duration_s=1.5)
     trials = [SimTrial(robot=model, plan=plan, failure=None, world=f"{path}:{n}") for n in (3, 4, 5)]
     together = run_sim_trials(trials, threads=1)

@@ -53,7 +53,7 @@ def test_a_robot_stands_still_on_six_feet_that_carry_its_weight(name: str) -> No
         assert after.base_position_world[2] == pytest.approx(robot.standing_height_m, abs=0.01)
         assert after.foot_contacts is not None
         assert after.foot_contacts.all()
-        assert servos.simulation.physics.data.sensordata[TOUCH].sum() == pytest.approx(
+        assert servos.compiled.physics.data.sensordata[TOUCH].sum() == pytest.approx(
             9.81 * robot.mass_kg, rel=0.01
         )
 
@@ -61,7 +61,7 @@ def test_a_robot_stands_still_on_six_feet_that_carry_its_weight(name: str) -> No
 def test_without_noise_it_measures_exactly_where_it_is() -> None:
     with SimServos(shipped()) as servos:
         move(servos, servos.robot.stance_angles_rad + 0.05, ticks=10)
-        state, qpos = servos.read(), servos.simulation.physics.data.qpos
+        state, qpos = servos.read(), servos.compiled.physics.data.qpos
         assert state.measured
         np.testing.assert_array_equal(state.joint_positions_rad, qpos[FIRST_JOINT:])
         np.testing.assert_array_equal(state.base_position_world, qpos[:3])
@@ -71,7 +71,7 @@ def test_without_noise_it_measures_exactly_where_it_is() -> None:
 def test_the_physics_can_be_reached_only_when_connected() -> None:
     servos = SimServos(shipped())
     with pytest.raises(RobotFaultError, match="connect"):
-        _ = servos.simulation
+        _ = servos.compiled
     with pytest.raises(RobotFaultError, match="connect"):
         servos.clock.tick()
     with servos:
@@ -82,13 +82,13 @@ def test_one_tick_is_twenty_milliseconds_of_physics() -> None:
     with SimServos(shipped()) as servos:
         for index in range(1, 6):
             tick = servos.clock.tick()
-            assert servos.simulation.physics.data.time == pytest.approx(0.02 * index)
+            assert servos.compiled.physics.data.time == pytest.approx(0.02 * index)
             assert tick.time_s == pytest.approx(0.02 * index)
 
 
 def test_a_free_robot_falls_as_newton_says() -> None:
     with SimServos(shipped()) as servos:
-        servos.simulation.physics.data.qpos[2] += 1.0
+        servos.compiled.physics.data.qpos[2] += 1.0
         start = servos.read().base_position_world
         servos.clock.tick()
         servos.clock.tick()
@@ -136,7 +136,7 @@ def _errors(world: World, seed: int = 0) -> tuple[FloatArray, FloatArray, FloatA
     with SimServos(shipped(), world=world, seed=seed) as servos:
         for _ in range(400):
             move(servos, servos.robot.stance_angles_rad, ticks=1)
-            state, qpos = servos.read(), servos.simulation.physics.data.qpos
+            state, qpos = servos.read(), servos.compiled.physics.data.qpos
             assert state.base_position_world is not None
             assert state.base_quaternion_world is not None
             joints.append(state.joint_positions_rad - qpos[FIRST_JOINT:])
@@ -160,7 +160,7 @@ def test_sensor_noise_is_drawn_with_the_seed_and_does_not_touch_the_robot() -> N
     for world in (World(), NOISY):
         with SimServos(shipped(), world=world) as servos:
             move(servos, servos.robot.stance_angles_rad + 0.1, ticks=30)
-            true.append(servos.simulation.physics.data.qpos.copy())
+            true.append(servos.compiled.physics.data.qpos.copy())
     np.testing.assert_array_equal(true[0], true[1])
 
 
@@ -169,7 +169,7 @@ def test_another_trial_in_the_same_world_has_the_same_robot_and_noise_of_its_own
     for trial in (0, 1):
         with SimServos(shipped(), world=ROUGH, seed=5, trial=trial) as servos:
             move(servos, servos.robot.stance_angles_rad, ticks=5)
-            offsets.append(servos.simulation.joint_offsets_rad)
+            offsets.append(servos.compiled.joint_offsets_rad)
             measured.append(servos.read().joint_positions_rad)
     np.testing.assert_array_equal(offsets[0], offsets[1])
     assert not np.array_equal(measured[0], measured[1])
@@ -179,7 +179,7 @@ def test_another_trial_in_the_same_world_has_the_same_robot_and_noise_of_its_own
 def test_a_simulation_that_diverges_says_so(array: str, value: float) -> None:
     with SimServos(shipped()) as servos:
         servos.clock.tick()
-        data: Any = servos.simulation.physics.data
+        data: Any = servos.compiled.physics.data
         getattr(data, array)[-1] = value
         with pytest.raises(SimulationDivergedError, match="unstable"):
             servos.clock.tick()

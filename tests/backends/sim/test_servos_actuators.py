@@ -196,9 +196,9 @@ def _joints_after(world: World, targets_rad: Sequence[FloatArray]) -> FloatArray
     with SimServos(shipped(), world=world) as servos:
         for target_rad in targets_rad:
             move(servos, target_rad, ticks=1)
-            joints.append(servos.simulation.physics.data.qpos[FIRST_JOINT:].copy())
+            joints.append(servos.compiled.physics.data.qpos[FIRST_JOINT:].copy())
         servos.clock.tick()
-        joints.append(servos.simulation.physics.data.qpos[FIRST_JOINT:].copy())
+        joints.append(servos.compiled.physics.data.qpos[FIRST_JOINT:].copy())
     return np.array(joints)[1:]
 
 
@@ -249,7 +249,7 @@ def test_a_robot_that_hears_nothing_new_stands_still() -> None:
     with SimServos(shipped(), world=World(lost_commands=0.5)) as servos:
         for index in range(40):
             move(servos, STANCE + 0.005 * index, ticks=1)
-            heard.append(float(servos.simulation.physics.data.ctrl[0]))
+            heard.append(float(servos.compiled.physics.data.ctrl[0]))
     assert 10 < len(set(heard)) < 32
     assert np.all(np.diff(heard) >= 0)
 
@@ -265,12 +265,12 @@ def test_a_state_is_as_old_as_the_latency(latency_s: float) -> None:
     ):
         for servos in (late, twin):
             servos.write(JointTargets(STANCE + 0.2, 0.0))
-        course.append(twin.simulation.physics.data.qpos.copy())
+        course.append(twin.compiled.physics.data.qpos.copy())
         for _ in range(10):
             late.clock.tick()
             for _ in range(10):
-                twin.simulation.physics.step()
-                course.append(twin.simulation.physics.data.qpos.copy())
+                twin.compiled.physics.step()
+                course.append(twin.compiled.physics.data.qpos.copy())
             state = late.read()
             then = course[max(0, len(course) - 1 - steps)]
             np.testing.assert_array_equal(state.joint_positions_rad, then[FIRST_JOINT:])

@@ -28,7 +28,7 @@ def _forces_and_angles(failure: Failure | None, *, ticks: int = 150) -> tuple[Fl
             servos.clock.tick()
             wanted = servos.robot.stance_angles_rad + 0.4 * np.sin(0.2 * index)
             servos.write(JointTargets(wanted, servos.clock.now_s))
-            forces.append(servos.simulation.physics.data.actuator_force.copy())
+            forces.append(servos.compiled.physics.data.actuator_force.copy())
             angles.append(servos.read().joint_positions_rad)
     return np.array(forces), np.array(angles)
 
@@ -56,8 +56,8 @@ def test_a_weak_legs_torque_is_limited_to_its_fraction() -> None:
         servos.clock.tick()
         # So far off that every servo would give all it has.
         servos.write(JointTargets(np.full(18, 3.0), 0.0))
-        servos.simulation.physics.step()
-        force = np.abs(servos.simulation.physics.data.actuator_force)
+        servos.compiled.physics.step()
+        force = np.abs(servos.compiled.physics.data.actuator_force)
     np.testing.assert_allclose(force[JOINTS], 0.2 * 2.5)
     np.testing.assert_allclose(force[OTHERS], 2.5)
 
@@ -81,7 +81,7 @@ def test_a_stuck_joint_stays_where_a_servo_would_have_to_give_way(torque_nm: flo
     joint = JOINTS.start
     failure = Failure(leg=LEG, kind="stuck", joint="coxa", angle_rad=float(np.radians(10)))
     with SimServos(shipped(), failure=failure) as servos:
-        servos.simulation.physics.data.qfrc_applied[6 + joint] = torque_nm
+        servos.compiled.physics.data.qfrc_applied[6 + joint] = torque_nm
         move(servos, servos.robot.stance_angles_rad, ticks=50)
         assert np.degrees(servos.read().joint_positions_rad[joint]) == pytest.approx(10, abs=2)
 
@@ -94,7 +94,7 @@ def test_a_missing_leg_touches_nothing_and_weighs_nothing(name: str) -> None:
     assert not contacts[:, LEG - 1].any()
     assert contacts[:, [leg for leg in range(6) if leg != LEG - 1]].any(axis=0).all()
     with SimServos(robot, failure=Failure(leg=LEG, kind="missing")) as servos:
-        mass = servos.simulation.physics.model.body_mass.sum()
+        mass = servos.compiled.physics.model.body_mass.sum()
     assert mass == pytest.approx(robot.mass_kg - robot.link_masses_kg.sum(), rel=1e-3)
 
 
@@ -105,7 +105,7 @@ def test_a_robot_that_is_called_like_its_missing_leg_keeps_the_others(tmp_path: 
     assert not contacts[:, 2].any()
     assert contacts[:, [0, 1, 3, 4, 5]].any(axis=0).all()
     with SimServos(robot, failure=failure) as servos:
-        mass = servos.simulation.physics.model.body_mass.sum()
+        mass = servos.compiled.physics.model.body_mass.sum()
     assert mass == pytest.approx(robot.mass_kg - robot.link_masses_kg.sum(), rel=1e-3)
 
 
@@ -116,8 +116,8 @@ def test_a_failure_changes_its_own_leg_only(kind: str) -> None:
     with SimServos(shipped(), failure=failure) as servos:
         servos.clock.tick()
         servos.write(JointTargets(np.full(18, 3.0), 0.0))
-        servos.simulation.physics.step()
-        force = np.abs(servos.simulation.physics.data.actuator_force)
+        servos.compiled.physics.step()
+        force = np.abs(servos.compiled.physics.data.actuator_force)
     np.testing.assert_allclose(force[OTHERS], 2.5)
 
 

@@ -37,6 +37,15 @@ def _event(text: str) -> FailureEvent:
     return parse_failure_event(text)
 
 
+def test_before_it_connects_it_knows_with_which_failures_it_begins() -> None:
+    first, second = Failure(leg=LEG), Failure(leg=1, kind="limp")
+    servos = SimServos(shipped(), failure=first, further_failures=(second,))
+    assert servos.failures == (second, first)
+    assert servos.true_pose is None
+    with servos:
+        assert servos.failures == (second, first)
+
+
 def test_until_it_comes_a_failure_changes_nothing() -> None:
     whole, broken = _angles(), _angles(_event(f"{LEG}:limp@2"))
     assert (whole[:101] == broken[:101]).all()
@@ -67,11 +76,11 @@ def test_one_joint_goes_limp() -> None:
         for index in range(30):
             servos.clock.tick()
             servos.write(JointTargets(servos.robot.stance_angles_rad + 0.01 * index, servos.clock.now_s))
-        forces = servos.simulation.physics.data.actuator_force
+        forces = servos.compiled.physics.data.actuator_force
         dead = Failure(leg=LEG, kind="limp", joint="femur").joint_index
         assert forces[dead] == 0
         assert (np.abs(np.delete(forces, dead)) > 1e-3).all()
-        assert [str(failure) for failure in servos.failures or ()] == ["limp:femur"]
+        assert [str(failure) for failure in servos.failures] == ["limp:femur"]
 
 
 @pytest.mark.parametrize("kind", ["locked", "limp", "missing", "weak:0.2", "stuck:tibia", "limp:femur"])
@@ -81,7 +90,7 @@ def test_a_healed_robot_is_the_robot_that_it_was(kind: str, ratio: float) -> Non
     names += ["pair_margin", "body_mass", "body_inertia", "body_subtreemass", "dof_invweight0"]
     world = SimServos(shipped()).world.model_copy(update={"friction_ratio": ratio})
     with SimServos(shipped(), world=world) as servos:
-        model = servos.simulation.physics.model.ptr
+        model = servos.compiled.physics.model.ptr
         before = {name: getattr(model, name).copy() for name in names}
         failure = _event(f"{LEG}:{kind}@0").failure
         servos.change_leg(LEG, failure)
@@ -117,7 +126,7 @@ def test_torque_comes_back_after_a_leg_fails_while_the_servos_are_off() -> None:
         servos.change_leg(LEG, Failure(leg=LEG, kind="limp"))
         servos.clock.tick()
         servos.write(JointTargets(servos.robot.stance_angles_rad, servos.clock.now_s))
-        gains = servos.simulation.physics.model.actuator_gainprm[:, 0]
+        gains = servos.compiled.physics.model.actuator_gainprm[:, 0]
         assert (gains[JOINTS] == 0).all()
         assert (np.delete(gains, np.arange(18)[JOINTS]) > 0).all()
 
@@ -156,7 +165,7 @@ def test_a_world_file_has_failures_to_come(tmp_path: Path) -> None:
         servos.walk_begins()
         for _ in range(50):
             servos.clock.tick()
-            seen.append(len(servos.failures or ()))
+            seen.append(len(servos.failures))
     assert seen == [0] * 16 + [1] * 15 + [0] * 19
 
 
@@ -174,9 +183,9 @@ def test_servos_that_are_off_stay_off_when_a_leg_heals() -> None:
         servos.change_leg(LEG, Failure(leg=LEG, kind="limp"))
         servos.disable_torque()
         servos.change_leg(LEG, None)
-        assert (servos.simulation.physics.model.actuator_gainprm[:, 0] == 0).all()
+        assert (servos.compiled.physics.model.actuator_gainprm[:, 0] == 0).all()
         servos.write(JointTargets(servos.robot.stance_angles_rad, servos.clock.now_s))
-        assert (servos.simulation.physics.model.actuator_gainprm[:, 0] > 0).all()
+        assert (servos.compiled.physics.model.actuator_gainprm[:, 0] > 0).all()
 
 
 @pytest.mark.parametrize("failure", [Failure(leg=5), Failure(leg=LEG, kind="unknown")])

@@ -155,9 +155,9 @@ def test_feet_slide_down_a_slope_that_is_steeper_than_their_friction(uphill_deg:
 def test_a_payload_is_in_the_mass_and_on_the_feet() -> None:
     world = World(payload_kg=0.7, payload_position_m=(0.03, 0.0, 0.02))
     with SimServos(shipped(), world=world) as servos:
-        assert servos.simulation.physics.model.body_mass.sum() == pytest.approx(1.7)
+        assert servos.compiled.physics.model.body_mass.sum() == pytest.approx(1.7)
         move(servos, servos.robot.stance_angles_rad, ticks=100)
-        forces = servos.simulation.physics.data.sensordata[TOUCH]
+        forces = servos.compiled.physics.data.sensordata[TOUCH]
         assert forces.sum() == pytest.approx(9.81 * 1.7, rel=0.01)
         assert forces[0] > forces[3], "it sits in front"
 
@@ -182,7 +182,7 @@ def test_added_mass_is_on_the_feet() -> None:
         shipped(), world=World(added_mass_share=0.4, body_mass_shift_m=(0.05, 0.0, 0.0))
     ) as servos:
         move(servos, servos.robot.stance_angles_rad, ticks=100)
-        forces = servos.simulation.physics.data.sensordata[TOUCH]
+        forces = servos.compiled.physics.data.sensordata[TOUCH]
         assert forces.sum() == pytest.approx(9.81 * 1.4, rel=0.01)
         assert forces[0] > forces[3], "it sits in front"
 
@@ -236,8 +236,8 @@ def test_a_tick_is_twenty_milliseconds_whatever_the_step_of_the_physics(time_ste
     with SimServos(shipped(), world=World(time_step_s=time_step_s)) as servos:
         for index in range(1, 4):
             servos.clock.tick()
-            assert servos.simulation.physics.data.time == pytest.approx(0.02 * index)
-        assert servos.simulation.physics.model.opt.timestep == time_step_s
+            assert servos.compiled.physics.data.time == pytest.approx(0.02 * index)
+        assert servos.compiled.physics.model.opt.timestep == time_step_s
 
 
 def test_the_cone_of_friction_is_the_worlds() -> None:
@@ -257,9 +257,9 @@ def test_a_world_that_says_nothing_compiles_to_mujocos_own_contacts_and_the_robo
 def test_servo_strength_scales_the_greatest_torque(strength: float) -> None:
     with SimServos(shipped(), world=World(servo_strength=strength)) as servos:
         servos.write(JointTargets(np.full(18, 3.0), 0.0))
-        servos.simulation.physics.data.qpos[FIRST_JOINT:] = 3.0 - 2.0
-        servos.simulation.physics.step()
-        force = np.abs(servos.simulation.physics.data.actuator_force)
+        servos.compiled.physics.data.qpos[FIRST_JOINT:] = 3.0 - 2.0
+        servos.compiled.physics.step()
+        force = np.abs(servos.compiled.physics.data.actuator_force)
     np.testing.assert_allclose(force, strength * 2.5)
 
 
@@ -278,7 +278,7 @@ def test_given_joint_offsets_are_between_what_a_joint_is_and_what_it_believes() 
     offsets[4], offsets[9] = 3.0, -5.0
     with SimServos(shipped(), world=World(joint_offset_deg=tuple(offsets))) as servos:
         move(servos, servos.robot.stance_angles_rad, ticks=100)
-        true = servos.simulation.physics.data.qpos[FIRST_JOINT:]
+        true = servos.compiled.physics.data.qpos[FIRST_JOINT:]
         believed = servos.read().joint_positions_rad
         np.testing.assert_allclose(np.degrees(true - believed), offsets, atol=1e-9)
         np.testing.assert_allclose(believed, servos.robot.stance_angles_rad, atol=0.05)

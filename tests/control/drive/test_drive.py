@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hexctl import Drive, Failure, Guard, SimServos, Velocity
-from hexctl.backends.base import ServosWrapper
+from hexctl.backends.base import ServosWrapper, simulation_of
 from hexctl.backends.mock import MockServos
 from hexctl.control.drive.drive_controller import DriveController
 from hexctl.control.log import Recorders
@@ -19,11 +19,11 @@ from tests.robots import shipped
 
 def walked(drive: Drive, seconds: float) -> FloatArray:
     """How far it gets in a time: forward and left in the frame of the body at the start in m, turn in rad."""
-    before = drive.guard.true_pose
+    before = simulation_of(drive.guard).true_pose
     assert before is not None
     for _ in range(round(seconds / 0.02)):
         drive.step()
-    after = drive.guard.true_pose
+    after = simulation_of(drive.guard).true_pose
     assert after is not None
     yaw = float(yaw_rad(before[1]))
     moved = (after[0] - before[0])[:2]
@@ -71,7 +71,7 @@ def test_a_leg_dies_and_the_command_still_means_forward() -> None:
         drive.command(forward_m_s=0.1)
         walked(drive, 4.0)
         assert not drive.noticed
-        drive.guard.change_leg(3, Failure(leg=3, kind="limp"))
+        simulation_of(drive.guard).change_leg(3, Failure(leg=3, kind="limp"))
         walked(drive, 4.0)
         assert [one.failure.leg for one in drive.noticed] == [3]
         assert 3 in drive.controller.gait_now.posture.tucked_legs  # type: ignore[attr-defined]
@@ -88,7 +88,7 @@ def test_events_of_a_simulation_count_from_when_the_robot_first_stands() -> None
             broken = []
             for _ in range(75):
                 drive.step()
-                broken.append(bool(drive.guard.unwrapped.failures))
+                broken.append(bool(simulation_of(drive.guard).failures))
             changes = np.flatnonzero(np.diff(broken)).tolist()
             assert changes[1] - changes[0] == 25
             assert changes[0] == pytest.approx(25, abs=2)
@@ -99,7 +99,7 @@ def test_events_of_a_simulation_count_from_when_the_robot_first_stands() -> None
             while drive.mode != "driving":
                 drive.step()
             drive.step()
-            assert not drive.guard.unwrapped.failures
+            assert not simulation_of(drive.guard).failures
 
 
 def test_where_the_policy_stops_the_robot_it_stands_until_told_to_stand() -> None:
@@ -107,7 +107,7 @@ def test_where_the_policy_stops_the_robot_it_stands_until_told_to_stand() -> Non
         drive.reset()
         drive.command(forward_m_s=0.1)
         walked(drive, 4.0)
-        drive.guard.change_leg(3, Failure(leg=3, kind="limp"))
+        simulation_of(drive.guard).change_leg(3, Failure(leg=3, kind="limp"))
         walked(drive, 4.0)
         assert drive.stopped == "leg 3 limp"
         assert drive.at_rest

@@ -148,7 +148,7 @@ def test_noise_of_the_yaw_counts_as_its_mean_not_as_its_samples() -> None:
         with SimServos(shipped(), world=world, failure=Failure(leg=2), seed=seed) as servos:
             plan = TrialPlan(gait=gait_of(shipped()), belief=Failure(leg=2), duration_s=0.02)
             run_trial(servos, plan, soft_stop=False)
-            quaternion = servos.simulation.physics.data.qpos[3:7]
+            quaternion = servos.compiled.physics.data.qpos[3:7]
             misses_deg.append(math.degrees(float(yaw_rad(quaternion))) - 120)
     assert max(map(abs, misses_deg)) < 0.8
 

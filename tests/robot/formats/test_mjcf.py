@@ -38,7 +38,7 @@ def test_masses_servos_and_friction_are_those_of_the_simulation(name: str) -> No
     robot = shipped(name)
     model = mujoco.MjModel.from_xml_string(mjcf_of(robot))
     with SimServos(robot) as servos:
-        ours = servos.simulation.physics.model
+        ours = servos.compiled.physics.model
         order = ours.body_mass > 0  # without the frames by which legs are attached
         assert model.body_mass[1:] == pytest.approx(ours.body_mass[order], rel=1e-9)
         assert np.sort(model.body_inertia[1:]) == pytest.approx(np.sort(ours.body_inertia[order]), rel=1e-9)
