@@ -89,11 +89,13 @@ class Controller(ABC):
         """What happened since this was asked last, in lines for a recording."""
         return ()
 
-    def stop(self, step: int) -> None:  # noqa: B027  a controller may have nothing to let run out
-        """Begin the soft stop at a step; targets are then asked for `soft_stop_steps`, whatever `done` says.
+    def stop(self, step: int) -> int:
+        """Begin a soft stop at a step; the number of steps that it takes, 0 for a controller without one.
 
-        Where a controller has none, the trial moves the joints evenly to the stance in that time.
+        For so many steps, targets are then asked for, whatever `done` says. Without a soft stop the trial
+        moves the joints evenly to the stance.
         """
+        return 0
 
 
 def soft_stop_steps(period_s: float) -> int:
@@ -193,11 +195,12 @@ class Walk(Controller):
         cycles = self._pattern.pace_hz[..., np.newaxis] * (self._step * self._period_s)
         return part_of_cycle(cycles + self._pattern.phases)
 
-    def stop(self, step: int) -> None:
-        """Begin the soft stop at a step; it lasts `soft_stop_steps`."""
+    def stop(self, step: int) -> int:
+        """Begin the soft stop at a step; it takes `soft_stop_steps`."""
         if self._stop_step is None:
             self._stop_step = step
             self._planned_rad = self._planned_rad[:0]
+        return soft_stop_steps(self._period_s)
 
     def done(self, step: int, state: RobotState) -> bool:
         """Whether a soft stop has ended."""

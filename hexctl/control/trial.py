@@ -287,13 +287,12 @@ class _Trial:
     def _stop_softly(self, phases: Phases, walk: Controller, step: int) -> None:
         """Bring the robot to a stand from a step on; what goes wrong now no longer changes the walk."""
         phases.begin("stop")
-        steps = soft_stop_steps(self._servos.clock.period_s)
         with suppress(EStopError, CommandRefusedError, SimulationDivergedError):
-            if type(walk).stop is Controller.stop:
-                phases.run(Stand(self._servos.robot, self._servos.accepted_rad(), steps))
-            else:
-                walk.stop(step)
+            if steps := walk.stop(step):
                 phases.run(_SoftStop(walk, step + steps - 1), first_step=step)
+            else:
+                steps = soft_stop_steps(self._servos.clock.period_s)
+                phases.run(Stand(self._servos.robot, self._servos.accepted_rad(), steps))
 
 
 class _SoftStop(Controller):

@@ -17,7 +17,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hexctl.control.controllers import joints_of_feet
+from hexctl.control.controllers import joints_of_feet, soft_stop_steps
 from hexctl.control.preparation import WalkStart
 from hexctl.control.walks.velocity_walk import FULL_SPEED_S, OVERDRIVE, VelocityWalk
 from hexctl.errors import InputError, check_type
@@ -87,9 +87,10 @@ class DriveWalk(VelocityWalk):
         """Glide to a gait, or what suits the legs that have failed meanwhile; phases, heights and posture."""
         self.glide_to(self.suited([gait]))
 
-    def stop(self, step: int) -> None:
-        """Come to a stand, whatever is asked for."""
+    def stop(self, step: int) -> int:
+        """Come to a stand, whatever is asked for; within the steps of a soft stop."""
         self._halted = True
+        return soft_stop_steps(self._period_s)
 
     def resume(self) -> None:
         """Follow what is asked for again."""

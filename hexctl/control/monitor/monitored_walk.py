@@ -166,10 +166,10 @@ class MonitoredWalk(Controller):
         self._stopped.clear()
         self._unsettled.clear()  # how a leg fails is not told anew: that would stop it again
 
-    def stop(self, step: int) -> None:
-        """Begin the soft stop, in which nothing is watched."""
+    def stop(self, step: int) -> int:
+        """Begin the soft stop, in which nothing is watched; the steps that it takes."""
         self._stopping = True
-        self.walk.stop(step)
+        return self.walk.stop(step)
 
     def noticed_failures(self, index: int = 0) -> tuple[NoticedFailure, ...]:
         """Failures that it noticed so far, of one robot of a batch."""

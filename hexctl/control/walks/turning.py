@@ -142,11 +142,11 @@ class Turn(Controller):
         """Joint angles of the turning gait, (18,)."""
         return self._walk.targets_rad(step, state)
 
-    def stop(self, step: int) -> None:
-        """Begin the soft stop."""
+    def stop(self, step: int) -> int:
+        """Begin the soft stop; the steps that it takes."""
         if self._stopped_at is None:
             self._stopped_at = step
-            self._walk.stop(step)
+        return self._walk.stop(step)
 
     def done(self, step: int, state: RobotState) -> bool:
         """Whether the robot stands again; follows the yaw and begins the stop in time."""

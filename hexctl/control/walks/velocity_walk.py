@@ -164,10 +164,11 @@ class VelocityWalk(Controller):
         """Normalised time of each leg in the last step, leading shape + (6,)."""
         return part_of_cycle(self._cycles[..., np.newaxis] + self._pattern.phases)
 
-    def stop(self, step: int) -> None:
-        """Begin the soft stop at a step; it lasts `soft_stop_steps`."""
+    def stop(self, step: int) -> int:
+        """Begin the soft stop at a step; it takes `soft_stop_steps`."""
         if self._stop_step is None:
             self._stop_step = step
+        return soft_stop_steps(self._period_s)
 
     def done(self, step: int, state: RobotState) -> bool:
         """Whether a soft stop has ended."""
