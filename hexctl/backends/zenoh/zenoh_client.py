@@ -260,10 +260,6 @@ class ZenohServos(LegServos):
         robot: the robot expected at the other end, or the name or path of its file.
         link: endpoint, credentials and names of the link.
         latest: where received messages are kept; a new one unless given.
-
-    Attributes:
-        identity: once connected, which robot answered and who started it; None on a plain link.
-        simulated: once connected to a simulation, its `world` and `failure` as text; else None.
     """
 
     def __init__(self, robot: Robot | str | Path, *, link: Link, latest: LatestValues | None = None) -> None:
