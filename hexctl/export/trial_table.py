@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.control.tick_columns import joint_columns, tick_columns
+from hexctl.control.log import joint_columns, tick_columns
 from hexctl.errors import MissingExtraError
 from hexctl.recording.recorded_trial import RecordedTrial
 

@@ -10,7 +10,7 @@ import pytest
 import rerun as rr
 
 from hexctl.control.log import COLUMNS, TickLog
-from hexctl.control.servo_rows import ServoRows
+from hexctl.control.row_store import ServoRows
 from hexctl.errors import InputError
 from hexctl.recording.recorded_trial import LEG_CONDITIONS, RecordedTrial, read_trial
 from hexctl.recording.recording import Recording

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from hexctl.control.log import COLUMNS, TickLog
-from hexctl.control.servo_rows import ServoRows
+from hexctl.control.row_store import ServoRows
 from hexctl.recording import paths
 from hexctl.types import FloatArray, ServoReadings
 from tests.recording.conftest import ReadBack, Trial, write

@@ -4,8 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.control.row_store import KEPT_CHUNKS
-from hexctl.control.servo_rows import CHUNK_READINGS, NUMBERS, ServoRows
+from hexctl.control.row_store import CHUNK_READINGS, KEPT_CHUNKS, NUMBERS, ServoRows
 from hexctl.types import N_JOINTS, ServoReadings
 from hexctl.waiting import wait_for
 
