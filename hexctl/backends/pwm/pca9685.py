@@ -16,9 +16,8 @@ import numpy as np
 
 from hexctl.backends.clock import Clock
 from hexctl.backends.port_thread import reason_of
-from hexctl.backends.pwm.board_thread import BoardThread
 from hexctl.backends.pwm.i2c_socket import I2cSocket
-from hexctl.backends.pwm.pwm_board import BoardReport
+from hexctl.backends.pwm.pwm_board import BoardReport, BoardThread
 from hexctl.backends.pwm.servos import PwmServos
 from hexctl.errors import InputError, MissingExtraError, RobotFaultError, argument
 from hexctl.robot.model import Robot

@@ -1,9 +1,18 @@
-"""What boards of hobby servos have in common, as their thread uses them."""
+"""What boards of hobby servos have in common, and the thread that owns one."""
 
-from dataclasses import dataclass
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Protocol
 
-from hexctl.types import BoolArray, FloatArray
+import numpy as np
+
+from hexctl.backends.port_thread import POLL_PERIOD_S, PortThread
+from hexctl.types import JOINTS_PER_LEG, BoolArray, FloatArray
+
+#: Time between the powering of two legs: a hobby servo turns by 60 degrees in 0.15 to 0.2 s, and draws its
+#: stall current meanwhile.
+LEG_PAUSE_S = 0.15
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -68,3 +77,102 @@ class PwmBoard(Protocol):
     def close(self) -> None:
         """Close the port; the servos keep their pulses."""
         ...
+
+
+class BoardThread(PortThread[PwmBoard]):
+    """Runs a board, whose servos turn to the first pulses from wherever they are, at full speed.
+
+    So legs are powered one after the other, at the pose that was left first; newer targets wait until all are
+    on, and are then approached no faster than joints turn. Joints of which the board was told pulses before
+    hold already, as far as anybody knows, and stay on.
+
+    Args:
+        opened: opens the board again, when its port has gone and may be back.
+        board: open.
+        newest: what it has told.
+        counters: of the board.
+        speeds: greatest of the joints, (18,), in microseconds of pulse per second.
+        told_us: pulses that the board was last told, (18,), NaN where it was told none.
+
+    Attributes:
+        newest: last report.
+        told_us: pulses that the board was last told, (18,), NaN where it was told none.
+        powered: servos that have pulses, (18,).
+    """
+
+    def __init__(
+        self,
+        opened: Callable[[], PwmBoard],
+        board: PwmBoard,
+        newest: BoardReport,
+        counters: PwmCounters,
+        speeds: FloatArray,
+        told_us: FloatArray,
+    ) -> None:
+        super().__init__(opened, board, counters=counters, speeds=speeds, name="servo board")
+        self._counters = counters
+        self.newest, self.told_us = newest, told_us
+        self._sent = told_us
+        self.powered: BoolArray = np.isfinite(told_us)
+        self._next_leg_at_s = 0.0
+
+    def _may_follow(self) -> bool:
+        return self.newest.fault is None
+
+    def _must_release(self) -> bool:
+        """A board that has tripped is armed by it."""
+        return self.newest.fault is not None
+
+    def _follow(self, targets: FloatArray) -> FloatArray:
+        if self.on and self.powered.all() and time.monotonic() >= self._next_leg_at_s:
+            self.told_us = self._stepped(targets)
+            self._device.write(self.told_us, self.powered)
+        elif self.on:
+            self._power_next_leg()
+            self._device.write(self.told_us, self.powered)
+        else:
+            self.told_us = self._stepped(targets)
+            self._power_next_leg()
+            self._device.begin(self.told_us, self.powered)
+        self._counters.writes += 1
+        return np.where(self.powered, self.told_us, np.nan)
+
+    def _power_next_leg(self) -> None:
+        """Let one more leg have its pulses, if the last one has had its time."""
+        now_s, waiting = time.monotonic(), np.flatnonzero(~self.powered)
+        if len(waiting) and now_s >= self._next_leg_at_s:
+            leg = waiting[0] // JOINTS_PER_LEG
+            self.powered = self.powered.copy()
+            self.powered[leg * JOINTS_PER_LEG : (leg + 1) * JOINTS_PER_LEG] = True
+            self._next_leg_at_s = now_s + LEG_PAUSE_S
+
+    def _meet(self) -> None:
+        self._sent = self._device.commanded_us()
+        self.powered = np.isfinite(self._sent)
+        self.told_us = np.where(self.powered, self._sent, self.told_us)
+
+    def _let_go(self) -> None:
+        self._device.end()
+        self.powered = np.zeros_like(self.powered)
+        self.newest = replace(self.newest, fault=None)
+
+    def _poll(self) -> None:
+        report = self._device.poll()
+        if report is None:
+            self._counters.missed += 1
+            return
+        self._counters.reports += 1
+        self.newest = report
+        if report.fault is not None:
+            self.on, self._sent = False, None
+            self.powered = np.zeros_like(self.powered)
+
+    def _finish(self) -> None:
+        """Send the pose that was left last: the servos are to keep it."""
+        targets = self._targets
+        while targets is not None and self._may_follow():
+            self._sent = self._follow(targets)
+            self.on = True
+            if (self._sent == targets).all():
+                return
+            time.sleep(POLL_PERIOD_S)

@@ -8,8 +8,7 @@ import numpy as np
 
 from hexctl.backends.clock import Clock
 from hexctl.backends.port_servos import PortServos
-from hexctl.backends.pwm.board_thread import BoardThread
-from hexctl.backends.pwm.pwm_board import BoardReport, PwmBoard, PwmCounters
+from hexctl.backends.pwm.pwm_board import BoardReport, BoardThread, PwmBoard, PwmCounters
 from hexctl.robot.model import Robot
 from hexctl.robot.servos.pwm_map import PwmMap
 from hexctl.types import RobotState
