@@ -139,9 +139,8 @@ class DriveSession:
     def ask(self, request: str, why: str = "") -> None:
         """Ask for one of `REQUESTS`, from any thread; each tick does one of them.
 
-        A stop is in force immediately, and requests from before it are dropped. A request that waits already is
-        not added again, so no client can crowd out the request of another one. Raises InputError for another
-        request.
+        A stop is in force immediately, and requests from before it are dropped. A request that waits is not
+        added again, so no client can crowd out the request of another. Raises InputError for another request.
         """
         if request not in REQUESTS:
             raise InputError(f"request: got {request!r}; allowed: {', '.join(REQUESTS)}")
