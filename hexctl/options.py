@@ -109,6 +109,13 @@ class Typed:
     words: str = ""
 
 
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """Group of an option in the help, where it is not that of the class that declares it first (`PANEL`)."""
+
+    name: str
+
+
 #: In the annotation of a field that is a keyword in Python only.
 UNTYPED = object()
 
@@ -128,6 +135,7 @@ class Option:
         range: of a number, or None.
         typed: how it is typed.
         rare: whether few people need it.
+        panel: its group in the help; empty for none.
     """
 
     name: str
@@ -137,22 +145,33 @@ class Option:
     range: Range | None
     typed: Typed
     rare: bool
+    panel: str
 
     @property
     def flag(self) -> str:
         """Flag, without hyphens."""
-        unit = next((unit for unit in UNITS if self.name.endswith(unit)), "")
-        return self.typed.flag or self.name.removesuffix(unit).replace("_", "-")
+        return self.typed.flag or flag_name(self.name)
+
+
+def flag_name(field: str) -> str:
+    """Return the flag of a field without hyphens: its name without its unit."""
+    unit = next((unit for unit in UNITS if field.endswith(unit)), "")
+    return field.removesuffix(unit).replace("_", "-")
 
 
 def options_of(spec: type) -> tuple[Option, ...]:
-    """Return the options of a dataclass, in the order of its fields."""
+    """Return the options of a dataclass: its own in the order of its fields, then those of its bases."""
     hints, helps = get_type_hints(spec, include_extras=True), _docstrings(spec)
-    options = (_option(field, hints[field.name], helps.get(field.name, "")) for field in fields(spec))
+    owners = {name: owner for owner in spec.__mro__ for name in vars(owner).get("__annotations__", {})}
+    ordered = sorted(fields(spec), key=lambda field: spec.__mro__.index(owners[field.name]))
+    options = (
+        _option(field, hints[field.name], helps.get(field.name, ""), getattr(owners[field.name], "PANEL", ""))
+        for field in ordered
+    )
     return tuple(option for option in options if option is not None)
 
 
-def _option(field: "Field[Any]", hint: Any, text: str) -> Option | None:
+def _option(field: "Field[Any]", hint: Any, text: str, panel: str) -> Option | None:
     kind, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
     if UNTYPED in marks:
         return None
@@ -168,6 +187,7 @@ def _option(field: "Field[Any]", hint: Any, text: str) -> Option | None:
         range=allowed,
         typed=typed,
         rare=RARE in marks,
+        panel=next((mark.name for mark in marks if isinstance(mark, Panel)), panel),
     )
 
 

@@ -2,13 +2,15 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from hexctl.backends.robot_options import RobotOptions
 from hexctl.control.guard import TOO_HOT_C
 from hexctl.control.trial_plan import DURATION_S, Hold, SelfRotation
-from hexctl.options import RARE, UNTYPED, Range, Typed, check_fields
+from hexctl.options import RARE, UNTYPED, Panel, Range, Typed, check_fields
 from hexctl.robot.failure import parse_failure
+
+WALK, ON_ROBOT = Panel("Walk"), Panel("On a robot")
 
 BUDGET = Range(low=1, high=100_000, whole=True)
 
@@ -26,6 +28,8 @@ class AdaptOptions(RobotOptions):
 
     Raises InputError for a value that is not allowed.
     """
+
+    PANEL: ClassVar = "Search"
 
     failed_leg: Annotated[int, UNTYPED]
     """Leg that failed, 1..6, counter-clockwise from the front."""
@@ -92,18 +96,18 @@ class AdaptOptions(RobotOptions):
     trial, to compare with; they do not count.
     """
 
-    duration_s: Annotated[float, DURATION_S] = 30.0
+    duration_s: Annotated[float, DURATION_S, WALK] = 30.0
     """Seconds that each trial walks, {}."""
 
-    heading_deg: Annotated[float, Range()] = 0.0
+    heading_deg: Annotated[float, Range(), WALK] = 0.0
     """Direction of travel in degrees, {}, counter-clockwise from forward."""
 
-    self_rotation: Annotated[SelfRotation | None, RARE] = None
+    self_rotation: Annotated[SelfRotation | None, RARE, WALK] = None
     """Turn before the walk until the failed leg points to the rear or the front of the way, or none: no turn.
     (default: none where the walks hold their line, else rear)
     """
 
-    hold: Hold | None = None
+    hold: Annotated[Hold | None, WALK] = None
     """What the walks hold by feedback: line, heading, auto (the best the robot allows) or none. (default:
     auto for speed, cost, tilt and steadiness, else none)
     """
@@ -113,7 +117,7 @@ class AdaptOptions(RobotOptions):
     steered, and else is 0.
     """
 
-    policy: Annotated[str | None, RARE] = None
+    policy: Annotated[str | None, RARE, Panel("Failure")] = None
     """What a trial does about another leg that it notices to have failed: stop, glide, or
     package.module:Class; such a trial does not count and ends the search. With walk-on no legs are
     watched. (default: walk-on)
@@ -125,12 +129,12 @@ class AdaptOptions(RobotOptions):
     home_m: Annotated[tuple[float, float] | list[float] | None, UNTYPED] = None
     """Middle (x, y) of the arena in the world, in place of the robot's first place."""
 
-    cool_down_c: Annotated[float | None, COOL_C, RARE] = None
+    cool_down_c: Annotated[float | None, COOL_C, RARE, ON_ROBOT] = None
     """With servos that tell their temperature: sit before each trial until all are cooler than this, in
     degrees Celsius, {}. (default: none, it does not wait)
     """
 
-    ask: bool = False
+    ask: Annotated[bool, ON_ROBOT] = False
     """On a robot that does not know where it is: you put it on its mark before each trial and type in, in
     metres, where it ended.
     """

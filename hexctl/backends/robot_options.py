@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from hexctl.backends.sim.world import World
-from hexctl.options import RARE, UNTYPED, Range, Typed
+from hexctl.options import RARE, UNTYPED, Panel, Range, Typed
 from hexctl.robot.model import Robot
 from hexctl.wire.links import LinkOptions
 
@@ -21,6 +21,8 @@ def lower_case(name: str) -> str:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotOptions(LinkOptions):
     """Which robot moves, and where it is."""
+
+    PANEL: ClassVar = "Robot"
 
     backend: Annotated[str, Typed(parse=lower_case, words="backends")] = "sim"
     """What moves: sim (simulation), zenoh (a robot behind hexctl serve), mavlink, dynamixel, feetech, lx16a,
@@ -59,7 +61,9 @@ class RobotOptions(LinkOptions):
 class RecordedOptions(RobotOptions):
     """Which robot moves in real time or in a simulation, and where that is recorded."""
 
-    realtime: Annotated[bool, RARE] = False
+    PANEL: ClassVar = "Recording"
+
+    realtime: Annotated[bool, RARE, Panel("Robot")] = False
     """Simulate at the speed of a real robot, not as fast as possible."""
 
     record: str | Path | None = None

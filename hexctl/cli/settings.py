@@ -12,7 +12,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from hexctl.cli.console import in_flags, print_note
-from hexctl.cli.options.groups import GroupedHelp
+from hexctl.cli.grouped_help import GroupedHelp
 from hexctl.errors import InputError, shown
 from hexctl.robot.servos.drivers import PWM_DRIVERS
 from hexctl.typed_names import nearest

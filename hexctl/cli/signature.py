@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 import typer
 
 from hexctl.cli import completion
+from hexctl.cli.console import FLAGS
 from hexctl.cli.values import checked, choice, number
 from hexctl.options import Option, options_of
 
@@ -74,7 +75,8 @@ _HELP_ALL = inspect.Parameter(
 def _parameter(option: Option) -> inspect.Parameter:
     """Parameter of a command's function, as Typer reads it."""
     kind, info = _kind_of(option)
-    info.hidden = option.rare
+    info.hidden, info.rich_help_panel = option.rare, option.panel or None
+    FLAGS[option.name] = f"--{option.flag}"
     default = list(option.default) if kind == list[str] else option.default
     return inspect.Parameter(
         option.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, info]

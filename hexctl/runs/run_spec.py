@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from pathlib import Path
 from types import NoneType
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from hexctl.backends.registry import check_options, option_values
 from hexctl.backends.robot_options import RecordedOptions
@@ -42,7 +42,7 @@ from hexctl.gait.gait import (
     parse_slots,
 )
 from hexctl.gait.posture import POSTURE, Posture
-from hexctl.options import RARE, UNTYPED, Typed
+from hexctl.options import RARE, UNTYPED, Panel, Typed
 from hexctl.recording.rrd import probe_file
 from hexctl.robot.failure import Failure, check_further, each_failure, failures_of
 from hexctl.robot.failure_event import FailureEvent
@@ -72,6 +72,8 @@ def _legs(text: str) -> tuple[int, ...]:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunSpec(RecordedOptions):
     """What a run does: which robot, where, and how it walks. Its fields are the options of `hexctl run`."""
+
+    PANEL: ClassVar = "Walk"
 
     gait: Annotated[str | int | Sequence[int] | Gait, Typed(parse=gait_text, words="gaits")] = DEFAULT_GAIT
     """Gait: demo, tripod, wave, ripple; auto (the most stable); best or best:SESSION (the best that is known
@@ -141,7 +143,7 @@ class RunSpec(RecordedOptions):
     events: Annotated[Sequence[FailureEvent], UNTYPED] = ()
     """Failures that come to a simulation during the walk, and legs that heal; its controller is not told."""
 
-    policy: Annotated[str | RecoveryPolicy | None, Typed(), RARE] = None
+    policy: Annotated[str | RecoveryPolicy | None, Typed(), RARE, Panel("Failure")] = None
     """What to do when a leg fails: walk-on, stop, glide (walk on without it), or package.module:Class.
     (default: walk-on with sim, else stop)
 

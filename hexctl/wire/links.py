@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from hexctl.errors import InputError, argument
 from hexctl.options import RARE, Typed
@@ -269,6 +269,8 @@ def link_of(*, connect: str | None, credentials: Path | None, insecure: bool, li
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkOptions:
     """Where a robot on the network is, and by which certificates it is reached."""
+
+    PANEL: ClassVar = "Connection"
 
     connect: str | None = None
     """Where hexctl serve listens, such as tcp/HOST:7447 or tls/HOST:7447. (default: tcp/127.0.0.1:7447)"""

@@ -116,9 +116,9 @@ def test_a_signal_that_is_ignored_stays_so_and_one_of_another_meaning_is_left_al
 @pytest.mark.parametrize(
     ("message", "text"),
     [
-        ("gait code: got 800; allowed: 1..720", "--gait: got 800; allowed: 1..720"),
-        ("gait change: got -1 s; allowed: 0 up", "--then: got -1 s; allowed: 0 up"),
-        ("stance shift: got 9; allowed: 0.2", "--stance-shift: got 9; allowed: 0.2"),
+        ("gait: got 800; allowed: 1..720", "--gait: got 800; allowed: 1..720"),
+        ("then: got -1 s; allowed: 0 up", "--then: got -1 s; allowed: 0 up"),
+        ("stance_shift: got 9; allowed: 0.2", "--stance-shift: got 9; allowed: 0.2"),
         ("healing: got '5'; allowed: 5@20", "--heal: got '5'; allowed: 5@20"),
         ("failure event: got '5'; allowed: 5:limp@2", "--fail: got '5'; allowed: 5:limp@2"),
         ("failure of a leg: got 'limp'; allowed: 5:limp", "LEG:FAILURE: got 'limp'; allowed: 5:limp"),

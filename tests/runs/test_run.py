@@ -393,7 +393,7 @@ def test_further_legs_beside_one_by_its_number_are_refused() -> None:
 def test_a_code_counts_among_the_arrangements_of_the_legs_that_are_left() -> None:
     plan = plan_of(spec_of({"failed_leg": (2, 5), "gait": "24"}), shipped("ant"))
     assert plan.gait.slots == (6, 2, 4, 3, 5, 1)
-    with pytest.raises(InputError, match=r"gait code: got 25; allowed: 1..24 with failed leg 2, 5"):
+    with pytest.raises(InputError, match=r"gait: got 25; allowed: 1..24 with failed leg 2, 5"):
         plan_of(spec_of({"failed_leg": (2, 5), "gait": "25"}), shipped("ant"))
 
 
