@@ -40,7 +40,10 @@ def choice(flag: str, literal: Any, text: str) -> Any:
             raise typer.BadParameter(f"got {word}; allowed: {', '.join(words)}")
         return word
 
-    return typer.Option(flag, parser=parse, help=text)
+    def offered(incomplete: str) -> list[str]:
+        return [word for word in words if word.startswith(incomplete)]
+
+    return typer.Option(flag, parser=parse, autocompletion=offered, help=text)
 
 
 def rare(option: Any) -> Any:

@@ -374,7 +374,7 @@ def test_a_path_that_no_system_has_is_refused_in_one_line(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     # A port that is not there is a fault of the robot.
-    fault = "--connect {}" in line or "--device {}" in line
+    fault = "--connect {}" in line or "--connect {}" in line
     assert exit_code([word.format(path) for word in line.split()]) == (3 if fault else 2)
     printed = capsys.readouterr()
     assert printed.out == ""

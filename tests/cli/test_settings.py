@@ -112,7 +112,7 @@ def test_what_is_typed_comes_first_then_variables(monkeypatch: pytest.MonkeyPatc
 
 ON_NETWORK = 'backend = "zenoh"\nconnect = "tls/robot.local:7447"\nkeys = "keys"\n'
 LINKED = {"connect": "tls/robot.local:7447", "keys": Path("keys")}
-ON_PORT = 'backend = "dynamixel"\ndevice = "/dev/ttyUSB0:1000000"\nlisten = "tls/0.0.0.0:7447"\nkeys = "k"\n'
+ON_PORT = 'backend = "dynamixel"\nconnect = "/dev/ttyUSB0:1000000"\nlisten = "tls/0.0.0.0:7447"\nkeys = "k"\n'
 
 
 @pytest.mark.parametrize(
@@ -140,7 +140,7 @@ ON_PORT = 'backend = "dynamixel"\ndevice = "/dev/ttyUSB0:1000000"\nlisten = "tls
             "serve",
             {
                 "backend": "dynamixel",
-                "device": "/dev/ttyUSB0:1000000",
+                "connect": "/dev/ttyUSB0:1000000",
                 "listen": "tls/0.0.0.0:7447",
                 "keys": Path("k"),
             },
@@ -148,14 +148,18 @@ ON_PORT = 'backend = "dynamixel"\ndevice = "/dev/ttyUSB0:1000000"\nlisten = "tls
         (ON_PORT, "serve --backend sim", {"listen": "tls/0.0.0.0:7447", "keys": Path("k")}),
         (ON_PORT, "run", {"backend": "dynamixel", "connect": "/dev/ttyUSB0:1000000"}),
         (ON_PORT, "calibrate my.yaml", {"connect": "/dev/ttyUSB0:1000000"}),
-        (ON_PORT, "servos scan", {"port": "/dev/ttyUSB0:1000000"}),
-        (ON_PORT, "servos scan --robot my.yaml", {"port": "/dev/ttyUSB0:1000000"}),
-        (ON_PORT, "servos set-id 3", {"port": "/dev/ttyUSB0:1000000"}),
-        (ON_PORT, "servos adopt --robot my.yaml --port /dev/ttyUSB1", {}),
-        ('device = "/dev/ttyUSB0"\n', "servos test 3", {"port": "/dev/ttyUSB0"}),
-        ('device = "/dev/i2c-1"\nbackend = "pca9685"\n', "servos identify", {}),
-        ('device = "udpin:127.0.0.1:14550"\nbackend = "mavlink"\n', "servos scan", {}),
+        (ON_PORT, "servos scan", {"connect": "/dev/ttyUSB0:1000000"}),
+        (ON_PORT, "servos scan --robot my.yaml", {"connect": "/dev/ttyUSB0:1000000"}),
+        (ON_PORT, "servos set-id 3", {"connect": "/dev/ttyUSB0:1000000"}),
+        (ON_PORT, "servos adopt --robot my.yaml --connect /dev/ttyUSB1", {}),
+        ('connect = "/dev/ttyUSB0"\n', "servos test 3", {"connect": "/dev/ttyUSB0"}),
+        ('connect = "/dev/i2c-1"\nbackend = "pca9685"\n', "servos identify", {}),
+        ('connect = "udpin:127.0.0.1:14550"\nbackend = "mavlink"\n', "servos scan", {}),
         (ON_PORT, "board", {}),
+        (ON_PORT, "status", {}),
+        (ON_PORT, "estop", {}),
+        (ON_NETWORK, "servos scan", {}),
+        (ON_NETWORK, "calibrate my.yaml", {}),
         ('world = "rough"\n', "run", {"world": "rough"}),
         ('world = "rough"\n', "run --backend mock", {}),
         ('world = "rough"\n', "check", {}),

@@ -223,10 +223,10 @@ class Shell:
         self._programs.close()
         real = ({"mavlink"} | ON_A_PORT) & set(arguments)
         if real & ON_A_PORT and self._board:
-            arguments[arguments.index("--device") + 1] = self._board
+            arguments[arguments.index("--connect") + 1] = self._board
         elif real:
             arguments[arguments.index(real.pop())] = "sim"
-            at = arguments.index("--device")
+            at = arguments.index("--connect")
             del arguments[at : at + 2]
         listen = arguments[arguments.index("--listen") + 1] if "--listen" in arguments else "tcp/"
         endpoint = f"{listen.partition('/')[0]}/127.0.0.1:{free_port()}"

@@ -19,7 +19,7 @@ class Echo(MockServos):
         super().__init__(robot, clock=SimClock(lambda: None))
 
 
-ECHO = "tests.record.test_diagnosis:Echo"
+ECHO = "tests.runs.test_diagnosis:Echo"
 
 
 def test_a_simulated_leg_is_found_recorded_and_told_in_plain_values(tmp_path: Path) -> None:

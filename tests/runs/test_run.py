@@ -241,7 +241,7 @@ def test_a_failed_leg_is_turned_away_where_that_helps(options: dict[str, Any], r
 def test_a_robot_that_does_not_tell_its_position_turns_its_failed_leg_to_the_rear(
     robot_tells: str, rotation: str
 ) -> None:
-    backend = f"tests.record.test_run:{robot_tells.title()}Mock"
+    backend = f"tests.runs.test_run:{robot_tells.title()}Mock"
     spec = RunSpec(failure=Failure(leg=2), gait="auto", backend=backend)
     with Run(spec) as connected:
         assert connected.plan.self_rotation == rotation
@@ -257,7 +257,7 @@ def test_a_leg_that_was_turned_away_for_want_of_a_position_leaves_the_result_to_
         failure=Failure(leg=4),
         gait="auto",
         heading_rad=math.remainder(load_robot("ant").mount_yaws_rad[3] - math.pi, math.tau),
-        backend="tests.record.test_run:FastYawMock",
+        backend="tests.runs.test_run:FastYawMock",
         duration_s=0.5,
     )
     with Run(spec) as connected:

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from hexctl.cli.bus.board_command import BAUD
 from hexctl.cli.options.output import JsonOption
 from hexctl.cli.settings import Commands
 from hexctl.cli.values import checked, choice
 from hexctl.options import Range
 from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS, BusDriver
+from hexctl.serve.boards.board_options import BAUD
 
 if TYPE_CHECKING:
     from rich.table import Table

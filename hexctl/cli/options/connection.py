@@ -51,7 +51,7 @@ ListenOption = Annotated[
 DeviceOption = Annotated[
     str | None,
     typer.Option(
-        "--device",
+        "--connect",
         help="With mavlink, the servo board's port: /dev/ttyACM0:115200, udpout:HOST:PORT or "
         "udpin:HOST:PORT (default: udpout:127.0.0.1:14550); with dynamixel, feetech and lx16a that of "
         "the bus: /dev/ttyUSB0:1000000, with servo2040 that of the board: /dev/ttyACM0, and with pca9685 "

@@ -24,7 +24,7 @@ REFUSED = [
     (["serve", "--backend", "mock", "--failed-leg", "5"], ["--failed-leg", "mock", "sim"]),
     (["serve", "--failed-leg", "9"], ["--failed-leg", "9", "1..6"]),
     (["serve", "--failure", "limp"], ["--failure", "--failed-leg"]),
-    (["serve", "--device", "/dev/null"], ["--device", "sim", "mavlink"]),
+    (["serve", "--connect", "/dev/null"], ["--connect", "sim", "mavlink"]),
     (["serve", "--backend", "mavlink", "--seed", "5"], ["--seed", "5", "mavlink"]),
     (["serve", "--seed", "-1"], ["--seed", "-1"]),
     (["serve", "--sit-after", "nan"], ["--sit-after", "nan", "1 to 3600"]),

@@ -7,8 +7,7 @@ import pytest
 from rich.console import Console
 
 from hexctl.cli.network.status_command import status_rows, status_table
-from hexctl.robot.failure import Failure
-from hexctl.serve.service import ServosSpec
+from hexctl.serve.serve_options import ServedOptions
 from hexctl.wire.links import CLEAR_COMMAND
 from tests.serve.processes import hexctl, served
 
@@ -183,9 +182,9 @@ def test_what_robots_and_controllers_call_themselves_is_shown_as_it_is() -> None
 
 
 def test_only_a_simulation_tells_of_its_world() -> None:
-    assert ServosSpec(backend="mock").simulated is None
-    assert ServosSpec(backend="sim").simulated == {"world": "flat", "failure": "none"}
-    assert ServosSpec(backend="sim", failure=Failure(leg=2)).simulated == {
+    assert ServedOptions(backend="mock").simulated is None
+    assert ServedOptions(backend="sim").simulated == {"world": "flat", "failure": "none"}
+    assert ServedOptions(backend="sim", failed_leg=2).simulated == {
         "world": "flat",
         "failure": "leg 2 locked",
     }
