@@ -242,14 +242,14 @@ class RunSpec(RecordedOptions):
         if self.trim_rad is not None and self.hold != "heading":
             raise InputError(f"{argument('trim')}: got it with hold {self.hold}; allowed: with hold heading")
         arc = self.turn_rate_rad_s is not None and (self.turn_rate_rad_s or self.heading_rad is None)
-        if arc and self.hold in ("heading", "line"):
-            raise InputError(
-                f"{argument('hold')}: got {self.hold} with {argument('turn')}; allowed: auto or none, because a "
-                "turn holds neither"
-            )
         if self.trim_rad is not None and arc:
             raise InputError(
                 f"{argument('trim')}: got it with a turn, which holds no heading; allowed: without a turn"
+            )
+        if arc and self.hold in ("heading", "line"):
+            raise InputError(
+                f"{argument('hold')}: got {self.hold} with {argument('turn')}, in which neither is held; "
+                "allowed: auto, none"
             )
         if self.further_failures and self.self_rotation not in (AUTO_ROTATION, "none"):
             raise InputError(
