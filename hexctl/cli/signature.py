@@ -92,7 +92,8 @@ def _kind_of(option: Option) -> tuple[Any, Any]:
     if words is not None:
         return str | None, choice(flag, words, option.text)
     if option.kind is bool:
-        return bool, typer.Option(flag, help=option.text)
+        switch = f"{flag}/--no-{option.flag}" if option.default else flag
+        return bool, typer.Option(switch, help=option.text)
     offered = getattr(completion, typed.words) if typed.words else None
     if typed.parse is not None:
         return Any, typer.Option(
