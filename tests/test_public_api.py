@@ -207,8 +207,8 @@ WRONG: dict[str, tuple[Callable[[], Any], str]] = {
     "prior": (lambda: rooms.load_prior(7), "prior: got 7 (int); allowed: the path"),
     "session": (lambda: rooms.load_session(7), "session: got 7 (int); allowed: the name"),
     "adapt: leg": (
-        lambda: api.adapt(failed_leg="5"),
-        "failed leg: got '5' (str); allowed: a leg's number",
+        lambda: api.adapt(failed_leg=5.5),
+        "failed_leg: got 5.5 (float); allowed: 1..6",
     ),
     "adapt: robot": (
         lambda: api.adapt(failed_leg=5, robot=ROBOT),

@@ -7,8 +7,13 @@ from typing import Annotated, Any
 from hexctl.backends.robot_options import RobotOptions
 from hexctl.control.guard import TOO_HOT_C
 from hexctl.control.trial_plan import DURATION_S, Hold, SelfRotation
+from hexctl.errors import InputError, argument
 from hexctl.options import RARE, UNTYPED, Range, Typed, check_fields
-from hexctl.robot.failure import parse_failure
+from hexctl.robot.failure import Failure
+from hexctl.robot.failure_grammar import AskedFailures, AskedLegs, read_failures_before
+
+#: What a search allows in place of a failure that comes during a walk.
+BEFORE_SEARCH = "a failure before the search, such as 5:limp"
 
 BUDGET = Range(low=1, high=100_000, whole=True)
 
@@ -27,11 +32,19 @@ class AdaptOptions(RobotOptions):
     Raises InputError for a value that is not allowed.
     """
 
-    failed_leg: Annotated[int, UNTYPED]
-    """Leg that failed, 1..6, counter-clockwise from the front."""
+    failed_leg: Annotated[AskedLegs, Typed(words="failed_legs")] = None
+    """Leg that failed, 1..6, counter-clockwise from the front: short for --failure LEG:locked. auto: hexctl
+    diagnose finds it. Needed, unless --failure or --resume. (default: none)
 
-    failure: Annotated[str, UNTYPED] = "locked"
-    """What is wrong with it: `locked`, `limp`, `missing`, `weak:FRACTION`, `stuck:JOINT:DEGREES`."""
+    In Python a number; `failure` has it afterwards.
+    """
+
+    failure: Annotated[AskedFailures, Typed(words="failures")] = ()
+    """How the leg failed: LEG:KIND, such as 5:limp, 5:limp:femur, 5:weak:0.3, 5:missing, 5:locked,
+    5:stuck:coxa:30 (jammed at 30 degrees) or 5:unknown. (default: none)
+
+    In Python a text or a Failure.
+    """
 
     budget: Annotated[int, BUDGET] = 20
     """Most trials to walk, {}."""
@@ -136,5 +149,18 @@ class AdaptOptions(RobotOptions):
     """
 
     def __post_init__(self) -> None:
-        parse_failure(self.failed_leg, self.failure)
+        failures = read_failures_before(self.failure, self.failed_leg, BEFORE_SEARCH)
+        if not failures:
+            raise InputError(f"{argument('failed_leg')}: is missing; allowed: 1..6")
+        if len(failures) > 1:
+            legs = ",".join(str(one.leg) for one in failures)
+            raise InputError(f"{argument('failed_leg')}: got {legs}; allowed: one leg")
+        object.__setattr__(self, "failure", failures)
+        object.__setattr__(self, "failed_leg", None)
         check_fields(self)
+
+    @property
+    def broken(self) -> Failure:
+        """The failure of the leg."""
+        (failure,) = read_failures_before(self.failure, None, BEFORE_SEARCH)
+        return failure

@@ -100,7 +100,6 @@ def _discard_stdout() -> None:
 #: Flags that are not named as the library's argument is.
 FLAGS = {
     "credentials": "--keys",
-    "failure.leg": "--failed-leg",
     "tucked_legs": "--tuck",
     "new_id": "ID",
     "width_px": "--width",
@@ -129,9 +128,9 @@ NOUNS = {
     "body raise": "--body-raise",
     "stance shift": "--stance-shift",
     "tucked legs": "--tuck",
-    "failure event": "--fail",
+    "failure event": "--failure",
     "healing": "--heal",
-    "failure of a leg": "LEG:FAILURE",
+    "failure of a leg": "LEG:KIND",
 }
 
 

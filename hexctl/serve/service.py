@@ -15,6 +15,7 @@ from hexctl.backends.port_servos import PortServos
 from hexctl.backends.registry import BackendOptions, check_options, make_servos
 from hexctl.errors import InputError, argument, check_type
 from hexctl.robot.failure import Failure, failure_text
+from hexctl.robot.failure_grammar import AskedFailures, AskedLegs, option_of, read_failures_before
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
 from hexctl.serve.ros.ros_options import RosOptions
@@ -60,32 +61,35 @@ class ServosSpec:
         robot: name or path of the robot file.
         world: name or path of the simulated world; None is `flat`. Only with `sim`, or own servos that take
             one, as for the next two.
-        failure: failed leg of the simulation, or None.
+        failed_leg: legs of the simulation that failed, as in `RunSpec`.
+        failure: how legs of the simulation failed, as in `RunSpec`.
         seed: of everything random in a simulation.
     """
 
     backend: str = "sim"
     robot: str = "ant"
     world: str | None = None
-    failure: Failure | None = None
+    failed_leg: AskedLegs = None
+    failure: AskedFailures = ()
     seed: int = 0
+
+    @property
+    def failures(self) -> tuple[Failure, ...]:
+        """Failures of the simulation, by leg; raises InputError for what is not allowed."""
+        instead = "one from the start, such as 5:limp; hexctl twin fail lets a leg fail later"
+        return read_failures_before(self.failure, self.failed_leg, instead)
 
     def check(self) -> None:
         """Raise InputError for wrong types, and for values that only a simulation can use."""
         check_type(self.backend, str, "backend", "the name of a backend, or package.module:Class")
         check_type(self.robot, str, "robot", "the name or path of a robot file")
         check_type(self.world, (str, type(None)), "world", "the name or path of a world, or None")
-        check_type(self.failure, (Failure, type(None)), "failure", "a Failure, as Failure(leg=5), or None")
         check_type(self.seed, int, "seed")
         if self.seed < 0:
             raise InputError(f"{argument('seed')}: got {self.seed}; allowed: 0 or more")
-        check_options(
-            self.backend,
-            names={"failure": "failure.leg"},
-            world=self.world,
-            failure=None if self.failure is None else self.failure.leg,
-            seed=self.seed,
-        )
+        check_options(self.backend, world=self.world, seed=self.seed)
+        for name, value in map(option_of, self.failures):
+            check_options(self.backend, names={"failure": name}, failure=value)
 
     def options(
         self, *, connect: str | None = None, credentials: Path | None = None, insecure: bool = False
@@ -102,6 +106,8 @@ class ServosSpec:
             self,
             robot=file.robot,
             world=self._world(),
+            failure=next(iter(self.failures), None),
+            further_failures=self.failures[1:],
             realtime=True,
             robot_file=file,
             connect=connect,
@@ -114,7 +120,7 @@ class ServosSpec:
         """World and failure of a simulation as text, for the status; None for other servos."""
         if self.backend != "sim":
             return None
-        return {"world": self.world or DEFAULT_WORLD, "failure": failure_text(self.failure)}
+        return {"world": self.world or DEFAULT_WORLD, "failure": failure_text(*self.failures)}
 
     def _world(self) -> "World | None":
         if self.backend != "sim" and self.world is None:
@@ -369,7 +375,8 @@ def serve(
     backend: str = "sim",
     robot: str = "ant",
     world: str | None = None,
-    failure: Failure | None = None,
+    failed_leg: AskedLegs = None,
+    failure: AskedFailures = (),
     seed: int = 0,
     stop_requested: Callable[[], bool] = lambda: False,
     on_started: Callable[[ServiceStarted], None] = lambda _: None,
@@ -384,7 +391,8 @@ def serve(
         backend: name of a backend, or `package.module:Class`.
         robot: name or path of the robot file.
         world: name or path of the simulated world; None is `flat`. Only with `sim`.
-        failure: failed leg of the simulation, or None. Only with `sim`.
+        failed_leg: legs of the simulation that failed, as in `RunSpec`. Only with `sim`.
+        failure: how legs of the simulation failed, as in `RunSpec`. Only with `sim`.
         seed: of everything random in a simulation.
         stop_requested: asked at every tick.
         on_started: called once, when clients can connect.
@@ -398,5 +406,7 @@ def serve(
     unknown = [name for name in options if name not in known]
     if unknown:
         raise InputError(f"serve: got {', '.join(unknown)}; allowed: {', '.join(known)}")
-    spec = ServosSpec(backend=backend, robot=robot, world=world, failure=failure, seed=seed)
+    spec = ServosSpec(
+        backend=backend, robot=robot, world=world, failed_leg=failed_leg, failure=failure, seed=seed
+    )
     RobotService(servos=spec, **options).run(stop_requested, on_started=on_started, on_event=on_event)

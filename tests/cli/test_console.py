@@ -49,7 +49,6 @@ def test_a_result_that_cannot_be_written_is_a_fault() -> None:
         ("sit_after_s", "--sit-after"),
         ("heading_deg", "--heading"),
         ("credentials", "--keys"),
-        ("failure.leg", "--failed-leg"),
     ],
 )
 def test_an_argument_of_the_library_has_a_flag(argument: str, flag: str) -> None:
@@ -120,8 +119,8 @@ def test_a_signal_that_is_ignored_stays_so_and_one_of_another_meaning_is_left_al
         ("gait change: got -1 s; allowed: 0 up", "--then: got -1 s; allowed: 0 up"),
         ("stance shift: got 9; allowed: 0.2", "--stance-shift: got 9; allowed: 0.2"),
         ("healing: got '5'; allowed: 5@20", "--heal: got '5'; allowed: 5@20"),
-        ("failure event: got '5'; allowed: 5:limp@2", "--fail: got '5'; allowed: 5:limp@2"),
-        ("failure of a leg: got 'limp'; allowed: 5:limp", "LEG:FAILURE: got 'limp'; allowed: 5:limp"),
+        ("failure event: got '5'; allowed: 5:limp@2", "--failure: got '5'; allowed: 5:limp@2"),
+        ("failure of a leg: got 'limp'; allowed: 5:limp", "LEG:KIND: got 'limp'; allowed: 5:limp"),
         ("w.yaml: gait: got 5", "w.yaml: gait: got 5"),
     ],
 )

@@ -110,12 +110,16 @@ def board(
     feetech --connect PORT that behind servos on a bus.
     """
     from hexctl.cli.console import StopOnInterrupt, print_note, print_result
-    from hexctl.robot.failure import failure_of
     from hexctl.serve.boards.board_service import BoardService, BusBoardService
     from hexctl.serve.service import ServiceStarted, ServosSpec
 
     servos = ServosSpec(
-        backend=backend, robot=robot, world=world, failure=failure_of(failed_leg, failure), seed=seed
+        backend=backend,
+        robot=robot,
+        world=world,
+        failed_leg=failed_leg,
+        failure=failure or (),
+        seed=seed,
     )
     _check_of_one(context, bus)
     if bus is not None:

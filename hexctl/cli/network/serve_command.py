@@ -121,13 +121,17 @@ def serve(
     It runs until Ctrl-C. hexctl run --backend zenoh walks it.
     """
     from hexctl.cli.console import StopOnInterrupt, print_note
-    from hexctl.robot.failure import failure_of
     from hexctl.serve.service import RobotService, ServiceStarted, ServosSpec
     from hexctl.wire.links import Role
 
     service = RobotService(
         servos=ServosSpec(
-            backend=backend, robot=robot, world=world, failure=failure_of(failed_leg, failure), seed=seed
+            backend=backend,
+            robot=robot,
+            world=world,
+            failed_leg=failed_leg,
+            failure=failure or (),
+            seed=seed,
         ),
         listen=listen,
         device=device,

@@ -13,7 +13,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
         *("gait", "heading", "turn", "duration", "pace", "amplitude", "height", "body-raise"),
         *("stance-shift", "tuck", "swing-share", "then", "hold", "trim", "self-rotation"),
     ),
-    "Failure": ("failed-leg", "failure", "fail", "heal", "recover", "policy", "legs"),
+    "Failure": ("failed-leg", "failure", "heal", "recover", "policy", "legs"),
     "Search": (
         *("budget", "optimizer", "prior", "early-stop", "objective", "target", "worth", "confirm"),
         *("count-repeats", "no-baseline", "resume", "trust"),

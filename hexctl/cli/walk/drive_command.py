@@ -2,7 +2,7 @@
 
 import shlex
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +21,7 @@ from hexctl.cli.console import (
     note_no_window,
     print_note,
 )
-from hexctl.cli.options.failure import FAILED_LEG_HELP, LEG, FailureOption
+from hexctl.cli.options.failure import FailedLegOption, FailureOption
 from hexctl.cli.options.output import NoRecordOption
 from hexctl.cli.signature import with_options
 from hexctl.cli.values import choice, number, rare
@@ -119,16 +119,7 @@ def drive(
             )
         ),
     ] = 0.0,
-    failed_leg: Annotated[
-        int | None,
-        rare(
-            number(
-                "--failed-leg",
-                LEG,
-                f"{FAILED_LEG_HELP} A simulation breaks it, and the drive knows of it. (default: none)",
-            )
-        ),
-    ] = None,
+    failed_leg: FailedLegOption = None,
     failure: FailureOption = None,
     hold: Annotated[
         DriveHold,
@@ -205,7 +196,7 @@ def drive(
     from hexctl.backends.registry import check_options
     from hexctl.control.drive.drive import Drive
     from hexctl.control.log import PACED_BLOCK_TICKS, Recorders
-    from hexctl.robot.failure import failure_of
+    from hexctl.robot.failure_grammar import read_failures
     from hexctl.teleop.keyboard import has_keys
 
     if no_record and record is not None:
@@ -216,13 +207,15 @@ def drive(
     robot, backend = where.pop("robot"), where.pop("backend")
     options: dict[str, Any] = {name: value for name, value in where.items() if value}
     check_options(backend, **options)
+    failures, events = read_failures(failure, failed_leg)
+    for event in events:
+        check_options(backend, names={"events": "failure"}, events=str(event))
     if backend == "sim":
         options["realtime"] = True
     with ExitStack() as stack:
         keep = stack.enter_context(_kept_once_driven(record))
-        failed = failure_of(failed_leg, failure)
         shown = _recorders(
-            stack, backend, robot, where["world"], where["seed"], gait, failed, view=view, record=record
+            stack, backend, robot, where["world"], where["seed"], gait, failures, view=view, record=record
         )
         made = Drive(
             robot,
@@ -231,7 +224,7 @@ def drive(
             body_raise=body_raise or None,
             policy=policy,
             hold=hold,
-            failure=failed,
+            failure=(*failures, *events),
             recorders=Recorders(*shown, block_ticks=PACED_BLOCK_TICKS) if shown else None,
             **options,
         )
@@ -379,7 +372,7 @@ def _recorders(
     world: str | None,
     seed: int,
     gait: str,
-    failed: "Failure | None",
+    failures: "Sequence[Failure]",
     *,
     view: bool,
     record: Path | None,
@@ -397,7 +390,13 @@ def _recorders(
 
     loaded = load_robot_file(robot)
     floor = make_floor(load_world("flat" if world is None else world), seed) if backend == "sim" else None
-    plan = TrialPlan(gait=make_gait(loaded.robot, gait), belief=failed, self_rotation="none", travel=0.0)
+    plan = TrialPlan(
+        gait=make_gait(loaded.robot, gait),
+        belief=next(iter(failures), None),
+        further_failures=tuple(failures[1:]),
+        self_rotation="none",
+        travel=0.0,
+    )
     title, servos = f"{loaded.robot.name} driven", backend != "sim"
     common: dict[str, Any] = {"title": title, "floor": floor, "watched": True, "servos": servos}
     found: list[Recorder] = []
