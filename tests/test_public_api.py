@@ -207,8 +207,8 @@ WRONG: dict[str, tuple[Callable[[], Any], str]] = {
     "prior": (lambda: rooms.load_prior(7), "prior: got 7 (int); allowed: the path"),
     "session": (lambda: rooms.load_session(7), "session: got 7 (int); allowed: the name"),
     "adapt: leg": (
-        lambda: api.adapt(failed_leg="5"),
-        "failed leg: got '5' (str); allowed: a leg's number",
+        lambda: api.adapt(failed_leg=5.5),
+        "failed_leg: got 5.5 (float); allowed: 1..6",
     ),
     "adapt: robot": (
         lambda: api.adapt(failed_leg=5, robot=ROBOT),
@@ -227,7 +227,7 @@ WRONG: dict[str, tuple[Callable[[], Any], str]] = {
     "study: robot": (lambda: rooms.StudyPlan(robot="ant"), "plan.robot: got 'ant' (str); allowed: a Robot"),
     "study: legs": (lambda: rooms.StudyPlan(robot=ROBOT, legs=5), "plan.legs: got 5 (int)"),
     "study": (lambda: rooms.study(5, folder="report"), "plan: got 5 (int); allowed: a StudyPlan"),
-    "serve": (lambda: rooms.serve(robot=5), "robot: got 5 (int); allowed: the name"),
+    "serve": (lambda: rooms.serve(robot=5), "robot: got 5 (int); allowed: text or a Path"),
     "serve: failure": (lambda: rooms.serve(failure=5), "failure: got 5 (int); allowed: a Failure"),
 }
 
@@ -252,7 +252,7 @@ def test_what_is_unambiguous_is_accepted(tmp_path: Path) -> None:
     assert api.GaitSpace([2, 5]) == hexctl.GaitSpace((2, 5))
     with pytest.raises(hexctl.InputError, match=r"study: got wrold; allowed: robot, world, legs"):
         study(folder=tmp_path, wrold="flat")
-    with pytest.raises(hexctl.InputError, match=r"serve: got port; allowed: listen, device"):
+    with pytest.raises(hexctl.InputError, match=r"serve: got port; allowed: connect"):
         serve(port=5)
 
 

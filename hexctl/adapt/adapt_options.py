@@ -4,11 +4,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
-from hexctl.backends.robot_options import RobotOptions
+from hexctl.backends.robot_options import FAILURE, RobotOptions
 from hexctl.control.guard import TOO_HOT_C
 from hexctl.control.trial_plan import DURATION_S, Hold, SelfRotation
+from hexctl.errors import InputError, argument
 from hexctl.options import RARE, UNTYPED, Panel, Range, Typed, check_fields
-from hexctl.robot.failure import parse_failure
+from hexctl.robot.failure import Failure
+from hexctl.robot.failure_grammar import read_failures_before
+
+#: What a search allows in place of a failure that comes during a walk.
+BEFORE_SEARCH = "a failure before the search, such as 5:limp"
 
 WALK, ON_ROBOT = Panel("Walk"), Panel("On a robot")
 
@@ -30,12 +35,6 @@ class AdaptOptions(RobotOptions):
     """
 
     PANEL: ClassVar = "Search"
-
-    failed_leg: Annotated[int, UNTYPED]
-    """Leg that failed, 1..6, counter-clockwise from the front."""
-
-    failure: Annotated[str, UNTYPED] = "locked"
-    """What is wrong with it: `locked`, `limp`, `missing`, `weak:FRACTION`, `stuck:JOINT:DEGREES`."""
 
     budget: Annotated[int, BUDGET] = 20
     """Most trials to walk, {}."""
@@ -117,7 +116,7 @@ class AdaptOptions(RobotOptions):
     steered, and else is 0.
     """
 
-    policy: Annotated[str | None, RARE, Panel("Failure")] = None
+    policy: Annotated[str | None, RARE, FAILURE] = None
     """What a trial does about another leg that it notices to have failed: stop, glide, or
     package.module:Class; such a trial does not count and ends the search. With walk-on no legs are
     watched. (default: walk-on)
@@ -140,5 +139,18 @@ class AdaptOptions(RobotOptions):
     """
 
     def __post_init__(self) -> None:
-        parse_failure(self.failed_leg, self.failure)
+        failures = read_failures_before(self.failure, self.failed_leg, BEFORE_SEARCH)
+        if not failures:
+            raise InputError(f"{argument('failed_leg')}: is missing; allowed: 1..6")
+        if len(failures) > 1:
+            legs = ",".join(str(one.leg) for one in failures)
+            raise InputError(f"{argument('failed_leg')}: got {legs}; allowed: one leg")
+        object.__setattr__(self, "failure", failures)
+        object.__setattr__(self, "failed_leg", None)
         check_fields(self)
+
+    @property
+    def broken(self) -> Failure:
+        """The failure of the leg."""
+        (failure,) = read_failures_before(self.failure, None, BEFORE_SEARCH)
+        return failure

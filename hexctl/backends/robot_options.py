@@ -6,8 +6,11 @@ from typing import Annotated, ClassVar
 
 from hexctl.backends.sim.world import World
 from hexctl.options import RARE, UNTYPED, Panel, Range, Typed
+from hexctl.robot.failure_grammar import AskedFailures, AskedLegs
 from hexctl.robot.model import Robot
 from hexctl.wire.links import LinkOptions
+
+FAILURE = Panel("Failure")
 
 #: Seeds of everything random.
 SEED = Range(low=0, whole=True)
@@ -42,6 +45,21 @@ class RobotOptions(LinkOptions):
     (default: flat)
 
     Only with sim. In Python also a World.
+    """
+
+    failed_leg: Annotated[AskedLegs, Typed(words="failed_legs"), FAILURE] = None
+    """Leg that has failed, 1..6, counter-clockwise from the front: short for --failure LEG:locked. Several
+    with commas, such as 2,5; with run and adapt also auto: hexctl diagnose finds it. (default: none)
+
+    In Python a number or several.
+    """
+
+    failure: Annotated[AskedFailures, Typed(words="failures"), FAILURE] = ()
+    """How a leg has failed: LEG:KIND, such as 5:limp, 5:limp:femur, 5:weak:0.3, 5:missing, 5:locked,
+    5:stuck:coxa:30 (jammed at 30 degrees) or 5:unknown. With run and drive also LEG:KIND@SECONDS: a simulated
+    leg fails during the walk, such as 5:stuck:coxa@8. Repeatable. (default: none)
+
+    In Python texts, Failures and FailureEvents.
     """
 
     seed: Annotated[int, SEED, RARE] = 0

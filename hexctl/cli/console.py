@@ -107,19 +107,9 @@ def flag_of(argument: str) -> str:
     return FLAGS.get(argument, f"--{flag_name(argument)}")
 
 
-#: Flags whose values the library calls by a noun of its own, at the beginning of its messages.
-NOUNS = {
-    "failure event": "--fail",
-    "healing": "--heal",
-    "failure of a leg": "LEG:FAILURE",
-}
-
-
 def in_flags(error: HexctlError) -> str:
-    """Text of an error with the command line's flags in place of the library's arguments and nouns."""
-    text = error.worded(flag_of)
-    noun, colon, rest = text.partition(": got ")
-    return f"{NOUNS[noun]}{colon}{rest}" if colon and noun in NOUNS else text
+    """Text of an error with the command line's flags in place of the library's arguments."""
+    return error.worded(flag_of)
 
 
 def print_note(text: str) -> None:

@@ -77,7 +77,7 @@ def _parameter(option: Option) -> inspect.Parameter:
     kind, info = _kind_of(option)
     info.hidden, info.rich_help_panel = option.rare, option.panel or None
     FLAGS[option.name] = f"--{option.flag}"
-    default = list(option.default) if kind == list[str] else option.default
+    default = list(option.default or ()) if kind == list[str] else option.default
     return inspect.Parameter(
         option.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, info]
     )
@@ -99,10 +99,16 @@ def _kind_of(option: Option) -> tuple[Any, Any]:
         return Any, typer.Option(
             flag, parser=_parser(typed.parse), metavar="TEXT", autocompletion=offered, help=option.text
         )
-    if get_origin(option.kind) is Sequence:
+    if any(map(_is_texts, kinds)):
         return list[str], typer.Option(flag, autocompletion=offered, help=option.text)
     kind = Path if Path in kinds and not typed.words else str
     return kind | None, typer.Option(flag, autocompletion=offered, help=option.text)
+
+
+def _is_texts(kind: Any) -> bool:
+    """Whether a type is a sequence whose items may be texts: an option that is typed several times."""
+    items = get_args(kind)
+    return get_origin(kind) is Sequence and str in (get_args(items[0]) or items)
 
 
 def _parser(parse: Callable[[str], Any]) -> Callable[[Any], Any]:

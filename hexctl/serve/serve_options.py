@@ -9,11 +9,11 @@ from hexctl.backends.registry import BackendOptions, check_options
 from hexctl.backends.robot_options import RobotOptions, lower_case
 from hexctl.errors import InputError, argument, check_type
 from hexctl.options import RARE, Panel, Range, Typed, check_fields
-from hexctl.robot.failure import Failure, failure_of, failure_text
+from hexctl.robot.failure import Failure, failure_text
+from hexctl.robot.failure_grammar import option_of, read_failures_before
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
 from hexctl.serve.ros.ros_options import RosOptions
-from hexctl.types import N_LEGS
 
 if TYPE_CHECKING:
     from hexctl.backends.sim.world import World
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 DEFAULT_WORLD = "flat"
 SERVED_BACKENDS = ("sim", "mavlink", *BUS_DRIVERS, *PWM_DRIVERS, "mock")
 
-LEG = Range(low=1, high=N_LEGS, whole=True)
 SIT_AFTER_S = Range(low=1, high=3600, unit="s")
 ROS_DOMAIN = Range(low=0, high=232, whole=True)
 
@@ -43,41 +42,28 @@ class ServedOptions(RobotOptions):
     package.module:Class for custom servos.
     """
 
-    failed_leg: Annotated[int | None, LEG, RARE] = None
-    """Leg that failed, {}, counter-clockwise from the front. Only with sim. (default: none)"""
-
-    failure: Annotated[str | None, Typed(words="failures"), RARE] = None
-    """How it failed: locked (stiff), limp, missing, weak:FRACTION of its torque, 0..1 (0.3),
-    stuck:JOINT:DEGREES with coxa, femur or tibia (coxa, 0), or unknown to the controller. Only with sim.
-    (default: locked)
-    """
-
     def __post_init__(self) -> None:
         check_fields(self)
         check_type(self.robot, (str, Path), argument("robot"), "the name or path of a robot file")
         check_type(
             self.world, (str, Path, NoneType), argument("world"), "the name or path of a world, or None"
         )
-        broken = self.broken
-        check_options(
-            self.backend,
-            names={"failure": "failed_leg"},
-            world=self.world,
-            failure=None if broken is None else broken.leg,
-            seed=self.seed,
-        )
+        check_options(self.backend, world=self.world, seed=self.seed)
+        for name, value in map(option_of, self.failures):
+            check_options(self.backend, names={"failure": name}, failure=value)
 
     @property
-    def broken(self) -> Failure | None:
-        """Failed leg of the simulation, or None."""
-        return failure_of(self.failed_leg, self.failure)
+    def failures(self) -> tuple[Failure, ...]:
+        """Failures of the simulation, by leg; raises InputError for what is not allowed."""
+        instead = "one from the start, such as 5:limp; hexctl twin fail lets a leg fail later"
+        return read_failures_before(self.failure, self.failed_leg, instead)
 
     @property
     def simulated(self) -> dict[str, str] | None:
         """World and failure of a simulation as text, for the status; None for other servos."""
         if self.backend != "sim":
             return None
-        return {"world": str(self.world or DEFAULT_WORLD), "failure": failure_text(self.broken)}
+        return {"world": str(self.world or DEFAULT_WORLD), "failure": failure_text(*self.failures)}
 
     def backend_options(
         self, *, connect: str | None = None, credentials: Path | None = None, insecure: bool = False
@@ -94,7 +80,8 @@ class ServedOptions(RobotOptions):
             self,
             robot=file.robot,
             world=self._loaded_world(),
-            failure=self.broken,
+            failure=next(iter(self.failures), None),
+            further_failures=self.failures[1:],
             realtime=True,
             robot_file=file,
             connect=connect,

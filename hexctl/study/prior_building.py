@@ -18,7 +18,8 @@ from hexctl.control.guard import Guard
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import EStopError, InputError, SimulationDivergedError, argument, check_type
 from hexctl.gait.gait import make_gait
-from hexctl.robot.failure import UNKNOWN, parse_failure
+from hexctl.robot.failure import UNKNOWN
+from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.model import Robot
 from hexctl.study.landscapes.cache import LandscapeCache
 from hexctl.study.landscapes.evaluate import Progress, Silent, check_jobs, evaluate
@@ -57,7 +58,7 @@ class PriorPlan:
         family: distribution of plausible worlds.
         worlds: number of worlds per leg.
         legs: the failed legs, ascending.
-        failure: in the words of `parse_failure`; with `unknown` each world draws what breaks.
+        failure: in the words of `parse_kind`; with `unknown` each world draws what breaks.
         self_rotation: where the failed leg points during the walk.
         duration_s: length of each walk.
         hold: what the walks hold by feedback, one of `HOLDS`; with another than `none` the prior is of their
@@ -126,7 +127,7 @@ class PriorPlan:
 
     def trial_plan(self) -> TrialPlan:
         """Trial of a session that the prior is for, self-rotation included, with the gait `demo`."""
-        failure = parse_failure(self.legs[0], self.failure)
+        failure = parse_kind(self.legs[0], self.failure)
         return TrialPlan(
             gait=make_gait(self.robot, "demo"),
             duration_s=self.duration_s,

@@ -11,7 +11,8 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World
 from hexctl.control.walks.turning import check_plan
 from hexctl.errors import InputError, LimitError, ReachError, argument, check_type
-from hexctl.robot.failure import FAILURE_FORMS, UNKNOWN, parse_failure
+from hexctl.robot.failure import UNKNOWN
+from hexctl.robot.failure_grammar import KINDS, parse_kind
 from hexctl.robot.model import Robot
 from hexctl.study.landscapes.landscape import N_CODES, LandscapeSpec
 from hexctl.study.verdicts.experiments import experiments_of
@@ -48,7 +49,7 @@ class StudyPlan:
         budget: evaluations of a run.
         duration_s: length of each walk.
         seed: of everything.
-        failure: of each leg, in the words of `parse_failure`, such as `limp` or `weak:0.5`.
+        failure: of each leg, in the words of `parse_kind`, such as `limp` or `weak:0.5`.
         self_rotation: before the walks that the optimizers search: `rear`, `front` or `none`.
         worlds: in how many worlds claims are judged: `world` and others like it (`nearby_worlds`).
         by_symmetry: simulate one leg of each experiment (`experiments_of`), and take the others from it; in
@@ -78,7 +79,7 @@ class StudyPlan:
         for name in ("runs", "budget", "seed", "worlds", "without_gaits"):
             check_type(getattr(self, name), int, f"plan.{name}")
         check_type(self.duration_s, float, "plan.duration_s")
-        check_type(self.failure, str, "plan.failure", FAILURE_FORMS)
+        check_type(self.failure, str, "plan.failure", KINDS)
         check_type(self.self_rotation, str, "plan.self_rotation", ", ".join(SELF_ROTATIONS))
 
     @property
@@ -156,7 +157,7 @@ class StudyPlan:
         _require(1 <= self.worlds <= MAX_WORLDS, argument("worlds"), self.worlds, f"1..{MAX_WORLDS}")
         gaits = self.without_gaits
         _require(1 <= gaits <= N_CODES, argument("without_gaits"), gaits, f"1..{N_CODES}")
-        parse_failure(self.legs[0], self.failure)
+        parse_kind(self.legs[0], self.failure)
         _require(
             self.failure != UNKNOWN,
             argument("failure"),

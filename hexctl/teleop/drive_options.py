@@ -4,16 +4,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from hexctl.backends.robot_options import RobotOptions
+from hexctl.backends.robot_options import FAILURE, RobotOptions
 from hexctl.errors import InputError, argument
 from hexctl.gait.gait import gait_text
 from hexctl.gait.posture import POSTURE
-from hexctl.options import RARE, Panel, Range, Typed, check_fields
-from hexctl.types import N_LEGS
+from hexctl.options import RARE, Panel, Typed, check_fields
 
 DriveHold = Literal["auto", "none"]
 
-FAILURE, RECORDING, WALK = Panel("Failure"), Panel("Recording"), Panel("Walk")
+RECORDING, WALK = Panel("Recording"), Panel("Walk")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,16 +55,6 @@ class DriveOptions(RobotOptions):
 
     hold: Annotated[DriveHold, WALK] = "auto"
     """Correct slip with the pose or the yaw that the robot measures (auto), or walk in open loop (none)."""
-
-    failed_leg: Annotated[int | None, Range(low=1, high=N_LEGS, whole=True), FAILURE, RARE] = None
-    """Leg that failed, {}, counter-clockwise from the front. A simulation breaks it, and the drive knows of
-    it. (default: none)
-    """
-
-    failure: Annotated[str | None, Typed(words="failures"), FAILURE, RARE] = None
-    """How it failed: locked (stiff), limp, missing, weak:FRACTION of its torque, 0..1 (0.3),
-    stuck:JOINT:DEGREES with coxa, femur or tibia (coxa, 0), or unknown to the controller. (default: locked)
-    """
 
     policy: Annotated[str | None, FAILURE, RARE] = None
     """What to do about a leg that is noticed to have failed: walk-on, stop, glide, or package.module:Class.

@@ -14,7 +14,7 @@ from hexctl.control.drive.drive import Drive
 from hexctl.control.drive.velocity_limits import VelocityLimits
 from hexctl.errors import EStopError, HexctlError, InputError
 from hexctl.gait.gait import NAMED_SLOTS, Gait
-from hexctl.robot.failure_event import in_words
+from hexctl.robot.failure import in_words
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import FloatArray, RobotState

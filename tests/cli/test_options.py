@@ -80,15 +80,6 @@ def test_ranges_are_those_of_the_library() -> None:
     assert failure.LEG.high == N_LEGS
 
 
-def test_failed_legs_are_numbers_with_commas_or_auto() -> None:
-    assert failure.legs_or_auto("2,5") == (2, 5)
-    assert failure.legs_or_auto("3") == (3,)
-    assert failure.legs_or_auto("auto") == (failure.AUTO_LEG,)
-    for text in ("2,9", "", "2,auto", "x"):
-        with pytest.raises(typer.BadParameter, match=r"allowed: 1..6, several with commas, auto"):
-            failure.legs_or_auto(text)
-
-
 def with_groups(group: Any = None, path: str = "hexctl") -> Iterator[tuple[str, list[str]]]:
     """Every command, and group with options of its own, and the names of its options."""
     group = typer.main.get_command(app) if group is None else group

@@ -53,7 +53,8 @@ PARSED = {
     ("study", "--recovery"): "walks for hours; tests/cli/study/test_study_command.py has a small one",
     ("study", "--matrix"): "simulates for hours; tests/study has a small one",
     ("prior", "build"): "walks 120 gaits a world, for minutes; tests/cli/study/test_prior_command.py has it",
-    ("run", "--fail"): "fails later than a shortened walk ends; tests/cli/walk/test_run_command.py has one",
+    ("run", "2:limp@8"): "fails later than a shortened walk ends; tests/cli/walk/test_run_command.py has one",
+    ("run", "5:locked@8"): "the same",
     (
         "run",
         "--then",

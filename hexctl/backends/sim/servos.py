@@ -17,8 +17,7 @@ from hexctl.backends.sim.simulated_failure import FailuresToCome, held_rad, jamm
 from hexctl.backends.sim.simulation_model import FIRST_JOINT, Simulation, make_simulation
 from hexctl.backends.sim.world import World, as_world
 from hexctl.errors import SimulationDivergedError, check_type
-from hexctl.robot.failure import Failure, check_further, drawn_failure, each_failure
-from hexctl.robot.failure_event import FailureEvent
+from hexctl.robot.failure import Failure, FailureEvent, check_further, drawn_failure, each_failure
 from hexctl.robot.model import Robot
 from hexctl.types import JointTargets, RobotState
 

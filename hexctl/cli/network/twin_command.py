@@ -26,9 +26,9 @@ def fail(
     failure: Annotated[
         str,
         typer.Argument(
-            metavar="LEG:FAILURE",
-            help="Which leg, and how: 5:locked, 5:limp, 5:limp:femur, 5:missing, 5:weak:0.3, 5:stuck:femur; "
-            "a joint sticks where it is.",
+            metavar="LEG:KIND",
+            help="Which leg, and how: 5:locked, 5:limp, 5:limp:femur, 5:missing, 5:weak:0.3, 5:stuck:femur "
+            "(jams where it is).",
             show_default=False,
         ),
     ],

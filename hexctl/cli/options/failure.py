@@ -1,11 +1,10 @@
 """Options that say what has failed, what will, and what is done about it."""
 
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.values import listed, number
 from hexctl.errors import InputError
 from hexctl.options import Range
 
@@ -14,85 +13,39 @@ LEG = Range(low=1, high=6, whole=True)
 
 ALL_LEGS = "1,2,3,4,5,6"
 
-FAILURE_HELP = (
-    "How it failed: locked (stiff), limp, missing, weak:FRACTION of its torque, 0..1 (0.3), "
+#: The kinds of failures that studies give to each leg of `--legs`.
+KIND_HELP = (
+    "How each leg failed: locked (stiff), limp, missing, weak:FRACTION of its torque, 0..1 (0.3), "
     "stuck:JOINT:DEGREES with coxa, femur or tibia (coxa, 0), or unknown to the controller."
 )
 
-FAILED_LEG_HELP = f"Leg that failed, {LEG}, counter-clockwise from the front."
+FAILED_LEG_HELP = f"Legs that failed, {LEG}, with commas: short for --failure LEG:locked."
 
-#: Failed leg `auto`: a diagnosis finds it.
-AUTO_LEG = 0
-
-
-def leg_or_auto(text: str | int) -> int:
-    """Number of a leg, or `AUTO_LEG` for `auto`."""
-    try:
-        return AUTO_LEG if text == "auto" else int(LEG.parse(text))
-    except ValueError:
-        raise typer.BadParameter(f"got {text}; allowed: {LEG}, auto") from None
-
-
-def legs_or_auto(text: str | tuple[int, ...]) -> tuple[int, ...]:
-    """Numbers of legs with commas, or `AUTO_LEG` alone for `auto`."""
-    if not isinstance(text, str):
-        return text
-    try:
-        return (AUTO_LEG,) if text == "auto" else tuple(int(LEG.parse(part)) for part in listed(text) or [""])
-    except ValueError:
-        raise typer.BadParameter(f"got {text}; allowed: {LEG}, several with commas, auto") from None
-
-
-def listed_legs(text: str, flag: str = "--legs") -> tuple[int, ...]:
-    """Legs of a text such as `2,5`, ascending; raises InputError for anything but numbers."""
-    try:
-        return tuple(sorted(int(part) for part in listed(text)))
-    except ValueError:
-        raise InputError(f"{flag}: got {text!r}; allowed: numbers {LEG} with commas, such as 2,5") from None
-
-
-def complete_leg(incomplete: str) -> list[str]:
-    """Legs and `auto`, which the shell offers."""
-    return [*LEG.complete(incomplete), *(["auto"] if "auto".startswith(incomplete) else [])]
-
-
-AUTO_LEG_HELP = f"{FAILED_LEG_HELP[:-1]}; auto: hexctl diagnose finds it."
+FAILURE_HELP = (
+    "How a leg failed: LEG:KIND, such as 5:limp, 5:limp:femur, 5:weak:0.3, 5:missing, 5:locked, "
+    "5:stuck:coxa:30 (jammed at 30 degrees) or 5:unknown. Repeatable."
+)
 
 FailedLegOption = Annotated[
-    Any,
+    str | None,
     typer.Option(
         "--failed-leg",
-        parser=legs_or_auto,
         metavar="LEGS",
-        autocompletion=complete_leg,
-        help=f"{AUTO_LEG_HELP} Several with commas, such as 2,5, with one --failure or one for each. "
-        "(default: none)",
+        autocompletion=LEG.complete,
+        hidden=True,
+        help=f"{FAILED_LEG_HELP} A simulation breaks them, and the drive knows of it. (default: none)",
     ),
 ]
 
 LegsOption = Annotated[str, typer.Option("--legs", help=f"Failed legs, of {LEG}, with commas.")]
 
 FailureOption = Annotated[
-    str | None,
-    typer.Option("--failure", autocompletion=completion.failures, help=f"{FAILURE_HELP} (default: locked)"),
-]
-
-FailOption = Annotated[
     list[str] | None,
     typer.Option(
-        "--fail",
-        help="In a simulation, let a leg fail during the walk: LEG:FAILURE@SECONDS, such as 5:locked@8 or "
-        "2:stuck:femur@4. Repeatable. (default: never)",
-    ),
-]
-
-HealOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--heal",
-        hidden=True,
-        help="In a simulation, let a leg be whole again: LEG@SECONDS, such as 5@20. Repeatable. "
-        "(default: never)",
+        "--failure",
+        autocompletion=completion.failures,
+        help=f"{FAILURE_HELP} With @SECONDS a simulated leg fails during the drive, such as 5:stuck:coxa@8. "
+        "(default: none)",
     ),
 ]
 
@@ -105,15 +58,21 @@ RecoverOption = Annotated[
 ]
 
 SimFailedLegOption = Annotated[
-    int | None, number("--failed-leg", LEG, f"{FAILED_LEG_HELP} Only with sim. (default: none)")
+    str | None,
+    typer.Option(
+        "--failed-leg",
+        metavar="LEGS",
+        autocompletion=LEG.complete,
+        help=f"{FAILED_LEG_HELP} Only with sim. (default: none)",
+    ),
 ]
 
 SimFailureOption = Annotated[
-    str | None,
+    list[str] | None,
     typer.Option(
         "--failure",
         autocompletion=completion.failures,
-        help=f"{FAILURE_HELP} Only with sim. (default: locked)",
+        help=f"{FAILURE_HELP} Only with sim. (default: none)",
     ),
 ]
 

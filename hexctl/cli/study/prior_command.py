@@ -9,7 +9,7 @@ import typer
 
 from hexctl.cli import completion
 from hexctl.cli.console import print_note, print_result
-from hexctl.cli.options.failure import ALL_LEGS, FAILURE_HELP, LegsOption, listed_legs
+from hexctl.cli.options.failure import ALL_LEGS, KIND_HELP, LegsOption
 from hexctl.cli.options.output import DaskOption, JobsOption, JsonOption
 from hexctl.cli.options.robot import RobotOption
 from hexctl.cli.options.walk import SELF_ROTATION_HELP
@@ -90,7 +90,7 @@ def build(
     ] = None,
     legs: LegsOption = ALL_LEGS,
     failure: Annotated[
-        str, typer.Option("--failure", autocompletion=completion.failures, help=FAILURE_HELP)
+        str, typer.Option("--failure", autocompletion=completion.kinds, help=KIND_HELP)
     ] = "locked",
     self_rotation: Annotated[
         SelfRotation | None,
@@ -143,6 +143,7 @@ def build(
     from hexctl.adapt.prior.prior_files import PRIORS, describe_prior
     from hexctl.backends.sim.world import load_randomization
     from hexctl.control.trial_plan import AUTO_ROTATION, suited_rotation
+    from hexctl.robot.failure_grammar import parse_legs
     from hexctl.robot.loader import load_robot
     from hexctl.study.prior_building import PriorPlan, build_prior, prior_file_name
 
@@ -159,7 +160,7 @@ def build(
         robot=load_robot(robot),
         family=load_randomization(family),
         worlds=worlds or 16,
-        legs=listed_legs(legs),
+        legs=parse_legs(legs, "--legs"),
         failure=failure,
         self_rotation=suited_rotation(self_rotation or AUTO_ROTATION, hold, chosen_gait=True),
         hold=hold,

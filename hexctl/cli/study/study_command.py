@@ -10,7 +10,7 @@ import typer
 
 from hexctl.cli import completion
 from hexctl.cli.console import print_result
-from hexctl.cli.options.failure import ALL_LEGS, FAILURE_HELP, LegsOption, listed_legs
+from hexctl.cli.options.failure import ALL_LEGS, KIND_HELP, LegsOption
 from hexctl.cli.options.output import DaskOption, JobsOption, JsonOption
 from hexctl.cli.options.robot import WORLD_HELP, SeedOption, robot_option
 from hexctl.cli.options.walk import SELF_ROTATION_HELP, TrialDurationOption
@@ -69,8 +69,8 @@ StudyFailureOption = Annotated[
     str | None,
     typer.Option(
         "--failure",
-        autocompletion=completion.failures,
-        help=f"{FAILURE_HELP} (default: locked; with --hold, --recovery and --matrix several)",
+        autocompletion=completion.kinds,
+        help=f"{KIND_HELP} (default: locked; with --hold, --recovery and --matrix several)",
     ),
 ]
 StudySelfRotationOption = Annotated[
@@ -216,6 +216,8 @@ def study(
 
     Each gait is walked once and kept under runs/study-cache. After Ctrl-C the same command continues.
     """
+    from hexctl.robot.failure_grammar import parse_legs
+
     kinds = {"--transfer": transfer, "--matrix": matrix, "--hold": hold, "--recovery": recovery}
     own: dict[str, dict[str, object]] = {
         "--transfer": {"--prior": prior, "--one-leg": one_leg or None},
@@ -227,7 +229,8 @@ def study(
     if not (hold or recovery):
         refuse_given({"--exact-sensors": exact_sensors or None}, "with --hold or --recovery")
     folder = out or runs_folder() / f"study-{datetime.now():%Y%m%d-%H%M%S}"
-    options: dict[str, Any] = {"legs": listed_legs(legs), "duration_s": duration} | with_values(worlds=worlds)
+    asked_legs = parse_legs(legs, "--legs")
+    options: dict[str, Any] = {"legs": asked_legs, "duration_s": duration} | with_values(worlds=worlds)
     result: StudyResult | TransferResult | MatrixResult | HoldResult | RecoveryResult
     if hold or recovery:
         flag = "--hold" if hold else "--recovery"

@@ -1,7 +1,7 @@
 """`hexctl drive`: a robot driven by hand."""
 
 import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -42,7 +42,7 @@ def drive(
     from hexctl.backends.registry import check_options, option_values
     from hexctl.control.drive.drive import Drive
     from hexctl.control.log import PACED_BLOCK_TICKS, Recorders
-    from hexctl.robot.failure import failure_of
+    from hexctl.robot.failure_grammar import read_failures
     from hexctl.teleop.keyboard import has_keys
 
     options = DriveOptions(**asked)
@@ -52,12 +52,14 @@ def drive(
     where = option_values(options, but=("robot", "failure"))
     where = {name: value for name, value in where.items() if value}
     check_options(options.backend, **where)
+    failures, events = read_failures(options.failure, options.failed_leg)
+    for event in events:
+        check_options(options.backend, names={"events": "failure"}, events=str(event))
     if options.backend == "sim":
         where["realtime"] = True
     with ExitStack() as stack:
         keep = stack.enter_context(_kept_once_driven(options.record))
-        failed = failure_of(options.failed_leg, options.failure)
-        shown = _recorders(stack, options, failed, view=view)
+        shown = _recorders(stack, options, failures, view=view)
         made = Drive(
             options.robot,
             backend=options.backend,
@@ -65,7 +67,7 @@ def drive(
             body_raise=options.body_raise or None,
             policy=options.policy,
             hold=options.hold,
-            failure=failed,
+            failure=(*failures, *events),
             recorders=Recorders(*shown, block_ticks=PACED_BLOCK_TICKS) if shown else None,
             **where,
         )
@@ -159,7 +161,7 @@ def _say(text: str) -> None:
 
 
 def _recorders(
-    stack: ExitStack, options: DriveOptions, failed: "Failure | None", *, view: bool
+    stack: ExitStack, options: DriveOptions, failures: "Sequence[Failure]", *, view: bool
 ) -> "list[Recorder]":
     """Live view and recording of a drive."""
     simulated, record = options.backend == "sim", options.record
@@ -176,7 +178,11 @@ def _recorders(
     loaded = load_robot_file(str(options.robot))
     floor = make_floor(load_world(str(options.world or "flat")), options.seed) if simulated else None
     plan = TrialPlan(
-        gait=make_gait(loaded.robot, options.gait), belief=failed, self_rotation="none", travel=0.0
+        gait=make_gait(loaded.robot, options.gait),
+        belief=next(iter(failures), None),
+        further_failures=tuple(failures[1:]),
+        self_rotation="none",
+        travel=0.0,
     )
     title, servos = f"{loaded.robot.name} driven", not simulated
     common: dict[str, Any] = {"title": title, "floor": floor, "watched": True, "servos": servos}

@@ -6,7 +6,7 @@ from hexctl.backends.sim.world import MAX_MEMBERS, DomainRandomization, World
 from hexctl.control.trial_plan import AUTO_ROTATION, SELF_ROTATIONS
 from hexctl.control.walks.turning import check_plan
 from hexctl.errors import InputError, LimitError, ReachError, check_type
-from hexctl.robot.failure import FAILURE_FORMS, parse_failure
+from hexctl.robot.failure_grammar import KINDS, parse_kind
 from hexctl.robot.model import Robot
 from hexctl.study.holds.hold_conditions import HOLDS, INTACT, HoldCase, HoldConditions, with_sensors
 from hexctl.study.study_plan import check_each, check_robot, check_setting
@@ -35,7 +35,7 @@ class HoldPlan:
         worlds: number of worlds of each family.
         first_world: number of the first of them.
         legs: the failed legs, ascending.
-        failures: of each leg, in the words of `parse_failure`; intact robots walk beside them.
+        failures: of each leg, in the words of `parse_kind`; intact robots walk beside them.
         holds: what the walks hold, of `hexctl.study.holds.hold_conditions.HOLDS`.
         self_rotation: where the failed leg points during the walk; with `auto` to the rear under the hold
             `heading`, and as it is under the others, as `hexctl run --gait auto` walks under `heading` and
@@ -66,7 +66,7 @@ class HoldPlan:
             allowed = "a DomainRandomization, as load_randomization('transfer') gives"
             check_type(family, DomainRandomization, "plan.families", allowed)
         for failure in self.failures:
-            check_type(failure, str, "plan.failures", FAILURE_FORMS)
+            check_type(failure, str, "plan.failures", KINDS)
         for name in ("worlds", "first_world"):
             check_type(getattr(self, name), int, f"plan.{name}")
         check_type(self.duration_s, float, "plan.duration_s")
@@ -118,7 +118,7 @@ class HoldPlan:
         allowed = (AUTO_ROTATION, *SELF_ROTATIONS)
         check_setting("self_rotation", turn, turn in allowed, ", ".join(allowed))
         for failure in self.failures:
-            parse_failure(self.legs[0], failure)
+            parse_kind(self.legs[0], failure)
         for one in self.conditions()[:: len(self.families) * self.worlds]:
             for case in self.cases():
                 try:

@@ -12,8 +12,7 @@ from hexctl.control.trial_plan import DURATION_S
 from hexctl.control.walks.turning import check_plan
 from hexctl.errors import InputError, LimitError, ReachError, check_type
 from hexctl.gait.gait import NAMED_SLOTS
-from hexctl.robot.failure import FAILURE_FORMS
-from hexctl.robot.failure_event import parse_coming_failure
+from hexctl.robot.failure_grammar import KINDS, parse_coming_kind
 from hexctl.robot.model import Robot
 from hexctl.study.holds.hold_conditions import with_sensors
 from hexctl.study.recovery.episodes import AUTO_GAIT, INTACT, RecoveryCase, RecoveryConditions
@@ -75,7 +74,7 @@ class RecoveryPlan:
         worlds: number of worlds of each family.
         first_world: number of the first of them.
         legs: those that fail, ascending.
-        failures: of each leg, in the words of `parse_failure`; intact robots walk beside them.
+        failures: of each leg, in the words of `parse_kind`; intact robots walk beside them.
         methods: what robots do about them, as `method_of` has it; `nothing` among them.
         protocols: of `PROTOCOLS`.
         runs: of each set of legs in the protocols `hexaheal` and `second`, with different seeds.
@@ -109,7 +108,7 @@ class RecoveryPlan:
             allowed = "a DomainRandomization, as load_randomization('transfer') gives"
             check_type(family, DomainRandomization, "plan.families", allowed)
         for failure in self.failures:
-            check_type(failure, str, "plan.failures", FAILURE_FORMS)
+            check_type(failure, str, "plan.failures", KINDS)
         for name in ("worlds", "first_world", "runs", "seed"):
             check_type(getattr(self, name), int, f"plan.{name}")
         check_type(self.duration_s, float, "plan.duration_s")
@@ -237,7 +236,7 @@ class RecoveryPlan:
         check_setting("runs", self.runs, 1 <= self.runs <= MAX_RUNS, f"1..{MAX_RUNS}")
         check_setting("seed", self.seed, self.seed >= 0, "0 or more")
         for failure in self.failures:
-            parse_coming_failure(self.legs[0], failure)
+            parse_coming_kind(self.legs[0], failure)
         longest_s = max(1 / robot.gait.pace_hz for robot in self.robots)
         least_s = FAULT_S[LINE] + longest_s + LEAST_AFTER_S
         fine = LINE not in self.protocols or least_s <= self.duration_s <= DURATION_S.high

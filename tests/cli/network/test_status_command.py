@@ -191,14 +191,12 @@ def test_only_a_simulation_tells_of_its_world() -> None:
 
 
 def test_a_served_simulation_says_what_it_is(tmp_path: Path) -> None:
-    with served(
-        tmp_path, "--world", "rough", "--failed-leg", "5", "--failure", "limp", backend="sim"
-    ) as robot:
+    with served(tmp_path, "--world", "rough", "--failure", "5:limp", backend="sim") as robot:
         shown = hexctl("status", "--connect", robot.endpoint)
         simulated = robot.status()["simulated"]
         walk = ("run", "--backend", "zenoh", "--connect", robot.endpoint, "--no-record", "--duration", "0.1")
         other = hexctl(*walk, "--failed-leg", "3", "--self-rotation", "none")
-        same = hexctl(*walk, "--failed-leg", "5", "--failure", "limp", "--self-rotation", "none")
+        same = hexctl(*walk, "--failure", "5:limp", "--self-rotation", "none")
     assert simulated == {"world": "rough", "failure": "leg 5 limp"}
     assert "there has failure leg 5 limp, this end walks as with failure leg 3 locked" in other.stderr
     assert same.returncode == 0, same.stderr

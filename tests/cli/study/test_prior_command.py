@@ -577,7 +577,7 @@ def test_what_a_search_of_steered_walks_cannot_do_is_refused(
 def test_without_a_prior_of_steered_walks_the_command_that_builds_one_is_told(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    _, err = run(capsys, *STEERED, "--failed-leg", "5", "--budget", "1", "--failure", "limp")
+    _, err = run(capsys, *STEERED, "--failure", "5:limp", "--budget", "1")
     assert "no prior for these trials" in err
     assert err.rstrip().endswith(f"{ADVICE} --failure limp --hold line --duration 6")
 

@@ -63,7 +63,7 @@ def test_a_study_from_end_to_end_and_again_from_the_cache(
     ("options", "message"),
     [
         (["--legs", "0"], "--legs"),
-        (["--legs", "1,7"], "--legs: got [7]; allowed: 1..6"),
+        (["--legs", "1,7"], "--legs: got '1,7'; allowed: 1..6"),
         (["--legs", "one"], "--legs: got 'one'"),
         (["--runs", "0"], "--runs: got 0; allowed: 1..999"),
         (["--budget", "-1"], "--budget"),
@@ -74,7 +74,7 @@ def test_a_study_from_end_to_end_and_again_from_the_cache(
         (["--robot", "spot"], "allowed: ant"),
         (["--world", "moon"], "failing, flat"),
         (["--failure", "tired"], "allowed: locked, limp"),
-        (["--failure", "weak:2"], "--failure: got weak:2; allowed: weak:FRACTION"),
+        (["--failure", "weak:2"], "--failure: got 'weak:2'; allowed: weak:FRACTION"),
         (["--self-rotation", "left"], "--self-rotation: got left; allowed: rear, front, none"),
         (["--worlds", "101"], "--worlds: got 101; allowed: 1..100"),
         (["--prior", "auto"], "--prior: got auto; allowed: with --transfer"),
