@@ -46,6 +46,7 @@ from hexctl.options import RARE, UNTYPED, Panel, Typed
 from hexctl.recording.rrd import probe_file
 from hexctl.robot.failure import Failure, check_further, each_failure, failures_of
 from hexctl.robot.failure_event import FailureEvent
+from hexctl.robot.leg_numbers import leg_numbers
 from hexctl.robot.model import Robot
 
 #: The gait of a run that names none.
@@ -59,14 +60,6 @@ def _shift(text: str) -> tuple[float, float]:
     except ValueError:
         raise ValueError(f"got {text!r}; allowed: two numbers such as 0.02,-0.01") from None
     return forward, left
-
-
-def _legs(text: str) -> tuple[int, ...]:
-    """Legs of a text such as `2,5`, ascending."""
-    try:
-        return tuple(sorted(int(part) for part in text.split(",")))
-    except ValueError:
-        raise ValueError(f"got {text!r}; allowed: numbers 1..6 with commas, such as 2,5") from None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,7 +116,7 @@ class RunSpec(RecordedOptions):
     as 0.02,-0.01. (default: 0,0)
     """
 
-    tucked_legs: Annotated[Sequence[int], Typed(flag="tuck", parse=_legs), RARE] = ()
+    tucked_legs: Annotated[Sequence[int], Typed(flag="tuck", parse=leg_numbers), RARE] = ()
     """Legs held up in the air, of 1..6, with commas. (default: none)"""
 
     swing_share: Annotated[float | None, SWING, RARE] = None

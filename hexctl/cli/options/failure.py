@@ -5,14 +5,12 @@ from typing import Annotated, Any
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.values import listed, number
+from hexctl.cli.values import number
 from hexctl.errors import InputError
-from hexctl.options import Range
+from hexctl.options import Range, listed
 
 #: Ranges of options. Where the library has the same limit, a test holds both together.
 LEG = Range(low=1, high=6, whole=True)
-
-ALL_LEGS = "1,2,3,4,5,6"
 
 FAILURE_HELP = (
     "How it failed: locked (stiff), limp, missing, weak:FRACTION of its torque, 0..1 (0.3), "
@@ -43,14 +41,6 @@ def legs_or_auto(text: str | tuple[int, ...]) -> tuple[int, ...]:
         raise typer.BadParameter(f"got {text}; allowed: {LEG}, several with commas, auto") from None
 
 
-def listed_legs(text: str, flag: str = "--legs") -> tuple[int, ...]:
-    """Legs of a text such as `2,5`, ascending; raises InputError for anything but numbers."""
-    try:
-        return tuple(sorted(int(part) for part in listed(text)))
-    except ValueError:
-        raise InputError(f"{flag}: got {text!r}; allowed: numbers {LEG} with commas, such as 2,5") from None
-
-
 def complete_leg(incomplete: str) -> list[str]:
     """Legs and `auto`, which the shell offers."""
     return [*LEG.complete(incomplete), *(["auto"] if "auto".startswith(incomplete) else [])]
@@ -69,8 +59,6 @@ FailedLegOption = Annotated[
         "(default: none)",
     ),
 ]
-
-LegsOption = Annotated[str, typer.Option("--legs", help=f"Failed legs, of {LEG}, with commas.")]
 
 FailureOption = Annotated[
     str | None,

@@ -504,7 +504,7 @@ def test_a_prior_under_a_hold_is_built_with_the_trials_of_its_sessions(
         plans.append(plan)
         save_prior(made_up_score_prior(plan.key, plan.legs, plan.worlds), path)
 
-    monkeypatch.setattr("hexctl.study.prior_building.build_prior", built_at_once)
+    monkeypatch.setattr("hexctl.study.planned_prior.build_prior", built_at_once)
     for hold in ("line", "heading"):
         assert exit_code(["prior", "build", "--hold", hold, "--legs", "2", "--worlds", "2"]) == 0
     found = [(plan.hold, plan.self_rotation, plan.posture) for plan in plans]

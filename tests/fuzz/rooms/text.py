@@ -10,7 +10,7 @@ from hexctl.backends.mavlink.mavlink_transport import parse_port
 from hexctl.backends.pwm.pca9685 import parse_i2c_place
 from hexctl.backends.pwm.servo2040 import parse_servo2040_port
 from hexctl.backends.sim.world import load_world
-from hexctl.cli.options.failure import leg_or_auto, legs_or_auto, listed_legs
+from hexctl.cli.options.failure import leg_or_auto, legs_or_auto
 from hexctl.cli.see.arena_command import arena_of
 from hexctl.cli.see.see_options import size_of
 from hexctl.cli.see.see_twin_command import point_of
@@ -22,6 +22,7 @@ from hexctl.options import Range
 from hexctl.robot.configs import find_config
 from hexctl.robot.failure import failures_of, parse_failure
 from hexctl.robot.failure_event import parse_failure_event, parse_failure_now, parse_healing
+from hexctl.robot.leg_numbers import leg_numbers
 from hexctl.serve.boards.bus_faults import parse_bus_fault
 from hexctl.serve.boards.pca9685_board import parse_pca9685_fault
 from hexctl.serve.boards.servo2040_board import parse_servo2040_fault
@@ -144,7 +145,7 @@ TARGETS = (
                 *(checked(each.parse) for each in RANGES),
                 leg_or_auto,
                 legs_or_auto,
-                listed_legs,
+                checked(leg_numbers),
                 checked(arena_of),
                 size_of,
                 point_of,
