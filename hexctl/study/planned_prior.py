@@ -55,7 +55,8 @@ def _prior(options: PriorOptions, runs: Path) -> Planned:
 
 
 def _repertoire(options: PriorOptions, runs: Path) -> Planned:
-    asked = {"worlds": options.worlds, "directions": options.directions, "codes": options.codes}
+    names = ("worlds", "directions", "codes")
+    asked: dict[str, Any] = {name: getattr(options, name) for name in names}
     if options.pairs is not None:
         asked["pair_failures"] = tuple(options.pairs)
     plan = RepertoirePlan(
