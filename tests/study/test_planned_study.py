@@ -1,6 +1,7 @@
 """Plans of the studies that options ask for, and a study from Python in one call."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -63,8 +64,9 @@ def test_time_steps_of_a_matrix_are_milliseconds() -> None:
 
 @pytest.mark.parametrize("kind", ["transfer", "hold", "recovery"])
 def test_a_world_that_is_no_family_is_refused(kind: str) -> None:
+    asked: dict[str, Any] = {kind: True, "world": "slippery"}
     with pytest.raises(InputError, match=r"^world: got slippery "):
-        planned_study(StudyOptions(**{kind: True}, world="slippery"))
+        planned_study(StudyOptions(**asked))
 
 
 def test_a_study_is_planned_and_run_in_one_call(tmp_path: Path) -> None:
