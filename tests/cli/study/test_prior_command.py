@@ -641,6 +641,12 @@ def test_a_repertoire_that_cannot_be_built_is_refused(
     assert message in refused(capsys, "prior", "build", *words)
 
 
+def test_a_repertoire_goes_without_settings_of_priors(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("hexctl.toml").write_text("[prior.build]\nfailure = 'limp'\nduration = 8\n")
+    assert exit_code(["prior", "build", "--repertoire", "--worlds", "17"]) == 2
+    assert capsys.readouterr().err.endswith("--worlds: got 17; allowed: 1..16\n")
+
+
 def test_a_file_that_is_no_repertoire_is_refused(prior: str, capsys: pytest.CaptureFixture[str]) -> None:
     said = f"repertoire {prior}: it is not a repertoire"
     assert said in refused(capsys, "prior", "show", "--repertoire", prior)

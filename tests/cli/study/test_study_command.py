@@ -72,7 +72,7 @@ def test_a_study_from_end_to_end_and_again_from_the_cache(
         (["--seed", "-1"], "--seed"),
         (["--optimizers", "annealing"], "pso, psosp, dps"),
         (["--robot", "spot"], "allowed: ant"),
-        (["--world", "moon"], "failing, flat"),
+        (["--world", "moon"], "unknown world 'moon'; allowed: "),
         (["--failure", "tired"], "allowed: locked, limp"),
         (["--failure", "weak:2"], "--failure: got weak:2; allowed: weak:FRACTION"),
         (["--self-rotation", "left"], "--self-rotation: got left; allowed: rear, front, none"),
