@@ -10,7 +10,7 @@ from typing import Any
 from hexctl.adapt.prior.prior import Prior, load_prior
 from hexctl.adapt.prior.prior_files import prior_folders
 from hexctl.backends.sim.world import DomainRandomization, load_randomization, load_world
-from hexctl.errors import InputError, argument
+from hexctl.errors import InputError, argument, check_type
 from hexctl.options import listed
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
@@ -50,6 +50,7 @@ def planned_study(options: StudyOptions, *, runs: Path | None = None) -> Planned
 
     Raises InputError for a robot, a world, a family or a prior that there is not.
     """
+    check_type(options, StudyOptions, "options")
     runs = find_settings().runs if runs is None else runs
     folder = options.out or runs / f"study-{datetime.now():%Y%m%d-%H%M%S}"
     planned = {PAPER: _paper, TRANSFER: _transfer, MATRIX: _matrix, HOLD: _hold, RECOVERY: _recovery}

@@ -40,7 +40,7 @@ def _pairs(text: str) -> tuple[str, ...]:
 class PriorOptions(ComputeOptions):
     """What is asked of a prior or a repertoire. Its fields are the options of `hexctl prior build`.
 
-    Raises InputError for a value that is not allowed, and for an option of the other of both.
+    Raises InputError for a value that is not allowed, and for an option that only the other one takes.
     """
 
     PANEL: ClassVar = "Prior"

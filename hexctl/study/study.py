@@ -5,14 +5,12 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from hexctl.backends.base import as_robot
-from hexctl.backends.sim.world import World, as_world
+from hexctl.backends.sim.world import World
 from hexctl.errors import InputError, argument, check_type
-from hexctl.robot.model import Robot
 from hexctl.study.default_gaits import walk_default_gaits
 from hexctl.study.holds.hold_findings import HoldFindings, hold_bars
 from hexctl.study.holds.hold_plan import HoldPlan
@@ -158,44 +156,6 @@ class RecoveryResult(ReportResult):
     def lines(self) -> list[str]:
         """Tables and verdicts, as lines of text."""
         return [*recovery_lines(self.findings), *bar_lines(recovery_bars(self.findings))]
-
-
-def study(
-    plan: StudyPlan | None = None,
-    *,
-    folder: Path | str,
-    robot: Robot | str | Path = "ant",
-    world: World | str | Path = "flat",
-    cache: LandscapeCache | None = None,
-    jobs: int | None = None,
-    dask: str | None = None,
-    progress: Progress | None = None,
-    **options: Any,
-) -> StudyResult:
-    """Repeat the paper's experiments, as `hexctl study` does.
-
-    Args:
-        plan: the experiments; None for a plan of `robot`, `world` and `options`.
-        folder: for the report: new, empty, or with an earlier study, which is replaced.
-        robot: a robot, or the name or path of its file.
-        world: a world, or its name or path.
-        cache: as in `run_study`, and so are `jobs`, `dask` and `progress`.
-        jobs: threads per batch of gaits.
-        dask: address of a Dask scheduler.
-        progress: observer.
-        options: further fields of `StudyPlan`, such as `legs`, `failure`, `self_rotation`, `worlds`, `runs`.
-
-    Raises what `run_study` raises.
-    """
-    if plan is None:
-        known = [field.name for field in fields(StudyPlan)]
-        unknown = [name for name in options if name not in known]
-        if unknown:
-            raise InputError(f"study: got {', '.join(unknown)}; allowed: {', '.join(known)}")
-        plan = StudyPlan(robot=as_robot(robot), world=as_world(world), **options)
-    elif options:
-        raise InputError(f"study: got a plan and {', '.join(options)} too; allowed: one or the other")
-    return run_study(plan, folder=Path(folder), cache=cache, jobs=jobs, dask=dask, progress=progress)
 
 
 def run_study(
