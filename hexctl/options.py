@@ -13,7 +13,7 @@ import ast
 import inspect
 import math
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import MISSING, Field, dataclass, fields
 from itertools import pairwise
 from types import NoneType, UnionType
@@ -159,6 +159,11 @@ def flag_name(field: str) -> str:
     return field.removesuffix(unit).replace("_", "-")
 
 
+def listed(text: str) -> tuple[str, ...]:
+    """Parts of a text between commas."""
+    return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
 def options_of(spec: type) -> tuple[Option, ...]:
     """Return the options of a dataclass: its own in the order of its fields, then those of its bases."""
     hints, helps = get_type_hints(spec, include_extras=True), _docstrings(spec)
@@ -201,6 +206,26 @@ def check_fields(spec: Any) -> None:
         hint = hints[field.name]
         kind, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
         _check_value(argument(field.name), getattr(spec, field.name), kind, marks)
+
+
+def check_used(spec: Any, names: Container[str], where: str) -> None:
+    """Raise InputError for the first of some options that is not its default, as nothing would use it.
+
+    Args:
+        spec: the options.
+        names: of the options that nothing uses.
+        where: where they are used, such as `with physics`.
+    """
+    for field in fields(spec):
+        value = getattr(spec, field.name)
+        if field.name in names and value != field.default:
+            raise InputError(f"{argument(field.name)}: got {_typed_text(value)}; allowed: {where}")
+
+
+def _typed_text(value: Any) -> str:
+    if isinstance(value, tuple | list):
+        return ",".join(map(_typed_text, value)) or "none"
+    return "it" if value is True else f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _check_value(what: str, value: Any, kind: Any, marks: Sequence[Any]) -> None:

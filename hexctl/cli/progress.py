@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from hexctl.study.landscapes.cache import LandscapeCache
     from hexctl.study.landscapes.landscape import Landscape
+    from hexctl.study.planned_work import PlannedWork, ResultT
 
 
 @contextmanager
@@ -134,3 +135,12 @@ class StudyProgress(WithBar):
 
     def _line(self, text: str) -> None:
         print_above(self._bar, text, err=True)
+
+
+def finish(planned: "PlannedWork[ResultT]", notes: Iterable[str] = ()) -> "ResultT":
+    """Run what is planned, with its progress on stderr; Ctrl-C ends it with exit code 130.
+
+    `notes` are printed before the work begins.
+    """
+    with interruptible(planned.saved, planned.unit), StudyProgress(notes) as progress:
+        return planned.run(progress=progress)

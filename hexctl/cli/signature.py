@@ -90,7 +90,7 @@ def _kind_of(option: Option) -> tuple[Any, Any]:
         return (int if option.range.whole else float) | None, number(flag, option.range, option.text)
     words = next((one for one in kinds if get_origin(one) is Literal), None)
     if words is not None:
-        return str | None, choice(flag, words, option.text)
+        return words | None, choice(flag, words, option.text)
     if option.kind is bool:
         switch = f"{flag}/--no-{option.flag}" if option.default else flag
         return bool, typer.Option(switch, help=option.text)

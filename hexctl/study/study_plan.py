@@ -15,6 +15,7 @@ from hexctl.robot.failure import UNKNOWN
 from hexctl.robot.failure_grammar import KINDS, parse_kind
 from hexctl.robot.model import Robot
 from hexctl.study.landscapes.landscape import N_CODES, LandscapeSpec
+from hexctl.study.study_options import BUDGET, RUNS
 from hexctl.study.verdicts.experiments import experiments_of
 from hexctl.study.verdicts.worlds import MAX_WORLDS, nearby_worlds
 from hexctl.types import N_LEGS
@@ -31,8 +32,6 @@ ROTATIONS = (WITHOUT, WITH)
 SELF_ROTATIONS = ("rear", "front", "none")
 
 #: A seed shows leg and run as decimal digits, which limits their numbers.
-MAX_RUNS = 999
-MAX_BUDGET = 10_000
 MAX_SEED = 10_000
 
 
@@ -149,8 +148,8 @@ class StudyPlan:
         unknown = [leg for leg in self.legs if not 1 <= leg <= N_LEGS]
         _require(not unknown, argument("legs"), unknown, "1..6")
         _require(len(set(self.legs)) == len(self.legs), argument("legs"), list(self.legs), "each leg once")
-        _require(1 <= self.runs <= MAX_RUNS, argument("runs"), self.runs, f"1..{MAX_RUNS}")
-        _require(1 <= self.budget <= MAX_BUDGET, argument("budget"), self.budget, f"1..{MAX_BUDGET}")
+        RUNS.check(argument("runs"), self.runs)
+        BUDGET.check(argument("budget"), self.budget)
         _require(0 <= self.seed <= MAX_SEED, argument("seed"), self.seed, f"0..{MAX_SEED}")
         turn = self.self_rotation
         _require(turn in SELF_ROTATIONS, argument("self_rotation"), turn, ", ".join(SELF_ROTATIONS))

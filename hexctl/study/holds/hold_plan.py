@@ -9,6 +9,7 @@ from hexctl.errors import InputError, LimitError, ReachError, check_type
 from hexctl.robot.failure_grammar import KINDS, parse_kind
 from hexctl.robot.model import Robot
 from hexctl.study.holds.hold_conditions import HOLDS, INTACT, HoldCase, HoldConditions, with_sensors
+from hexctl.study.study_options import WORLDS
 from hexctl.study.study_plan import check_each, check_robot, check_setting
 from hexctl.types import N_LEGS
 
@@ -21,8 +22,6 @@ FAMILY = "transfer"
 
 #: What is wrong with each leg, unless told otherwise.
 FAILURES = ("locked", "limp", "missing", "weak:0.5", "stuck:coxa")
-
-MAX_WORLDS = 1000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,10 +109,8 @@ class HoldPlan:
         check_each("legs", self.legs, tuple(range(1, N_LEGS + 1)))
         check_each("failure", self.failures)
         check_each("holds", self.holds, HOLDS)
-        last = MAX_MEMBERS - self.first_world
-        check_setting(
-            "worlds", self.worlds, 1 <= self.worlds <= min(MAX_WORLDS, last), f"1..{min(MAX_WORLDS, last)}"
-        )
+        most = min(int(WORLDS.high), MAX_MEMBERS - self.first_world)
+        check_setting("worlds", self.worlds, 1 <= self.worlds <= most, f"1..{most}")
         turn = self.self_rotation
         allowed = (AUTO_ROTATION, *SELF_ROTATIONS)
         check_setting("self_rotation", turn, turn in allowed, ", ".join(allowed))

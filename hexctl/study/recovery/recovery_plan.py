@@ -10,13 +10,14 @@ import numpy as np
 from hexctl.backends.sim.world import MAX_MEMBERS, DomainRandomization, World, load_world
 from hexctl.control.trial_plan import DURATION_S
 from hexctl.control.walks.turning import check_plan
-from hexctl.errors import InputError, LimitError, ReachError, check_type
+from hexctl.errors import InputError, LimitError, ReachError, argument, check_type
 from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.robot.failure_grammar import KINDS, parse_coming_kind
 from hexctl.robot.model import Robot
 from hexctl.study.holds.hold_conditions import with_sensors
 from hexctl.study.recovery.episodes import AUTO_GAIT, INTACT, RecoveryCase, RecoveryConditions
 from hexctl.study.recovery.methods import DEFAULT_METHODS, NOTHING, method_of
+from hexctl.study.study_options import RUNS, WORLDS
 from hexctl.study.study_plan import check_each, check_robot, check_setting
 from hexctl.types import JOINT_KINDS, N_LEGS
 
@@ -59,8 +60,6 @@ RULED_S, TORQUE_OFF = {HEXAHEAL: 14.0, SECOND: 36.0}, "limp"
 
 #: A walk is to go on for so long after the failure.
 LEAST_AFTER_S = 2.0
-
-MAX_WORLDS, MAX_RUNS = 1000, 999
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -231,9 +230,9 @@ class RecoveryPlan:
         for method in self.methods:
             method_of(method)
         check_setting("methods", ",".join(self.methods), NOTHING in self.methods, f"{NOTHING} among them")
-        most = min(MAX_WORLDS, MAX_MEMBERS - self.first_world)
+        most = min(int(WORLDS.high), MAX_MEMBERS - self.first_world)
         check_setting("worlds", self.worlds, 1 <= self.worlds <= most, f"1..{most}")
-        check_setting("runs", self.runs, 1 <= self.runs <= MAX_RUNS, f"1..{MAX_RUNS}")
+        RUNS.check(argument("runs"), self.runs)
         check_setting("seed", self.seed, self.seed >= 0, "0 or more")
         for failure in self.failures:
             parse_coming_kind(self.legs[0], failure)

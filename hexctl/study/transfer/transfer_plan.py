@@ -16,6 +16,7 @@ from hexctl.robot.failure_grammar import KINDS, parse_kind
 from hexctl.robot.model import Robot
 from hexctl.study.landscapes.landscape import LandscapeSpec
 from hexctl.study.prior_building import WHOLE_S, in_whole_steps
+from hexctl.study.study_options import WORLDS
 from hexctl.study.study_plan import BASELINE, HEURISTICS, StudyPlan, check_robot
 from hexctl.types import N_LEGS
 
@@ -30,7 +31,7 @@ EARLY = "bayes-early"
 
 PRIORED = (BAYES, EARLY)
 
-MAX_WORLDS = 1000
+MAX_WORLDS = int(WORLDS.high)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,8 +114,7 @@ class TransferPlan:
 
     def check(self) -> None:
         """Raise InputError for anything that is not allowed, before anything runs."""
-        if not 1 <= self.worlds <= MAX_WORLDS:
-            raise InputError(f"{argument('worlds')}: got {self.worlds}; allowed: 1..{MAX_WORLDS}")
+        WORLDS.check(argument("worlds"), self.worlds)
         parse_kind(1, self.failure)
         others = tuple(name for name in self.optimizers if name not in PRIORED) or (BASELINE,)
         StudyPlan(
