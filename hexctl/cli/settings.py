@@ -188,12 +188,12 @@ class _Following:
 
     def _common(self, option: str) -> str | None:
         """The setting of robot and connection that an option follows here; None for none."""
+        if option == "connect" and self._path[:1] == ("servos",):
+            return None if str(self._any("backend")).lower() in WITHOUT_BUS else "device"
         on_link = self._path not in WITHOUT_LINK and self._backend in (None, "zenoh")
         if option == "connect" and not on_link:
             ported = self._path == ("calibrate",) or self._backend not in ("sim", "mock", "zenoh")
             return "device" if ported and ":" not in str(self._backend) else None
-        if option == "port" and self._path[:1] == ("servos",):
-            return None if str(self._any("backend")).lower() in WITHOUT_BUS else "device"
         if option not in FOLLOWERS or self._path not in (FOLLOWERS[option] or (self._path,)):
             return None
         return option if self._useful(option, on_link=on_link or self._path == ("serve",)) else None

@@ -9,9 +9,9 @@ import pytest
 import typer
 
 from hexctl import cli
+from hexctl.cli.grouped_help import MOST_UNGROUPED
 from hexctl.cli.main import app, exit_code
 from hexctl.cli.options import failure, robot
-from hexctl.cli.grouped_help import MOST_UNGROUPED
 from hexctl.gait.gait import NAMED_SLOTS, gait_text
 from hexctl.robot.configs import config_names
 from hexctl.robot.failure import FAILURE_KINDS
