@@ -40,6 +40,7 @@ HOME = FLOOR_TAGS[0].pose
         (["--camera", "0", "--bar-mm", "10"], "--bar-mm: got 10; allowed: 50 to 200 mm"),
         (["--camera", "0", "--fov-deg", "x"], "--fov-deg: got 'x'; allowed: a number, 10 to 150 deg"),
         (["--camera", "0", "--size", "8"], "--size: got 8; allowed: WIDTHxHEIGHT in px"),
+        (["--camera", "0", "--page", "0.0.0.0:8019"], "--page: got 0.0.0.0, which other computers reach"),
     ],
 )
 def test_bad_input_is_one_line(
