@@ -40,7 +40,10 @@ def choice(flag: str, literal: Any, text: str) -> Any:
             raise typer.BadParameter(f"got {word}; allowed: {', '.join(words)}")
         return word
 
-    return typer.Option(flag, parser=parse, help=text)
+    def complete(incomplete: str) -> list[str]:
+        return [word for word in words if word.startswith(incomplete)]
+
+    return typer.Option(flag, parser=parse, autocompletion=complete, help=text)
 
 
 def rare(option: Any) -> Any:
@@ -57,11 +60,6 @@ def given(context: typer.Context) -> Mapping[str, Any]:
         if (value := context.params.get(str(parameter.name))) is not None
         and getattr(context.get_parameter_source(str(parameter.name)), "name", "") == "COMMANDLINE"
     }
-
-
-def is_said(context: typer.Context, name: str) -> bool:
-    """Whether a parameter was typed or follows a setting, so that its value is not its default."""
-    return getattr(context.get_parameter_source(name), "name", "DEFAULT") != "DEFAULT"
 
 
 def with_values(**options: Any) -> dict[str, Any]:

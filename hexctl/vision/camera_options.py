@@ -102,7 +102,7 @@ class CameraOptions(VideoOptions, LinkedRobotOptions):
     def __post_init__(self) -> None:
         if self.camera is None:
             raise InputError(
-                f"{argument('camera')}: got none; allowed: a number such as 0, an address, or a video file"
+                f"{argument('camera')}: got none; allowed: a number such as 0, a device, or an address"
             )
         check_fields(self)
 

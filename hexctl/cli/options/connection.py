@@ -30,15 +30,6 @@ LinkOption = Annotated[
     ),
 ]
 
-WatchedOption = Annotated[
-    str | None,
-    typer.Option(
-        "--connect",
-        help="Watch the robot at this Zenoh endpoint instead, such as tcp/127.0.0.1:7447, without "
-        "commanding it.",
-    ),
-]
-
 ListenOption = Annotated[
     str | None,
     typer.Option(
@@ -60,15 +51,6 @@ DeviceOption = Annotated[
     ),
 ]
 
-CalibratedPortOption = Annotated[
-    str | None,
-    typer.Option(
-        "--connect",
-        help="Where the servos are: a serial device such as /dev/ttyUSB0 or /dev/ttyACM0:115200, or "
-        "udpout:HOST:PORT. (default: the port of the robot file, or udpout:127.0.0.1:14550)",
-    ),
-]
-
 
 def board_secret(flag: str, text: str) -> Any:
     """Option with the folder of the secret by which a MAVLink board and its controller sign."""
@@ -80,10 +62,6 @@ DeviceKeysOption = Annotated[
     Path | None, board_secret("--device-keys", "With mavlink, {}: only what it signed is believed.")
 ]
 BoardKeysOption = Annotated[Path | None, board_secret("--keys", "The {}: only what it signed is obeyed.")]
-CalibratedKeysOption = Annotated[
-    Path | None, board_secret("--keys", "The {}, for a board that obeys it only.")
-]
-
 BoardInsecureOption = Annotated[
     bool, typer.Option("--insecure", help="Let others than this computer command without that secret.")
 ]
