@@ -100,11 +100,13 @@ class Typed:
 
     Attributes:
         flag: its name without hyphens; empty for the name of the field without its unit.
+        short: its one-letter name; empty for none.
         parse: makes its value of a text; raises ValueError with what it got and what is allowed.
         words: what the shell offers, a name in `hexctl.cli.completion`; empty for files.
     """
 
     flag: str = ""
+    short: str = ""
     parse: Callable[[str], Any] | None = None
     words: str = ""
 

@@ -7,7 +7,7 @@ import typer
 
 from hexctl.cli import completion
 from hexctl.cli.console import BAD_INPUT, print_note, print_result
-from hexctl.cli.options.output import JsonOption
+from hexctl.cli.output_options import JsonOption
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
 from hexctl.cli.values import is_said

@@ -100,7 +100,7 @@ COMMANDS = {
         "Be a servo board that speaks MAVLink 2, or servos on a bus, to try things without one.",
     ),
     "ports": Command(
-        "hexctl.cli.bus.servos_command", ROBOT, "List serial ports that have a device, with their adapters."
+        "hexctl.cli.bus.ports_command", ROBOT, "List serial ports that have a device, with their adapters."
     ),
     "doctor": Command(
         "hexctl.cli.doctor_command",

@@ -76,6 +76,8 @@ def _parameter(option: Option) -> inspect.Parameter:
     """Parameter of a command's function, as Typer reads it."""
     kind, info = _kind_of(option)
     info.hidden, info.rich_help_panel = option.rare, option.panel or None
+    if option.typed.short:
+        info.param_decls = (*info.param_decls, f"-{option.typed.short}")
     FLAGS[option.name] = f"--{option.flag}"
     default = list(option.default or ()) if kind == list[str] else option.default
     return inspect.Parameter(

@@ -285,3 +285,13 @@ class LinkOptions:
     """YAML file that says where a robot is, its certificates and the names of its messages
     (docs/protocol.md). (default: none)
     """
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WatchOptions(LinkOptions):
+    """Which robot on the network is watched in place of recordings."""
+
+    connect: str | None = None
+    """Watch the robot behind this hexctl serve, such as tcp/127.0.0.1:7447, without commanding it. (default:
+    none, recordings are shown)
+    """

@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 import typer
 
-from hexctl.cli.options.robot import RobotOption, SeedOption
 from hexctl.cli.values import given, with_values
 from hexctl.options import Range
 
@@ -46,7 +45,7 @@ def test_what_was_typed_is_told_from_defaults() -> None:
     probe = typer.Typer()
 
     @probe.command()
-    def command(context: typer.Context, robot: RobotOption = "ant", seed: SeedOption = 0) -> None:
+    def command(context: typer.Context, robot: str = "ant", seed: int = 0) -> None:
         seen.update(given(context), values=(robot, seed))
 
     probe(["--seed", "0"], standalone_mode=False)

@@ -200,7 +200,7 @@ class Shell:
         if "mavlink" in arguments:
             arguments += ["--connect", self._board]
         if arguments[0] == "servos":
-            arguments[arguments.index("--port") + 1] = self._board
+            arguments[arguments.index("--connect") + 1] = self._board
         on_bus = bool(ON_A_PORT & set(arguments)) and "--connect" in arguments
         if on_bus:
             arguments[arguments.index("--connect") + 1] = self._board

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from hexctl.cli.options.output import JsonOption
+from hexctl.cli.output_options import JsonOption
 from hexctl.cli.signature import with_options
 from hexctl.cli.values import given
 from hexctl.serve.boards.board_options import BoardOptions

@@ -8,7 +8,7 @@ import typer
 
 from hexctl.cli import completion
 from hexctl.cli.console import FAULT, print_note, print_result
-from hexctl.cli.options.output import JsonOption
+from hexctl.cli.output_options import JsonOption
 from hexctl.cli.settings import Commands, runs_folder
 from hexctl.errors import InputError
 from hexctl.options import listed

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from hexctl.cli.console import print_note, print_result
-from hexctl.cli.options.output import JsonOption
+from hexctl.cli.output_options import JsonOption
 from hexctl.cli.progress import finish
 from hexctl.cli.render.prior_output import prior_line, repertoire_line
 from hexctl.cli.settings import Commands, runs_folder

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from hexctl.cli.console import print_result
-from hexctl.cli.options.output import JsonOption
+from hexctl.cli.output_options import JsonOption
 from hexctl.cli.progress import finish
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options

@@ -22,13 +22,13 @@ from hexctl.cli.console import (
     print_note,
     print_result,
 )
-from hexctl.cli.options.failure import RecoverOption, recovery_policy
-from hexctl.cli.options.output import JsonOption, QuietOption
+from hexctl.cli.output_options import JsonOption, QuietOption
 from hexctl.cli.see.arena_command import ArenaOption, arena_fields
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
 from hexctl.cli.values import given, rare
 from hexctl.cli.walk.diagnose_command import found_failure
+from hexctl.cli.walk.recovery_option import RecoverOption, recovery_policy
 from hexctl.errors import HexctlError, InputError, RecordingError, argument
 from hexctl.robot.failure_grammar import AUTO_LEG, read_failures_before
 

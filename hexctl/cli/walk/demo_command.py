@@ -20,7 +20,7 @@ from hexctl.cli.console import (
     print_note,
     print_result,
 )
-from hexctl.cli.options.output import JsonOption
+from hexctl.cli.output_options import JsonOption
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.values import number
 from hexctl.files import check_writable

@@ -19,7 +19,7 @@ from hexctl.cli.console import (
     print_note,
     print_result,
 )
-from hexctl.cli.options.output import JsonOption, NoRecordOption
+from hexctl.cli.output_options import JsonOption, NoRecordOption
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
 from hexctl.errors import InputError, RecordingError, RobotFaultError

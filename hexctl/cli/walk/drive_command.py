@@ -16,7 +16,7 @@ from hexctl.cli.console import (
     note_no_window,
     print_note,
 )
-from hexctl.cli.options.output import NoRecordOption
+from hexctl.cli.output_options import NoRecordOption
 from hexctl.cli.signature import with_options
 from hexctl.errors import EStopError, InputError
 from hexctl.teleop.drive_options import DriveOptions

@@ -20,13 +20,13 @@ from hexctl.cli.console import (
     print_note,
     print_result,
 )
-from hexctl.cli.options.failure import RecoverOption, recovery_policy
-from hexctl.cli.options.output import JsonOption, NoRecordOption
+from hexctl.cli.output_options import JsonOption, NoRecordOption
 from hexctl.cli.progress import WithBar
 from hexctl.cli.see.arena_command import WalkArenaOption, geofence
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
 from hexctl.cli.walk.diagnose_command import Found, found_failure
+from hexctl.cli.walk.recovery_option import RecoverOption, recovery_policy
 from hexctl.errors import InputError, LimitError, ReachError, RecordingError, RobotFaultError
 from hexctl.robot.failure_grammar import AUTO_LEG
 from hexctl.runs.run_spec import RunSpec

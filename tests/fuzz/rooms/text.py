@@ -11,8 +11,6 @@ from hexctl.backends.pwm.pca9685 import parse_i2c_place
 from hexctl.backends.pwm.servo2040 import parse_servo2040_port
 from hexctl.backends.sim.world import load_world
 from hexctl.cli.see.arena_command import arena_of
-from hexctl.cli.see.see_options import size_of
-from hexctl.cli.see.see_twin_command import point_of
 from hexctl.cli.values import checked
 from hexctl.errors import HexctlError
 from hexctl.gait.encoding import code_from_slots, slots_from_code
@@ -30,10 +28,12 @@ from hexctl.robot.failure_grammar import (
 from hexctl.serve.boards.bus_faults import parse_bus_fault
 from hexctl.serve.boards.pca9685_board import parse_pca9685_fault
 from hexctl.serve.boards.servo2040_board import parse_servo2040_fault
-from hexctl.teleop.drive_page import PageAddress, is_loopback
 from hexctl.teleop.picture_relay import PictureRelay
+from hexctl.vision.camera_options import parse_size
 from hexctl.vision.twin.camera_faults import parse_camera_fault
+from hexctl.vision.twin.twin_options import parse_point
 from hexctl.wire.links import Endpoint, KeyMap
+from hexctl.wire.page_address import PageAddress, is_loopback
 from hexctl.wire.ros.ros_names import RosNode
 from tests.fuzz.target import Target
 
@@ -160,8 +160,8 @@ TARGETS = (
                 *(checked(each.parse) for each in RANGES),
                 parse_legs,
                 checked(arena_of),
-                size_of,
-                point_of,
+                checked(parse_size),
+                checked(parse_point),
             )
         ),
         seeds=(b"5", b"0.25", b"-1.63,0,1.63", b"1280x720", b"auto", b"2,5", b"place.yaml"),
