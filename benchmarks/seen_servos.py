@@ -150,7 +150,7 @@ def held_walk(
     Args:
         number: of the world; its sensors are perfect.
         leg: that has failed, 1..6.
-        failure: in the words of `parse_failure`.
+        failure: as `parse_kind` reads it.
         seen: whether the pose is what a camera sees, or the true one.
         duration_s: of the walk.
     """

@@ -13,7 +13,7 @@ import ast
 import inspect
 import math
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import MISSING, Field, dataclass, fields
 from itertools import pairwise
 from types import NoneType, UnionType
@@ -100,13 +100,22 @@ class Typed:
 
     Attributes:
         flag: its name without hyphens; empty for the name of the field without its unit.
+        short: its one-letter name; empty for none.
         parse: makes its value of a text; raises ValueError with what it got and what is allowed.
         words: what the shell offers, a name in `hexctl.cli.completion`; empty for files.
     """
 
     flag: str = ""
+    short: str = ""
     parse: Callable[[str], Any] | None = None
     words: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """Group of an option in the help, where it is not that of the class that declares it first (`PANEL`)."""
+
+    name: str
 
 
 #: In the annotation of a field that is a keyword in Python only.
@@ -128,6 +137,7 @@ class Option:
         range: of a number, or None.
         typed: how it is typed.
         rare: whether few people need it.
+        panel: its group in the help; empty for none.
     """
 
     name: str
@@ -137,22 +147,38 @@ class Option:
     range: Range | None
     typed: Typed
     rare: bool
+    panel: str
 
     @property
     def flag(self) -> str:
         """Flag, without hyphens."""
-        unit = next((unit for unit in UNITS if self.name.endswith(unit)), "")
-        return self.typed.flag or self.name.removesuffix(unit).replace("_", "-")
+        return self.typed.flag or flag_name(self.name)
+
+
+def flag_name(field: str) -> str:
+    """Return the flag of a field without hyphens: its name without its unit."""
+    unit = next((unit for unit in UNITS if field.endswith(unit)), "")
+    return field.removesuffix(unit).replace("_", "-")
+
+
+def listed(text: str) -> tuple[str, ...]:
+    """Parts of a text between commas."""
+    return tuple(part.strip() for part in text.split(",") if part.strip())
 
 
 def options_of(spec: type) -> tuple[Option, ...]:
-    """Return the options of a dataclass, in the order of its fields."""
+    """Return the options of a dataclass: its own in the order of its fields, then those of its bases."""
     hints, helps = get_type_hints(spec, include_extras=True), _docstrings(spec)
-    options = (_option(field, hints[field.name], helps.get(field.name, "")) for field in fields(spec))
+    owners = {name: owner for owner in spec.__mro__ for name in vars(owner).get("__annotations__", {})}
+    ordered = sorted(fields(spec), key=lambda field: spec.__mro__.index(owners[field.name]))
+    options = (
+        _option(field, hints[field.name], helps.get(field.name, ""), getattr(owners[field.name], "PANEL", ""))
+        for field in ordered
+    )
     return tuple(option for option in options if option is not None)
 
 
-def _option(field: "Field[Any]", hint: Any, text: str) -> Option | None:
+def _option(field: "Field[Any]", hint: Any, text: str, panel: str) -> Option | None:
     kind, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
     if UNTYPED in marks:
         return None
@@ -168,6 +194,7 @@ def _option(field: "Field[Any]", hint: Any, text: str) -> Option | None:
         range=allowed,
         typed=typed,
         rare=RARE in marks,
+        panel=next((mark.name for mark in marks if isinstance(mark, Panel)), panel),
     )
 
 
@@ -181,6 +208,26 @@ def check_fields(spec: Any) -> None:
         hint = hints[field.name]
         kind, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
         _check_value(argument(field.name), getattr(spec, field.name), kind, marks)
+
+
+def check_used(spec: Any, names: Container[str], where: str) -> None:
+    """Raise InputError for the first of some options that is not its default, as nothing would use it.
+
+    Args:
+        spec: the options.
+        names: of the options that nothing uses.
+        where: where they are used, such as `with physics`.
+    """
+    for field in fields(spec):
+        value = getattr(spec, field.name)
+        if field.name in names and value != field.default:
+            raise InputError(f"{argument(field.name)}: got {_typed_text(value)}; allowed: {where}")
+
+
+def _typed_text(value: Any) -> str:
+    if isinstance(value, tuple | list):
+        return ",".join(map(_typed_text, value)) or "none"
+    return "it" if value is True else f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _check_value(what: str, value: Any, kind: Any, marks: Sequence[Any]) -> None:

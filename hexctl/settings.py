@@ -35,9 +35,8 @@ CHOSEN = "HEXCTL_SETTINGS"
 COMMON = {
     "robot": "a shipped name or a robot file",
     "backend": "what moves, as `--backend` says it",
-    "connect": "where the robot is on the network, a Zenoh endpoint",
+    "connect": "where the robot is: a Zenoh endpoint, or the port of its servos",
     "listen": "where `hexctl serve` listens, a Zenoh endpoint",
-    "device": "port of servo board, servo bus or I2C",
     "keys": "folder of certificates",
     "link": "link file",
     "world": "the simulated world",
@@ -228,6 +227,16 @@ def find_settings(folder: Path = Path()) -> Settings:
                 problems.append(f"{setting.origin}: got {shown(setting.value)}; allowed: text, {COMMON[key]}")
     problems += _misspelt(variables)
     return Settings(layers=tuple(layers), problems=tuple(problems), _common=common)
+
+
+def is_endpoint(place: object) -> bool:
+    """Whether a setting `connect` is a Zenoh endpoint, `PROTOCOL/HOST:PORT`."""
+    return "/" in str(place) and str(place).partition("/")[0].isalpha()
+
+
+def is_port(place: object) -> bool:
+    """Whether a setting `connect` is a port of servos: a device, the number of an I2C bus, or UDP."""
+    return str(place).startswith(("/", "udpin:", "udpout:")) or str(place).isdecimal()
 
 
 def settings_files(folder: Path = Path()) -> tuple[Path, ...]:

@@ -21,7 +21,7 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import make_gait
 from hexctl.ik.legs import link_points_body
 from hexctl.palette import FAILED_COLORS, LINE_COLOR, VERDICT_COLORS, hex_color
-from hexctl.robot.failure_event import parse_failure_event
+from hexctl.robot.failure_grammar import parse_failure_event
 from hexctl.robot.loader import load_robot
 from hexctl.types import FloatArray
 from pictures.picture import Picture

@@ -27,7 +27,7 @@ from hexctl.control.log import TickLog
 from hexctl.errors import WrongTypeError
 from hexctl.gait.gait import Motion
 from hexctl.serve.service import serve
-from hexctl.study.study import study
+from hexctl.study.planned_study import planned_study
 from hexctl.study.study_plan import StudyPlan
 
 ROOT = Path(__file__).parents[1]
@@ -139,9 +139,9 @@ rooms: Any = SimpleNamespace(
     load_prior=load_prior,
     load_session=load_session,
     make_objective=make_objective,
+    planned_study=planned_study,
     run_sim_trial=run_sim_trial,
     serve=serve,
-    study=study,
 )
 
 #: What is called with a value of a wrong type, and the beginning of its answer.
@@ -207,8 +207,8 @@ WRONG: dict[str, tuple[Callable[[], Any], str]] = {
     "prior": (lambda: rooms.load_prior(7), "prior: got 7 (int); allowed: the path"),
     "session": (lambda: rooms.load_session(7), "session: got 7 (int); allowed: the name"),
     "adapt: leg": (
-        lambda: api.adapt(failed_leg="5"),
-        "failed leg: got '5' (str); allowed: a leg's number",
+        lambda: api.adapt(failed_leg=5.5),
+        "failed_leg: got 5.5 (float); allowed: 1..6",
     ),
     "adapt: robot": (
         lambda: api.adapt(failed_leg=5, robot=ROBOT),
@@ -226,8 +226,8 @@ WRONG: dict[str, tuple[Callable[[], Any], str]] = {
     "run: seed": (lambda: api.run(seed="x"), "seed: got 'x' (str)"),
     "study: robot": (lambda: rooms.StudyPlan(robot="ant"), "plan.robot: got 'ant' (str); allowed: a Robot"),
     "study: legs": (lambda: rooms.StudyPlan(robot=ROBOT, legs=5), "plan.legs: got 5 (int)"),
-    "study": (lambda: rooms.study(5, folder="report"), "plan: got 5 (int); allowed: a StudyPlan"),
-    "serve": (lambda: rooms.serve(robot=5), "robot: got 5 (int); allowed: the name"),
+    "study": (lambda: rooms.planned_study(5), "options: got 5 (int); allowed: a StudyOptions"),
+    "serve": (lambda: rooms.serve(robot=5), "robot: got 5 (int); allowed: text or a Path"),
     "serve: failure": (lambda: rooms.serve(failure=5), "failure: got 5 (int); allowed: a Failure"),
 }
 
@@ -242,7 +242,7 @@ def test_a_wrong_type_is_refused_by_name(case: str, tmp_path: Path, monkeypatch:
     assert not list(tmp_path.iterdir())
 
 
-def test_what_is_unambiguous_is_accepted(tmp_path: Path) -> None:
+def test_what_is_unambiguous_is_accepted() -> None:
     trial = hexctl.SimTrial(robot="ant", world="slippery", plan=PLAN, failure=None)
     assert trial.robot == ROBOT
     assert trial.world == hexctl.load_world("slippery")
@@ -250,9 +250,7 @@ def test_what_is_unambiguous_is_accepted(tmp_path: Path) -> None:
     slope = hexctl.SimServos(ROOT / "configs/robots/ant.yaml", world=ROOT / "configs/worlds/slope.yaml")
     assert slope.world == hexctl.load_world("slope")
     assert api.GaitSpace([2, 5]) == hexctl.GaitSpace((2, 5))
-    with pytest.raises(hexctl.InputError, match=r"study: got wrold; allowed: robot, world, legs"):
-        study(folder=tmp_path, wrold="flat")
-    with pytest.raises(hexctl.InputError, match=r"serve: got port; allowed: listen, device"):
+    with pytest.raises(hexctl.InputError, match=r"serve: got port; allowed: connect"):
         serve(port=5)
 
 

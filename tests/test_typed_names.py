@@ -8,7 +8,8 @@ from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.world import load_world
 from hexctl.errors import InputError
 from hexctl.gait.gait import NAMED_SLOTS, make_gait
-from hexctl.robot.failure import Failure, parse_failure
+from hexctl.robot.failure import Failure
+from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.loader import load_robot
 from hexctl.typed_names import known_name, nearest
 
@@ -37,7 +38,7 @@ def test_what_is_near_is_proposed_and_what_is_not_is_not() -> None:
 def test_robots_worlds_failures_and_gaits_in_any_case_and_spelling() -> None:
     assert load_robot("PhantomX").name == "phantomx"
     assert load_world("Randomized:7") == load_world("randomised:7")
-    assert parse_failure(5, "Limp:FEMUR") == Failure(leg=5, kind="limp", joint="femur")
+    assert parse_kind(5, "Limp:FEMUR") == Failure(leg=5, kind="limp", joint="femur")
     assert make_gait(load_robot("ant"), "Tripod").slots == NAMED_SLOTS["tripod"]
 
 
@@ -46,7 +47,7 @@ def test_robots_worlds_failures_gaits_backends_and_optimizers_are_proposed() -> 
     for call, name in (
         (lambda: load_robot("phantom"), "phantomx"),
         (lambda: load_world("slipery"), "slippery"),
-        (lambda: parse_failure(5, "mising"), "missing"),
+        (lambda: parse_kind(5, "mising"), "missing"),
         (lambda: make_gait(robot, "tripot"), "tripod"),
         (lambda: make_gait(robot, "aut", besides=("auto",)), "auto"),
         (lambda: make_servos("dynamixl", BackendOptions(robot=robot)), "dynamixel"),

@@ -16,7 +16,7 @@ import numpy as np
 from faults.programs.truth import FAULT, STATE, TOLD, TruthWriter
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
-from hexctl.robot.failure import parse_failure
+from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import cos_tilt
 from hexctl.types import N_JOINTS, JointTargets, RobotState, ServoReadings
@@ -127,7 +127,7 @@ class TwinServos(SimServos):
             self._hot_c[int(numbers[0])] = float(numbers[1])
         elif kind == "limp":
             leg = int(numbers[0])
-            self.change_leg(leg, parse_failure(leg, f"limp:{numbers[1]}"))
+            self.change_leg(leg, parse_kind(leg, f"limp:{numbers[1]}"))
         elif kind == "fall":
             self._fall()
         elif kind == "jump":

@@ -2,13 +2,20 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
-from hexctl.backends.robot_options import RobotOptions
+from hexctl.backends.robot_options import FAILURE, RobotOptions
 from hexctl.control.guard import TOO_HOT_C
 from hexctl.control.trial_plan import DURATION_S, Hold, SelfRotation
-from hexctl.options import RARE, UNTYPED, Range, Typed, check_fields
-from hexctl.robot.failure import parse_failure
+from hexctl.errors import InputError, argument
+from hexctl.options import RARE, UNTYPED, Panel, Range, Typed, check_fields
+from hexctl.robot.failure import Failure
+from hexctl.robot.failure_grammar import read_failures_before
+
+#: What a search allows in place of a failure that comes during a walk.
+BEFORE_SEARCH = "a failure before the search, such as 5:limp"
+
+WALK, ON_ROBOT = Panel("Walk"), Panel("On a robot")
 
 BUDGET = Range(low=1, high=100_000, whole=True)
 
@@ -27,11 +34,7 @@ class AdaptOptions(RobotOptions):
     Raises InputError for a value that is not allowed.
     """
 
-    failed_leg: Annotated[int, UNTYPED]
-    """Leg that failed, 1..6, counter-clockwise from the front."""
-
-    failure: Annotated[str, UNTYPED] = "locked"
-    """What is wrong with it: `locked`, `limp`, `missing`, `weak:FRACTION`, `stuck:JOINT:DEGREES`."""
+    PANEL: ClassVar = "Search"
 
     budget: Annotated[int, BUDGET] = 20
     """Most trials to walk, {}."""
@@ -92,18 +95,18 @@ class AdaptOptions(RobotOptions):
     trial, to compare with; they do not count.
     """
 
-    duration_s: Annotated[float, DURATION_S] = 30.0
+    duration_s: Annotated[float, DURATION_S, WALK] = 30.0
     """Seconds that each trial walks, {}."""
 
-    heading_deg: Annotated[float, Range()] = 0.0
+    heading_deg: Annotated[float, Range(), WALK] = 0.0
     """Direction of travel in degrees, {}, counter-clockwise from forward."""
 
-    self_rotation: Annotated[SelfRotation | None, RARE] = None
+    self_rotation: Annotated[SelfRotation | None, RARE, WALK] = None
     """Turn before the walk until the failed leg points to the rear or the front of the way, or none: no turn.
     (default: none where the walks hold their line, else rear)
     """
 
-    hold: Hold | None = None
+    hold: Annotated[Hold | None, WALK] = None
     """What the walks hold by feedback: line, heading, auto (the best the robot allows) or none. (default:
     auto for speed, cost, tilt and steadiness, else none)
     """
@@ -113,7 +116,7 @@ class AdaptOptions(RobotOptions):
     steered, and else is 0.
     """
 
-    policy: Annotated[str | None, RARE] = None
+    policy: Annotated[str | None, RARE, FAILURE] = None
     """What a trial does about another leg that it notices to have failed: stop, glide, or
     package.module:Class; such a trial does not count and ends the search. With walk-on no legs are
     watched. (default: walk-on)
@@ -125,16 +128,29 @@ class AdaptOptions(RobotOptions):
     home_m: Annotated[tuple[float, float] | list[float] | None, UNTYPED] = None
     """Middle (x, y) of the arena in the world, in place of the robot's first place."""
 
-    cool_down_c: Annotated[float | None, COOL_C, RARE] = None
+    cool_down_c: Annotated[float | None, COOL_C, RARE, ON_ROBOT] = None
     """With servos that tell their temperature: sit before each trial until all are cooler than this, in
     degrees Celsius, {}. (default: none, it does not wait)
     """
 
-    ask: bool = False
+    ask: Annotated[bool, ON_ROBOT] = False
     """On a robot that does not know where it is: you put it on its mark before each trial and type in, in
     metres, where it ended.
     """
 
     def __post_init__(self) -> None:
-        parse_failure(self.failed_leg, self.failure)
+        failures = read_failures_before(self.failure, self.failed_leg, BEFORE_SEARCH)
+        if not failures:
+            raise InputError(f"{argument('failed_leg')}: is missing; allowed: 1..6")
+        if len(failures) > 1:
+            legs = ",".join(str(one.leg) for one in failures)
+            raise InputError(f"{argument('failed_leg')}: got {legs}; allowed: one leg")
+        object.__setattr__(self, "failure", failures)
+        object.__setattr__(self, "failed_leg", None)
         check_fields(self)
+
+    @property
+    def broken(self) -> Failure:
+        """The failure of the leg."""
+        (failure,) = read_failures_before(self.failure, None, BEFORE_SEARCH)
+        return failure

@@ -316,7 +316,7 @@ class Adaptation:
 
 
 def adapt(
-    failed_leg: int,
+    failed_leg: int | None = None,
     *,
     servos: LegServos | None = None,
     operator: Operator | None = None,
@@ -331,7 +331,7 @@ def adapt(
     """Find a gait for a failed leg, as `hexctl adapt` does; also called as `hexctl.adapt(...)`.
 
     Args:
-        failed_leg: 1..6, counter-clockwise from the front.
+        failed_leg: 1..6, counter-clockwise from the front: short for `failure="5:locked"`.
         servos: a robot of your own instead of a backend, not connected yet.
         operator: places the robot before each trial and measures after it.
         record: whether to record each trial.

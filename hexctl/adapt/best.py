@@ -83,22 +83,22 @@ def _best_to_change_to(spec: RunSpec, text: str, name: str, folder: Path | str) 
 def _best_of(spec: RunSpec, folder: Path | str, *, trimmed: bool = True) -> BestGait:
     """The best gait for a walk whose gait is `best` or `best:SESSION`, `trimmed` as the session learned."""
     session = str(spec.gait).partition(":")[2].strip()
-    if spec.failure is None:
+    if not spec.failures:
         raise InputError(
             f"{argument('gait')}: got {spec.gait} with six good legs; allowed: with a failed leg; "
             "auto is the gait that stands safest"
         )
-    if spec.further_failures:
+    if len(spec.failures) > 1:
         raise InputError(
             f"{argument('gait')}: got {spec.gait} with failed legs "
             f"{', '.join(str(one.leg) for one in spec.failures)}; allowed: with one; auto needs no prior"
         )
-    robot = as_robot(spec.robot)
+    robot, failure = as_robot(spec.robot), spec.failures[0]
     if session:
         known = load_session(session, folder)
-        found, slots = _of_session(spec, robot, spec.failure, known)
+        found, slots = _of_session(spec, robot, failure, known)
         return _with_trim(found, slots, known) if trimmed else found
-    return _of_prior(spec, robot, spec.failure, Path(folder))
+    return _of_prior(spec, robot, failure, Path(folder))
 
 
 def _of_prior(spec: RunSpec, robot: Robot, failure: Failure, folder: Path) -> BestGait:

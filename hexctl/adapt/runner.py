@@ -27,7 +27,7 @@ from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import AUTO, NAMED_SLOTS
 from hexctl.recording.live import LiveView
 from hexctl.recording.recording import Recording
-from hexctl.robot.failure_event import NoticedFailure, in_words
+from hexctl.robot.failure import NoticedFailure, in_words
 from hexctl.robot.meshes import Meshes
 from hexctl.robot.model import Robot
 

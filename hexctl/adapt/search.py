@@ -95,6 +95,8 @@ def _spec_of(options: AdaptOptions, measure: Objective) -> SessionSpec:
         **{name: getattr(options, name) for name in _STORED}
         | {
             "robot": shipped_text("robots", robot),
+            "failed_leg": options.broken.leg,
+            "failure": str(options.broken),
             "robot_fingerprint": load_robot(robot).fingerprint,
             "world": _world_of(options.backend, world),
             "credentials": None if credentials is None else str(credentials),

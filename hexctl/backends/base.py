@@ -229,7 +229,9 @@ def connection_notes(servos: LegServos, told: Failures) -> list[str]:
 
 def failures_in_force(servos: LegServos) -> tuple[Failure, ...] | None:
     """Failures of a simulation now, by leg, here or at the other end of a link; None where unknown."""
-    facet = servos.remote if servos.simulation is None else servos.simulation
+    facet: SimulationFacet | RemoteFacet | None = servos.simulation
+    if facet is None:
+        facet = servos.remote
     return None if facet is None else facet.failures
 
 

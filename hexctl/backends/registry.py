@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from hexctl.backends.base import LegServos
 from hexctl.errors import InputError, MissingExtraError, argument
-from hexctl.robot.failure import Failure
-from hexctl.robot.failure_event import FailureEvent
+from hexctl.robot.failure import Failure, FailureEvent
 from hexctl.robot.loader import RobotFile
 from hexctl.robot.model import Robot
 from hexctl.robot.plugins import load_named

@@ -2,12 +2,15 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from hexctl.backends.sim.world import World
-from hexctl.options import RARE, UNTYPED, Range, Typed
+from hexctl.options import RARE, UNTYPED, Panel, Range, Typed
+from hexctl.robot.failure_grammar import AskedFailures, AskedLegs
 from hexctl.robot.model import Robot
 from hexctl.wire.links import LinkOptions
+
+FAILURE = Panel("Failure")
 
 #: Seeds of everything random.
 SEED = Range(low=0, whole=True)
@@ -21,6 +24,8 @@ def lower_case(name: str) -> str:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotOptions(LinkOptions):
     """Which robot moves, and where it is."""
+
+    PANEL: ClassVar = "Robot"
 
     backend: Annotated[str, Typed(parse=lower_case, words="backends")] = "sim"
     """What moves: sim (simulation), zenoh (a robot behind hexctl serve), mavlink, dynamixel, feetech, lx16a,
@@ -42,6 +47,21 @@ class RobotOptions(LinkOptions):
     Only with sim. In Python also a World.
     """
 
+    failed_leg: Annotated[AskedLegs, Typed(words="failed_legs"), FAILURE] = None
+    """Leg that has failed, 1..6, counter-clockwise from the front: short for --failure LEG:locked. Several
+    with commas, such as 2,5; with run and adapt also auto: hexctl diagnose finds it. (default: none)
+
+    In Python a number or several.
+    """
+
+    failure: Annotated[AskedFailures, Typed(words="failures"), FAILURE] = ()
+    """How a leg has failed: LEG:KIND, such as 5:limp, 5:limp:femur, 5:weak:0.3, 5:missing, 5:locked,
+    5:stuck:coxa:30 (jammed at 30 degrees) or 5:unknown. With run and drive also LEG:KIND@SECONDS: a simulated
+    leg fails during the walk, such as 5:stuck:coxa@8. Repeatable. (default: none)
+
+    In Python texts, Failures and FailureEvents.
+    """
+
     seed: Annotated[int, SEED, RARE] = 0
     """Seed of everything random, a whole number, {}."""
 
@@ -59,7 +79,9 @@ class RobotOptions(LinkOptions):
 class RecordedOptions(RobotOptions):
     """Which robot moves in real time or in a simulation, and where that is recorded."""
 
-    realtime: Annotated[bool, RARE] = False
+    PANEL: ClassVar = "Recording"
+
+    realtime: Annotated[bool, RARE, Panel("Robot")] = False
     """Simulate at the speed of a real robot, not as fast as possible."""
 
     record: str | Path | None = None

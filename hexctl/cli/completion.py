@@ -57,10 +57,14 @@ def _gaits() -> Iterable[str]:
     return (AUTO, "best", *NAMED_SLOTS)
 
 
-def _failures() -> Iterable[str]:
+def _kinds() -> Iterable[str]:
     from hexctl.robot.failure import FAILURE_KINDS
 
     return FAILURE_KINDS
+
+
+def _failures() -> Iterable[str]:
+    return (f"{leg}:{kind}" for leg in range(1, 7) for kind in _kinds())
 
 
 def _backends() -> Iterable[str]:
@@ -101,6 +105,8 @@ robots = _offered(_robots)
 worlds = _offered(_worlds)
 gaits = _offered(_gaits)
 failures = _offered(_failures)
+kinds = _offered(_kinds)
+failed_legs = _offered(lambda: [*map(str, range(1, 7)), "auto"])
 backends = _offered(_backends)
 served_backends = _offered(lambda: [name for name in _backends() if name != "zenoh"])
 optimizers = _offered(_optimizers)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 import typer
 
 from hexctl.errors import HexctlError, RobotFaultError, printable
+from hexctl.options import flag_name
 from hexctl.signals import ending_signals
 
 if TYPE_CHECKING:
@@ -97,49 +98,18 @@ def _discard_stdout() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-#: Flags that are not named as the library's argument is.
-FLAGS = {
-    "credentials": "--keys",
-    "failure.leg": "--failed-leg",
-    "tucked_legs": "--tuck",
-    "new_id": "ID",
-    "width_px": "--width",
-    "fov_deg": "--fov-deg",
-    "page_port": "--page",
-    "captions": "--caption",
-    "session": "session",
-}
-
-#: Units at the end of an argument's name, which its flag leaves out.
-_UNITS = ("_m", "_s", "_deg")
+#: Flags of the options of the command that was loaded, by the name of their fields.
+FLAGS: dict[str, str] = {}
 
 
 def flag_of(argument: str) -> str:
     """Flag that gives an argument of the library on the command line: `--target` for `target_m`."""
-    unit = next((unit for unit in _UNITS if argument.endswith(unit)), "")
-    return FLAGS.get(argument) or "--" + argument.removesuffix(unit).replace("_", "-")
-
-
-#: Flags whose values the library calls by a noun of its own, at the beginning of its messages.
-NOUNS = {
-    "gait code": "--gait",
-    "slots": "--gait",
-    "gait": "--gait",
-    "gait change": "--then",
-    "body raise": "--body-raise",
-    "stance shift": "--stance-shift",
-    "tucked legs": "--tuck",
-    "failure event": "--fail",
-    "healing": "--heal",
-    "failure of a leg": "LEG:FAILURE",
-}
+    return FLAGS.get(argument, f"--{flag_name(argument)}")
 
 
 def in_flags(error: HexctlError) -> str:
-    """Text of an error with the command line's flags in place of the library's arguments and nouns."""
-    text = error.worded(flag_of)
-    noun, colon, rest = text.partition(": got ")
-    return f"{NOUNS[noun]}{colon}{rest}" if colon and noun in NOUNS else text
+    """Text of an error with the command line's flags in place of the library's arguments."""
+    return error.worded(flag_of)
 
 
 def print_note(text: str) -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from hexctl.cli.console import print_result
-from hexctl.cli.options.output import JsonOption
+from hexctl.cli.output_options import JsonOption
 from hexctl.cli.settings import is_option, runs_folder
 
 if TYPE_CHECKING:

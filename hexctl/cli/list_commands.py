@@ -3,7 +3,7 @@
 import json
 
 from hexctl.cli.console import print_result
-from hexctl.cli.options.output import JsonOption
+from hexctl.cli.output_options import JsonOption
 
 #: Names of `--gait` that stand for gaits chosen for the robot.
 CHOSEN = {

@@ -11,6 +11,7 @@ from typer.exceptions import TyperException
 from hexctl.cli.console import BAD_INPUT, FAULT, INTERRUPTED, in_flags, print_note
 from hexctl.cli.lazy import Command, LazyCommands
 from hexctl.cli.settings import Commands, origin_of
+from hexctl.cli.suggestions import usage_text
 from hexctl.errors import (
     EXTRAS,
     HexctlError,
@@ -99,7 +100,7 @@ COMMANDS = {
         "Be a servo board that speaks MAVLink 2, or servos on a bus, to try things without one.",
     ),
     "ports": Command(
-        "hexctl.cli.bus.servos_command", ROBOT, "List serial ports that have a device, with their adapters."
+        "hexctl.cli.bus.ports_command", ROBOT, "List serial ports that have a device, with their adapters."
     ),
     "doctor": Command(
         "hexctl.cli.doctor_command",
@@ -197,9 +198,7 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
     except typer.BadParameter as error:
         return _print_error(_bad_value(error), BAD_INPUT)
     except TyperException as error:
-        if near := getattr(error, "possibilities", None):
-            vars(error)["possibilities"] = near[:1]  # best first, where the message would sort them by name
-        return _print_error(error.format_message(), error.exit_code)
+        return _print_error(usage_text(error), error.exit_code)
     except (InputError, LimitError, ReachError, MissingExtraError) as error:
         return _print_error(in_flags(error), FAULT if is_of_disk(error.__cause__) else BAD_INPUT)
     except HexctlError as error:

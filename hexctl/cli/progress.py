@@ -1,4 +1,4 @@
-"""Progress of what simulates for long, such as studies and priors, and its interruption."""
+"""Progress of what takes long, such as studies, priors and scans of a bus, and its interruption."""
 
 import signal
 import time
@@ -13,10 +13,11 @@ from hexctl.cli.console import INTERRUPTED, QUITS, make_bar, print_above, print_
 from hexctl.signals import ending_signals
 
 if TYPE_CHECKING:
-    from rich.progress import Progress
+    from rich.progress import Progress, TaskID
 
     from hexctl.study.landscapes.cache import LandscapeCache
     from hexctl.study.landscapes.landscape import Landscape
+    from hexctl.study.planned_work import PlannedWork, ResultT
 
 
 @contextmanager
@@ -73,6 +74,22 @@ class WithBar:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._bar.stop()
+
+
+class ScanProgress(WithBar):
+    """Progress of a scan on stderr: a bar on a terminal, else one line."""
+
+    def __init__(self, text: str = "asking ids") -> None:
+        self._bar, self._text = make_bar(), text
+        self._task: TaskID | None = None
+
+    def show(self, asked: int, of: int) -> None:
+        """Show how many have been asked."""
+        if self._task is None:
+            self._task = self._bar.add_task(self._text, total=of)
+            if self._bar.disable:
+                print_note(f"{self._text}: {of}, some seconds")
+        self._bar.update(self._task, completed=asked)
 
 
 class StudyProgress(WithBar):
@@ -134,3 +151,12 @@ class StudyProgress(WithBar):
 
     def _line(self, text: str) -> None:
         print_above(self._bar, text, err=True)
+
+
+def finish(planned: "PlannedWork[ResultT]", notes: Iterable[str] = ()) -> "ResultT":
+    """Run what is planned, with its progress on stderr; Ctrl-C ends it with exit code 130.
+
+    `notes` are printed before the work begins.
+    """
+    with interruptible(planned.saved, planned.unit), StudyProgress(notes) as progress:
+        return planned.run(progress=progress)

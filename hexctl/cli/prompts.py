@@ -28,10 +28,26 @@ def can_answer() -> bool:
     return not stat.S_ISCHR(mode) or bool(sys.stdin and sys.stdin.isatty())
 
 
-def check_answerable() -> None:
-    """Raise InputError where no answer can come."""
+def check_answerable(what: str = "--ask") -> None:
+    """Raise InputError if no answer can come; `what` needs one."""
     if not can_answer():
-        raise InputError("--ask: no answer can come on stdin; allowed: a terminal, or lines from a pipe")
+        raise InputError(f"{what}: no answer can come on stdin; allowed: a terminal, or lines from a pipe")
+
+
+def ask_consent(text: str, *, yes: bool) -> None:
+    """Ask whether a servo may move, unless `yes`; raises InputError without a consent."""
+    if yes:
+        return
+    if not can_answer():
+        raise InputError("--yes: got none, and no answer can come on stdin; allowed: --yes, or a terminal")
+    print_question(f"{text} Hold the robot so that its legs hang free. Go on? yes or no: ")
+    lines = StdinLines()
+    while (said := lines.poll(LOOK_S)) is None and not lines.ended:
+        pass
+    if said is None or not sys.stdin.isatty():
+        print_note("")  # no key ended the line on the screen
+    if said is None or said.strip().lower() not in ("y", "yes"):
+        raise InputError(f"consent: got {said or 'no answer'}; allowed: yes; nothing was moved")
 
 
 class TrialPrompt:

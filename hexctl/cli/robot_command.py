@@ -9,10 +9,11 @@ import typer
 
 from hexctl.cli import completion
 from hexctl.cli.console import print_note, print_result
-from hexctl.cli.options.output import JsonOption
+from hexctl.cli.output_options import JsonOption
 from hexctl.cli.settings import Commands
-from hexctl.cli.values import choice, listed
+from hexctl.cli.values import choice
 from hexctl.errors import InputError
+from hexctl.options import listed
 
 robot = Commands(help="List the shipped robots, and make robot files.", no_args_is_help=True)
 

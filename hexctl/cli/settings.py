@@ -12,7 +12,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from hexctl.cli.console import in_flags, print_note
-from hexctl.cli.options.groups import GroupedHelp
+from hexctl.cli.grouped_help import GroupedHelp
 from hexctl.errors import InputError, shown
 from hexctl.robot.servos.drivers import PWM_DRIVERS
 from hexctl.typed_names import nearest
@@ -40,14 +40,13 @@ FOLLOWERS: Mapping[str, tuple[tuple[str, ...], ...] | None] = {
     "backend": (("run",), ("adapt",), ("drive",), ("diagnose",), ("serve",)),
     "world": (("run",), ("adapt",), ("drive",), ("diagnose",), ("serve",)),
     "listen": None,
-    "device": None,
     "connect": None,
     "link": None,
     "keys": None,
 }
 
-#: Commands whose `--connect` or `--keys` are not those of a link.
-WITHOUT_LINK = (("board",), ("calibrate",))
+#: Commands whose `--connect` is the port of servos whatever the backend.
+ON_PORT = ("serve", "calibrate", "servos")
 
 #: Backends whose device is no bus of servos; the commands of `hexctl servos` do not follow it.
 WITHOUT_BUS = ("mavlink", *PWM_DRIVERS)
@@ -188,26 +187,36 @@ class _Following:
 
     def _common(self, option: str) -> str | None:
         """The setting of robot and connection that an option follows here; None for none."""
-        on_link = self._path not in WITHOUT_LINK and self._backend in (None, "zenoh")
-        if option == "connect" and not on_link:
-            ported = self._path == ("calibrate",) or self._backend not in ("sim", "mock", "zenoh")
-            return "device" if ported and ":" not in str(self._backend) else None
-        if option == "port" and self._path[:1] == ("servos",):
-            return None if str(self._any("backend")).lower() in WITHOUT_BUS else "device"
         if option not in FOLLOWERS or self._path not in (FOLLOWERS[option] or (self._path,)):
             return None
-        return option if self._useful(option, on_link=on_link or self._path == ("serve",)) else None
+        on_port = self._path[0] in ON_PORT or self._backend not in (None, "zenoh")
+        if option == "connect" and on_port:
+            return option if self._has_port else None
+        on_link = not on_port or self._path == ("serve",)
+        return option if self._path != ("board",) and self._useful(option, on_link=on_link) else None
+
+    @property
+    def _has_port(self) -> bool:
+        """Whether the common setting is the port of servos, and those of this command are there."""
+        from hexctl.settings import is_endpoint
+
+        backend = str(self._any("backend")).lower() if self._path[0] == "servos" else str(self._backend)
+        without = {"servos": WITHOUT_BUS, "calibrate": ()}.get(self._path[0], ("sim", "mock"))
+        place = self._any("connect")
+        return not (place is None or is_endpoint(place)) and backend not in without and ":" not in backend
 
     def _useful(self, option: str, *, on_link: bool) -> bool:
         """Whether an option has a use with what was typed and found so far."""
+        from hexctl.settings import is_port
+
         if option == "robot":
             return "robot_name" not in self._typed
         if option == "backend":
             return self._path != ("serve",) or self._any("backend") != "zenoh"
         if option == "world":
             return self._backend == "sim"
-        if option == "device":
-            return self._backend not in ("sim", "mock", None)
+        if option == "connect" and is_port(self._any("connect")):
+            return False
         return on_link and self._link_follows(option)
 
     def _link_follows(self, option: str) -> bool:

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 import typer
 
 from hexctl.cli import completion
+from hexctl.cli.console import FLAGS
 from hexctl.cli.values import checked, choice, number
 from hexctl.options import Option, options_of
 
@@ -74,8 +75,11 @@ _HELP_ALL = inspect.Parameter(
 def _parameter(option: Option) -> inspect.Parameter:
     """Parameter of a command's function, as Typer reads it."""
     kind, info = _kind_of(option)
-    info.hidden = option.rare
-    default = list(option.default) if kind == list[str] else option.default
+    info.hidden, info.rich_help_panel = option.rare, option.panel or None
+    if option.typed.short:
+        info.param_decls = (*info.param_decls, f"-{option.typed.short}")
+    FLAGS[option.name] = f"--{option.flag}"
+    default = list(option.default or ()) if kind == list[str] else option.default
     return inspect.Parameter(
         option.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, info]
     )
@@ -88,18 +92,25 @@ def _kind_of(option: Option) -> tuple[Any, Any]:
         return (int if option.range.whole else float) | None, number(flag, option.range, option.text)
     words = next((one for one in kinds if get_origin(one) is Literal), None)
     if words is not None:
-        return str | None, choice(flag, words, option.text)
+        return words | None, choice(flag, words, option.text)
     if option.kind is bool:
-        return bool, typer.Option(flag, help=option.text)
+        switch = f"{flag}/--no-{option.flag}" if option.default else flag
+        return bool, typer.Option(switch, help=option.text)
     offered = getattr(completion, typed.words) if typed.words else None
     if typed.parse is not None:
         return Any, typer.Option(
             flag, parser=_parser(typed.parse), metavar="TEXT", autocompletion=offered, help=option.text
         )
-    if get_origin(option.kind) is Sequence:
+    if any(map(_is_texts, kinds)):
         return list[str], typer.Option(flag, autocompletion=offered, help=option.text)
     kind = Path if Path in kinds and not typed.words else str
     return kind | None, typer.Option(flag, autocompletion=offered, help=option.text)
+
+
+def _is_texts(kind: Any) -> bool:
+    """Whether a type is a sequence whose items may be texts: an option that is typed several times."""
+    items = get_args(kind)
+    return get_origin(kind) is Sequence and str in (get_args(items[0]) or items)
 
 
 def _parser(parse: Callable[[str], Any]) -> Callable[[Any], Any]:

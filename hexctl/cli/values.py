@@ -8,7 +8,6 @@ from typing import Any, get_args
 
 import typer
 
-from hexctl.errors import InputError
 from hexctl.options import Range
 
 
@@ -40,7 +39,10 @@ def choice(flag: str, literal: Any, text: str) -> Any:
             raise typer.BadParameter(f"got {word}; allowed: {', '.join(words)}")
         return word
 
-    return typer.Option(flag, parser=parse, help=text)
+    def offered(incomplete: str) -> list[str]:
+        return [word for word in words if word.startswith(incomplete)]
+
+    return typer.Option(flag, parser=parse, autocompletion=offered, help=text)
 
 
 def rare(option: Any) -> Any:
@@ -55,8 +57,13 @@ def given(context: typer.Context) -> Mapping[str, Any]:
         next((name for name in parameter.opts if name.startswith("--")), str(parameter.name)): value
         for parameter in context.command.params
         if (value := context.params.get(str(parameter.name))) is not None
-        and getattr(context.get_parameter_source(str(parameter.name)), "name", "") == "COMMANDLINE"
+        and is_typed(context, str(parameter.name))
     }
+
+
+def is_typed(context: typer.Context, name: str) -> bool:
+    """Whether a parameter was typed."""
+    return getattr(context.get_parameter_source(name), "name", "") == "COMMANDLINE"
 
 
 def is_said(context: typer.Context, name: str) -> bool:
@@ -67,21 +74,3 @@ def is_said(context: typer.Context, name: str) -> bool:
 def with_values(**options: Any) -> dict[str, Any]:
     """The options that have a value; for those that are None the library's own defaults hold."""
     return {name: value for name, value in options.items() if value is not None}
-
-
-def listed(text: str) -> tuple[str, ...]:
-    """Parts of a text between commas."""
-    return tuple(part.strip() for part in text.split(",") if part.strip())
-
-
-def refuse_given(options: Mapping[str, object], allowed: str) -> None:
-    """Raise InputError for an option, by its flag, that was given: one that is not None.
-
-    Args:
-        options: values by flag.
-        allowed: where the option is allowed, such as `with --physics`.
-    """
-    for flag, value in options.items():
-        if value is not None:
-            told = "allowed: only" if value is True else f"got {value}; allowed:"
-            raise InputError(f"{flag}: {told} {allowed}")

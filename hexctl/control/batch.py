@@ -39,8 +39,7 @@ from hexctl.errors import (
     check_callable,
     check_type,
 )
-from hexctl.robot.failure import Failure, check_further
-from hexctl.robot.failure_event import FailureEvent, NoticedFailure
+from hexctl.robot.failure import Failure, FailureEvent, NoticedFailure, check_further
 from hexctl.robot.model import Robot
 from hexctl.types import BoolArray, FloatArray, JointTargets, RobotState, as_joint_angles
 

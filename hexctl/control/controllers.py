@@ -17,8 +17,7 @@ from hexctl.gait.foot_trajectory import (
 )
 from hexctl.gait.gait import Gait, Motion
 from hexctl.ik.legs import solve_legs, solve_legs_within_limits
-from hexctl.robot.failure import Failure
-from hexctl.robot.failure_event import NoticedFailure
+from hexctl.robot.failure import Failure, NoticedFailure
 from hexctl.robot.model import Robot
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState, leg_slice
 

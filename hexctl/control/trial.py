@@ -44,7 +44,7 @@ from hexctl.errors import (
     check_callable,
     check_type,
 )
-from hexctl.robot.failure_event import NoticedFailure
+from hexctl.robot.failure import NoticedFailure
 from hexctl.types import FloatArray, RobotState
 
 #: Ticks between two looks at a walk that may end early.

@@ -5,13 +5,16 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final, Literal, get_args
 
-from hexctl.errors import InputError, check_type
+from hexctl.errors import InputError, argument, check_type
 from hexctl.gait.gait import Gait, Motion
 from hexctl.options import Range
 from hexctl.robot.failure import UNKNOWN, Failure, check_further, each_failure
 
 SelfRotation = Literal["rear", "front", "none"]
 SELF_ROTATIONS = get_args(SelfRotation)
+
+#: How messages name it.
+_THEN = argument("then")
 
 #: What a walk holds by feedback: its line, its heading alone, nothing; `auto`: the best the robot allows.
 Hold = Literal["auto", "line", "heading", "none"]
@@ -68,7 +71,7 @@ class GaitChange:
         check_type(self.gait, Gait, "change.gait", "a Gait, as make_gait(robot, 'wave') gives")
         check_type(self.at_s, float, "change.at_s")
         if not (math.isfinite(self.at_s) and 0 <= self.at_s <= DURATION_S.high):
-            raise InputError(f"gait change: got {self.at_s:g} s; allowed: 0 up to {DURATION_S.high:g} s")
+            raise InputError(f"{_THEN}: got {self.at_s:g} s; allowed: 0 up to {DURATION_S.high:g} s")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.errors import InputError, MissingExtraError
-from hexctl.robot.failure_event import NoticedFailure
+from hexctl.robot.failure import NoticedFailure
 from hexctl.types import ArrayFields, FloatArray
 
 #: `ok` is the only valid outcome; the others rank behind every valid trial.

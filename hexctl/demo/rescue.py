@@ -28,7 +28,8 @@ from hexctl.control.preparation import StopRequested, never
 from hexctl.errors import HexctlError, InputError, RecordingError
 from hexctl.export.export import export
 from hexctl.files import ALLOWED_FOLDER, check_writable, folder_trouble
-from hexctl.robot.failure_event import FailureEvent, parse_failure_event
+from hexctl.robot.failure import FailureEvent
+from hexctl.robot.failure_grammar import parse_failure_event
 from hexctl.runs.run import RunResult, run
 
 #: The robot, its gait on six legs, and the world. From 500 on, worlds of this family are in no prior and no
@@ -141,9 +142,7 @@ def demo(
     """
     folder = Path(folder)
     check_writable(folder)
-    spec = new_spec(
-        failed_leg=EVENT.leg, failure=str(EVENT.failure), budget=budget, world=WORLD, folder=folder, note=note
-    )
+    spec = new_spec(failure=EVENT.failure, budget=budget, world=WORLD, folder=folder, note=note)
     into = _new_folder(folder)
     if on_folder is not None:
         on_folder(into)
@@ -202,7 +201,7 @@ def walk_and_fail(
             gait=GAIT,
             world=world,
             hold="line",
-            events=(EVENT,),
+            failure=EVENT,
             policy=policy,
             duration_s=WALK_S,
             record=False if recording is None else recording,

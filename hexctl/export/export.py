@@ -8,7 +8,14 @@ from typing import Any
 from hexctl.adapt.sessions.session_tables import export_session
 from hexctl.adapt.sessions.store import RUNS
 from hexctl.errors import InputError, argument
-from hexctl.export.pictures import PictureOptions
+from hexctl.export.export_options import (
+    FORMATS,
+    ROBOT_FORMATS,
+    TRIAL_FORMATS,
+    ExportOptions,
+    Format,
+    PictureOptions,
+)
 from hexctl.export.recordings import OnProgress, Trials, is_session, recordings_to_export
 from hexctl.files import file_instead
 from hexctl.recording.recorded_trial import RecordedTrial, read_trial
@@ -20,10 +27,6 @@ from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.scratch import scratch_folder
 
-#: Formats of robots and of recordings.
-ROBOT_FORMATS, TRIAL_FORMATS = ("urdf", "mjcf"), ("mcap", "csv", "parquet", "lerobot", "gif", "mp4")
-FORMATS = (*ROBOT_FORMATS, *TRIAL_FORMATS)
-
 #: Endings by which a format is recognised.
 SUFFIXES = {".xml": "mjcf", **{f".{name}": name for name in FORMATS if name not in ("mjcf", "lerobot")}}
 #: What the names of outputs end with where none is given; datasets and bags are folders.
@@ -32,60 +35,63 @@ ENDINGS = {"mjcf": ".xml", "mcap": "-mcap", "lerobot": "-lerobot"}
 
 def export(
     *sources: str | Path | Robot,
-    to: str | None = None,
+    to: Format | None = None,
     output: str | Path | None = None,
-    robot: Robot | None = None,
-    ros2_control: bool = False,
     folder: str | Path = RUNS,
     on_progress: OnProgress | None = None,
     on_damage: OnDamage = log_damage,
-    **picture: Any,
+    **options: Any,
 ) -> Path:
     """Write a robot, a recording or a session in a format of other programs; give where it lies.
 
     Args:
         sources: a robot (name, file or `Robot`), recordings (.rrd), or the name of a session. Several
             recordings make one LeRobot dataset, and two of them race in a GIF or MP4.
-        to: one of `FORMATS`; None goes by the ending of `output`.
+        to: the format; None goes by the ending of `output`.
         output: the new file or folder; None gives it the name of the source.
-        robot: of recordings that do not hold theirs.
-        ros2_control: add a block for ros2_control to a URDF.
         folder: where sessions lie.
         on_progress: told how much is done, and how much there is.
         on_damage: told of each recording of a session that is missing or damaged; the others are written.
             By default it is logged.
-        picture: fields of `PictureOptions`.
+        options: further fields of `ExportOptions`, such as `fps`.
 
     Raises InputError for what cannot be exported, an output that exists, or a disk that refuses;
     MissingExtraError for a format whose library is not installed.
     """
     if not sources:
         raise InputError("export: got nothing; allowed: a robot, recordings, or a session")
-    kind = _format(to, output)
-    path = _free(_output(sources[0], kind, output))
-    if kind not in ("gif", "mp4") and picture:
-        names = ", ".join(map(argument, picture))
-        raise InputError(f"{names}: got it for {kind}; allowed: for gif and mp4")
-    if ros2_control and kind != "urdf":
-        raise InputError(f"{argument('ros2_control')}: got it for {kind}; allowed: for urdf")
+    asked = ExportOptions(to=to, output=output, **options)
+    kind = _format(asked.to, asked.output)
+    path = _free(_output(sources[0], kind, asked.output))
     table = kind in ("csv", "parquet") and len(sources) == 1 and is_session(sources[0])
+    _check_used(asked, kind, table=table)
     if kind in TRIAL_FORMATS:
         _refuse_robots(sources, kind)
-    if robot is not None and (kind in ROBOT_FORMATS or table):
-        raise InputError(f"{argument('robot')}: got it for {kind}; allowed: for recordings")
+    robot = asked.robot if asked.robot is None or isinstance(asked.robot, Robot) else load_robot(asked.robot)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         if kind in ROBOT_FORMATS:
-            _write_robot(sources, kind, path, ros2_control=ros2_control)
+            _write_robot(sources, kind, path, ros2_control=asked.ros2_control)
         elif table:
             export_session(str(sources[0]), path, folder)
         else:
             trials = recordings_to_export(sources, Path(folder), robot, on_damage)
-            _write_trials(trials, kind, path, PictureOptions(**picture), on_progress or _silent)
+            _write_trials(trials, kind, path, asked, on_progress or _silent)
     except OSError as error:
         reason = file_instead(path.parent) or error.strerror
         raise InputError(f"export: {path} cannot be written ({reason}); allowed: a new file") from error
     return path
+
+
+def _check_used(asked: ExportOptions, kind: str, *, table: bool) -> None:
+    """Raise InputError for options that the format would ignore; `table` is one of a session's trials."""
+    if kind not in ("gif", "mp4") and asked.given:
+        names = ", ".join(map(argument, asked.given))
+        raise InputError(f"{names}: got it for {kind}; allowed: for gif and mp4")
+    if asked.ros2_control and kind != "urdf":
+        raise InputError(f"{argument('ros2_control')}: got it for {kind}; allowed: for urdf")
+    if asked.robot is not None and (kind in ROBOT_FORMATS or table):
+        raise InputError(f"{argument('robot')}: got it for {kind}; allowed: for recordings")
 
 
 def _refuse_robots(sources: Sequence[str | Path | Robot], kind: str) -> None:
@@ -106,8 +112,6 @@ def _format(to: str | None, output: str | Path | None) -> str:
     if to is None and by_name is None:
         allowed = ", ".join(FORMATS)
         raise InputError(f"{argument('to')}: got none, and no output whose name tells; allowed: {allowed}")
-    if to is not None and to not in FORMATS:
-        raise InputError(f"{argument('to')}: got {to}; allowed: {', '.join(FORMATS)}")
     if to is not None and by_name not in (None, to):
         raise InputError(f"{argument('output')}: got {output} for {to}; allowed: a name of another ending")
     return to or str(by_name)

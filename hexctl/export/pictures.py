@@ -1,6 +1,5 @@
 """Pictures that move, drawn by MuJoCo itself without a screen: GIF and MP4 of one walk, or a race of two."""
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,49 +10,14 @@ import numpy as np
 from hexctl.errors import InputError, MissingExtraError, argument
 from hexctl.export import race
 from hexctl.export.captions import Picture, even_pixels, make_caption
+from hexctl.export.export_options import PictureOptions
 from hexctl.export.recordings import OnProgress, Trials, title_of
-from hexctl.export.render import CAMERAS, RunRenderer
+from hexctl.export.render import RunRenderer
 from hexctl.recording.recorded_trial import RecordedTrial
 
+#: Width of a picture if none is asked for.
+USUAL_WIDTH_PX = 480
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PictureOptions:
-    """How GIF and MP4 look.
-
-    Attributes:
-        camera: `side`, `top` or `follow`, which moves with the robot; a race has fixed ones, without
-            `follow`. None is `follow` for one run and `side` for a race.
-        width_px: width of the picture.
-        fps: pictures per second; None for 20 in a GIF and 50 in an MP4.
-        from_s: first second of the recording that is shown.
-        duration_s: how much of it is shown; None for all of it.
-        captions: a line below a run, or the name of each in a race; None for robot and failure in a race.
-    """
-
-    camera: str | None = None
-    width_px: int = 480
-    fps: float | None = None
-    from_s: float = 0.0
-    duration_s: float | None = None
-    captions: tuple[str, ...] | None = None
-
-    def __post_init__(self) -> None:
-        if self.camera is not None and self.camera not in CAMERAS:
-            raise InputError(f"{argument('camera')}: got {self.camera}; allowed: {', '.join(CAMERAS)}")
-        ranges = {
-            "width_px": WIDTHS_PX,
-            "fps": RATES_HZ,
-            "from_s": (0, math.inf),
-            "duration_s": (0, math.inf),
-        }
-        for name, (low, high) in ranges.items():
-            value = getattr(self, name)
-            if value is not None and not low <= value <= high:
-                raise InputError(f"{argument(name)}: got {value:g}; allowed: {low:g} to {high:g}")
-
-
-#: Ranges of widths and of pictures per second.
-WIDTHS_PX, RATES_HZ = (64, 1920), (1, 50)
 #: Pictures per second where none are asked for: a GIF is several times as large as an MP4.
 GIF_FPS, MP4_FPS = 20.0, 50.0
 
@@ -104,11 +68,11 @@ class _OneRun:
     """One run, with a line of text below it if there is one."""
 
     def __init__(self, run: RecordedTrial, options: PictureOptions) -> None:
-        width_px = even_pixels(options.width_px)
+        width_px = even_pixels(options.width_px or USUAL_WIDTH_PX)
         camera = options.camera or "follow"
         self._run = run
         self._renderer = RunRenderer(run, camera, width_px, even_pixels(width_px * HEIGHT_SHARE))
-        self._bar = None if options.captions is None else make_caption(options.captions[0], width_px)
+        self._bar = None if not options.captions else make_caption(options.captions[0], width_px)
 
     def picture(self, time_s: float) -> Picture:
         """The picture at a time, (height, width, 3)."""
@@ -142,7 +106,7 @@ class _Race:
             options.captions or [title_of(run) for run in runs],
             times_s,
             camera=camera,
-            width_px=even_pixels(options.width_px),
+            width_px=even_pixels(options.width_px or USUAL_WIDTH_PX),
         )
 
     def picture(self, time_s: float) -> Picture:
@@ -206,17 +170,18 @@ def _starts_s(runs: Sequence[RecordedTrial]) -> list[float]:
 def _times_s(runs: Sequence[RecordedTrial], options: PictureOptions, fps: float) -> list[float]:
     """Times of the pictures in the film's own seconds."""
     whole_s = max(float(run.time_s[-1]) - start_s for run, start_s in zip(runs, _starts_s(runs), strict=True))
-    if options.from_s >= whole_s:
-        raise InputError(f"{argument('from_s')}: got {options.from_s:g}; allowed: below {whole_s:g}")
-    length_s = whole_s - options.from_s
+    from_s = options.from_s or 0.0
+    if from_s >= whole_s:
+        raise InputError(f"{argument('from_s')}: got {from_s:g}; allowed: below {whole_s:g}")
+    length_s = whole_s - from_s
     if options.duration_s is not None:
         length_s = min(length_s, options.duration_s)
-    return [options.from_s + index / fps for index in range(max(1, round(length_s * fps)))]
+    return [from_s + index / fps for index in range(max(1, round(length_s * fps)))]
 
 
-def _check_captions(captions: tuple[str, ...] | None, runs: Sequence[RecordedTrial]) -> None:
+def _check_captions(captions: Sequence[str], runs: Sequence[RecordedTrial]) -> None:
     """Raise InputError for captions that are not one for each run."""
-    if captions is not None and len(captions) != len(runs):
+    if captions and len(captions) != len(runs):
         raise InputError(
             f"{argument('captions')}: got {len(captions)} for {len(runs)} recordings; allowed: one for each"
         )

@@ -14,9 +14,11 @@ import math
 import operator
 from collections.abc import Iterable, Sequence
 
-from hexctl.errors import InputError, check_type
+from hexctl.errors import InputError, argument, check_type
 from hexctl.types import N_LEGS
 
+#: How messages name it.
+_GAIT = argument("gait")
 Slots = tuple[int, ...]
 
 
@@ -32,9 +34,9 @@ def slots_from_code(code: int, failed_legs: Iterable[int] = ()) -> Slots:
     """
     free = _free_legs(failed_legs)
     count = math.factorial(len(free))
-    check_type(code, int, "gait code", f"a whole number, 1..{count}")
+    check_type(code, int, _GAIT, f"a whole number, 1..{count}")
     if not 1 <= code <= count:
-        raise InputError(f"gait code: got {code}; allowed: 1..{count} with {_failed_text(free)}")
+        raise InputError(f"{_GAIT}: got {code}; allowed: 1..{count} with {_failed_text(free)}")
     slots = list(range(1, N_LEGS + 1))
     pool = list(free)
     rank = code - 1
@@ -54,7 +56,7 @@ def code_from_slots(slots: Sequence[int], failed_legs: Iterable[int] = ()) -> in
     free = _free_legs(failed_legs)
     for leg in range(1, N_LEGS + 1):
         if leg not in free and slots[leg - 1] != leg:
-            raise InputError(f"slots: failed leg {leg} has slot {slots[leg - 1]}; allowed: its own, {leg}")
+            raise InputError(f"{_GAIT}: failed leg {leg} has slot {slots[leg - 1]}; allowed: its own, {leg}")
     pool = list(free)
     rank = 0
     for place, leg in enumerate(free):
@@ -71,11 +73,11 @@ def as_slots(slots: Iterable[int]) -> Slots:
     """
     allowed = f"{N_LEGS} whole numbers, each 1..{N_LEGS}"
     if isinstance(slots, str):
-        check_type(slots, tuple, "slots", allowed)
-    check_type(slots, Iterable, "slots", allowed)
+        check_type(slots, tuple, _GAIT, allowed)
+    check_type(slots, Iterable, _GAIT, allowed)
     values = tuple(slots)
     for value in values:
-        check_type(value, int, "slots", allowed)
+        check_type(value, int, _GAIT, allowed)
     return tuple(map(operator.index, values))
 
 
@@ -83,7 +85,7 @@ def check_permutation(slots: Sequence[int]) -> None:
     """Raise InputError unless the slots are a permutation of 1..6."""
     if sorted(as_slots(slots)) != list(range(1, N_LEGS + 1)):
         got = ",".join(str(slot) for slot in slots)
-        raise InputError(f"slots: got {got}; allowed: a permutation of 1,2,3,4,5,6")
+        raise InputError(f"{_GAIT}: got {got}; allowed: a permutation of 1,2,3,4,5,6")
 
 
 def _free_legs(failed_legs: Iterable[int]) -> tuple[int, ...]:

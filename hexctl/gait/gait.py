@@ -5,7 +5,7 @@ import operator
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from hexctl.errors import InputError, check_type
+from hexctl.errors import InputError, argument, check_type
 from hexctl.gait.encoding import (
     Slots,
     as_slots,
@@ -19,6 +19,9 @@ from hexctl.options import Range
 from hexctl.robot.model import Robot
 from hexctl.typed_names import known_name, nearest
 from hexctl.types import N_LEGS
+
+#: How messages name it.
+_GAIT = argument("gait")
 
 #: Amplitudes per cycle at the speed of the stance: a foot on the floor covers one in two thirds of a cycle.
 STROKES_PER_CYCLE = 1.5
@@ -62,12 +65,12 @@ class Gait:
     def __post_init__(self) -> None:
         object.__setattr__(self, "slots", as_slots(self.slots))
         if len(self.slots) != N_LEGS or not all(1 <= slot <= N_LEGS for slot in self.slots):
-            raise InputError(f"slots: got {self.slots}; allowed: six numbers, each 1..6")
-        PACE_HZ.check("pace", self.pace_hz)
-        STEP.check("amplitude", self.amplitude)
-        STEP.check("height", self.height)
+            raise InputError(f"{_GAIT}: got {self.slots}; allowed: six numbers, each 1..6")
+        PACE_HZ.check(argument("pace_hz"), self.pace_hz)
+        STEP.check(argument("amplitude"), self.amplitude)
+        STEP.check(argument("height"), self.height)
         check_type(self.posture, Posture, "posture", "a Posture")
-        SWING.check("swing share", self.swing_share)
+        SWING.check(argument("swing_share"), self.swing_share)
         self._check_phases()
 
     def _check_phases(self) -> None:
@@ -227,7 +230,7 @@ def parse_slots(
     if isinstance(gait, Iterable):
         check_permutation(gait)
         return as_slots(gait)
-    check_type(gait, int, "gait", _allowed(failed_legs, besides))
+    check_type(gait, int, _GAIT, _allowed(failed_legs, besides))
     return slots_from_code(operator.index(gait), failed_legs)
 
 
@@ -241,7 +244,7 @@ def _slots_of_text(text: str, failed_legs: Iterable[int], besides: Sequence[str]
         code = int(cleaned)
     except ValueError:
         near = nearest(cleaned, (*NAMED_SLOTS, *besides))
-        raise InputError(f"gait: got {text!r}; allowed: {_allowed(failed_legs, besides)}{near}") from None
+        raise InputError(f"{_GAIT}: got {text!r}; allowed: {_allowed(failed_legs, besides)}{near}") from None
     return slots_from_code(code, failed_legs)
 
 
@@ -249,7 +252,7 @@ def _listed(text: str) -> Slots:
     try:
         slots = tuple(int(part) for part in text.split(","))
     except ValueError:
-        raise InputError(f"slots: got {text!r}; allowed: six whole numbers such as 5,1,2,4,3,6") from None
+        raise InputError(f"{_GAIT}: got {text!r}; allowed: six whole numbers such as 5,1,2,4,3,6") from None
     check_permutation(slots)
     return slots
 

@@ -3,9 +3,13 @@
 from dataclasses import dataclass
 from typing import Any
 
-from hexctl.errors import InputError, check_type
+from hexctl.errors import InputError, argument, check_type
 from hexctl.options import Range
 from hexctl.types import N_LEGS
+
+#: How messages name it.
+_STANCE_SHIFT = argument("stance_shift")
+_TUCKED_LEGS = argument("tucked_legs")
 
 #: How far the body is raised or shifted, as fractions of the robot's size.
 POSTURE = Range(low=-0.2, high=0.2, unit="of the robot's size")
@@ -27,18 +31,18 @@ class Posture:
     tucked_legs: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        POSTURE.check("body raise", self.body_raise)
-        check_type(self.shift, (tuple, list), "stance shift", "two numbers, forward and left")
+        POSTURE.check(argument("body_raise"), self.body_raise)
+        check_type(self.shift, (tuple, list), _STANCE_SHIFT, "two numbers, forward and left")
         if len(self.shift) != 2:
-            raise InputError(f"stance shift: got {len(self.shift)} numbers; allowed: 2, forward and left")
+            raise InputError(f"{_STANCE_SHIFT}: got {len(self.shift)} numbers; allowed: 2, forward and left")
         for value in self.shift:
-            POSTURE.check("stance shift", value)
-        check_type(self.tucked_legs, (tuple, list), "tucked legs", "legs, such as (5,)")
+            POSTURE.check(_STANCE_SHIFT, value)
+        check_type(self.tucked_legs, (tuple, list), _TUCKED_LEGS, "legs, such as (5,)")
         for leg in self.tucked_legs:
-            check_type(leg, int, "tucked legs", f"legs, each 1..{N_LEGS}")
+            check_type(leg, int, _TUCKED_LEGS, f"legs, each 1..{N_LEGS}")
         tucked = tuple(sorted(set(self.tucked_legs)))
         if not set(tucked) <= set(range(1, N_LEGS + 1)):
-            raise InputError(f"tucked legs: got {list(tucked)}; allowed: legs, each 1..{N_LEGS}")
+            raise InputError(f"{_TUCKED_LEGS}: got {list(tucked)}; allowed: legs, each 1..{N_LEGS}")
         object.__setattr__(self, "tucked_legs", tucked)
         object.__setattr__(self, "shift", (float(self.shift[0]), float(self.shift[1])))
 

@@ -1,14 +1,16 @@
-"""Failures of a leg: `locked`, `limp`, `stuck`, `weak`, `missing`; and `unknown`."""
+"""Failures of a leg: before a walk, during it, and as a controller notices them.
+
+`hexctl.robot.failure_grammar` reads them from text.
+"""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from hexctl.errors import InputError, argument, check_type
-from hexctl.typed_names import known_name, nearest
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_LEGS
 
 if TYPE_CHECKING:
@@ -20,9 +22,6 @@ BROKEN_KINDS = ("locked", "limp", "stuck", "weak", "missing")
 UNKNOWN = "unknown"
 
 FAILURE_KINDS = (*BROKEN_KINDS, UNKNOWN)
-
-#: What the command-line text of a failure looks like.
-FAILURE_FORMS = "locked, limp[:JOINT], missing, weak:[JOINT:]FRACTION, stuck:JOINT:DEGREES, unknown"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,6 +85,116 @@ class Failure:
         return self.kind + only + detail.get(self.kind, "")
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FailureEvent:
+    """A moment of a walk at which a leg fails, or is whole again: what the world does, told to no controller.
+
+    A joint that sticks then does so where it is: the angle of the failure is of no effect. A leg that locks
+    keeps the targets that it was sent last.
+
+    Attributes:
+        at_s: seconds since the walk began.
+        leg: number of the leg, 1..6.
+        failure: how it fails; None where it heals.
+
+    Raises InputError for a time below 0 or an `unknown` failure.
+    """
+
+    at_s: float
+    leg: int
+    failure: Failure | None = None
+
+    def __post_init__(self) -> None:
+        what = argument("heal" if self.failure is None else "failure")
+        check_type(self.at_s, float, f"{what}: time")
+        check_type(self.leg, int, f"{what}: leg", f"a leg's number, 1..{N_LEGS}")
+        check_type(self.failure, (Failure, type(None)), what, "a Failure, or None to heal")
+        if not (math.isfinite(self.at_s) and self.at_s >= 0):
+            raise InputError(f"{what}: got {self.at_s:g} s; allowed: 0 or more")
+        if not 1 <= self.leg <= N_LEGS:
+            raise InputError(f"{what}: got leg {self.leg}; allowed: 1..{N_LEGS}")
+        if self.failure is not None and self.failure.leg != self.leg:
+            raise InputError(f"{what}: got leg {self.leg} with a failure of {self.failure.leg}")
+        if self.failure is not None and self.failure.kind == UNKNOWN:
+            raise InputError(f"{what}: got {UNKNOWN}; allowed: what breaks, as in 5:limp@8")
+
+    def __str__(self) -> str:
+        if self.failure is None:
+            return f"{self.leg}@{self.at_s:.12g}"
+        kind = f"stuck:{self.failure.joint}" if self.failure.kind == "stuck" else str(self.failure)
+        return f"{self.leg}:{kind}@{self.at_s:.12g}"
+
+
+#: Kinds of a noticed failure whose leg only putting it down can tell to be whole again.
+ON_TRIAL = ("missing", UNKNOWN)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoticedFailure:
+    """A failure that a controller noticed by itself, and what it did about it.
+
+    Attributes:
+        at_s: seconds since the walk began.
+        failure: leg, kind and joint, as it believes.
+        evidence: what it was noticed by: `following` (targets that joints do not follow), `support` (load
+            that a leg does not carry), `effort` (torque that a joint does not give), `balance` (how the
+            body leans and which feet touch) or `silence` (a servo that does not answer).
+        did: what it did, in few words.
+        healed: whether it noticed that the leg is whole again, or put down one that was missing to try it.
+    """
+
+    at_s: float
+    failure: Failure
+    evidence: str
+    did: str
+    healed: bool = False
+
+    def __str__(self) -> str:
+        comma = "," if self.healed and self.failure.kind in ON_TRIAL else ""
+        return f"{self.in_words}{comma} at {self.at_s:.2f} s, {self.did}"
+
+    @property
+    def in_words(self) -> str:
+        """Leg, and how it fails or that it is whole again: `leg 5 limp`."""
+        again = "put down again, on trial" if self.failure.kind in ON_TRIAL else "whole again"
+        return f"leg {self.failure.leg} {again if self.healed else in_words(self.failure)}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON values."""
+        return {
+            "at_s": round(self.at_s, 6),
+            "leg": self.failure.leg,
+            "kind": self.failure.kind,
+            "joint": self.failure.joint,
+            "evidence": self.evidence,
+            "did": self.did,
+            "healed": self.healed,
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """Inverse of `to_dict`; the angle of a stuck joint is not kept."""
+        failure = Failure(leg=int(data["leg"]), kind=str(data["kind"]), joint=data["joint"])
+        return cls(
+            at_s=float(data["at_s"]),
+            failure=failure,
+            evidence=str(data["evidence"]),
+            did=str(data["did"]),
+            healed=bool(data["healed"]),
+        )
+
+
+def in_words(failure: Failure) -> str:
+    """Kind and joint of a failure, without its numbers: `locked`, `femur stuck`."""
+    return failure.kind if failure.joint is None else f"{failure.joint} {failure.kind}"
+
+
+def in_words_with_share(failure: Failure) -> str:
+    """Kind and joint of a failure, and the torque that a weak leg or joint has left."""
+    share = f" ({failure.torque_fraction:g} of its torque)" if failure.kind == "weak" else ""
+    return in_words(failure) + share
+
+
 #: The failure of one leg, those of several, or None.
 Failures = Failure | Sequence[Failure] | None
 
@@ -126,83 +235,31 @@ def check_further(failure: Failure | None, further: Sequence[Failure], what: str
     _require(len(legs) <= MOST_FAILED, what, f"{len(legs)} legs", f"up to {MOST_FAILED}, others must walk")
 
 
+def check_healings(
+    events: Sequence[FailureEvent], before: Sequence[FailureEvent] = (), failed_legs: Collection[int] = ()
+) -> None:
+    """Raise InputError for a leg that heals while it is whole.
+
+    Args:
+        events: that are checked.
+        before: further events of the same walk, those of the world.
+        failed_legs: legs that have failed before the walk.
+    """
+    failed = set(failed_legs)
+    for event in sorted((*before, *events), key=lambda one: one.at_s):
+        if event.failure is not None:
+            failed.add(event.leg)
+        elif event.leg in failed:
+            failed.remove(event.leg)
+        elif event in events:
+            raise InputError(
+                f"healing: got {event}, when leg {event.leg} is whole; allowed: after its failure, as "
+                f"{argument('failure')} {event.leg}:limp@SECONDS says one"
+            )
+
+
 def _and(values: Sequence[object]) -> str:
     return ", ".join(map(str, values))
-
-
-def failure_of(failed_leg: int | None, failure: str | None) -> Failure | None:
-    """Failure of a leg's number and words, as options and keywords have them; None where no leg failed.
-
-    Words are those of `parse_failure`; without any the leg is locked. Raises InputError for words without a
-    leg, and for what is not allowed.
-    """
-    if failed_leg is not None:
-        return parse_failure(failed_leg, failure or "locked")
-    if failure is None:
-        return None
-    raise InputError(
-        f"{argument('failure')}: got {failure} without a leg; allowed: with {argument('failed_leg')} 1..6"
-    )
-
-
-def failures_of(failed_legs: Sequence[int], failure: str | None) -> tuple[Failure, ...]:
-    """Failures of legs' numbers and words, in the order of the legs.
-
-    Words are those of `parse_failure`, once for all legs, or with commas for each: `locked,limp`. Raises
-    InputError for what is not allowed.
-    """
-    words = [part.strip() for part in (failure or "locked").split(",")]
-    if len(words) == 1:
-        words *= len(failed_legs)
-    if len(words) != len(failed_legs):
-        raise InputError(
-            f"{argument('failure')}: got {failure} with legs {_and(failed_legs)}; allowed: one for all, or "
-            "one for each"
-        )
-    found = [parse_failure(leg, text) for leg, text in zip(failed_legs, words, strict=True)]
-    check_further(found[0] if found else None, found[1:], argument("failed_leg"))
-    return each_failure(found)
-
-
-def parse_failure(leg: int, text: str) -> Failure:
-    """Failure of a leg from its command-line text.
-
-    `locked`, `limp[:JOINT]`, `missing`, `weak[:JOINT][:FRACTION]`, `stuck[:JOINT[:DEGREES]]`, for example
-    `stuck:femur:30`, or `unknown`.
-    Raises InputError for anything else.
-    """
-    check_type(text, str, "failure", FAILURE_FORMS)
-    kind, *details = (_known(part) for part in text.split(":"))
-    most, what = {"stuck": 2, "weak": 2, "limp": 1}.get(kind, 0), argument("failure")
-    near = "" if kind in FAILURE_KINDS else nearest(kind, FAILURE_KINDS)
-    _require(kind in FAILURE_KINDS and len(details) <= most, what, text, FAILURE_FORMS + near)
-    joint = details.pop(0) if details and (kind != "weak" or details[0] in JOINT_KINDS) else None
-    if kind == "weak" and details:
-        fraction = _number(details.pop(), text)
-        allowed = "weak:FRACTION or weak:JOINT:FRACTION, the part of its torque, 0..1"
-        _require(not details and 0 <= fraction <= 1, what, text, allowed)
-        return Failure(leg=leg, kind=kind, joint=joint, torque_fraction=fraction)
-    allowed = f"{kind}:JOINT with {', '.join(JOINT_KINDS)}"
-    if kind == "stuck":
-        degrees = _number(details[0], text) if details else 0.0
-        allowed = f"stuck:JOINT:DEGREES with {', '.join(JOINT_KINDS)} and a finite angle"
-        _require(joint in (None, *JOINT_KINDS) and math.isfinite(degrees), what, text, allowed)
-        return Failure(leg=leg, kind=kind, joint=joint, angle_rad=math.radians(degrees))
-    _require(joint in (None, *JOINT_KINDS), what, text, allowed)
-    return Failure(leg=leg, kind=kind, joint=joint)
-
-
-def _known(part: str) -> str:
-    """A kind or a joint in any case and spelling as it is called here, anything else as it is."""
-    return known_name(part, (*FAILURE_KINDS, *JOINT_KINDS)) or part
-
-
-def _number(text: str, whole: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        allowed = f"a number in place of {text!r}"
-        raise InputError(f"{argument('failure')}: got {whole!r}; allowed: {allowed}") from None
 
 
 def _require(holds: bool, what: str, got: object, allowed: str) -> None:

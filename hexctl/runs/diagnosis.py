@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from types import NoneType
 from typing import Any
 
 from hexctl.backends.robot_options import RecordedOptions
@@ -14,8 +13,8 @@ from hexctl.control.log import Recorder, TickLog
 from hexctl.control.loop import run_controller
 from hexctl.control.preparation import StopRequested, WalkStart, never, ticks_of
 from hexctl.control.trial_result import TrialResult
-from hexctl.errors import CommandRefusedError, EStopError, InputError, argument, check_type
-from hexctl.robot.failure import Failure, failure_of
+from hexctl.errors import CommandRefusedError, EStopError, InputError, argument
+from hexctl.robot.failure_grammar import option_of, read_failures_before
 from hexctl.runs.run import Run
 from hexctl.runs.run_spec import RunSpec
 
@@ -60,16 +59,18 @@ class DiagnosisRun(Run):
 
         Raises InputError for what is not allowed, LimitError for a robot without room around its stance.
         """
-        if spec.failure is not None and not spec.simulated:
+        failures = read_failures_before(spec.failure, None, "a failure before the diagnosis, such as 5:limp")
+        if failures and not spec.simulated:
+            name, value = option_of(failures[0])
             raise InputError(
-                f"{argument('failed_leg')}: got {spec.failure.leg} with {argument('backend')} "
-                f"{spec.backend}, which is not told; allowed: with sim, which breaks it"
+                f"{argument(name)}: got {value} with {argument('backend')} {spec.backend}, which is not "
+                "told; allowed: with sim, which breaks it"
             )
         duration_s = sum(probe.duration_s for probe in ALL_PROBES)
         plain = {"hold": "none", "self_rotation": "none", "duration_s": duration_s + 3.0, "gait": "demo"}
         plain_spec = replace(spec, **plain)  # type: ignore[arg-type]  # as the fields are
         super().__init__(plain_spec, controller=self._make_test)
-        self.plan = replace(self.plan, belief=None, travel=0.0, settle_s=SETTLE_S)
+        self.plan = replace(self.plan, belief=None, further_failures=(), travel=0.0, settle_s=SETTLE_S)
         self._test: StandingTest | None = None
         self.diagnosis: Diagnosis | None = None
 
@@ -158,30 +159,25 @@ class DiagnosisRun(Run):
 
 def diagnose(
     *,
-    failed_leg: int | None = None,
-    failure: Failure | str | None = None,
     ask: AskOperator | None = None,
     stop_requested: StopRequested = never,
     **where: Any,
 ) -> DiagnosisResult:
-    """Find out which leg of a standing robot has failed: `diagnose(failed_leg=5, failure="limp:femur")`.
+    """Find out which leg of a standing robot has failed: `diagnose(failure="5:limp:femur")`.
 
     Args:
-        failed_leg: the leg that a simulation breaks; the diagnosis is not told.
-        failure: how it breaks it, in words with a leg; or a Failure alone.
         ask: asked leg by leg where nothing that the robot measures shows its legs: whether the leg with this
             number lifted, swung and stood again; None ends the questions.
         stop_requested: asked every tick; True ends the test.
-        where: fields of `RecordedOptions`, such as robot and backend.
+        where: fields of `RecordedOptions`, such as robot and backend. The diagnosis is not told of failures
+            that a simulation has.
 
     Raises InputError before anything moves, RobotFaultError for a robot or a link that fails.
     """
-    check_type(failure, (Failure, str, NoneType), "failure", "a Failure, or words with a leg")
     known = [field.name for field in fields(RecordedOptions)]
     unknown = [name for name in where if name not in known]
     if unknown:
         raise InputError(f"diagnose: got {', '.join(unknown)}; allowed: {', '.join(known)}")
-    broken = failure if isinstance(failure, Failure) else failure_of(failed_leg, failure)
-    spec = RunSpec(failure=broken, **where)
+    spec = RunSpec(**where)
     with DiagnosisRun(spec) as connected:
         return connected.diagnose(ask=ask, stop_requested=stop_requested)

@@ -38,8 +38,7 @@ from hexctl.control.walks.turning import check_plan, turn_needed_rad
 from hexctl.errors import InputError, MissingExtraError, argument, check_type
 from hexctl.files import folder_trouble, write_trouble
 from hexctl.robot.configs import shipped_text
-from hexctl.robot.failure import each_failure
-from hexctl.robot.failure_event import FailureEvent, check_healings
+from hexctl.robot.failure import FailureEvent, check_healings
 from hexctl.robot.loader import RobotFile, load_robot_file
 from hexctl.robot.model import Robot
 from hexctl.runs.run_spec import DEFAULT_GAIT, RunSpec, plan_of, spec_of
@@ -91,8 +90,8 @@ class Run:
         spec: what it does.
         robot: the robot of the spec.
         plan: the trial of the spec.
-        broken: what a simulation breaks: the failure of the spec, unless set otherwise before connecting. The
-            walk is told the spec's.
+        broken: what a simulation breaks: the failures of the spec, unless set otherwise before connecting.
+            The walk is told the spec's.
         notes: once connected, what an operator should know about the robot that answered, and options
             without effect.
     """
@@ -125,7 +124,7 @@ class Run:
             self._policy.prepare(self.robot, plan, plan.heading_rad)
         world = "flat" if spec.world is None else spec.world
         self._world = world if isinstance(world, World) else load_world(world)
-        self.broken = spec.failure
+        self.broken = spec.failures
         self.notes: tuple[str, ...] = ()
         self._guard: Guard | None = None
         self._recording: Recording | None = None
@@ -138,10 +137,14 @@ class Run:
         created and for a leg that is to heal while it is whole, MissingExtraError for an extra that is not
         installed.
         """
-        broken = (*each_failure(self.broken), *self.spec.further_failures)
-        check_healings(self.spec.events, self._world_events, [one.leg for one in broken])
+        check_healings(self.spec.events, self._world_events, [one.leg for one in self.broken])
         options = BackendOptions.of(
-            self.spec, robot=self.robot, world=self._world, robot_file=self._file, failure=self.broken
+            self.spec,
+            robot=self.robot,
+            world=self._world,
+            robot_file=self._file,
+            failure=next(iter(self.broken), None),
+            further_failures=self.broken[1:],
         )
         servos = make_servos(self.spec.backend, options)
         with ExitStack() as stack:
@@ -450,9 +453,8 @@ def run(
         recorders: take the ticks in blocks beside the recording; each fails alone.
         stop_requested: asked every tick; True ends the walk with a soft stop.
         should_stop: looks at the walk once a second, as in `run_trial`, such as a `Geofence`.
-        options: fields of `RunSpec`; `failed_leg=5, failure="limp"` say a failure in words, and
-            `failed_leg=(2, 5), failure="limp,locked"` those of several legs; `record=False` leaves no
-            recording.
+        options: fields of `RunSpec`, such as `failure="5:limp"` or `failure=["5:limp", "2:locked@8"]`;
+            `record=False` leaves no recording.
 
     Raises what `Run` raises: InputError, ReachError and LimitError before anything moves, RobotFaultError for
     a robot or a link that fails.

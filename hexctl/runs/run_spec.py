@@ -5,10 +5,10 @@ from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from pathlib import Path
 from types import NoneType
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from hexctl.backends.registry import check_options, option_values
-from hexctl.backends.robot_options import RecordedOptions
+from hexctl.backends.robot_options import FAILURE, RecordedOptions
 from hexctl.backends.sim.world import World
 from hexctl.control.assessment.crawl import auto_gait
 from hexctl.control.assessment.leg_sets import doubt, leg_set
@@ -44,8 +44,13 @@ from hexctl.gait.gait import (
 from hexctl.gait.posture import POSTURE, Posture
 from hexctl.options import RARE, UNTYPED, Typed
 from hexctl.recording.rrd import probe_file
-from hexctl.robot.failure import Failure, check_further, each_failure, failures_of
-from hexctl.robot.failure_event import FailureEvent
+from hexctl.robot.failure import Failure, FailureEvent
+from hexctl.robot.failure_grammar import (
+    AUTO_LEG,
+    parse_legs,
+    read_failures,
+    read_healings,
+)
 from hexctl.robot.model import Robot
 
 #: The gait of a run that names none.
@@ -61,17 +66,11 @@ def _shift(text: str) -> tuple[float, float]:
     return forward, left
 
 
-def _legs(text: str) -> tuple[int, ...]:
-    """Legs of a text such as `2,5`, ascending."""
-    try:
-        return tuple(sorted(int(part) for part in text.split(",")))
-    except ValueError:
-        raise ValueError(f"got {text!r}; allowed: numbers 1..6 with commas, such as 2,5") from None
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunSpec(RecordedOptions):
     """What a run does: which robot, where, and how it walks. Its fields are the options of `hexctl run`."""
+
+    PANEL: ClassVar = "Walk"
 
     gait: Annotated[str | int | Sequence[int] | Gait, Typed(parse=gait_text, words="gaits")] = DEFAULT_GAIT
     """Gait: demo, tripod, wave, ripple; auto (the most stable); best or best:SESSION (the best that is known
@@ -121,7 +120,7 @@ class RunSpec(RecordedOptions):
     as 0.02,-0.01. (default: 0,0)
     """
 
-    tucked_legs: Annotated[Sequence[int], Typed(flag="tuck", parse=_legs), RARE] = ()
+    tucked_legs: Annotated[Sequence[int], Typed(flag="tuck", parse=parse_legs), RARE] = ()
     """Legs held up in the air, of 1..6, with commas. (default: none)"""
 
     swing_share: Annotated[float | None, SWING, RARE] = None
@@ -132,16 +131,10 @@ class RunSpec(RecordedOptions):
     several times, with times that ascend. (default: never)
     """
 
-    failure: Annotated[Failure | None, UNTYPED] = None
-    """The failed leg, or None."""
+    heal: Annotated[Sequence[str | FailureEvent], RARE, FAILURE] = ()
+    """In a simulation, let a leg be intact again: LEG@SECONDS, such as 5@20. Repeatable. (default: never)"""
 
-    further_failures: Annotated[Sequence[Failure], UNTYPED] = ()
-    """Those of other legs that failed too, by leg."""
-
-    events: Annotated[Sequence[FailureEvent], UNTYPED] = ()
-    """Failures that come to a simulation during the walk, and legs that heal; its controller is not told."""
-
-    policy: Annotated[str | RecoveryPolicy | None, Typed(), RARE] = None
+    policy: Annotated[str | RecoveryPolicy | None, Typed(), RARE, FAILURE] = None
     """What to do when a leg fails: walk-on, stop, glide (walk on without it), or package.module:Class.
     (default: walk-on with sim, else stop)
 
@@ -169,13 +162,13 @@ class RunSpec(RecordedOptions):
         path = (str, Path, NoneType)
         check_type(self.backend, str, "backend", "a name or package.module:Class; run_trial takes servos")
         check_type(self.world, (*path, World), "world")
-        check_type(self.failure, (Failure, NoneType), "failure", "a Failure, as Failure(leg=5), or None")
-        check_further(self.failure, self.further_failures, "further_failures")
-        object.__setattr__(self, "further_failures", each_failure(self.further_failures))
+        legs = None if self.failed_leg == AUTO_LEG else self.failed_leg
+        failures, events = read_failures(self.failure, legs)
+        object.__setattr__(self, "failure", (*failures, *events))
+        if self.failed_leg != AUTO_LEG:
+            object.__setattr__(self, "failed_leg", None)
+        object.__setattr__(self, "heal", read_healings(self.heal))
         check_type(self.seed, int, "seed", "a whole number, 0 or more")
-        for event in self.events:
-            check_type(event, FailureEvent, "events", "FailureEvents, as parse_failure_event('5:limp@8')")
-        object.__setattr__(self, "events", tuple(self.events))
         check_type(self.policy, (str, RecoveryPolicy, NoneType), "policy", "a name, or a RecoveryPolicy")
         for name in ("chosen_gait", "realtime", "insecure"):
             check_type(getattr(self, name), bool, name)
@@ -186,8 +179,13 @@ class RunSpec(RecordedOptions):
 
     @property
     def failures(self) -> tuple[Failure, ...]:
-        """All failures, by leg."""
-        return each_failure((*each_failure(self.failure), *self.further_failures))
+        """Failures of legs that failed before the walk, by leg."""
+        return read_failures(self.failure).failures
+
+    @property
+    def events(self) -> tuple[FailureEvent, ...]:
+        """Failures that come to a simulation during the walk, and legs that heal."""
+        return (*read_failures(self.failure).events, *read_healings(self.heal))
 
     @property
     def simulated(self) -> bool:
@@ -227,11 +225,9 @@ class RunSpec(RecordedOptions):
         if self.seed < 0:
             raise InputError(f"seed: got {self.seed}; allowed: 0 or more")
         # A failure is the plan's too: on a robot that is not simulated it tells the controller.
-        options = option_values(self, but=("robot", "failure", "further_failures", "events"))
-        check_options(self.backend, **options)
-        for name, heals in (("fail", False), ("heal", True)):
-            events = [str(event) for event in self.events if (event.failure is None) is heals]
-            check_options(self.backend, names={"events": name}, events=", ".join(events))
+        check_options(self.backend, **option_values(self, but=("robot", "failure", "events")))
+        for event in self.events:
+            check_options(self.backend, names={"events": _option_of(event)}, events=str(event))
         names = ("pace_hz", "amplitude", "height", "body_raise", "stance_shift", "swing_share")
         steps = {name: getattr(self, name) for name in names} | {"tucked_legs": self.tucked_legs or None}
         for name, value in steps.items() if isinstance(self.gait, Gait) else ():
@@ -244,39 +240,38 @@ class RunSpec(RecordedOptions):
             raise InputError(
                 f"{argument('trim')}: got it with a turn, which holds no heading; allowed: without a turn"
             )
-        if self.further_failures and self.self_rotation not in (AUTO_ROTATION, "none"):
+        if arc and self.hold in ("heading", "line"):
+            raise InputError(
+                f"{argument('hold')}: got {self.hold} with {argument('turn')}, in which neither is held; "
+                "allowed: auto, none"
+            )
+        if len(self.failures) > 1 and self.self_rotation not in (AUTO_ROTATION, "none"):
             raise InputError(
                 f"{argument('self_rotation')}: got {self.self_rotation} with failed legs "
                 f"{', '.join(str(one.leg) for one in self.failures)}; allowed: {AUTO_ROTATION}, none"
             )
         late = [event for event in self.events if event.at_s >= self.duration_s]
         if late:
-            what = "healing" if late[0].failure is None else "failure event"
+            what = argument(_option_of(late[0]))
             raise InputError(f"{what}: got {late[0]}; allowed: before {self.duration_s:g} s, the end")
         if self.record is not None:
             probe_file(Path(self.record))
 
 
+def _option_of(event: FailureEvent) -> str:
+    """Field that asks for an event."""
+    return "heal" if event.failure is None else "failure"
+
+
 def spec_of(options: Mapping[str, Any]) -> RunSpec:
-    """Spec of keywords: the fields of `RunSpec`, with a failure in words too."""
+    """Spec of keywords, the fields of `RunSpec`; `record=False` leaves no recording."""
     given = dict(options)
-    failed_leg, failure = given.pop("failed_leg", None), given.get("failure")
     if given.get("record") is False:
         given["record"] = given["record_folder"] = None
-    if failed_leg is not None:
-        if given.get("further_failures"):
-            raise InputError("further_failures: got them with failed_leg; allowed: failed_leg=(2, 5)")
-        legs = (failed_leg,) if isinstance(failed_leg, int) else failed_leg
-        check_type(legs, (tuple, list), "failed_leg", "1..6, the leg that fails, or several, as (2, 5)")
-        for leg in legs:
-            check_type(leg, int, "failed_leg", "1..6, the leg that fails")
-        check_type(failure, (str, NoneType), "failure", f"words such as 'limp' with failed_leg={failed_leg}")
-        found = failures_of(legs, failure)
-        given["failure"], given["further_failures"] = next(iter(found), None), found[1:]
     names = [field.name for field in fields(RunSpec)]
     unknown = [name for name in given if name not in names]
     if unknown:
-        allowed = ("failed_leg", *names, "controller", "recorders", "stop_requested")
+        allowed = (*names, "controller", "recorders", "stop_requested")
         raise InputError(f"run: got {', '.join(unknown)}; allowed: {', '.join(allowed)}")
     return RunSpec(**given)
 
@@ -286,6 +281,11 @@ def plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
 
     Raises InputError for a gait, a posture or a motion that is not allowed.
     """
+    if spec.failed_leg == AUTO_LEG:
+        raise InputError(
+            f"{argument('failed_leg')}: got {AUTO_LEG}, which stands for a leg; allowed: 1..6, or the "
+            "failures that hexctl.diagnose() finds"
+        )
     _check_found(spec)
     plan = _asked_plan(spec, _gait_of(spec, robot))
     stand_up = spec.body_raise is None
@@ -312,7 +312,7 @@ def _gait_of(spec: RunSpec, robot: Robot) -> Gait:
         amplitude=spec.amplitude,
         height=spec.height,
         failed_legs=tuple(one.leg for one in spec.failures),
-        besides=_besides(spec.failure),
+        besides=_besides(spec.failures),
     )
     posture = Posture(
         body_raise=spec.body_raise or 0.0,
@@ -327,7 +327,7 @@ def _asked_plan(spec: RunSpec, gait: Gait) -> TrialPlan:
     """Plan of a spec with a gait, without changes."""
     in_place = spec.turn_rate_rad_s is not None and spec.heading_rad is None
     rotation = suited_rotation(
-        "none" if spec.further_failures else spec.self_rotation,
+        "none" if len(spec.failures) > 1 else spec.self_rotation,
         "none" if spec.turn_rate_rad_s is not None else spec.hold,
         chosen_gait=spec.gait == AUTO or spec.chosen_gait,
     )
@@ -337,8 +337,8 @@ def _asked_plan(spec: RunSpec, gait: Gait) -> TrialPlan:
         travel=0.0 if in_place else 1.0,
         turn_rate_rad_s=spec.turn_rate_rad_s or 0.0,
         duration_s=spec.duration_s,
-        belief=spec.failure,
-        further_failures=tuple(spec.further_failures),
+        belief=next(iter(spec.failures), None),
+        further_failures=spec.failures[1:],
         self_rotation=rotation,
         hold=spec.hold,
         trim_rad=spec.trim_rad or 0.0,
@@ -355,9 +355,9 @@ def _check_recoverable(plan: TrialPlan, robot: Robot) -> None:
         )
 
 
-def _besides(failure: Failure | None) -> tuple[str, str]:
+def _besides(failures: Sequence[Failure]) -> tuple[str, str]:
     """Gaits that stand for others, for messages."""
-    return AUTO, BEST if failure else f"{BEST} (with a failed leg)"
+    return AUTO, BEST if failures else f"{BEST} (with a failed leg)"
 
 
 def _name_and_time(text: str) -> tuple[str, float]:
@@ -377,7 +377,7 @@ def _name_and_time(text: str) -> tuple[str, float]:
 def _check_found(spec: RunSpec) -> None:
     """Raise InputError for options of a gait that `auto` finds by itself with more than one failed leg."""
     names = (spec.gait, *(text.rpartition("@")[0] for text in spec.then))
-    if not spec.further_failures or AUTO not in names:
+    if len(spec.failures) < 2 or AUTO not in names:
         return
     for name in ("swing_share", "stance_shift"):
         if (value := getattr(spec, name)) is not None:
@@ -423,7 +423,7 @@ def _change_of(text: str, robot: Robot, plan: TrialPlan, *, stand_up: bool) -> G
         slots = (
             stable_slots_of(robot, plan)
             if name == AUTO
-            else parse_slots(name, plan.failed_legs, _besides(plan.belief))
+            else parse_slots(name, plan.failed_legs, _besides(plan.failures))
         )
     except InputError as error:
         raise InputError(f"{argument('then')}: got {text!r} ({error})") from error

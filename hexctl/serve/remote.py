@@ -10,7 +10,7 @@ import zenoh
 
 from hexctl.backends.zenoh.zenoh_client import ask, ask_until, owner_name
 from hexctl.errors import RobotFaultError
-from hexctl.robot.failure_event import parse_failure_now, parse_healing
+from hexctl.robot.failure_grammar import parse_failure_now, parse_leg
 from hexctl.serve.stops.clear_keys import NewClaim, forget, keys_for
 from hexctl.serve.stops.stop import HOLD_S, MOST_CLAIMS, MOST_OTHERS_HOLD_S, MOST_UNCLAIMED_HOLD_S
 from hexctl.wire.description import RobotIdentity, check_may_command, robot_name, status_of
@@ -112,7 +112,7 @@ class RemoteRobots:
 
     def heal(self, leg: int) -> list[dict[str, Any]]:
         """Let a leg of every simulated robot be whole again; raises what `fail` raises."""
-        parse_healing(f"{leg}@0")
+        parse_leg(str(leg))
         return self._change({"op": "heal", "leg": leg})
 
     def _change(self, content: dict[str, Any]) -> list[dict[str, Any]]:

@@ -9,7 +9,8 @@ from hexctl.backends.base import simulation_of
 from hexctl.control.guard import Guard
 from hexctl.control.stop_reason import reason_in_words
 from hexctl.errors import HexctlError, MessageError, RobotFaultError
-from hexctl.robot.failure_event import in_words_with_share, parse_failure_now, parse_healing
+from hexctl.robot.failure import in_words_with_share
+from hexctl.robot.failure_grammar import parse_failure_now, parse_leg
 from hexctl.serve.leases import Lease, LeaseManager, LeaseRefusedError
 from hexctl.serve.served_servos import call_servos
 from hexctl.serve.stops.latch import StopLatch
@@ -173,9 +174,9 @@ class RequestHandler:
         except MessageError as error:
             return self._misunderstood(error)
         try:
-            text = str(content.get("leg" if heals else "failure", ""))[:MAX_FAILURE_TEXT]
+            text = str(content.get("leg", ""))[:MAX_FAILURE_TEXT] if heals else _failure_text(content)
             failure = None if heals else parse_failure_now(text)
-            leg = parse_healing(f"{text}@0").leg if failure is None else failure.leg
+            leg = parse_leg(text) if failure is None else failure.leg
             simulation = simulation_of(self._guard)
             whole = all(one.leg != leg for one in simulation.failures)
             call_servos(self._guard, "change_leg", lambda: simulation.change_leg(leg, failure))
@@ -269,6 +270,13 @@ def _name(content: dict[str, Any], key: str) -> str | None:
     if value is not None and not (isinstance(value, str) and len(value) <= MAX_NAME):
         raise MessageError(f"{key}: got {str(value)[:40]!r}; allowed: text of at most {MAX_NAME} characters")
     return value
+
+
+def _failure_text(content: dict[str, Any]) -> str:
+    text = content.get("failure")
+    if not isinstance(text, str):
+        raise MessageError(f"failure: got {str(text)[:40]!r}; allowed: text such as 5:limp")
+    return text[:MAX_FAILURE_TEXT]
 
 
 def _keys(content: dict[str, Any]) -> tuple[str, ...]:

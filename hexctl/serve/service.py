@@ -5,31 +5,23 @@ Nothing here prints or handles signals: callers pass callbacks.
 
 import resource
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hexctl.backends.base import LegServos
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.port_servos import PortServos
-from hexctl.backends.registry import BackendOptions, check_options, make_servos
-from hexctl.errors import InputError, argument, check_type
-from hexctl.robot.failure import Failure, failure_text
-from hexctl.robot.loader import load_robot_file
+from hexctl.backends.registry import BackendOptions, make_servos
+from hexctl.errors import InputError
 from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
-from hexctl.serve.ros.ros_options import RosOptions
+from hexctl.serve.serve_options import ServeOptions
 from hexctl.serve.server import RobotServer
 from hexctl.serve.stops.stop_file import StopFile
 from hexctl.serve.stops.stop_place import StopPlace
 from hexctl.wire.links import CLEAR_COMMAND, Endpoint, Link, load_link
 
 if TYPE_CHECKING:
-    from hexctl.backends.sim.world import World
     from hexctl.serve.keeper import Keeper
-
-DEFAULT_WORLD = "flat"
-MIN_SIT_AFTER_S, MAX_SIT_AFTER_S = 1.0, 3600.0
-SERVED_BACKENDS = ("sim", "mavlink", *BUS_DRIVERS, *PWM_DRIVERS, "mock")
 
 #: What is said at every start with a board that cannot be let down when its computer dies.
 NO_WATCHDOG = (
@@ -52,79 +44,6 @@ MOST_DESCRIPTORS = 65_536
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ServosSpec:
-    """Servos to serve, before they are made.
-
-    Attributes:
-        backend: name of a backend, or `package.module:Class`.
-        robot: name or path of the robot file.
-        world: name or path of the simulated world; None is `flat`. Only with `sim`, or own servos that take
-            one, as for the next two.
-        failure: failed leg of the simulation, or None.
-        seed: of everything random in a simulation.
-    """
-
-    backend: str = "sim"
-    robot: str = "ant"
-    world: str | None = None
-    failure: Failure | None = None
-    seed: int = 0
-
-    def check(self) -> None:
-        """Raise InputError for wrong types, and for values that only a simulation can use."""
-        check_type(self.backend, str, "backend", "the name of a backend, or package.module:Class")
-        check_type(self.robot, str, "robot", "the name or path of a robot file")
-        check_type(self.world, (str, type(None)), "world", "the name or path of a world, or None")
-        check_type(self.failure, (Failure, type(None)), "failure", "a Failure, as Failure(leg=5), or None")
-        check_type(self.seed, int, "seed")
-        if self.seed < 0:
-            raise InputError(f"{argument('seed')}: got {self.seed}; allowed: 0 or more")
-        check_options(
-            self.backend,
-            names={"failure": "failure.leg"},
-            world=self.world,
-            failure=None if self.failure is None else self.failure.leg,
-            seed=self.seed,
-        )
-
-    def options(
-        self, *, connect: str | None = None, credentials: Path | None = None, insecure: bool = False
-    ) -> BackendOptions:
-        """Options of the backend, in real time.
-
-        Args:
-            connect: port of a servo board, or None for the default.
-            credentials: folder with the key of a servo board, or None.
-            insecure: whether a board beyond this computer may do without that key.
-        """
-        file = load_robot_file(self.robot)
-        return BackendOptions.of(
-            self,
-            robot=file.robot,
-            world=self._world(),
-            realtime=True,
-            robot_file=file,
-            connect=connect,
-            credentials=credentials,
-            insecure=insecure,
-        )
-
-    @property
-    def simulated(self) -> dict[str, str] | None:
-        """World and failure of a simulation as text, for the status; None for other servos."""
-        if self.backend != "sim":
-            return None
-        return {"world": self.world or DEFAULT_WORLD, "failure": failure_text(self.failure)}
-
-    def _world(self) -> "World | None":
-        if self.backend != "sim" and self.world is None:
-            return None
-        from hexctl.backends.sim.world import load_world
-
-        return load_world(self.world or DEFAULT_WORLD)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class ServiceStarted:
     """What a service reports once clients can connect.
 
@@ -144,53 +63,12 @@ class ServiceStarted:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RobotService:
+class RobotService(ServeOptions):
     """A robot on the network: options of a `RobotServer`, checked when they are given.
 
-        service = RobotService(servos=ServosSpec(backend="sim", robot="ant"))
-        service.run(stop_requested)
-
-    Attributes:
-        servos: what is served.
-        listen: Zenoh endpoint to listen at; None is that of the link, or the default.
-        device: port of the servo board for `mavlink`, of the bus for `BUS_DRIVERS`.
-        device_keys: folder with the key of the servo board, for `mavlink` only.
-        sit_after_s: seconds without a command until the robot sits down and its torque is switched off.
-        credentials: folder of certificates, or None.
-        insecure: whether a link beyond this computer may do without certificates.
-        link: name or path of a link file, or None.
-        ros: how it takes part in ROS 2, or None.
+    service = RobotService(backend="sim", robot="ant")
+    service.run(stop_requested)
     """
-
-    servos: ServosSpec = field(default_factory=ServosSpec)
-    listen: str | None = None
-    device: str | None = None
-    device_keys: Path | None = None
-    sit_after_s: float = 10.0
-    credentials: Path | None = None
-    insecure: bool = False
-    link: str | None = None
-    ros: RosOptions | None = None
-
-    def __post_init__(self) -> None:
-        check_type(self.ros, (RosOptions, type(None)), "ros", "RosOptions, as RosOptions(domain=1), or None")
-        check_type(self.servos, ServosSpec, "servos", "a ServosSpec, as ServosSpec(robot='ant') gives")
-        check_type(self.sit_after_s, float, "sit_after_s")
-        backend = self.servos.backend
-        if backend == "zenoh":
-            raise InputError(
-                f"{argument('backend')}: got zenoh, which is a robot that is served already; "
-                f"allowed: {', '.join(SERVED_BACKENDS)}"
-            )
-        self.servos.check()
-        check_options(
-            backend,
-            names={"connect": "device", "credentials": "device_keys"},
-            offered=SERVED_BACKENDS,
-            connect=self.device,
-            credentials=self.device_keys,
-        )
-        check_between(argument("sit_after_s"), self.sit_after_s, MIN_SIT_AFTER_S, MAX_SIT_AFTER_S)
 
     def resolved_link(self) -> Link:
         """Link that the options describe; raises InputError for a bad link file.
@@ -200,11 +78,12 @@ class RobotService:
         link = load_link(
             self.link,
             endpoint=self.listen,
-            credentials=self.credentials,
+            credentials=None if self.credentials is None else Path(self.credentials),
             insecure=self.insecure,
             given_as="listen",
         )
-        return link if self.ros is None else self.ros.link_beside(link)
+        ros = self.ros_options
+        return link if ros is None else ros.link_beside(link)
 
     def run(
         self,
@@ -225,29 +104,27 @@ class RobotService:
         """
         _raise_descriptor_limit()
         link = self.resolved_link()
-        options = self.servos.options(
-            connect=self.device, credentials=self.device_keys, insecure=self.insecure
-        )
-        servos = _made_servos(self.servos.backend, options)
+        options = self.servo_options
+        servos = make_servos(self.backend, options)
         keeper = self._keeper(options)
-        simulated = self.servos.simulated is not None
+        simulated, ros = self.simulated is not None, self.ros_options
         place, clear = self._stop_place(options, link), _clear_command(link)
         stop_file = StopFile(servos.robot.name, place, asked_only=simulated, clear=clear)
         server = RobotServer(
             servos,
             link,
-            backend=self.servos.backend,
-            simulated=self.servos.simulated,
+            backend=self.backend,
+            simulated=self.simulated,
             sit_after_s=self.sit_after_s,
             on_event=on_event,
             on_tick=_ticks_of(keeper),
-            ros=None if self.ros is None else self.ros.bridge(servos.robot, insecure=self.insecure),
+            ros=None if ros is None else ros.bridge(servos.robot, insecure=self.insecure),
             stop_file=stop_file,
             clear=clear,
         )
         started = ServiceStarted(
             robot=servos.robot.name,
-            backend=self.servos.backend,
+            backend=self.backend,
             place=link.endpoint,
             warnings=self._warnings(link) + stop_file.warnings,
         )
@@ -270,40 +147,32 @@ class RobotService:
 
     def _stop_place(self, options: BackendOptions, link: Link) -> StopPlace:
         """Where the robot is, for the file of its stop."""
-        backend, port = self.servos.backend, self.device
+        backend, port = self.backend, self.connect
         if port is None and backend in (*BUS_DRIVERS, *PWM_DRIVERS) and options.robot_file is not None:
             port = options.robot_file.content.servos.port
         return StopPlace.of(backend, port, link.endpoint)
 
     def _warnings(self, link: Link) -> tuple[str, ...]:
         """What the operator must know before anything moves."""
-        pwm = self.servos.backend in PWM_DRIVERS
-        board = (NO_WATCHDOG.format(backend=self.servos.backend),) if pwm else ()
-        return board + (() if self.ros is None else self.ros.warnings(link))
+        pwm = self.backend in PWM_DRIVERS
+        board = (NO_WATCHDOG.format(backend=self.backend),) if pwm else ()
+        ros = self.ros_options
+        return board + (() if ros is None else ros.warnings(link))
 
     def _keeper(self, options: BackendOptions) -> "Keeper | None":
         """Process that lets the robot down, or hold, when this one has ended without doing so."""
         from hexctl.serve.keeper import KEPT_BACKENDS, Keeper, KeeperSpec
 
-        if self.servos.backend not in KEPT_BACKENDS or options.robot_file is None:
+        if self.backend not in KEPT_BACKENDS or options.robot_file is None:
             return None
         return Keeper(
             KeeperSpec(
-                backend=self.servos.backend,
-                robot=self.servos.robot,
-                connect=self.device,
+                backend=self.backend,
+                robot=str(self.robot),
+                connect=self.connect,
                 sits=options.robot_file.content.servos.if_computer_dies == "sit",
             )
         )
-
-
-def _made_servos(backend: str, options: BackendOptions) -> LegServos:
-    """Servos of a backend; messages name the port as it was given here, as `device`."""
-    try:
-        return make_servos(backend, options)
-    except InputError as error:
-        given_as = {"connect": "device"}
-        raise type(error)(error.worded(lambda name: argument(given_as.get(name, name)))) from error.__cause__
 
 
 def _clear_command(link: Link) -> str:
@@ -351,12 +220,6 @@ def _ticks_of(keeper: "Keeper | None") -> Callable[[], str | None]:
     return tick
 
 
-def check_between(option: str, value: float, lowest: float, highest: float) -> None:
-    """Raise InputError for a time in s that is not between two others."""
-    if not lowest <= value <= highest:  # false for nan too
-        raise InputError(f"{option}: got {value:g}; allowed: {lowest:g} to {highest:g} s")
-
-
 def _raise_descriptor_limit() -> None:
     """Allow as many open files as the system lets this user have: connections that are given up hold some."""
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
@@ -366,11 +229,6 @@ def _raise_descriptor_limit() -> None:
 
 def serve(
     *,
-    backend: str = "sim",
-    robot: str = "ant",
-    world: str | None = None,
-    failure: Failure | None = None,
-    seed: int = 0,
     stop_requested: Callable[[], bool] = lambda: False,
     on_started: Callable[[ServiceStarted], None] = lambda _: None,
     on_event: Callable[[str], None] = lambda _: None,
@@ -381,22 +239,15 @@ def serve(
     Blocks until `stop_requested` returns True or a KeyboardInterrupt.
 
     Args:
-        backend: name of a backend, or `package.module:Class`.
-        robot: name or path of the robot file.
-        world: name or path of the simulated world; None is `flat`. Only with `sim`.
-        failure: failed leg of the simulation, or None. Only with `sim`.
-        seed: of everything random in a simulation.
         stop_requested: asked at every tick.
         on_started: called once, when clients can connect.
         on_event: called with a line for each change of controller, stop and posture.
-        options: further fields of `RobotService`: `listen`, `device`, `device_keys`, `sit_after_s`,
-            `credentials`, `insecure`, `link`, `ros`.
+        options: fields of `hexctl.serve.serve_options.ServeOptions`.
 
     Raises what `RobotService.run` raises.
     """
-    known = [field.name for field in fields(RobotService) if field.name != "servos"]
+    known = [field.name for field in fields(RobotService)]
     unknown = [name for name in options if name not in known]
     if unknown:
         raise InputError(f"serve: got {', '.join(unknown)}; allowed: {', '.join(known)}")
-    spec = ServosSpec(backend=backend, robot=robot, world=world, failure=failure, seed=seed)
-    RobotService(servos=spec, **options).run(stop_requested, on_started=on_started, on_event=on_event)
+    RobotService(**options).run(stop_requested, on_started=on_started, on_event=on_event)

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -18,12 +18,14 @@ from hexctl.control.guard import Guard
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import EStopError, InputError, SimulationDivergedError, argument, check_type
 from hexctl.gait.gait import make_gait
-from hexctl.robot.failure import UNKNOWN, parse_failure
+from hexctl.robot.failure import UNKNOWN
+from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.model import Robot
 from hexctl.study.landscapes.cache import LandscapeCache
 from hexctl.study.landscapes.evaluate import Progress, Silent, check_jobs, evaluate
 from hexctl.study.landscapes.landscape import Landscape, LandscapeSpec
 from hexctl.study.landscapes.versions import code_versions
+from hexctl.study.prior_options import PRIOR_DURATION_S, PriorHold
 from hexctl.study.study_plan import check_robot, check_walks
 from hexctl.types import N_JOINTS, N_LEGS, FloatArray
 
@@ -38,11 +40,8 @@ MISS_DEG = Distribution(low=-1.0, high=1.0, scale="normal")
 #: move by 7 cm (rms over 12 worlds of `randomised`), where they differ by 81 cm between worlds.
 TIME_STEP_S = 0.004
 
-#: A shorter walk consists mostly of the soft start.
-MIN_DURATION_S = 6.0
-
 #: What the walks of a prior may hold: what a robot turns out to hold under `auto` is no matter of a plan.
-HOLDS = ("none", "heading", "line")
+HOLDS = get_args(PriorHold)
 
 #: Walks last multiples of this: the ten checkpoints then fall on kept points of the path, five per second.
 WHOLE_S = 2.0
@@ -57,7 +56,7 @@ class PriorPlan:
         family: distribution of plausible worlds.
         worlds: number of worlds per leg.
         legs: the failed legs, ascending.
-        failure: in the words of `parse_failure`; with `unknown` each world draws what breaks.
+        failure: in the words of `parse_kind`; with `unknown` each world draws what breaks.
         self_rotation: where the failed leg points during the walk.
         duration_s: length of each walk.
         hold: what the walks hold by feedback, one of `HOLDS`; with another than `none` the prior is of their
@@ -126,7 +125,7 @@ class PriorPlan:
 
     def trial_plan(self) -> TrialPlan:
         """Trial of a session that the prior is for, self-rotation included, with the gait `demo`."""
-        failure = parse_failure(self.legs[0], self.failure)
+        failure = parse_kind(self.legs[0], self.failure)
         return TrialPlan(
             gait=make_gait(self.robot, "demo"),
             duration_s=self.duration_s,
@@ -149,15 +148,10 @@ class PriorPlan:
             )
         if len(set(self.legs)) != len(self.legs):
             raise InputError(f"{argument('legs')}: got {list(self.legs)}; allowed: each leg once")
-        if not math.isfinite(self.duration_s):
+        if self.duration_s not in PRIOR_DURATION_S or not in_whole_steps(self.duration_s):
             raise InputError(
-                f"{argument('duration_s')}: got {self.duration_s:g}; allowed: {MIN_DURATION_S:g} s or more"
-            )
-        if self.duration_s < MIN_DURATION_S or not in_whole_steps(self.duration_s):
-            raise InputError(
-                f"{argument('duration_s')}: got {self.duration_s:g}; allowed: {MIN_DURATION_S:g} s or more, "
-                "in steps of "
-                f"{WHOLE_S:g} s"
+                f"{argument('duration_s')}: got {self.duration_s:g}; allowed: {PRIOR_DURATION_S.low:g} s or "
+                f"more, in steps of {WHOLE_S:g} s"
             )
         if self.hold not in HOLDS:
             raise InputError(f"{argument('hold')}: got {self.hold}; allowed: {', '.join(HOLDS)}")

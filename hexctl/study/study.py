@@ -5,26 +5,25 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from hexctl.backends.base import as_robot
-from hexctl.backends.sim.world import World, as_world
+from hexctl.backends.sim.world import World
 from hexctl.errors import InputError, argument, check_type
-from hexctl.robot.model import Robot
 from hexctl.study.default_gaits import walk_default_gaits
-from hexctl.study.holds.hold_findings import HoldFindings
+from hexctl.study.holds.hold_findings import HoldFindings, hold_bars
 from hexctl.study.holds.hold_plan import HoldPlan
 from hexctl.study.holds.hold_report import REPORT as HOLD_REPORT
-from hexctl.study.holds.hold_report import holds_json, write_hold_report
+from hexctl.study.holds.hold_report import holds_json, holds_lines, write_hold_report
 from hexctl.study.holds.hold_walks import HoldCache, walk_all
 from hexctl.study.landscapes.cache import LandscapeCache
 from hexctl.study.landscapes.evaluate import Progress, Silent, check_jobs, evaluate
+from hexctl.study.recovery.recovery_criteria import recovery_bars
 from hexctl.study.recovery.recovery_findings import RecoveryFindings
 from hexctl.study.recovery.recovery_plan import RecoveryPlan
 from hexctl.study.recovery.recovery_report import REPORT as RECOVERY_REPORT
-from hexctl.study.recovery.recovery_report import recovery_json, write_recovery_report
+from hexctl.study.recovery.recovery_report import recovery_json, recovery_lines, write_recovery_report
 from hexctl.study.recovery.recovery_walks import EpisodeCache
 from hexctl.study.recovery.recovery_walks import walk_all as walk_episodes
 from hexctl.study.reports.figure_style import check_drawing
@@ -35,10 +34,11 @@ from hexctl.study.searches import Findings, search_all
 from hexctl.study.study_plan import StudyPlan
 from hexctl.study.transfer.transfer_plan import TransferPlan
 from hexctl.study.transfer.transfer_report import REPORT as TRANSFER_REPORT
-from hexctl.study.transfer.transfer_report import transfer_json, write_transfer_report
+from hexctl.study.transfer.transfer_report import transfer_bars, transfer_json, write_transfer_report
 from hexctl.study.transfer.transfer_searches import TransferFindings, search_worlds
 from hexctl.study.verdicts.claim_evidence import Claim
 from hexctl.study.verdicts.claims import claims_of
+from hexctl.study.verdicts.verdict_lines import bar_lines, missed_lines, verdict_lines
 from hexctl.study.verdicts.verdict_uncertainty import StudyUncertainty
 
 
@@ -57,6 +57,10 @@ class ReportResult(ABC):
     @abstractmethod
     def numbers(self) -> dict[str, Any]:
         """What was found, as plain JSON values."""
+
+    @abstractmethod
+    def lines(self) -> list[str]:
+        """Tables and verdicts, as lines of text."""
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON values, as in the file beside the report and printed by `--json`."""
@@ -88,6 +92,12 @@ class StudyResult(ReportResult):
         """Landscapes, searches and claims, as plain JSON values."""
         return {**summary_json(self.findings, self.claims, self.uncertainty), "times_s": self.times_s}
 
+    def lines(self) -> list[str]:
+        """Claims, bars that are missed, and the time spent, as lines of text."""
+        claims = verdict_lines((claim.verdict, claim.claim) for claim in self.claims)
+        spent = ", ".join(f"{name} {spent_s:.0f} s" for name, spent_s in self.times_s.items())
+        return [*claims, *missed_lines(self.findings), *self.uncertainty.lines, spent]
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TransferResult(ReportResult):
@@ -105,6 +115,10 @@ class TransferResult(ReportResult):
         """Landscapes and searches, as plain JSON values."""
         return transfer_json(self.findings, self.uncertainty)
 
+    def lines(self) -> list[str]:
+        """Verdicts, as lines of text."""
+        return bar_lines(transfer_bars(self.findings))
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HoldResult(ReportResult):
@@ -119,6 +133,10 @@ class HoldResult(ReportResult):
     def numbers(self) -> dict[str, Any]:
         """Walks and verdicts, as plain JSON values."""
         return holds_json(self.findings)
+
+    def lines(self) -> list[str]:
+        """Table and verdicts, as lines of text."""
+        return [*holds_lines(self.findings), *bar_lines(hold_bars(self.findings))]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -135,43 +153,9 @@ class RecoveryResult(ReportResult):
         """Walks and verdicts, as plain JSON values."""
         return recovery_json(self.findings)
 
-
-def study(
-    plan: StudyPlan | None = None,
-    *,
-    folder: Path | str,
-    robot: Robot | str | Path = "ant",
-    world: World | str | Path = "flat",
-    cache: LandscapeCache | None = None,
-    jobs: int | None = None,
-    dask: str | None = None,
-    progress: Progress | None = None,
-    **options: Any,
-) -> StudyResult:
-    """Repeat the paper's experiments, as `hexctl study` does.
-
-    Args:
-        plan: the experiments; None for a plan of `robot`, `world` and `options`.
-        folder: for the report: new, empty, or with an earlier study, which is replaced.
-        robot: a robot, or the name or path of its file.
-        world: a world, or its name or path.
-        cache: as in `run_study`, and so are `jobs`, `dask` and `progress`.
-        jobs: threads per batch of gaits.
-        dask: address of a Dask scheduler.
-        progress: observer.
-        options: further fields of `StudyPlan`, such as `legs`, `failure`, `self_rotation`, `worlds`, `runs`.
-
-    Raises what `run_study` raises.
-    """
-    if plan is None:
-        known = [field.name for field in fields(StudyPlan)]
-        unknown = [name for name in options if name not in known]
-        if unknown:
-            raise InputError(f"study: got {', '.join(unknown)}; allowed: {', '.join(known)}")
-        plan = StudyPlan(robot=as_robot(robot), world=as_world(world), **options)
-    elif options:
-        raise InputError(f"study: got a plan and {', '.join(options)} too; allowed: one or the other")
-    return run_study(plan, folder=Path(folder), cache=cache, jobs=jobs, dask=dask, progress=progress)
+    def lines(self) -> list[str]:
+        """Tables and verdicts, as lines of text."""
+        return [*recovery_lines(self.findings), *bar_lines(recovery_bars(self.findings))]
 
 
 def run_study(

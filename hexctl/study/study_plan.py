@@ -11,9 +11,11 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World
 from hexctl.control.walks.turning import check_plan
 from hexctl.errors import InputError, LimitError, ReachError, argument, check_type
-from hexctl.robot.failure import FAILURE_FORMS, UNKNOWN, parse_failure
+from hexctl.robot.failure import UNKNOWN
+from hexctl.robot.failure_grammar import KINDS, parse_kind
 from hexctl.robot.model import Robot
 from hexctl.study.landscapes.landscape import N_CODES, LandscapeSpec
+from hexctl.study.study_options import BUDGET, RUNS
 from hexctl.study.verdicts.experiments import experiments_of
 from hexctl.study.verdicts.worlds import MAX_WORLDS, nearby_worlds
 from hexctl.types import N_LEGS
@@ -30,8 +32,6 @@ ROTATIONS = (WITHOUT, WITH)
 SELF_ROTATIONS = ("rear", "front", "none")
 
 #: A seed shows leg and run as decimal digits, which limits their numbers.
-MAX_RUNS = 999
-MAX_BUDGET = 10_000
 MAX_SEED = 10_000
 
 
@@ -48,7 +48,7 @@ class StudyPlan:
         budget: evaluations of a run.
         duration_s: length of each walk.
         seed: of everything.
-        failure: of each leg, in the words of `parse_failure`, such as `limp` or `weak:0.5`.
+        failure: of each leg, in the words of `parse_kind`, such as `limp` or `weak:0.5`.
         self_rotation: before the walks that the optimizers search: `rear`, `front` or `none`.
         worlds: in how many worlds claims are judged: `world` and others like it (`nearby_worlds`).
         by_symmetry: simulate one leg of each experiment (`experiments_of`), and take the others from it; in
@@ -78,7 +78,7 @@ class StudyPlan:
         for name in ("runs", "budget", "seed", "worlds", "without_gaits"):
             check_type(getattr(self, name), int, f"plan.{name}")
         check_type(self.duration_s, float, "plan.duration_s")
-        check_type(self.failure, str, "plan.failure", FAILURE_FORMS)
+        check_type(self.failure, str, "plan.failure", KINDS)
         check_type(self.self_rotation, str, "plan.self_rotation", ", ".join(SELF_ROTATIONS))
 
     @property
@@ -148,15 +148,15 @@ class StudyPlan:
         unknown = [leg for leg in self.legs if not 1 <= leg <= N_LEGS]
         _require(not unknown, argument("legs"), unknown, "1..6")
         _require(len(set(self.legs)) == len(self.legs), argument("legs"), list(self.legs), "each leg once")
-        _require(1 <= self.runs <= MAX_RUNS, argument("runs"), self.runs, f"1..{MAX_RUNS}")
-        _require(1 <= self.budget <= MAX_BUDGET, argument("budget"), self.budget, f"1..{MAX_BUDGET}")
+        RUNS.check(argument("runs"), self.runs)
+        BUDGET.check(argument("budget"), self.budget)
         _require(0 <= self.seed <= MAX_SEED, argument("seed"), self.seed, f"0..{MAX_SEED}")
         turn = self.self_rotation
         _require(turn in SELF_ROTATIONS, argument("self_rotation"), turn, ", ".join(SELF_ROTATIONS))
         _require(1 <= self.worlds <= MAX_WORLDS, argument("worlds"), self.worlds, f"1..{MAX_WORLDS}")
         gaits = self.without_gaits
         _require(1 <= gaits <= N_CODES, argument("without_gaits"), gaits, f"1..{N_CODES}")
-        parse_failure(self.legs[0], self.failure)
+        parse_kind(self.legs[0], self.failure)
         _require(
             self.failure != UNKNOWN,
             argument("failure"),

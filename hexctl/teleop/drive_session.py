@@ -4,9 +4,9 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from itertools import takewhile
+from threading import Lock
 from typing import Any, Protocol
 
 from hexctl.control.drive.arbiter import Velocity
@@ -14,7 +14,7 @@ from hexctl.control.drive.drive import Drive
 from hexctl.control.drive.velocity_limits import VelocityLimits
 from hexctl.errors import EStopError, HexctlError, InputError
 from hexctl.gait.gait import NAMED_SLOTS, Gait
-from hexctl.robot.failure_event import in_words
+from hexctl.robot.failure import in_words
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import FloatArray, RobotState
@@ -24,9 +24,6 @@ REQUESTS = ("stop", "stand", "sit", "gait", "up", "down", "quit")
 
 #: How much higher or lower the body gets with one request, and how far, of the robot's size.
 RAISE_STEP, MOST_RAISE = 0.01, 0.1
-
-#: Requests that wait; of more the newest count. One is done in each tick, because some take long.
-MOST_REQUESTS = 16
 
 #: Ticks between two reports to devices and people.
 REPORT_TICKS = 5
@@ -132,7 +129,8 @@ class DriveSession:
         self.ended: str | None = None
         self.commanded = False
         self.said = ""
-        self._asked: deque[str] = deque(maxlen=MOST_REQUESTS)
+        self._asking = Lock()
+        self._asked: dict[str, None] = {}  # in their order
         self._quit: str | None = None
         self._noticed = 0
         self._travel = Travel()
@@ -141,21 +139,24 @@ class DriveSession:
     def ask(self, request: str, why: str = "") -> None:
         """Ask for one of `REQUESTS`, from any thread; each tick does one of them.
 
-        A stop is in force immediately, and requests from before it are dropped. Raises InputError for another
-        request.
+        A stop is in force immediately, and requests from before it are dropped. A request that waits is not
+        added again, so no client can crowd out the request of another. Raises InputError for another request.
         """
         if request not in REQUESTS:
             raise InputError(f"request: got {request!r}; allowed: {', '.join(REQUESTS)}")
         if request == "stop":
             self.drive.stop("stop button")  # in force for this tick already
-            self._asked.clear()
             if self._robot_stop is not None:
                 self._stop_sent = True
                 self._robot_stop.press()
+            with self._asking:
+                self._asked.clear()
+                self.drive.stop("stop button")  # a "stand" that was being done has cleared it
         elif request == "quit":
             self._quit = why or request
         else:
-            self._asked.append(request)
+            with self._asking:
+                self._asked.setdefault(request)
 
     def run(self, devices: Sequence[Device] = (), stop_requested: Callable[[], bool] = lambda: False) -> str:
         """Drive until a device asks to quit; why it has ended. The robot stands then.
@@ -207,11 +208,10 @@ class DriveSession:
 
     def _stands_again(self) -> bool:
         """Whether a device has asked to stand and the robot takes commands again."""
-        asked = set()
-        with suppress(IndexError):  # a stop drops what waits, from another thread
-            while True:
-                asked.add(self._asked.popleft())
-        if "stand" not in asked:
+        with self._asking:
+            asked = "stand" in self._asked
+            self._asked.clear()
+        if not asked:
             return False
         self._stop_sent = False
         try:
@@ -274,13 +274,15 @@ class DriveSession:
         self._noticed = len(noticed)
 
     def _do_requests(self) -> None:
-        """Do the oldest request that waits."""
+        """Do the oldest request that waits. One is done in each tick, because some take long."""
         self.ended = self.ended or self._quit
-        if self._asked:
-            try:
-                self._do(self._asked.popleft())
-            except IndexError:  # a stop has dropped it meanwhile
+        with self._asking:
+            request = next(iter(self._asked), None)
+            if request is None:
                 return
+            del self._asked[request]
+            try:
+                self._do(request)
             except HexctlError as error:
                 self.said = str(error)
 

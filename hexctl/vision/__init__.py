@@ -16,7 +16,7 @@ from hexctl.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from hexctl.vision.camera_lens import CameraLens
-    from hexctl.vision.camera_options import CameraOptions, LinkOptions
+    from hexctl.vision.camera_options import CameraOptions, LinkedRobotOptions
     from hexctl.vision.detection.camera import Camera
     from hexctl.vision.detection.floor import FloorTag
     from hexctl.vision.detection.lens import Lens, load_lens, save_lens
@@ -45,7 +45,7 @@ __all__ = [
     "CameraLens", "CalibratedLens",
     "CameraLatency", "TwistAhead", "LatencyTrial", "Latency",
     "TwinCamera", "TwinStarted", "TwinReport", "PlacedTag",
-    "CameraOptions", "LinkOptions",
+    "CameraOptions", "LinkedRobotOptions",
     # places and lenses
     "Place", "load_place", "save_place", "arena_of", "FloorTag", "RobotTag", "Camera",
     "Lens", "load_lens", "save_lens",
@@ -66,7 +66,7 @@ __getattr__ = lazy_names(
         "estimation.latency": "Latency",
         "twin.twin_camera": "TwinCamera TwinStarted TwinReport",
         "twin.rendering": "PlacedTag",
-        "camera_options": "CameraOptions LinkOptions",
+        "camera_options": "CameraOptions LinkedRobotOptions",
         "place": "Place load_place save_place arena_of",
         "detection.floor": "FloorTag",
         "detection.robot_tracker": "RobotTag",

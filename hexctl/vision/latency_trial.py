@@ -72,14 +72,13 @@ class TwistAhead:
     duration_s: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class CameraLatency(CameraOptions):
     """A measurement of how late the pictures of a camera come; the robot stands and twists its body once.
 
         CameraLatency(camera="0", connect="tcp/127.0.0.1:7447").run(stop_requested)
 
-    Camera and place are those of `CameraOptions`, the robot that of `LinkOptions`. The place has been learned
-    before; `latency_s` is stored in its file. A video file is refused.
+    The place has been learned before; `latency_s` is stored in its file. A video file is refused.
     """
 
     def run(

@@ -24,7 +24,7 @@ from hexctl.vision.detection.lens import Lens, load_lens
 from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.vision.detection.robot_tracker import RobotTag
 from hexctl.vision.detection.tags import HOME_TAG, TAG_IDS
-from hexctl.vision.sheet import BAR_MM
+from hexctl.vision.sheet import BAR_LENGTH_MM, BAR_MM
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -89,9 +89,6 @@ def arena_of(place: Place, robot: Robot) -> tuple[tuple[float, float], float]:
     return visible_circle(place.camera, height_m, place.robot_tag.edge_m)
 
 
-#: Lengths that the 100 mm bar may be measured as, in mm.
-BARS_MM = (50.0, 200.0)
-
 _Tag = Annotated[int, Field(ge=TAG_IDS[0], le=TAG_IDS[-1])]
 _EdgeMm = Annotated[Number, Field(ge=5, le=2000)]
 _Metres = Annotated[Number, Field(ge=-100, le=100)]
@@ -138,7 +135,7 @@ class _PlaceFile(_Strict):
 
     lens: str | None = None
     assumed_lens: _AssumedLensFile | None = None
-    bar_mm: Annotated[Number, Field(ge=BARS_MM[0], le=BARS_MM[1])] = BAR_MM
+    bar_mm: Annotated[Number, Field(ge=BAR_LENGTH_MM.low, le=BAR_LENGTH_MM.high)] = BAR_MM
     floor_tags: dict[_Tag, _FloorTagFile]
     robot_tag: _RobotTagFile
     camera: _CameraFile
@@ -146,10 +143,8 @@ class _PlaceFile(_Strict):
 
 
 def print_scale(bar_mm: float) -> float:
-    """Factor of all edges, by the measured length of the bar. Raises InputError outside of `BARS_MM`."""
-    low_mm, high_mm = BARS_MM
-    if not low_mm <= bar_mm <= high_mm:
-        raise InputError(f"{argument('bar_mm')}: got {bar_mm:g}; allowed: {low_mm:g} to {high_mm:g} mm")
+    """Factor of all edges, by the measured length of the bar. Raises InputError outside `BAR_LENGTH_MM`."""
+    BAR_LENGTH_MM.check(argument("bar_mm"), bar_mm)
     return bar_mm / BAR_MM
 
 

@@ -2,30 +2,28 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hexctl.errors import InputError, RobotFaultError, argument
+from hexctl.errors import InputError, RobotFaultError
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
-from hexctl.vision.camera_options import LATENCIES_MS, CameraOptions, never
+from hexctl.vision.camera_options import RobotCameraOptions, never
 from hexctl.vision.detection.camera import Camera, place_camera
 from hexctl.vision.detection.floor import averaged_corners
 from hexctl.vision.detection.lens import load_lens
 from hexctl.vision.detection.tags import Picture, SeenTag, TagFinder
 from hexctl.vision.estimation.pose_filter import PoseEstimate
-from hexctl.vision.place import Place, arena_of, load_place, print_scale, save_place, store_camera
+from hexctl.vision.place import Place, arena_of, load_place, save_place, store_camera
 from hexctl.vision.place_setup import PlaceSetup
 from hexctl.vision.pose_stream import CameraReport, CameraStatus, PoseOutputs, PoseStream
 from hexctl.vision.pose_table import PoseTable
 from hexctl.vision.robot_link import robot_link
-from hexctl.vision.sheet import Sheet
 from hexctl.vision.video.mjpeg import MjpegServer
 from hexctl.vision.video.video_source import VideoSource
 from hexctl.vision.video.video_writer import VideoWriter
@@ -68,64 +66,15 @@ class CameraStarted:
     page_url: str | None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RobotCamera(CameraOptions):
+@dataclass(frozen=True, kw_only=True)
+class RobotCamera(RobotCameraOptions):
     """A camera over the floor that tells a robot where it is: options, checked when they are given.
 
         RobotCamera(camera="0", connect="tcp/127.0.0.1:7447").run(stop_requested)
 
-    Camera and place are those of `CameraOptions`, the robot that of `LinkOptions`. The file of the place is
-    made by looking where it does not exist. Lens, `fov_deg`, sheet and `tag_height_mm` describe a place that
-    is learned, and must agree with one that is known; None is what the place has, or the usual.
-
-    Attributes:
-        relearn: whether the tags on the floor are learned again, in place of those of the file.
-        lens: calibration of the lens (`load_lens`); one without distortion unless given.
-        fov_deg: from the left to the right edge, of a lens without distortion; 67 unless given.
-        bar_mm: length of the sheet's bar as printed; None for that of the place, or 100. A known place
-            becomes larger or smaller by it.
-        sheet: as it was printed: numbers and edges of the tags, or those of them that are given, such as
-            `{"robot_tag": 11}`; the others are those of the place, or of `Sheet()`.
-        tag_height_mm: of the robot's tag above the origin of its base; the top of its trunk unless given.
-        latency_ms: age of a picture when it comes; None for that of the place, or 80.
-        linked: whether a robot is told where it is; without, legs and height are those of the robot file that
-            `robot` names (`ant` unless given).
-        output: new video file of what was seen (.mp4 or .avi), or None.
-        poses: new CSV file with the pose of each picture, or None.
-        page_port: port of this computer for a page that shows what it sees, 0 for any; None for no page.
+    The file of the place is made by looking if it does not exist. What describes a place that is learned must
+    agree with one that is known.
     """
-
-    relearn: bool = False
-    lens: str | Path | None = None
-    fov_deg: float | None = None
-    bar_mm: float | None = None
-    sheet: Sheet | Mapping[str, Any] | None = None
-    tag_height_mm: float | None = None
-    latency_ms: float | None = None
-    linked: bool = True
-    output: str | Path | None = None
-    poses: str | Path | None = None
-    page_port: int | None = None
-
-    def __post_init__(self) -> None:
-        CameraOptions.__post_init__(self)
-        if self.bar_mm is not None:
-            print_scale(self.bar_mm)
-        if isinstance(self.sheet, Mapping):
-            _check_printed(self.sheet)
-        low_ms, high_ms = LATENCIES_MS
-        if self.latency_ms is not None and not low_ms <= self.latency_ms <= high_ms:
-            raise InputError(
-                f"{argument('latency_ms')}: got {self.latency_ms:g}; allowed: {low_ms:g} to {high_ms:g} ms"
-            )
-        for name in ("output", "poses"):
-            path = getattr(self, name)
-            if path is not None and Path(path).exists():
-                raise InputError(f"{argument(name)}: {path} exists; allowed: a new file, nothing is replaced")
-        for name in ("output", "poses", "place"):
-            path = getattr(self, name)
-            if path is not None and not Path(path).parent.is_dir():
-                raise InputError(f"{argument(name)}: got {path}; allowed: a folder that is there")
 
     def run(
         self,
@@ -151,12 +100,12 @@ class RobotCamera(CameraOptions):
         before = self._before()
         with ExitStack() as opened:
             video = opened.enter_context(self.open_video(on_event))
-            linked = opened.enter_context(robot_link(self.load_link(), self.robot)) if self.linked else None
+            linked = None if self.no_link else opened.enter_context(robot_link(self.load_link(), self.robot))
             robot = load_robot(self.robot or "ant") if linked is None else linked.robot
             writer = None if self.output is None else opened.enter_context(VideoWriter(Path(self.output)))
             page = None
-            if self.page_port is not None:
-                page = opened.enter_context(MjpegServer(self.page_port, option="page_port"))
+            if (address := self.page_address) is not None:
+                page = opened.enter_context(MjpegServer(address.port, host=address.host, option="page"))
             finder = TagFinder()
             found = self._found(before, video, robot, finder, stop_requested)
             if found is None:
@@ -218,17 +167,8 @@ class RobotCamera(CameraOptions):
     def _setup(self) -> PlaceSetup:
         return PlaceSetup(
             lens=None if self.lens is None else Path(self.lens), fov_deg=self.fov_deg, bar_mm=self.bar_mm,
-            sheet=self.sheet, tag_height_mm=self.tag_height_mm,
+            sheet=self.printed, tag_height_mm=self.tag_height_mm,
         )  # fmt: skip
-
-
-def _check_printed(printed: Mapping[str, Any]) -> None:
-    """Raise InputError for what no sheet has, or none can have."""
-    names = [each.name for each in fields(Sheet)]
-    for name in printed:
-        if name not in names:
-            raise InputError(f"{argument('sheet')}: got {name}; allowed: {', '.join(names)}")
-    Sheet(**printed)
 
 
 def seen_place(

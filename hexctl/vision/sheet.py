@@ -4,12 +4,13 @@ import io
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from hexctl.errors import InputError, argument
 from hexctl.files import atomic_write
+from hexctl.options import Range, check_fields
 from hexctl.vision.detection.calibration_board import SQUARE_M, SQUARES, black_squares
 from hexctl.vision.detection.tags import FAMILY, HOME_TAG, MODULES, TAG_IDS, tag_modules
 
@@ -32,34 +33,41 @@ _MM = 72 / 25.4
 Rectangle = tuple[float, float, float, float]
 
 
+#: Lengths of the bar as printed that are plausible, numbers of tags and their edges.
+BAR_LENGTH_MM = Range(low=50, high=200, unit="mm")
+TAG = Range(low=TAG_IDS[0], high=TAG_IDS[-1], whole=True)
+EDGE_MM = Range(low=20, high=200, unit="mm")
+FLOOR_TAGS = Range(low=0, high=20, whole=True)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sheet:
     """What is printed.
-
-    Attributes:
-        paper: a4 or letter.
-        robot_tag: number of the robot's tag.
-        robot_edge_mm: edge of its black square.
-        home_edge_mm: edge of the tag whose middle is the origin of the floor; its number is `HOME_TAG`.
-        floor_tags: how many further tags lie on the floor; their numbers follow.
-        floor_edge_mm: edge of these.
 
     Raises InputError for numbers that are not of the family or twice, and for tags larger than the paper.
     """
 
     paper: Paper = "a4"
-    robot_tag: int = 10
-    robot_edge_mm: float = 100.0
-    home_edge_mm: float = 110.0
-    floor_tags: int = 3
-    floor_edge_mm: float = 160.0
+    """Paper: a4 or letter."""
+
+    robot_tag: Annotated[int, TAG] = 10
+    """Number of the robot's tag, a whole number, {}, and none of the floor's."""
+
+    robot_edge_mm: Annotated[float, EDGE_MM] = 100.0
+    """Edge of the robot's tag in millimetres, {}."""
+
+    home_edge_mm: Annotated[float, EDGE_MM] = 110.0
+    """Edge of the floor's tag 0 in millimetres, {}. Its middle is the origin of the floor."""
+
+    floor_tags: Annotated[int, FLOOR_TAGS] = 3
+    """Further tags on the floor, numbered from 1, a whole number, {}."""
+
+    floor_edge_mm: Annotated[float, EDGE_MM] = 160.0
+    """Edge of further tags in millimetres, {}."""
 
     def __post_init__(self) -> None:
-        if self.paper not in get_args(Paper):
-            raise InputError(f"{argument('paper')}: got {self.paper}; allowed: {', '.join(get_args(Paper))}")
-        if not 0 <= self.floor_tags <= 20:
-            raise InputError(f"{argument('floor_tags')}: got {self.floor_tags}; allowed: 0 to 20")
-        if self.robot_tag not in TAG_IDS or self.robot_tag <= self.floor_tags:
+        check_fields(self)
+        if self.robot_tag <= self.floor_tags:
             raise InputError(
                 f"{argument('robot_tag')}: got {self.robot_tag}; "
                 f"allowed: {self.floor_tags + 1} to {TAG_IDS[-1]}, which is no tag of the floor"
@@ -70,9 +78,10 @@ class Sheet:
             ("floor_edge_mm", 2 * _STRIP_MM),
         ):
             edge_mm, most_mm = getattr(self, name), self._most_edge_mm(strips_mm)
-            if not 20 <= edge_mm <= most_mm:
+            if edge_mm > most_mm:
                 raise InputError(
-                    f"{argument(name)}: got {edge_mm:g}; allowed: 20 to {most_mm:.0f} mm on {self.paper}"
+                    f"{argument(name)}: got {edge_mm:g}; allowed: {EDGE_MM.low} to {most_mm:.0f} mm on "
+                    f"{self.paper}"
                 )
 
     def _most_edge_mm(self, strips_mm: float) -> float:

@@ -4,9 +4,11 @@ import ipaddress
 import os
 import secrets
 import socket
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Annotated
 
 from cryptography import x509
 from cryptography.exceptions import InvalidSignature
@@ -23,6 +25,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from hexctl.errors import InputError, argument
 from hexctl.files import atomic_write, is_file, read_file, read_secret
+from hexctl.options import Range, Typed
 from hexctl.scratch import scratch_folder
 from hexctl.wire.links import Role
 from hexctl.wire.stop_secret import write_stop_secret
@@ -125,7 +128,7 @@ def _private_key(path: Path, allowed: str) -> PrivateKeyTypes:
 AUTHORITY_FOLDER = "authority"
 AUTHORITY_NAME = "hexctl authority"
 
-MIN_DAYS, MAX_DAYS = 1, 3650
+DAYS = Range(low=1, high=3650, whole=True)
 
 #: Start of validity before now: a robot's computer without a clock battery boots in the past.
 HEAD_START = timedelta(days=1)
@@ -141,6 +144,19 @@ class _Issuer:
 
     certificate: x509.Certificate
     key: Key
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CertificateOptions:
+    """For which hosts certificates are, and how long they are valid."""
+
+    hosts: Annotated[Sequence[str], Typed(flag="host")] = ()
+    """Name or address under which clients reach the robot, repeatable. (default: this computer's name;
+    loopback is always in)
+    """
+
+    days: Annotated[int, DAYS] = 825
+    """Days that the certificates are valid, {}."""
 
 
 def make_certificates(folder: Path, *, hosts: list[str], days: int) -> None:
@@ -174,7 +190,7 @@ def make_certificates(folder: Path, *, hosts: list[str], days: int) -> None:
         raise InputError(f"{folder}: cannot be made ({error.strerror}); allowed: a new folder") from error
 
 
-def hosts_of_this_computer(hosts: list[str]) -> list[str]:
+def hosts_of_this_computer(hosts: Sequence[str]) -> list[str]:
     """Hosts for a robot's certificate: those given, or this computer's name, and always loopback."""
     wanted = hosts or [socket.gethostname()]
     return [*wanted, *(host for host in LOOPBACK if host not in wanted)]
@@ -257,8 +273,7 @@ def hosts_of(certificate: x509.Certificate) -> list[x509.GeneralName]:
 
 
 def _check_days(days: int) -> None:
-    if not MIN_DAYS <= days <= MAX_DAYS:
-        raise InputError(f"{argument('days')}: got {days}; allowed: {MIN_DAYS} to {MAX_DAYS}")
+    DAYS.check(argument("days"), days)
 
 
 def _load_key(path: Path) -> Key:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from hexctl.errors import InputError, argument
 from hexctl.options import RARE, Typed
@@ -270,6 +270,8 @@ def link_of(*, connect: str | None, credentials: Path | None, insecure: bool, li
 class LinkOptions:
     """Where a robot on the network is, and by which certificates it is reached."""
 
+    PANEL: ClassVar = "Connection"
+
     connect: str | None = None
     """Where hexctl serve listens, such as tcp/HOST:7447 or tls/HOST:7447. (default: tcp/127.0.0.1:7447)"""
 
@@ -282,4 +284,14 @@ class LinkOptions:
     link: Annotated[str | None, RARE] = None
     """YAML file that says where a robot is, its certificates and the names of its messages
     (docs/protocol.md). (default: none)
+    """
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WatchOptions(LinkOptions):
+    """Which robot on the network is watched in place of recordings."""
+
+    connect: str | None = None
+    """Watch the robot behind this hexctl serve, such as tcp/127.0.0.1:7447, without commanding it. (default:
+    none, recordings are shown)
     """

@@ -127,8 +127,7 @@ def test_one_call_searches_in_simulation(capsys: pytest.CaptureFixture[str]) -> 
 def test_what_an_unknown_failure_breaks_is_noted_and_not_told() -> None:
     notes: list[str] = []
     result = adapt(
-        5,
-        failure="unknown",
+        failure="5:unknown",
         seed=1,
         budget=1,
         duration_s=1.0,

@@ -35,7 +35,7 @@ def test_a_session_stores_which_walks_were_measured(tmp_path: Path) -> None:
     """The value of the flat world was printed in every world as if it were its own."""
     notes: list[str] = []
     assert spec_of(tmp_path, notes).uncertainty_caveat == ""
-    limp = spec_of(tmp_path, notes, world="slope", failure="limp")
+    limp = spec_of(tmp_path, notes, world="slope", failure="5:limp")
     assert limp.uncertainty_caveat == "measured with locked legs on the flat world"
     assert limp.uncertainty_m == spec_of(tmp_path, notes).uncertainty_m
     keep_uncertainty(shipped(), load_world("slope"), replace(FOUND, duration_s=30.0), folder=tmp_path)

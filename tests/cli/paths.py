@@ -42,7 +42,7 @@ PATH_LINES = (
     "serve --world {}.yaml",
     "serve --backend mock --link {}.yaml",
     "serve --backend mavlink --device-keys {}",
-    "serve --backend feetech --device {}",
+    "serve --backend feetech --connect {}",
     "serve --backend mock --keys {} --listen tls/127.0.0.1:9",
     f"status --keys {{}} {TLS}",
     "status --link {}.yaml",

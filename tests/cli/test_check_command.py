@@ -242,7 +242,7 @@ def test_the_simulations_own_uncertainty_is_measured_and_kept(
 
 def test_where_and_how_long_belong_to_the_measurement(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code(["check", "ant", "--duration", "5"]) == 2
-    assert "--duration: got 5.0; allowed: with --physics" in capsys.readouterr().err
+    assert "--duration: got 5; allowed: with --physics" in capsys.readouterr().err
     assert exit_code(["check", "ant", "--world", "flat"]) == 2
     assert "--world: got flat; allowed: with --physics" in capsys.readouterr().err
 

@@ -132,13 +132,13 @@ REFUSED = [
     (["run", "--amplitude", "0.6"], ["leg 1", "allowed"]),
     (["run", "--height", "-1"], ["height", "-1", "allowed"]),
     (["run", "--failed-leg", "7"], ["--failed-leg", "7", "1..6"]),
-    (["run", "--failure", "limp"], ["--failure", "limp", "--failed-leg"]),
+    (["run", "--failure", "limp"], ["--failure", "limp", "5:limp"]),
     (
-        ["run", "--failed-leg", "1", "--failure", "sad"],
+        ["run", "--failure", "1:sad"],
         ["failure", "sad", "locked, limp[:JOINT], missing"],
     ),
-    (["run", "--failed-leg", "1", "--failure", "stuck:knee:3"], ["knee", "coxa, femur, tibia"]),
-    (["run", "--failed-leg", "1", "--failure", "weak:2"], ["weak", "2", "0..1"]),
+    (["run", "--failure", "1:stuck:knee:3"], ["knee", "coxa, femur, tibia"]),
+    (["run", "--failure", "1:weak:2"], ["weak", "2", "0..1"]),
     (["run", "--self-rotation", "up"], ["self-rotation", "up", "rear, front, none"]),
     (
         ["run", "--backend", "warp"],
@@ -374,7 +374,7 @@ def test_a_path_that_no_system_has_is_refused_in_one_line(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     # A port that is not there is a fault of the robot.
-    fault = "--connect {}" in line or "--device {}" in line
+    fault = "--connect {}" in line or "--connect {}" in line
     assert exit_code([word.format(path) for word in line.split()]) == (3 if fault else 2)
     printed = capsys.readouterr()
     assert printed.out == ""
@@ -421,7 +421,7 @@ def test_a_full_disk_is_a_fault_whatever_was_to_be_written(
     ("arguments", "proposed"),
     [(["run", "--robot", "phantom"], "phantomx"), (["run", "--world", "slipery"], "slippery"),
      (["run", "--backend", "dynamixl"], "dynamixel"), (["run", "--gait", "Tripot"], "tripod"),
-     (["run", "--failed-leg", "5", "--failure", "mising"], "missing")],
+     (["run", "--failure", "5:mising"], "missing")],
 )  # fmt: skip
 def test_a_name_that_is_near_is_proposed(
     arguments: list[str], proposed: str, capsys: pytest.CaptureFixture[str]

@@ -67,16 +67,16 @@ def test_without_a_file_nothing_is_set() -> None:
 def test_options_of_a_command_are_parsed_as_if_typed() -> None:
     write(
         "[run]\nduration = 20\nrealtime = true\nthen = ['wave@10', 'tripod@15']\nfailed-leg = 5\n"
-        "gait = [5, 1, 2, 4, 3, 6]\nfailure = 'weak:0.5'\n[prior.build]\nworlds = 50\n[see]\nfps = 10\n"
+        "gait = [5, 1, 2, 4, 3, 6]\nfailure = '5:weak:0.5'\n[prior.build]\nworlds = 50\n[see]\nfps = 10\n"
         "[see.twin]\nsize = '640x480'\n"
     )
     assert defaults("run") == {
         "duration": 20.0,
         "realtime": True,
         "then": ["wave@10", "tripod@15"],
-        "failed_leg": (5,),
+        "failed_leg": "5",
         "gait": "5,1,2,4,3,6",
-        "failure": "weak:0.5",
+        "failure": ["5:weak:0.5"],
     }
     assert defaults("prior", "build") == {"worlds": 50}
     assert defaults("see", "--camera", "0") == {"fps": 10.0}
@@ -95,15 +95,15 @@ def test_options_of_a_command_may_stand_beside_a_setting_of_its_name() -> None:
 
 
 def test_what_is_typed_comes_first_then_variables(monkeypatch: pytest.MonkeyPatch) -> None:
-    write("robot = 'pexod'\n[run]\nduration = 20\nseed = 3\nfail = ['5:locked@8']\n")
+    write("robot = 'pexod'\n[run]\nduration = 20\nseed = 3\nfailure = ['5:locked@8']\n")
     monkeypatch.setenv("HEXCTL_RUN_DURATION", "10")
     monkeypatch.setenv("HEXCTL_RUN_REALTIME", "yes")
-    monkeypatch.setenv("HEXCTL_RUN_FAIL", "2:limp@1 3:limp@2")
+    monkeypatch.setenv("HEXCTL_RUN_FAILURE", "2:limp@1 3:limp@2")
     assert defaults("run", "--seed", "4") == {
         "robot": "pexod",
         "duration": 10.0,
         "realtime": True,
-        "fail": ["2:limp@1", "3:limp@2"],
+        "failure": ["2:limp@1", "3:limp@2"],
     }
     assert "duration" not in defaults("run", "--duration", "5")
     monkeypatch.setenv("HEXCTL_ROBOT", "lukas")
@@ -112,7 +112,7 @@ def test_what_is_typed_comes_first_then_variables(monkeypatch: pytest.MonkeyPatc
 
 ON_NETWORK = 'backend = "zenoh"\nconnect = "tls/robot.local:7447"\nkeys = "keys"\n'
 LINKED = {"connect": "tls/robot.local:7447", "keys": Path("keys")}
-ON_PORT = 'backend = "dynamixel"\ndevice = "/dev/ttyUSB0:1000000"\nlisten = "tls/0.0.0.0:7447"\nkeys = "k"\n'
+ON_PORT = 'backend = "dynamixel"\nconnect = "/dev/ttyUSB0:1000000"\nlisten = "tls/0.0.0.0:7447"\nkeys = "k"\n'
 
 
 @pytest.mark.parametrize(
@@ -140,7 +140,7 @@ ON_PORT = 'backend = "dynamixel"\ndevice = "/dev/ttyUSB0:1000000"\nlisten = "tls
             "serve",
             {
                 "backend": "dynamixel",
-                "device": "/dev/ttyUSB0:1000000",
+                "connect": "/dev/ttyUSB0:1000000",
                 "listen": "tls/0.0.0.0:7447",
                 "keys": Path("k"),
             },
@@ -148,14 +148,18 @@ ON_PORT = 'backend = "dynamixel"\ndevice = "/dev/ttyUSB0:1000000"\nlisten = "tls
         (ON_PORT, "serve --backend sim", {"listen": "tls/0.0.0.0:7447", "keys": Path("k")}),
         (ON_PORT, "run", {"backend": "dynamixel", "connect": "/dev/ttyUSB0:1000000"}),
         (ON_PORT, "calibrate my.yaml", {"connect": "/dev/ttyUSB0:1000000"}),
-        (ON_PORT, "servos scan", {"port": "/dev/ttyUSB0:1000000"}),
-        (ON_PORT, "servos scan --robot my.yaml", {"port": "/dev/ttyUSB0:1000000"}),
-        (ON_PORT, "servos set-id 3", {"port": "/dev/ttyUSB0:1000000"}),
-        (ON_PORT, "servos adopt --robot my.yaml --port /dev/ttyUSB1", {}),
-        ('device = "/dev/ttyUSB0"\n', "servos test 3", {"port": "/dev/ttyUSB0"}),
-        ('device = "/dev/i2c-1"\nbackend = "pca9685"\n', "servos identify", {}),
-        ('device = "udpin:127.0.0.1:14550"\nbackend = "mavlink"\n', "servos scan", {}),
+        (ON_PORT, "servos scan", {"connect": "/dev/ttyUSB0:1000000"}),
+        (ON_PORT, "servos scan --robot my.yaml", {"connect": "/dev/ttyUSB0:1000000"}),
+        (ON_PORT, "servos set-id 3", {"connect": "/dev/ttyUSB0:1000000"}),
+        (ON_PORT, "servos adopt --robot my.yaml --connect /dev/ttyUSB1", {}),
+        ('connect = "/dev/ttyUSB0"\n', "servos test 3", {"connect": "/dev/ttyUSB0"}),
+        ('connect = "/dev/i2c-1"\nbackend = "pca9685"\n', "servos identify", {}),
+        ('connect = "udpin:127.0.0.1:14550"\nbackend = "mavlink"\n', "servos scan", {}),
         (ON_PORT, "board", {}),
+        (ON_PORT, "status", {}),
+        (ON_PORT, "estop", {}),
+        (ON_NETWORK, "servos scan", {}),
+        (ON_NETWORK, "calibrate my.yaml", {}),
         ('world = "rough"\n', "run", {"world": "rough"}),
         ('world = "rough"\n', "run --backend mock", {}),
         ('world = "rough"\n', "check", {}),

@@ -7,9 +7,7 @@ from typing import Any
 import pytest
 import typer
 
-from hexctl.cli.options.robot import RobotOption, SeedOption
-from hexctl.cli.values import given, refuse_given, with_values
-from hexctl.errors import InputError
+from hexctl.cli.values import given, with_values
 from hexctl.options import Range
 
 
@@ -47,7 +45,7 @@ def test_what_was_typed_is_told_from_defaults() -> None:
     probe = typer.Typer()
 
     @probe.command()
-    def command(context: typer.Context, robot: RobotOption = "ant", seed: SeedOption = 0) -> None:
+    def command(context: typer.Context, robot: str = "ant", seed: int = 0) -> None:
         seen.update(given(context), values=(robot, seed))
 
     probe(["--seed", "0"], standalone_mode=False)
@@ -56,18 +54,3 @@ def test_what_was_typed_is_told_from_defaults() -> None:
 
 def test_options_without_a_value_are_left_to_the_library() -> None:
     assert with_values(seed=0, ask=False, name=None) == {"seed": 0, "ask": False}
-
-
-@pytest.mark.parametrize(
-    ("value", "line"),
-    [
-        (2.0, "--world: got 2.0; allowed: with --physics"),
-        (0, "--world: got 0; allowed: with --physics"),
-        (True, "--world: allowed: only with --physics"),
-    ],
-)
-def test_an_option_that_has_no_use_is_refused_with_where_it_has_one(value: object, line: str) -> None:
-    refuse_given({"--world": None}, "with --physics")
-    with pytest.raises(InputError) as refused:
-        refuse_given({"--gait": None, "--world": value}, "with --physics")
-    assert str(refused.value) == line

@@ -53,7 +53,8 @@ PARSED = {
     ("study", "--recovery"): "walks for hours; tests/cli/study/test_study_command.py has a small one",
     ("study", "--matrix"): "simulates for hours; tests/study has a small one",
     ("prior", "build"): "walks 120 gaits a world, for minutes; tests/cli/study/test_prior_command.py has it",
-    ("run", "--fail"): "fails later than a shortened walk ends; tests/cli/walk/test_run_command.py has one",
+    ("run", "2:limp@8"): "fails later than a shortened walk ends; tests/cli/walk/test_run_command.py has one",
+    ("run", "5:locked@8"): "the same",
     (
         "run",
         "--then",
@@ -199,7 +200,7 @@ class Shell:
         if "mavlink" in arguments:
             arguments += ["--connect", self._board]
         if arguments[0] == "servos":
-            arguments[arguments.index("--port") + 1] = self._board
+            arguments[arguments.index("--connect") + 1] = self._board
         on_bus = bool(ON_A_PORT & set(arguments)) and "--connect" in arguments
         if on_bus:
             arguments[arguments.index("--connect") + 1] = self._board
@@ -223,10 +224,10 @@ class Shell:
         self._programs.close()
         real = ({"mavlink"} | ON_A_PORT) & set(arguments)
         if real & ON_A_PORT and self._board:
-            arguments[arguments.index("--device") + 1] = self._board
+            arguments[arguments.index("--connect") + 1] = self._board
         elif real:
             arguments[arguments.index(real.pop())] = "sim"
-            at = arguments.index("--device")
+            at = arguments.index("--connect")
             del arguments[at : at + 2]
         listen = arguments[arguments.index("--listen") + 1] if "--listen" in arguments else "tcp/"
         endpoint = f"{listen.partition('/')[0]}/127.0.0.1:{free_port()}"

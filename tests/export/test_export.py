@@ -11,7 +11,8 @@ import pytest
 import hexctl
 from hexctl.adapt.adaptation import adapt
 from hexctl.errors import HexctlError, InputError
-from hexctl.export.export import ENDINGS, FORMATS, SUFFIXES, export
+from hexctl.export.export import ENDINGS, SUFFIXES, export
+from hexctl.export.export_options import FORMATS, Format
 from hexctl.robot.formats.urdf import urdf_of
 from tests.recording.conftest import damage
 from tests.robots import edited_file, put, shipped
@@ -78,7 +79,7 @@ def session(tmp_path_factory: Any) -> tuple[str, Path]:
 
 @pytest.mark.parametrize("kind", ["mcap", "lerobot"])
 def test_a_session_is_exported_without_what_it_has_lost(
-    kind: str, session: tuple[str, Path], tmp_path: Path
+    kind: Format, session: tuple[str, Path], tmp_path: Path
 ) -> None:
     name, folder = session
     told: list[InputError] = []

@@ -10,7 +10,8 @@ import pytest
 from PIL import Image, ImageSequence
 
 from hexctl.errors import InputError
-from hexctl.export.pictures import PictureOptions, write_pictures
+from hexctl.export.export_options import PictureOptions
+from hexctl.export.pictures import write_pictures
 from hexctl.export.render import NoRendererError, open_context
 from hexctl.recording.recorded_trial import LEG_CONDITIONS, RecordedTrial
 

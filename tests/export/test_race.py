@@ -11,7 +11,8 @@ import pytest
 from PIL import Image
 
 from hexctl.export.captions import FLASH_S
-from hexctl.export.pictures import PictureOptions, write_pictures
+from hexctl.export.export_options import PictureOptions
+from hexctl.export.pictures import write_pictures
 from hexctl.export.race import CHEER_S, FAILED_BADGE, WON_BADGE, RaceRenderer
 from hexctl.export.render import NoRendererError, open_context
 from hexctl.recording.recorded_trial import RecordedEvent, RecordedTrial

@@ -91,7 +91,7 @@ def test_a_code_out_of_range_is_refused_with_the_range(
     "slots", [(1, 1, 2, 3, 4, 5), (1, 2, 3, 4, 5), (0, 1, 2, 3, 4, 5), (1, 2, 3, 4, 5, 6, 6), ()]
 )
 def test_slots_that_are_no_permutation_are_refused(slots: Slots) -> None:
-    with pytest.raises(InputError, match=r"slots: got .*a permutation of 1,2,3,4,5,6"):
+    with pytest.raises(InputError, match=r"gait: got .*a permutation of 1,2,3,4,5,6"):
         code_from_slots(slots)
 
 

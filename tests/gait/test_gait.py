@@ -28,14 +28,14 @@ GOOD = {"slots": (1, 4, 2, 6, 3, 5), "pace_hz": 0.9, "amplitude": 0.11, "height"
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"slots": (1, 2, 3)}, "slots.*six numbers, each 1..6"),
-        ({"slots": (0, 1, 2, 3, 4, 5)}, "slots.*each 1..6"),
-        ({"slots": (1, 2, 3, 4, 5, 7)}, "slots.*each 1..6"),
-        ({"pace_hz": 0}, "pace: got 0; allowed: above 0 up to 10 Hz"),
-        ({"pace_hz": -0.5}, "pace: got -0.5"),
-        ({"pace_hz": math.nan}, "pace: got nan"),
-        ({"pace_hz": math.inf}, "pace: got inf"),
-        ({"pace_hz": 11}, "pace: got 11"),
+        ({"slots": (1, 2, 3)}, "gait.*six numbers, each 1..6"),
+        ({"slots": (0, 1, 2, 3, 4, 5)}, "gait.*each 1..6"),
+        ({"slots": (1, 2, 3, 4, 5, 7)}, "gait.*each 1..6"),
+        ({"pace_hz": 0}, "pace_hz: got 0; allowed: above 0 up to 10 Hz"),
+        ({"pace_hz": -0.5}, "pace_hz: got -0.5"),
+        ({"pace_hz": math.nan}, "pace_hz: got nan"),
+        ({"pace_hz": math.inf}, "pace_hz: got inf"),
+        ({"pace_hz": 11}, "pace_hz: got 11"),
         ({"amplitude": 0}, "amplitude: got 0; allowed: above 0 up to 1 of the robot's size"),
         ({"amplitude": 1.1}, "amplitude: got 1.1"),
         ({"amplitude": math.nan}, "amplitude: got nan"),
@@ -150,13 +150,13 @@ def test_a_gait_is_read_from_a_name_a_code_or_slots(text: str, failed: tuple[int
         ("gallop", (5,), r"a code 1\.\.120"),
         ("", (), r"gait: got ''"),
         ("1.5", (), r"gait: got '1.5'"),
-        ("0", (), r"gait code: got 0; allowed: 1\.\.720"),
-        ("721", (), r"gait code: got 721; allowed: 1\.\.720"),
-        ("121", (5,), r"gait code: got 121; allowed: 1\.\.120 with failed leg 5"),
-        ("-3", (), r"gait code: got -3"),
-        ("1,2,3,4,5", (), r"slots: got 1,2,3,4,5; allowed: a permutation"),
-        ("1,2,3,4,5,5", (), r"slots: got 1,2,3,4,5,5; allowed: a permutation"),
-        ("1,2,3,4,5,x", (), r"slots: got '1,2,3,4,5,x'; allowed: six whole numbers"),
+        ("0", (), r"gait: got 0; allowed: 1\.\.720"),
+        ("721", (), r"gait: got 721; allowed: 1\.\.720"),
+        ("121", (5,), r"gait: got 121; allowed: 1\.\.120 with failed leg 5"),
+        ("-3", (), r"gait: got -3"),
+        ("1,2,3,4,5", (), r"gait: got 1,2,3,4,5; allowed: a permutation"),
+        ("1,2,3,4,5,5", (), r"gait: got 1,2,3,4,5,5; allowed: a permutation"),
+        ("1,2,3,4,5,x", (), r"gait: got '1,2,3,4,5,x'; allowed: six whole numbers"),
         ("1,2,3,4,5,", (), r"six whole numbers"),
         ("tripod\n1", (), r"gait: got 'tripod\\n1'"),
     ],
@@ -190,9 +190,9 @@ def test_slots_are_taken_from_any_sequence_of_whole_numbers() -> None:
         (lambda: make_gait(shipped(), None), r"gait: got None .*allowed: demo, tripod"),  # type: ignore[arg-type]
         (lambda: make_gait(shipped(), 57.0), r"gait: got 57.0 \(float\); allowed: demo, tripod"),  # type: ignore[arg-type]
         (lambda: make_gait(shipped(), "57", failed_legs=5), r"failed legs: got 5 \(int\)"),  # type: ignore[arg-type]
-        (lambda: make_gait(shipped(), "57", pace_hz="0.9"), r"pace: got '0.9' \(str\)"),  # type: ignore[arg-type]
-        (lambda: Gait(**{**GOOD, "slots": "tripod"}), "slots: got 'tripod' .*allowed: 6 whole numbers"),  # type: ignore[arg-type]
-        (lambda: Gait(**{**GOOD, "slots": 57}), "slots: got 57 .*allowed: 6 whole numbers"),  # type: ignore[arg-type]
+        (lambda: make_gait(shipped(), "57", pace_hz="0.9"), r"pace_hz: got '0.9' \(str\)"),  # type: ignore[arg-type]
+        (lambda: Gait(**{**GOOD, "slots": "tripod"}), "gait: got 'tripod' .*allowed: 6 whole numbers"),  # type: ignore[arg-type]
+        (lambda: Gait(**{**GOOD, "slots": 57}), "gait: got 57 .*allowed: 6 whole numbers"),  # type: ignore[arg-type]
         (lambda: Gait(**{**GOOD, "height": None}), "height: got None .*allowed: a number, above 0 up to 1"),  # type: ignore[arg-type]
         (lambda: Motion(heading_rad="0"), "motion.heading_rad: got '0' .*allowed: a number"),  # type: ignore[arg-type]
         (lambda: Motion(travel=True), "motion.travel: got True .*allowed: a number"),

@@ -10,7 +10,6 @@ import numpy as np
 from hexctl.control.log import COLUMNS, TickLog
 from hexctl.recording import live_feed
 from hexctl.recording.live import rows_of
-from hexctl.robot.failure_event import parse_failure_event
 from hexctl.runs.run import run
 
 
@@ -24,8 +23,7 @@ def test_what_is_sent_arrives_up_to_where_it_was_cut_off() -> None:
 
 
 def test_rows_that_cross_the_pipe_are_the_rows_of_the_log() -> None:
-    events = [parse_failure_event("2:limp@2.5")]
-    log = run(gait="tripod", duration_s=3.5, events=events, policy="glide", record=False).log
+    log = run(gait="tripod", duration_s=3.5, failure="2:limp@2.5", policy="glide", record=False).log
     other = TickLog()
     for start in range(0, len(log), 7):
         sent = pickle.dumps(rows_of(log, start, min(start + 7, len(log))))

@@ -14,7 +14,6 @@ from hexctl.control.row_store import ServoRows
 from hexctl.errors import InputError
 from hexctl.recording.recorded_trial import LEG_CONDITIONS, RecordedTrial, read_trial
 from hexctl.recording.recording import Recording
-from hexctl.robot.failure_event import parse_failure_event, parse_healing
 from hexctl.robot.loader import load_robot
 from hexctl.runs.run import run
 from hexctl.types import N_JOINTS, ServoReadings
@@ -83,15 +82,15 @@ def conditions(trial: RecordedTrial, leg: int) -> list[tuple[int, str]]:
 def test_legs_that_failed_before_the_walk(read: RecordedTrial, tmp_path: Path) -> None:
     assert [conditions(read, leg) for leg in (4, 5)] == [[(0, "whole")], [(0, "failed")]]
     path = tmp_path / "two.rrd"
-    run(failed_leg=(3, 6), failure="missing,limp", gait="auto", duration_s=1.0, record=path)
+    run(failure="3:missing,6:limp", gait="auto", duration_s=1.0, record=path)
     two = read_trial(path)
     assert [conditions(two, leg) for leg in (2, 3, 6)] == [[(0, "whole")], [(0, "missing")], [(0, "failed")]]
 
 
 def test_legs_that_fail_are_noticed_and_heal_in_a_walk(tmp_path: Path) -> None:
     path = tmp_path / "healed.rrd"
-    events = [parse_failure_event("5:locked@1"), parse_healing("5@2.5")]
-    result = run(gait="tripod", events=events, policy="walk-on", duration_s=3.5, record=path)
+    failing: dict[str, Any] = {"failure": "5:locked@1", "heal": ["5@2.5"], "policy": "walk-on"}
+    result = run(gait="tripod", duration_s=3.5, record=path, **failing)
     (noticed,) = result.trial.noticed
     assert noticed.at_s < 2.5
     read = read_trial(path)

@@ -9,7 +9,6 @@ from rerun.chunk import RrdReader
 from hexctl.recording import paths
 from hexctl.recording.recorded_trial import read_trial
 from hexctl.recording.side_by_side import names_of, write_together
-from hexctl.robot.failure_event import parse_failure_event
 from hexctl.runs.run import run
 from tests.recording.conftest import ReadBack
 
@@ -21,7 +20,7 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     for path, policy in zip(made, ("walk-on", "glide"), strict=True):
         run(
             gait="tripod",
-            events=(parse_failure_event("5:locked@1"),),
+            failure="5:locked@1",
             policy=policy,
             duration_s=3.0,
             record=path,

@@ -19,12 +19,12 @@ class Echo(MockServos):
         super().__init__(robot, clock=SimClock(lambda: None))
 
 
-ECHO = "tests.record.test_diagnosis:Echo"
+ECHO = "tests.runs.test_diagnosis:Echo"
 
 
 def test_a_simulated_leg_is_found_recorded_and_told_in_plain_values(tmp_path: Path) -> None:
     path = tmp_path / "diagnosis.rrd"
-    done = hexctl.diagnose(failed_leg=5, failure="limp:femur", record=path)
+    done = hexctl.diagnose(failure="5:limp:femur", record=path)
     assert [str(failure) for failure in done.diagnosis.failures] == ["limp:femur"]
     assert done.trial.status == "ok"
     assert done.recording == path

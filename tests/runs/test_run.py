@@ -19,8 +19,7 @@ from hexctl.control.trial_result import TrialResult
 from hexctl.errors import HexctlError, InputError, ReachError, WrongTypeError
 from hexctl.gait.gait import make_gait
 from hexctl.recording.recorded_trial import read_trial
-from hexctl.robot.failure import Failure
-from hexctl.robot.failure_event import parse_failure_event, parse_healing
+from hexctl.robot.failure import Failure, FailureEvent
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.runs.run import Run, run
@@ -160,7 +159,7 @@ def test_a_walk_of_its_plan_names_no_controller() -> None:
         ({"realtime": True, "backend": "mock"}, "realtime: got it with backend mock; allowed: with sim"),
         ({"world": "rough", "backend": "zenoh"}, "world: got rough with backend zenoh; allowed: with"),
         ({"connect": "tcp/x:1"}, "connect: got tcp/x:1 with backend sim; allowed: with zenoh,"),
-        ({"speed": 3}, "run: got speed; allowed: failed_leg, "),
+        ({"speed": 3}, "run: got speed; allowed: "),
         ({"gait": make_gait(load_robot(), "demo"), "pace_hz": 1.0}, "pace_hz: got 1.0 with a Gait"),
         ({"record": Path("walk.txt")}, "walk.txt"),
     ],
@@ -178,8 +177,8 @@ def test_what_cannot_be_done_is_refused_before_anything_is_opened(
     ("options", "words"),
     [
         (
-            {"failure": "locked"},
-            "failure: got 'locked' (str); allowed: a Failure, as Failure(leg=5)",
+            {"failure": 5},
+            "failure: got 5 (int); allowed: a Failure, text",
         ),
         ({"seed": 1.5}, "seed: got 1.5 (float); allowed: a whole number, 0 or more"),
         ({"world": 3}, "world: got 3 (int); allowed: text or a Path or None or a World"),
@@ -213,12 +212,39 @@ def test_a_run_walks_only_while_connected() -> None:
 
 def test_a_failure_may_be_said_in_words() -> None:
     spec = RunSpec(failure=Failure(leg=5, kind="limp"), gait=57, duration_s=0.2)
-    assert run(failed_leg=5, failure="limp", gait=57, duration_s=0.2).trial == run(spec).trial
+    assert run(failed_leg=5, failure="5:limp", gait=57, duration_s=0.2).trial == run(spec).trial
     assert run(failed_leg=2, duration_s=0.2).outcome["failure"] == "locked"
-    with pytest.raises(WrongTypeError, match=r"failed_leg: got '5' \(str\); allowed: 1..6"):
-        run(failed_leg="5")
-    with pytest.raises(WrongTypeError, match="failure: got 'limp'"):
-        run(failure="limp")
+    for options in ({"failed_leg": "2"}, {"failure": "2"}, {"failure": ["2:locked"]}):
+        assert RunSpec(**options) == RunSpec(failed_leg=2)
+
+
+def test_an_option_sums_up_what_failed_before_and_what_fails_later() -> None:
+    spec = RunSpec(failed_leg=(2, 5), failure=["5:limp", "3:stuck:coxa@8"], heal=["3@9"])
+    assert [str(one) for one in spec.failures] == ["locked", "limp"]
+    assert [str(event) for event in spec.events] == ["3:stuck:coxa@8", "3@9"]
+    assert replace(spec, seed=1).failures == spec.failures
+
+
+@pytest.mark.parametrize(
+    ("options", "kind"),
+    [
+        ({"failure": "limp"}, InputError),
+        ({"failure": 5}, WrongTypeError),
+        ({"failure": [FailureEvent(at_s=3.0, leg=5)]}, InputError),
+        ({"failed_leg": "7"}, InputError),
+        ({"failed_leg": 2.5}, WrongTypeError),
+        ({"heal": "5@3"}, WrongTypeError),
+        ({"heal": [FailureEvent(at_s=3.0, leg=5, failure=Failure(leg=5))]}, InputError),
+    ],
+)
+def test_what_is_no_failure_is_refused(options: dict[str, Any], kind: type[InputError]) -> None:
+    with pytest.raises(kind, match=f"^{next(iter(options))}: got"):
+        RunSpec(**options)
+
+
+def test_a_leg_that_is_to_be_diagnosed_is_no_walk() -> None:
+    with pytest.raises(InputError, match=r"^failed_leg: got auto.*1..6"):
+        Run(RunSpec(failed_leg="auto"))
 
 
 @pytest.mark.parametrize(
@@ -241,7 +267,7 @@ def test_a_failed_leg_is_turned_away_where_that_helps(options: dict[str, Any], r
 def test_a_robot_that_does_not_tell_its_position_turns_its_failed_leg_to_the_rear(
     robot_tells: str, rotation: str
 ) -> None:
-    backend = f"tests.record.test_run:{robot_tells.title()}Mock"
+    backend = f"tests.runs.test_run:{robot_tells.title()}Mock"
     spec = RunSpec(failure=Failure(leg=2), gait="auto", backend=backend)
     with Run(spec) as connected:
         assert connected.plan.self_rotation == rotation
@@ -257,7 +283,7 @@ def test_a_leg_that_was_turned_away_for_want_of_a_position_leaves_the_result_to_
         failure=Failure(leg=4),
         gait="auto",
         heading_rad=math.remainder(load_robot("ant").mount_yaws_rad[3] - math.pi, math.tau),
-        backend="tests.record.test_run:FastYawMock",
+        backend="tests.runs.test_run:FastYawMock",
         duration_s=0.5,
     )
     with Run(spec) as connected:
@@ -308,7 +334,7 @@ class TestFailuresInMidWalk:
     """What the world breaks, what the walk notices, and what it does about it."""
 
     def test_the_result_tells_them_apart(self) -> None:
-        done = run(gait="tripod", duration_s=6.0, events=[parse_failure_event("5:locked@3")], policy="glide")
+        done = run(gait="tripod", duration_s=6.0, failure="5:locked@3", policy="glide")
         assert done.outcome["events"] == ["5:locked@3"]
         assert done.outcome["failed_leg"] is None
         (noticed,) = done.outcome["noticed"]
@@ -325,7 +351,7 @@ class TestFailuresInMidWalk:
 
     def test_what_the_world_lets_fail_is_told_as_well(self) -> None:
         world = World(failures=("2:limp@1", "4:limp@9"))
-        done = run(gait="tripod", duration_s=2.0, events=[parse_failure_event("5:locked@0.5")], world=world)
+        done = run(gait="tripod", duration_s=2.0, failure="5:locked@0.5", world=world)
         assert done.outcome["events"] == ["5:locked@0.5", "2:limp@1"], "not those after its end"
 
     def test_what_the_world_does_after_the_end_is_noted(self) -> None:
@@ -336,7 +362,7 @@ class TestFailuresInMidWalk:
             assert whole.notes == ()
 
     def test_a_leg_heals_that_failed_before_the_walk_or_in_its_world(self) -> None:
-        heals = {"gait": "tripod", "duration_s": 2.0, "events": [parse_healing("5@1.5")]}
+        heals = {"gait": "tripod", "duration_s": 2.0, "heal": ["5@1.5"]}
         for failing in ({"failure": Failure(leg=5)}, {"world": World(failures=("5:limp@1",))}):
             with Run(RunSpec(**heals, **failing)) as connected:  # type: ignore[arg-type]
                 assert connected.notes == ()
@@ -344,7 +370,7 @@ class TestFailuresInMidWalk:
             pass
 
     def test_a_simulation_walks_on_unless_asked(self) -> None:
-        done = run(gait="tripod", duration_s=5.0, events=[parse_failure_event("5:locked@3")])
+        done = run(gait="tripod", duration_s=5.0, failure="5:locked@3")
         assert done.trial.status == "ok"
         assert [each.did for each in done.trial.noticed] == ["walked on"]
 
@@ -353,15 +379,15 @@ class TestFailuresInMidWalk:
             def respond(self, *_args: object) -> Response:
                 return Response(stop=True)
 
-        done = run(gait="tripod", duration_s=5.0, events=[parse_failure_event("5:locked@3")], policy=Once())
+        done = run(gait="tripod", duration_s=5.0, failure="5:locked@3", policy=Once())
         assert done.trial.status == "aborted"
 
     @pytest.mark.parametrize(
         ("options", "message"),
         [
-            ({"events": [parse_failure_event("5:limp@30")]}, "before 30 s"),
-            ({"events": ["5:limp@3"]}, "events"),
-            ({"events": [parse_healing("5@3")], "backend": "mock"}, "with sim"),
+            ({"failure": "5:limp@30"}, "before 30 s"),
+            ({"failure": [5]}, "failure"),
+            ({"heal": ["5@3"], "backend": "mock"}, "with sim"),
             ({"policy": "run"}, "walk-on, stop, glide"),
             ({"policy": "os:path"}, "RecoveryPolicy"),
             ({"policy": "nowhere:Policy"}, "cannot be loaded"),
@@ -376,7 +402,7 @@ class TestFailuresInMidWalk:
 
 
 def test_several_legs_fail_from_the_start() -> None:
-    done = run(failed_leg=(5, 4), failure="limp,missing", gait="auto", duration_s=6.0, self_rotation="none")
+    done = run(failure=["5:limp", "4:missing"], gait="auto", duration_s=6.0, self_rotation="none")
     assert done.outcome["failed_leg"] == 4
     assert done.outcome["further_failures"] == {"5": "limp"}
     assert done.outcome["gait"]["phases"] is not None
@@ -385,15 +411,10 @@ def test_several_legs_fail_from_the_start() -> None:
     assert done.trial.distance_m > 0.5 * done.trial.ideal_distance_m
 
 
-def test_further_legs_beside_one_by_its_number_are_refused() -> None:
-    with pytest.raises(InputError, match=r"further_failures: got them with failed_leg; allowed: .*\(2, 5\)"):
-        spec_of({"failed_leg": 2, "further_failures": (Failure(leg=5),)})
-
-
 def test_a_code_counts_among_the_arrangements_of_the_legs_that_are_left() -> None:
     plan = plan_of(spec_of({"failed_leg": (2, 5), "gait": "24"}), shipped("ant"))
     assert plan.gait.slots == (6, 2, 4, 3, 5, 1)
-    with pytest.raises(InputError, match=r"gait code: got 25; allowed: 1..24 with failed leg 2, 5"):
+    with pytest.raises(InputError, match=r"gait: got 25; allowed: 1..24 with failed leg 2, 5"):
         plan_of(spec_of({"failed_leg": (2, 5), "gait": "25"}), shipped("ant"))
 
 
@@ -437,10 +458,10 @@ def test_a_robot_without_two_legs_does_not_turn_before_its_walk() -> None:
 
 
 def test_legs_without_which_a_robot_hardly_walks_are_said_before_it_moves() -> None:
-    spec = spec_of({"robot": "pexod", "failed_leg": (1, 2), "failure": "limp", "gait": "auto"})
+    spec = spec_of({"robot": "pexod", "failure": "1:limp,2:limp", "gait": "auto"})
     with Run(replace(spec, duration_s=0.5)) as connected:
         assert "whether the robot walks without legs 1, 2 is doubtful" in connected.notes[0]
-    with Run(replace(spec, failure=Failure(leg=1), further_failures=(Failure(leg=4),))) as connected:
+    with Run(replace(spec, failure=(Failure(leg=1), Failure(leg=4)))) as connected:
         assert not any("doubtful" in note for note in connected.notes)
     with pytest.raises(InputError, match=r"got 1,3,5 with gait auto; .* no gait keeps .* allowed: one"):
         Run(spec_of({"failed_leg": (1, 3, 5), "gait": "auto"}))

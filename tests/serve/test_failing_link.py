@@ -14,7 +14,8 @@ from hexctl.backends.zenoh.subscriber import LatestValues, StateSubscriber
 from hexctl.backends.zenoh.zenoh_client import ZenohServos
 from hexctl.cli.console import ABORTED, code_of
 from hexctl.control.log import TickLog
-from hexctl.robot.failure_event import FailureEvent, parse_failure_event, parse_healing
+from hexctl.robot.failure import FailureEvent
+from hexctl.robot.failure_grammar import parse_failure_event, parse_healing
 from hexctl.runs.run import RunResult, run
 from hexctl.runs.run_spec import RunSpec
 from hexctl.serve.remote import remote_robots
@@ -88,7 +89,7 @@ def test_a_leg_that_fails_and_heals_over_the_link_is_met_as_in_this_process(tmp_
     events = [parse_failure_event("5:limp@3"), parse_healing("5@5")]
     how: dict[str, Any] = {"policy": "glide", "duration_s": 12.0}
     linked = walked_over_the_link(tmp_path, events, **how)
-    alone = run(RunSpec(gait="tripod", events=tuple(events), **how))
+    alone = run(RunSpec(gait="tripod", failure="5:limp@3", heal=["5@5"], **how))
     for done in (alone, linked):
         assert (done.trial.status, done.trial.hold) == ("ok", "line")
         noticed, healed = done.trial.noticed

@@ -70,7 +70,7 @@ def test_a_robot_whose_server_ends_in_mid_motion_sits_down(
     robot = ("--robot", str(tmp_path / "robot.yaml"))
     with board("--bus", "feetech", "--backend", "mock", *robot) as bus:
         with (
-            served(tmp_path, *robot, "--device", bus.port, backend="feetech") as server,
+            served(tmp_path, *robot, "--connect", bus.port, backend="feetech") as server,
             program(tmp_path, "walk", *WALK, "--connect", server.endpoint, *robot),
         ):
             wait_until(lambda: server.status()["commands"]["accepted"] > 20, "commands")
@@ -88,7 +88,7 @@ def test_hobby_servos_on_an_i2c_bus_are_let_down_too(
     robot = ("--robot", str(file))
     with board("--bus", "pca9685", "--backend", "mock", *robot) as boards:
         with (
-            served(tmp_path, *robot, "--device", boards.port, backend="pca9685") as server,
+            served(tmp_path, *robot, "--connect", boards.port, backend="pca9685") as server,
             program(tmp_path, "walk", *WALK, "--connect", server.endpoint, *robot),
         ):
             assert "warning: pca9685 has no watchdog" in server.said()
@@ -112,7 +112,7 @@ def test_hobby_servos_without_pulses_are_left_alone() -> None:
 
 def test_a_server_that_ends_as_it_should_ends_its_keeper(tmp_path: Path) -> None:
     with board("--bus", "feetech", "--backend", "mock", "--robot", "phantomx") as bus:
-        options = ("--robot", "phantomx", "--device", bus.port)
+        options = ("--robot", "phantomx", "--connect", bus.port)
         with served(tmp_path, *options, backend="feetech") as server:
             server.signal(signal.SIGINT)
             assert server.wait() == 0

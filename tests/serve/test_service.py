@@ -11,11 +11,10 @@ import pytest
 from hexctl.backends.bus.register.registers import table_of
 from hexctl.errors import InputError
 from hexctl.robot.configs import config_root
-from hexctl.robot.failure import Failure
 from hexctl.serve.boards.register_servos import BusServo
 from hexctl.serve.keeper import Keeper, KeeperSpec
 from hexctl.serve.server import RobotServer
-from hexctl.serve.service import RobotService, ServiceStarted, ServosSpec
+from hexctl.serve.service import RobotService, ServiceStarted
 from tests.backends.bus.boards import a_map, bus_board
 from tests.backends.pwm.boards import servo2040_board
 from tests.serve.processes import free_port
@@ -24,19 +23,19 @@ from tests.serve.processes import free_port
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: RobotService(servos=ServosSpec(backend="zenoh")), "served already; allowed: sim"),
+        (lambda: RobotService(backend="zenoh"), "served already; allowed: sim"),
         (
-            lambda: RobotService(device="/dev/ttyACM0"),
+            lambda: RobotService(connect="/dev/ttyACM0"),
             "allowed: with mavlink, dynamixel, feetech, lx16a, servo2040 and pca9685$",
         ),
         (lambda: RobotService(sit_after_s=float("nan")), "got nan; allowed: 1 to 3600 s"),
-        (lambda: RobotService(servos=ServosSpec(seed=-1)), "seed: got -1"),
+        (lambda: RobotService(seed=-1), "seed: got -1"),
         (
-            lambda: RobotService(servos=ServosSpec(backend="mock", failure=Failure(leg=5))),
-            "failure.leg: got 5 with backend mock; allowed: with sim$",
+            lambda: RobotService(backend="mock", failed_leg=5),
+            "failed_leg: got 5 with backend mock; allowed: with sim$",
         ),
         (
-            lambda: RobotService(servos=ServosSpec(backend="mock", world="rough")),
+            lambda: RobotService(backend="mock", world="rough"),
             "world: got rough with backend mock; allowed: with sim$",
         ),
     ],
@@ -50,14 +49,14 @@ def test_a_port_that_is_missing_is_named_as_a_server_is_given_it(tmp_path: Path)
     file = tmp_path / "jethexa.yaml"
     shipped = (config_root() / "robots" / "jethexa.yaml").read_text(encoding="utf-8")
     file.write_text(re.sub(r"\n  port: .*", "", shipped), encoding="utf-8")
-    with pytest.raises(InputError, match=r"^device: got none; allowed: the port of the bus"):
-        RobotService(servos=ServosSpec(backend="lx16a", robot=str(file))).run(lambda: True)
+    with pytest.raises(InputError, match=r"^connect: got none; allowed: the port of the bus"):
+        RobotService(backend="lx16a", robot=str(file)).run(lambda: True)
 
 
 def test_a_robot_is_served_by_a_library_call(capsys: pytest.CaptureFixture[str]) -> None:
     started: list[ServiceStarted] = []
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    service = RobotService(servos=ServosSpec(backend="mock"), listen=endpoint)
+    service = RobotService(backend="mock", listen=endpoint)
     service.run(lambda: bool(started), on_started=started.append)
     assert [(each.robot, each.backend, each.place) for each in started] == [("ant", "mock", endpoint)]
     assert capsys.readouterr() == ("", "")
@@ -67,9 +66,10 @@ def test_a_board_without_a_watchdog_is_said_to_be_one_at_every_start() -> None:
     with servo2040_board() as board:
         started: list[ServiceStarted] = []
         service = RobotService(
-            servos=ServosSpec(backend="servo2040", robot="ant"),
+            backend="servo2040",
+            robot="ant",
             listen=f"tcp/127.0.0.1:{free_port()}",
-            device=board.path,
+            connect=board.path,
         )
         service.run(lambda: bool(started), on_started=started.append)
     assert started[0].warnings == (
@@ -98,9 +98,10 @@ def test_a_keeper_that_has_ended_is_told_without_making_the_robot_wait(
 
     with bus_board(a_map()) as board:
         service = RobotService(
-            servos=ServosSpec(backend="feetech", robot="phantomx"),
+            backend="feetech",
+            robot="phantomx",
             listen=f"tcp/127.0.0.1:{free_port()}",
-            device=board.path,
+            connect=board.path,
         )
         service.run(stop, on_event=lambda line: said.append((threading.current_thread().name, line)))
     assert [thread for thread, line in said if "the keeper has ended" in line] == ["event log"]
@@ -118,7 +119,7 @@ def test_its_events_name_the_command_that_ends_a_stop_with_the_address(
 
     monkeypatch.setattr("hexctl.serve.service.RobotServer", NotedServer)
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    RobotService(servos=ServosSpec(backend="mock"), listen=endpoint).run(lambda: True)
+    RobotService(backend="mock", listen=endpoint).run(lambda: True)
     assert commands == [f"hexctl estop --clear --connect {endpoint}"]
 
 
@@ -131,9 +132,10 @@ def test_servos_that_keep_their_torque_are_mentioned_at_the_end(holds: bool) -> 
         started: list[ServiceStarted] = []
         said: list[str] = []
         service = RobotService(
-            servos=ServosSpec(backend="feetech", robot="phantomx"),
+            backend="feetech",
+            robot="phantomx",
             listen=f"tcp/127.0.0.1:{free_port()}",
-            device=board.path,
+            connect=board.path,
         )
         service.run(lambda: bool(started), on_started=started.append, on_event=said.append)
     assert (said[-1:] == ["the robot holds its pose; its servos keep their torque"]) is holds

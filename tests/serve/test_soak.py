@@ -106,7 +106,7 @@ def test_a_server_that_goes_in_mid_walk_leaves_the_robot_at_rest(
         with (
             bus_board(bus_map, servos=robot) as bus,
             served(
-                tmp_path, "--robot", str(file), "--device", bus.path, backend=driver, name=f"robot{kill}"
+                tmp_path, "--robot", str(file), "--connect", bus.path, backend=driver, name=f"robot{kill}"
             ) as server,
         ):
             moved = threading.Event()

@@ -38,7 +38,7 @@ def test_the_default_is_the_papers_study() -> None:
         ({"seed": -1}, "seed"),
         ({"duration_s": 0.0}, "duration"),
         ({"duration_s": float("nan")}, "duration"),
-        ({"failure": "tired"}, "failure: got tired; allowed: locked, limp"),
+        ({"failure": "tired"}, "failure: got 'tired'; allowed: locked, limp"),
         ({"failure": "weak:half"}, "weak:half"),
         ({"failure": "unknown"}, "failure: got unknown; allowed: one that is the same"),
         ({"self_rotation": "left"}, "self_rotation: got left; allowed: rear, front, none"),

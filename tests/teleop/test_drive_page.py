@@ -234,22 +234,6 @@ def test_a_port_that_is_taken_is_said() -> None:
             pass
 
 
-@pytest.mark.parametrize("text", ["", ":", "host", "host:", "1.2.3.4:99999", "a:b"])
-def test_an_address_that_is_none_is_refused(text: str) -> None:
-    with pytest.raises(InputError, match="page: got "):
-        PageAddress.parse(text)
-
-
-@pytest.mark.parametrize(
-    ("text", "host", "loopback"),
-    [("8017", "127.0.0.1", True), ("localhost:1", "localhost", True), ("[::1]:1", "::1", True),
-     ("0.0.0.0:1", "0.0.0.0", False), ("robot.local:1", "robot.local", False)],  # noqa: S104
-)  # fmt: skip
-def test_addresses_are_parsed(text: str, host: str, loopback: bool) -> None:
-    address = PageAddress.parse(text)
-    assert (address.host, address.loopback) == (host, loopback)
-
-
 @pytest.fixture
 def pictures() -> PictureRelay:
     """A relay that fetches nothing: what it has comes from the test."""

@@ -3,6 +3,7 @@
 import math
 import os
 import sys
+import threading
 from collections.abc import Iterator
 from typing import Any
 
@@ -21,6 +22,7 @@ from hexctl.robot.failure import Failure
 from hexctl.teleop.drive_session import DriveSession, Travel, name_of
 from hexctl.teleop.keyboard import Keyboard
 from hexctl.types import N_JOINTS, FloatArray, RobotState
+from hexctl.waiting import wait_for
 from tests.robots import ROBOT_NAMES
 
 #: A body slower than this is at rest: a thousandth of what `ant` walks.
@@ -196,6 +198,37 @@ def test_a_stop_holds_until_it_is_told_to_stand() -> None:
         session.run([script])
         assert script.told["stopped"] == "stop button"
         assert drive.at_rest
+
+
+def test_a_crowd_of_requests_keeps_no_other_from_being_done() -> None:
+    with Drive("ant", backend="mock", realtime=False) as drive:
+        session = DriveSession(drive)
+        drive.stop()
+        for _ in range(1000):
+            session.ask("gait")
+        session.ask("stand")
+        for _ in range(100):
+            session.ask("gait")
+        for _ in range(2):
+            session._do_requests()
+        assert drive.arbiter.stopped is None
+
+
+def test_a_stop_while_a_stand_is_being_done_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    with Drive("ant", backend="mock", realtime=False) as drive:
+        session = DriveSession(drive)
+        stand, stopper = drive.stand, threading.Thread(target=session.ask, args=("stop",))
+
+        def interrupted() -> None:
+            stopper.start()
+            wait_for(lambda: drive.arbiter.stopped, 5.0, "the stop does not arrive")
+            stand()
+
+        monkeypatch.setattr(drive, "stand", interrupted)
+        session.ask("stand")
+        session._do_requests()
+        stopper.join(5.0)
+        assert drive.arbiter.stopped == "stop button"
 
 
 class Typed(Keyboard):

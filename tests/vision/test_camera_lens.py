@@ -7,9 +7,9 @@ import cv2
 import pytest
 
 from hexctl.errors import InputError, RobotFaultError
-from hexctl.vision import camera_lens
 from hexctl.vision.camera_lens import CameraLens
 from hexctl.vision.detection.lens import load_lens
+from hexctl.vision.video import video_source
 from tests.vision.detection.test_lens_calibration import LENSES, pictures, ray_error_px
 
 
@@ -44,7 +44,7 @@ def test_too_few_pictures_are_refused_and_write_nothing(tmp_path: Path) -> None:
         ({"pictures": ["a.png"], "camera": 0}, "got pictures and camera, or neither"),
         (
             {"pictures": ["a.png"], "size_px": (640, 480)},
-            "size: got one with pictures; allowed: with camera",
+            "size_px: got one with pictures; allowed: with camera",
         ),
         (
             {"camera": 0, "output": "none/lens.yaml"},
@@ -80,7 +80,7 @@ def test_a_camera_is_asked_for_size_and_rate(tmp_path: Path, monkeypatch: pytest
         asked.append((source, options))
         raise RobotFaultError("no camera")
 
-    monkeypatch.setattr(camera_lens, "open_video", opened)
+    monkeypatch.setattr(video_source, "open_video", opened)
     with pytest.raises(RobotFaultError, match="no camera"):
         CameraLens(camera=0, output=tmp_path / "lens.yaml", size_px=(1280, 720), fps=15).run()
     (source, options) = asked[0]

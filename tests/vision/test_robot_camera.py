@@ -13,7 +13,6 @@ from hexctl.vision.estimation.pose_filter import PoseEstimate
 from hexctl.vision.place import arena_of, load_place, store_latency
 from hexctl.vision.pose_stream import CameraReport, CameraStatus
 from hexctl.vision.robot_camera import CameraStarted, RobotCamera
-from hexctl.vision.sheet import Sheet
 from hexctl.vision.video.video_source import open_video
 from hexctl.vision.video.video_writer import VideoWriter
 from tests.vision.scenes import FILM_FPS, FILM_PICTURES, FLOOR_TAGS, film_walk, filmed_pose
@@ -35,7 +34,7 @@ def looked(folder: Path, recorded: Path, **options: Any) -> tuple[CameraReport, 
     started: list[CameraStarted] = []
     camera = RobotCamera(
         camera=str(recorded / "walk.mp4"), place=folder / "place.yaml", lens=recorded / "lens.yaml",
-        latency_ms=0.0, linked=False, **options,
+        latency_ms=0.0, no_link=True, **options,
     )  # fmt: skip
     report = camera.run(lambda: False, on_started=started.append)
     return report, started[0]
@@ -91,7 +90,7 @@ def test_a_camera_with_other_pictures_is_stored_so_that_the_arena_is_what_it_see
         for frame in video:
             half.write(np.asarray(cv2.resize(frame.picture, (960, 540))), frame.at_s)
     (tmp_path / "lens.yaml").write_bytes((recorded / "lens.yaml").read_bytes())
-    camera = RobotCamera(camera=tmp_path / "walk.mp4", place=tmp_path / "place.yaml", linked=False)
+    camera = RobotCamera(camera=tmp_path / "walk.mp4", place=tmp_path / "place.yaml", no_link=True)
     started: list[CameraStarted] = []
     camera.run(lambda: bool(started), on_started=started.append)
     assert not started[0].learned
@@ -112,7 +111,7 @@ def test_what_contradicts_a_known_place_is_refused_and_the_file_stays(tmp_path: 
             {"tag_height_mm": 90.0},
             r"tag_height_mm: got 90, and .*place\.yaml has .*; allowed: what it has, relearn",
         ),
-        ({"sheet": Sheet(robot_tag=11)}, r"robot_tag: got 11, and .*place\.yaml has 10"),
+        ({"robot_tag": 11}, r"robot_tag: got 11, and .*place\.yaml has 10"),
         ({"fov_deg": 80.0}, r"fov_deg: got 80, and .*place\.yaml has none"),
     ):
         with pytest.raises(InputError, match=said):
@@ -125,7 +124,7 @@ def test_a_floor_that_is_learned_again_keeps_lens_and_latency(tmp_path: Path, re
     store_latency(tmp_path / "place.yaml", 0.123)
     before = load_place(tmp_path / "place.yaml")
     camera = RobotCamera(
-        camera=recorded / "walk.mp4", place=str(tmp_path / "place.yaml"), relearn=True, linked=False
+        camera=recorded / "walk.mp4", place=str(tmp_path / "place.yaml"), relearn=True, no_link=True
     )
     started: list[CameraStarted] = []
     camera.run(lambda: bool(started), on_started=started.append)
@@ -143,7 +142,7 @@ def test_learning_that_is_stopped_stores_nothing(tmp_path: Path, recorded: Path)
         asked.append(None)
         return len(asked) > 5
 
-    camera = RobotCamera(camera=recorded / "walk.mp4", place=tmp_path / "place.yaml", linked=False)
+    camera = RobotCamera(camera=recorded / "walk.mp4", place=tmp_path / "place.yaml", no_link=True)
     report = camera.run(stop_requested)
     assert (report.pictures, report.look_s) == (0, None)
     assert list(tmp_path.iterdir()) == []
@@ -152,7 +151,7 @@ def test_learning_that_is_stopped_stores_nothing(tmp_path: Path, recorded: Path)
 def test_each_picture_gives_a_pose(tmp_path: Path, recorded: Path) -> None:
     poses: list[PoseEstimate] = []
     camera = RobotCamera(
-        camera=recorded / "walk.mp4", place=tmp_path / "place.yaml", lens=recorded / "lens.yaml", linked=False
+        camera=recorded / "walk.mp4", place=tmp_path / "place.yaml", lens=recorded / "lens.yaml", no_link=True
     )
     report = camera.run(on_pose=poses.append)
     assert len(poses) == report.pictures == FILM_PICTURES
@@ -164,7 +163,7 @@ def test_without_a_calibration_the_lens_is_assumed_and_that_is_said(tmp_path: Pa
     started: list[CameraStarted] = []
     statuses: list[CameraStatus] = []
     camera = RobotCamera(
-        camera=str(recorded / "walk.mp4"), place=tmp_path / "place.yaml", latency_ms=0.0, linked=False
+        camera=str(recorded / "walk.mp4"), place=tmp_path / "place.yaml", latency_ms=0.0, no_link=True
     )
     camera.run(lambda: False, on_started=started.append, on_status=statuses.append)
     assert any("assumed" in doubt for doubt in started[0].doubts)
@@ -225,16 +224,12 @@ def test_a_floor_without_the_home_tag_is_refused(tmp_path: Path) -> None:
     with VideoWriter(tmp_path / "empty.mp4") as writer:
         for number in range(5):
             writer.write(np.full((480, 640, 3), 120, dtype=np.uint8), number / 30)
-    camera = RobotCamera(camera=str(tmp_path / "empty.mp4"), place=tmp_path / "place.yaml", linked=False)
+    camera = RobotCamera(camera=str(tmp_path / "empty.mp4"), place=tmp_path / "place.yaml", no_link=True)
     with pytest.raises(InputError, match="home tag"):
         camera.run(lambda: False)
     assert not (tmp_path / "place.yaml").exists()
 
 
-@pytest.mark.parametrize(
-    ("printed", "said"),
-    [({"robot": 11}, "sheet: got robot; allowed: paper, robot_tag"), ({"robot_tag": 2}, "robot_tag: got 2")],
-)
-def test_what_no_sheet_has_is_refused_at_once(printed: dict[str, int], said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        RobotCamera(camera="0", sheet=printed)
+def test_what_no_sheet_has_is_refused_at_once() -> None:
+    with pytest.raises(InputError, match="robot_tag: got 2; allowed: 4 to 586"):
+        RobotCamera(camera="0", robot_tag=2)

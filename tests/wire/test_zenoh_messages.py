@@ -318,7 +318,7 @@ def test_a_prepared_codec_loads_nothing_more_in_a_tick() -> None:
     program = """
 import sys
 import numpy as np
-from hexctl.wire import messages
+from hexctl.wire import zenoh_messages as messages
 assert "rosbags" not in sys.modules
 messages.prepare_codec()
 before = set(sys.modules)

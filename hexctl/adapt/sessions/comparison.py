@@ -26,16 +26,16 @@ def scores_without_search(session: Session) -> dict[str, float]:
 def check_comparable(sessions: Sequence[Session]) -> None:
     """Raise InputError for fewer than two sessions, different objectives, or a session without trials."""
     if len({session.name for session in sessions}) < 2:
-        raise InputError(f"{argument('session')}: got one to compare; allowed: two or more")
+        raise InputError("session: got one to compare; allowed: two or more")
     objectives = sorted({session.spec.objective for session in sessions})
     if len(objectives) > 1:
         raise InputError(
-            f"{argument('session')}: got sessions with the objectives {', '.join(objectives)}; "
+            f"session: got sessions with the objectives {', '.join(objectives)}; "
             "allowed: sessions with one objective"
         )
     for session in sessions:
         if not session.trials:
-            raise InputError(f"{argument('session')}: {session.name} has no trials; allowed: one with trials")
+            raise InputError(f"session: {session.name} has no trials; allowed: one with trials")
 
 
 def draw_comparison(sessions: Sequence[Session], path: Path | str) -> None:

@@ -15,7 +15,8 @@ from hexctl.adapt.sessions.recommendation import recommended
 from hexctl.control.trial_result import QUALITIES, TrialResult
 from hexctl.gait.gait import AUTO
 from hexctl.recording.sessions.session_overview import METRES, mark_text, score_text
-from hexctl.robot.failure import Failure, parse_failure
+from hexctl.robot.failure import Failure
+from hexctl.robot.failure_grammar import parse_kind
 
 #: The policy of sessions whose trials watch no legs.
 UNWATCHED = "walk-on"
@@ -34,7 +35,7 @@ class SessionSpec:
         backend: as in `hexctl run`.
         world: name or path of the world file; None on a real robot.
         failed_leg: the leg that failed.
-        failure: its failure, as `hexctl.robot.failure.parse_failure` reads it.
+        failure: its failure, as `hexctl.robot.failure_grammar.parse_kind` reads it.
         optimizer: name of the optimizer.
         objective: one of `hexctl.adapt.objectives.OBJECTIVES`, or `package.module:name`.
         objective_label: what an objective of your own measures; empty for those of hexctl.
@@ -129,7 +130,7 @@ class SessionSpec:
     @property
     def broken(self) -> Failure:
         """The failure of the robot; its controller is told of it."""
-        return parse_failure(self.failed_leg, self.failure)
+        return parse_kind(self.failed_leg, self.failure)
 
     @property
     def score_label(self) -> str:

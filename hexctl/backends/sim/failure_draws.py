@@ -10,7 +10,8 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.distribution import Distribution
 from hexctl.errors import InputError
 from hexctl.robot.configs import Number
-from hexctl.robot.failure_event import FailureEvent, parse_coming_failure, parse_failure_event
+from hexctl.robot.failure import FailureEvent
+from hexctl.robot.failure_grammar import parse_coming_kind, parse_failure_event
 from hexctl.types import JOINT_KINDS, N_LEGS, FloatArray
 
 #: Numbers that the draw of one failure takes: whether it comes, when, which leg, how, torque, healing.
@@ -29,7 +30,7 @@ class DrawnFailure(BaseModel):
     Attributes:
         at_s: when, in seconds since the walk began.
         legs: of which one fails, each as likely as any other.
-        failure: how, in the words of `parse_failure`, each as likely as any other; a word that is given twice
+        failure: how, in the words of `parse_kind`, each as likely as any other; a word that is given twice
             is twice as likely.
         torque_share: part of its torque that a `weak` leg or joint keeps whose word has no number.
         heals_after_s: how long after its failure the leg is whole again, a control period or more; None
@@ -58,7 +59,7 @@ class DrawnFailure(BaseModel):
     def _can_come(cls, words: tuple[str, ...]) -> tuple[str, ...]:
         for word in words:
             try:
-                parse_coming_failure(1, word)
+                parse_coming_kind(1, word)
             except InputError as error:
                 _, _, allowed = str(error).partition("; allowed: ")
                 raise ValueError(f"got {word}; allowed: {allowed}") from error

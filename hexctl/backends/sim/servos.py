@@ -18,8 +18,7 @@ from hexctl.backends.sim.simulated_failure import FailuresToCome, held_rad, jamm
 from hexctl.backends.sim.simulation_model import FIRST_JOINT, Simulation, make_simulation
 from hexctl.backends.sim.world import World, as_world
 from hexctl.errors import SimulationDivergedError, check_type
-from hexctl.robot.failure import Failure, check_further, drawn_failure, each_failure
-from hexctl.robot.failure_event import FailureEvent
+from hexctl.robot.failure import Failure, FailureEvent, check_further, drawn_failure, each_failure
 from hexctl.robot.model import Robot
 from hexctl.types import JointTargets, RobotState
 
@@ -181,7 +180,8 @@ class SimServos(LegServos):
         """The failures in force now, by leg; before `connect` those that it begins with."""
         if self._compiled is None:
             return self._first_failures
-        return each_failure(list(self._compiled.failed.by_leg.values()))
+        by_leg = self._compiled.failed.by_leg
+        return tuple(by_leg[leg] for leg in sorted(by_leg))
 
     @property
     def _first_failures(self) -> tuple[Failure, ...]:

@@ -8,8 +8,7 @@ import mujoco
 import numpy as np
 
 from hexctl.errors import InputError
-from hexctl.robot.failure import Failure, Failures, each_failure
-from hexctl.robot.failure_event import FailureEvent
+from hexctl.robot.failure import Failure, FailureEvent, Failures, each_failure
 from hexctl.robot.model import Robot
 from hexctl.types import (
     N_JOINTS,

@@ -22,7 +22,8 @@ from hexctl.backends.sim.flaws import Section, SensorFaults, SensorNoise
 from hexctl.errors import InputError, argument, check_type, shown
 from hexctl.files import is_file
 from hexctl.robot.configs import Number, find_config, is_family, read_mapping, validate
-from hexctl.robot.failure_event import FailureEvent, parse_failure_event, parse_healing
+from hexctl.robot.failure import FailureEvent
+from hexctl.robot.failure_grammar import parse_failure_event, parse_healing
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_JOINTS, N_LEGS, FloatArray
 
 #: Greatest calibration error of a joint.

@@ -11,7 +11,8 @@ from typing import Any
 import zenoh
 
 from hexctl.errors import InputError, MessageError, RobotFaultError, printable
-from hexctl.robot.failure import Failure, each_failure, parse_failure
+from hexctl.robot.failure import Failure, each_failure
+from hexctl.robot.failure_grammar import parse_failure
 from hexctl.types import FloatArray, RobotState, ServoReadings
 from hexctl.waiting import wait_for
 from hexctl.wire.description import decode_answer
@@ -221,9 +222,8 @@ def _failures_of(status: Mapping[str, Any]) -> tuple[Failure, ...] | None:
     if not isinstance(texts, list):
         return None
     try:
-        told = [str(text).partition(":") for text in texts]
-        return each_failure([parse_failure(int(leg), kind) for leg, _, kind in told])
-    except (InputError, ValueError):
+        return each_failure([parse_failure(str(text)) for text in texts])
+    except InputError:
         return None
 
 

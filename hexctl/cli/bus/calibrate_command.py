@@ -1,33 +1,19 @@
 """`hexctl calibrate`: sign, offset and limits of each servo, one at a time."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from hexctl.cli.console import DONE, INTERRUPTED, StopOnInterrupt, print_note
-from hexctl.cli.options.connection import CalibratedKeysOption, CalibratedPortOption, InsecureOption
+from hexctl.cli.signature import with_options
+from hexctl.control.calibration.servo_calibration import CalibrationOptions
+from hexctl.control.calibration.servo_calibration import calibrate as calibrate_servos
 
 
+@with_options(CalibrationOptions)
 def calibrate(
+    options: dict[str, Any],
     robot: Annotated[str, typer.Argument(help="Robot file (YAML) to write to; copy a shipped one first.")],
-    backend: Annotated[
-        str | None,
-        typer.Option(
-            "--backend",
-            help="The servos: mavlink (a servo board), a driver such as dynamixel or servo2040, or "
-            "package.module:Class for servos of your own that have a servo map. (default: the driver of the "
-            "robot file, or mavlink)",
-        ),
-    ] = None,
-    connect: CalibratedPortOption = None,
-    joints: Annotated[
-        str | None,
-        typer.Option(
-            "--joints", help="Only these joints, such as leg1_coxa,leg2_tibia or leg3. (default: all 18)"
-        ),
-    ] = None,
-    keys: CalibratedKeysOption = None,
-    insecure: InsecureOption = False,
 ) -> None:
     """Find direction, offset and limits of each servo, and write them to the robot file.
 
@@ -36,18 +22,13 @@ def calibrate(
     does the rest.
     """
     from hexctl.cli.prompts import CalibrationPrompt
-    from hexctl.control.calibration import calibrate as calibrate_servos
 
     with StopOnInterrupt(plain=True) as interrupt:
         result = calibrate_servos(
             robot,
             CalibrationPrompt(),
-            backend=backend,
-            joints=joints,
-            connect=connect,
-            credentials=keys,
-            insecure=insecure,
             stop_requested=interrupt.requested,
+            **options,
         )
         if interrupt.requested():
             print_note("")  # the prompt is still on the line

@@ -96,6 +96,11 @@ def _typed(arguments: Sequence[str]) -> dict[str, str] | None:
 
 def _setting(layers: "Sequence[Layer]", option: str, *, common: bool) -> "Setting | None":
     """Setting of an option of `hexctl estop`, or if allowed that of all commands."""
+    from hexctl.settings import is_port
+
+    shared = next((known for layer in layers if (known := layer.common(option)) is not None), None)
+    if option == "connect" and shared is not None and is_port(shared.value):
+        common = False  # the port of servos
     found = (
         layer.option(("estop",), option) or (layer.common(option) if common else None) for layer in layers
     )

@@ -15,7 +15,7 @@ import typer
 
 from hexctl.cli.interrupts import NOT_CONFIRMED
 from hexctl.cli.network.early_stop import take_stop
-from hexctl.cli.options.output import JsonOption
+from hexctl.cli.output_options import JsonOption
 from hexctl.cli.signature import with_options
 from hexctl.errors import InputError, RobotFaultError, printable
 from hexctl.wire.links import LinkOptions

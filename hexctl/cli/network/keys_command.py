@@ -1,43 +1,29 @@
 """`hexctl keys`: certificates for links beyond this computer, and the key of a servo board."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from hexctl.cli.settings import Commands
-from hexctl.cli.values import number
-from hexctl.options import Range
+from hexctl.cli.signature import with_options
+from hexctl.wire.certificates import CertificateOptions
 
 keys = Commands(help="Make and show certificates for robots beyond this computer.", no_args_is_help=True)
 
 FolderArgument = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the certificates.")]
 
-DAYS = Range(low=1, high=3650, whole=True)
-
-DaysOption = Annotated[int, number("--days", DAYS, "Days that the certificates are valid, {}.")]
-
 
 @keys.command()
-def new(
-    folder: FolderArgument = Path("keys"),
-    host: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--host",
-            help="Name or address under which clients reach the robot; repeat it for more. "
-            "(default: this computer's name; loopback is always in)",
-        ),
-    ] = None,
-    days: DaysOption = 825,
-) -> None:
+@with_options(CertificateOptions)
+def new(options: dict[str, Any], folder: FolderArgument = Path("keys")) -> None:
     """Make an authority, and certificates for a robot, its controllers and its viewers."""
     from hexctl.cli.console import print_result
     from hexctl.wire.certificates import AUTHORITY_FOLDER, hosts_of_this_computer, make_certificates
     from hexctl.wire.links import Endpoint, Role
 
-    hosts = hosts_of_this_computer(host or [])
-    make_certificates(folder, hosts=hosts, days=days)
+    hosts = hosts_of_this_computer(options["hosts"])
+    make_certificates(folder, hosts=hosts, days=options["days"])
     reached = Endpoint("tls", hosts[0], 7447)
     for part, use in (
         (Role.ROBOT.value, "to the robot: hexctl serve --listen tls/0.0.0.0:7447 --keys"),
@@ -49,12 +35,13 @@ def new(
 
 
 @keys.command()
-def renew(folder: FolderArgument = Path("keys"), days: DaysOption = 825) -> None:
+@with_options(CertificateOptions, but=("hosts",))
+def renew(options: dict[str, Any], folder: FolderArgument = Path("keys")) -> None:
     """Renew the certificates of a folder, for the same hosts; needs the folder's authority."""
     from hexctl.cli.console import print_result
     from hexctl.wire.certificates import renew_certificates
 
-    renew_certificates(folder, days=days)
+    renew_certificates(folder, **options)
     _show(folder)
     print_result("give each end its folder again; until then the old ones are good for as long as they say")
 

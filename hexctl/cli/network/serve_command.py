@@ -9,35 +9,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hexctl.cli import completion
-from hexctl.cli.options.connection import (
-    DeviceKeysOption,
-    DeviceOption,
-    InsecureOption,
-    KeysOption,
-    LinkOption,
-    ListenOption,
-)
-from hexctl.cli.options.failure import SimFailedLegOption, SimFailureOption
-from hexctl.cli.options.robot import RobotOption, SeedOption, WorldOption
 from hexctl.cli.settings import SettingsCommand
-from hexctl.cli.values import number
-from hexctl.errors import InputError
-from hexctl.options import Range
+from hexctl.cli.signature import with_options
+from hexctl.cli.values import is_said
+from hexctl.serve.ros.ros_options import DEFAULT_ROUTER
+from hexctl.serve.serve_options import ServeOptions
 
 if TYPE_CHECKING:
-    from hexctl.serve.ros.ros_options import RosOptions
     from hexctl.serve.service import ServiceStarted
     from hexctl.wire.links import Link
 
-SIT_AFTER_S = Range(low=1, high=3600, unit="s")
-ROS_DOMAIN = Range(low=0, high=232, whole=True)
-
 #: How long the viewer may take to end: one that hangs must not keep the command from ending.
 VIEWER_END_S = 5.0
-
-#: What --ros stands for without an address.
-ROS_ROUTER = "tcp/localhost:7447"
 
 
 class ServeCommand(SettingsCommand):
@@ -47,73 +30,16 @@ class ServeCommand(SettingsCommand):
         """Parse arguments, with the router's default address behind a bare --ros."""
         full: list[str] = []
         for word, following in zip_longest(args, args[1:], fillvalue="-"):
-            full += [word, ROS_ROUTER] if word == "--ros" and following.startswith("-") else [word]
+            full += [word, DEFAULT_ROUTER] if word == "--ros" and following.startswith("-") else [word]
         return super().parse_args(ctx, full)
 
 
+@with_options(ServeOptions)
 def serve(
+    asked: dict[str, Any],
     context: typer.Context,
-    backend: Annotated[
-        str,
-        typer.Option(
-            "--backend",
-            autocompletion=completion.served_backends,
-            help="What moves: sim (simulation in real time), mavlink (a servo board), dynamixel, feetech "
-            "or lx16a (servos on a serial bus), servo2040 or pca9685 (boards of hobby servos), mock (servos "
-            "without a robot), or package.module:Class for servos of your own.",
-        ),
-    ] = "sim",
-    robot: RobotOption = "ant",
-    listen: ListenOption = None,
-    device: DeviceOption = None,
-    signing: DeviceKeysOption = None,
-    world: WorldOption = None,
-    failed_leg: SimFailedLegOption = None,
-    failure: SimFailureOption = None,
-    seed: SeedOption = 0,
-    sit_after: Annotated[
-        float,
-        number("--sit-after", SIT_AFTER_S, "Seconds without a command until the robot sits and relaxes, {}."),
-    ] = 10.0,
     view: Annotated[
         bool, typer.Option("--view", help="Show the robot in the Rerun viewer while it is served.")
-    ] = False,
-    keys: KeysOption = None,
-    insecure: InsecureOption = False,
-    link: LinkOption = None,
-    ros: Annotated[
-        str | None,
-        typer.Option(
-            "--ros",
-            metavar="[ROUTER]",
-            help="Be a node of ROS 2 over Zenoh (rmw_zenoh), by the ROS router at tcp/HOST:PORT; alone, at "
-            "tcp/localhost:7447. (default: no ROS)",
-        ),
-    ] = None,
-    ros_domain: Annotated[
-        int,
-        number(
-            "--ros-domain", ROS_DOMAIN, "With --ros, the ROS domain, a whole number, {}: ROS_DOMAIN_ID there."
-        ),
-    ] = 0,
-    ros_namespace: Annotated[
-        str,
-        typer.Option(
-            "--ros-namespace",
-            help="With --ros, namespace of node and topics, such as lab/ant. (default: none)",
-        ),
-    ] = "",
-    ros_drive: Annotated[
-        bool,
-        typer.Option(
-            "--ros-drive",
-            help="With --ros, let ROS move the robot: cmd_vel, robot_joint_command, ~/stand, ~/sit and "
-            "~/clear_stop. Whoever reaches the ROS router may then drive it.",
-        ),
-    ] = False,
-    ros_humble: Annotated[
-        bool,
-        typer.Option("--ros-humble", help="With --ros, keys as ROS 2 Humble has them, without type hashes."),
     ] = False,
 ) -> None:
     """Put a robot, real or simulated, on the network, with a guard and a stop of its own.
@@ -121,23 +47,10 @@ def serve(
     It runs until Ctrl-C. hexctl run --backend zenoh walks it.
     """
     from hexctl.cli.console import StopOnInterrupt, print_note
-    from hexctl.robot.failure import failure_of
-    from hexctl.serve.service import RobotService, ServiceStarted, ServosSpec
+    from hexctl.serve.service import RobotService
     from hexctl.wire.links import Role
 
-    service = RobotService(
-        servos=ServosSpec(
-            backend=backend, robot=robot, world=world, failure=failure_of(failed_leg, failure), seed=seed
-        ),
-        listen=listen,
-        device=device,
-        device_keys=signing,
-        sit_after_s=sit_after,
-        credentials=keys,
-        insecure=insecure,
-        link=link,
-        ros=_ros_options(ros, domain=ros_domain, namespace=ros_namespace, humble=ros_humble, drive=ros_drive),
-    )
+    service = RobotService(**asked)
     settings = service.resolved_link()
     if view and settings.credentials is not None:
         from hexctl.wire.certificates import find_credentials
@@ -145,15 +58,14 @@ def serve(
         find_credentials(settings.credentials, Role.VIEWER)  # the robot's own do not admit a viewer
     with StopOnInterrupt() as interrupt, ExitStack() as stack:
 
-        def on_started(started: ServiceStarted) -> None:
+        def on_started(started: "ServiceStarted") -> None:
             print_note(_greeting(started, settings))
-            typed = context.get_parameter_source("backend")
-            if typed is not None and typed.name == "DEFAULT" and (note := _simulated_note(robot)):
+            if not is_said(context, "backend") and (note := _simulated_note(str(service.robot))):
                 print_note(note)
             for warning in started.warnings:
                 print_note(f"warning: {warning}")
             if view:
-                stack.enter_context(_viewer(settings, link))
+                stack.enter_context(_viewer(settings, service.link))
 
         service.run(interrupt.requested, on_started=on_started, on_event=print_note)
 
@@ -164,19 +76,6 @@ def _simulated_note(robot: str) -> str | None:
 
     driver = load_robot_file(robot).content.servos.driver
     return None if driver is None else f"simulated; its servos are served with --backend {driver}"
-
-
-def _ros_options(router: str | None, **given: Any) -> "RosOptions | None":
-    """Options of ROS, None without; raises InputError for some without a router."""
-    if router is not None:
-        from hexctl.serve.ros.ros_options import RosOptions
-
-        return RosOptions(router=router, **given)
-    for name, value in given.items():
-        if value:
-            told = "it" if value is True else value
-            raise InputError(f"--ros-{name}: got {told} without --ros; allowed: with --ros")
-    return None
 
 
 @contextmanager

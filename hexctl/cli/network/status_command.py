@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hexctl.cli.options.output import JsonOption
+from hexctl.cli.output_options import JsonOption
 from hexctl.cli.signature import with_options
 from hexctl.errors import printable
 from hexctl.wire.links import LinkOptions

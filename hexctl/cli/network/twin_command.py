@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hexctl.cli.options.failure import LEG
-from hexctl.cli.options.output import JsonOption
+from hexctl.cli.output_options import JsonOption
 from hexctl.cli.settings import Commands
 from hexctl.cli.signature import with_options
 from hexctl.cli.values import checked
+from hexctl.robot.failure_grammar import parse_leg
 from hexctl.wire.links import LinkOptions
 
 if TYPE_CHECKING:
@@ -26,9 +26,9 @@ def fail(
     failure: Annotated[
         str,
         typer.Argument(
-            metavar="LEG:FAILURE",
-            help="Which leg, and how: 5:locked, 5:limp, 5:limp:femur, 5:missing, 5:weak:0.3, 5:stuck:femur; "
-            "a joint sticks where it is.",
+            metavar="LEG:KIND",
+            help="Which leg, and how: 5:locked, 5:limp, 5:limp:femur, 5:missing, 5:weak:0.3, 5:stuck:femur "
+            "(jams where it is).",
             show_default=False,
         ),
     ],
@@ -45,7 +45,7 @@ def heal(
     leg: Annotated[
         int,
         typer.Argument(
-            parser=checked(LEG.parse), metavar="LEG", help="Which leg that failed, 1..6.", show_default=False
+            parser=checked(parse_leg), metavar="LEG", help="Which leg that failed, 1..6.", show_default=False
         ),
     ],
     as_json: JsonOption = False,

@@ -34,6 +34,7 @@ from hexctl.adapt.trial_loop import NOT_WORTH
 from hexctl.cli.console import FAULT, code_of_stop, print_result
 from hexctl.errors import HexctlError, InputError
 from hexctl.gait.gait import NAMED_SLOTS
+from hexctl.robot.failure_grammar import option_of
 from hexctl.robot.loader import load_robot
 from hexctl.runs.run_spec import RunSpec
 
@@ -442,12 +443,13 @@ def _gait_option(walk: TrialRecord | BaselineRecord) -> str:
 def _walking(session: Session, walk: TrialRecord | BaselineRecord) -> str:
     """Command that walks with the gait of a walk, and its trim where it has one."""
     spec, usual = session.spec, SessionSpec()
+    asked, failure = option_of(spec.broken)
     chosen = {
-        "failed-leg": spec.failed_leg,
+        asked.replace("_", "-"): failure,
         "gait": _gait_option(walk),
         **_course_options(session, walk),
     }
-    where = ("backend", "robot", "world", "failure", "seed", "connect", "link")
+    where = ("backend", "robot", "world", "seed", "connect", "link")
     unusual = {name: getattr(spec, name) for name in where if getattr(spec, name) != getattr(usual, name)}
     options = {
         **chosen,

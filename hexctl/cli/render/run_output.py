@@ -72,7 +72,7 @@ def _trouble_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
 
 def _failure_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
     """What failed during the walk, and what the controller detected."""
-    from hexctl.robot.failure_event import NoticedFailure
+    from hexctl.robot.failure import NoticedFailure
 
     noticed = [str(NoticedFailure.from_dict(each)) for each in outcome.get("noticed", ())]
     events = outcome.get("events", ())

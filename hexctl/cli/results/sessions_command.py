@@ -8,10 +8,10 @@ import typer
 
 from hexctl.cli import completion
 from hexctl.cli.console import FAULT, print_note, print_result
-from hexctl.cli.options.output import JsonOption
+from hexctl.cli.output_options import JsonOption
 from hexctl.cli.settings import Commands, runs_folder
-from hexctl.cli.values import listed
 from hexctl.errors import InputError
+from hexctl.options import listed
 
 if TYPE_CHECKING:
     from hexctl.adapt.sessions.search_session import Session

@@ -6,13 +6,16 @@ import typer
 
 from hexctl.cli import completion
 from hexctl.cli.console import DONE, StopOnInterrupt, note_refusal, print_note
-from hexctl.cli.options.connection import InsecureOption, KeysOption, LinkOption, WatchedOption
 from hexctl.cli.results.skipped_recordings import LeftOut
 from hexctl.cli.settings import runs_folder
+from hexctl.cli.signature import with_options
 from hexctl.errors import InputError, RobotFaultError
+from hexctl.wire.links import WatchOptions, link_of
 
 
+@with_options(WatchOptions)
 def view(
+    place: dict[str, Any],
     names: Annotated[
         list[str] | None,
         typer.Argument(
@@ -24,22 +27,18 @@ def view(
     web: Annotated[
         bool, typer.Option("--web", help="Serve the viewer to a browser on this computer, until Ctrl-C.")
     ] = False,
-    connect: WatchedOption = None,
-    keys: KeysOption = None,
-    insecure: InsecureOption = False,
-    link: LinkOption = None,
 ) -> None:
     """Open recordings or sessions in the Rerun viewer until it is closed, or watch a robot.
 
     A damaged recording of a session is named on stderr, with exit code 3; the others are shown.
     """
-    if connect is None and link is None:
-        if keys is not None or insecure:
+    if place["connect"] is None and place["link"] is None:
+        if place["credentials"] is not None or place["insecure"]:
             raise InputError("--keys, --insecure: got one without --connect or --link; allowed: with a robot")
         raise typer.Exit(_view_runs(names or [], web=web))
     if names:
         raise InputError(f"view: got {names[0]!r} with a robot; allowed: recordings, or --connect, not both")
-    raise typer.Exit(_watch(web=web, endpoint=connect, credentials=keys, insecure=insecure, link=link))
+    raise typer.Exit(_watch(place, web=web))
 
 
 def _view_runs(names: list[str], *, web: bool) -> int:
@@ -60,15 +59,14 @@ def _view_runs(names: list[str], *, web: bool) -> int:
     return left_out.code()
 
 
-def _watch(*, web: bool, link: str | None, **options: Any) -> int:
+def _watch(place: dict[str, Any], *, web: bool) -> int:
     """Show the robot of a link until the viewer is closed or Ctrl-C; return the exit code."""
     from hexctl.backends.zenoh.zenoh_client import subscribe_states
     from hexctl.recording.live import LiveView, watch_states
     from hexctl.recording.viewer import check_display
-    from hexctl.wire.links import load_link
     from hexctl.wire.refusal import RefusalWatch
 
-    loaded = load_link(link, **options)
+    loaded = link_of(**place)
     watch = RefusalWatch(loaded.endpoint, note_refusal)
     with watch, subscribe_states(loaded) as (robot, states), StopOnInterrupt(plain=True) as interrupt:
         if not web:

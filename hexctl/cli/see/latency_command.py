@@ -3,32 +3,20 @@
 import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from hexctl.cli.options.output import JsonOption
-from hexctl.cli.see.see_options import FpsOption, LiveCameraOption, OneRobotOption, SizeOption
+from hexctl.cli.output_options import JsonOption
 from hexctl.cli.signature import with_options
-from hexctl.wire.links import LinkOptions
+from hexctl.vision.camera_options import CameraOptions
 
 if TYPE_CHECKING:
     from hexctl.vision.latency_trial import LatencyTrial, TwistAhead
 
 
-@with_options(LinkOptions)
-def latency(
-    link: dict[str, Any],
-    camera: LiveCameraOption = None,
-    place: Annotated[
-        Path,
-        typer.Option("--place", help="YAML file that hexctl see --camera made; it keeps the latency."),
-    ] = Path("place.yaml"),
-    size: SizeOption = None,
-    fps: FpsOption = None,
-    robot: OneRobotOption = None,
-    as_json: JsonOption = False,
-) -> None:
+@with_options(CameraOptions)
+def latency(options: dict[str, Any], as_json: JsonOption = False) -> None:
     """Measure how late a camera's pictures come: the standing robot twists once and is watched.
 
     Its feet stay in place, and nothing else may drive it meanwhile. Ctrl-C takes the twist back. Exit codes:
@@ -36,14 +24,10 @@ def latency(
     interrupted.
     """
     from hexctl.cli.console import INTERRUPTED, StopOnInterrupt, print_note, print_result
-    from hexctl.errors import InputError, RobotFaultError
+    from hexctl.errors import RobotFaultError
     from hexctl.vision.latency_trial import CameraLatency
 
-    if camera is None:
-        raise InputError("--camera: got none; allowed: a number such as 0, or an address")
-    measuring = CameraLatency(
-        camera=camera, place=place, size_px=size, fps=fps, robot=robot, **link,
-    )  # fmt: skip
+    measuring, place = CameraLatency(**options), options["place"]
     with StopOnInterrupt() as interrupt:
         try:
             done = measuring.run(

@@ -2,18 +2,21 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hexctl.cli.options.output import JsonOption
-from hexctl.cli.see.see_options import BoardCameraOption, FpsOption, SizeOption
+from hexctl.cli.output_options import JsonOption
+from hexctl.cli.signature import with_options
+from hexctl.vision.camera_options import LensOptions
 
 if TYPE_CHECKING:
     from hexctl.vision.detection.lens_calibration import CalibratedLens, LensCalibration
 
 
+@with_options(LensOptions)
 def calibrate(
+    options: dict[str, Any],
     pictures: Annotated[
         list[Path] | None,
         typer.Argument(
@@ -22,16 +25,6 @@ def calibrate(
             show_default=False,
         ),
     ] = None,
-    camera: BoardCameraOption = None,
-    output: Annotated[
-        Path,
-        typer.Option("--output", "-o", help="New YAML file, as ROS's camera_info; nothing is replaced."),
-    ] = Path("lens.yaml"),
-    fisheye: Annotated[
-        bool, typer.Option("--fisheye", help="For a lens that sees more than about 110 degrees.")
-    ] = False,
-    size: SizeOption = None,
-    fps: FpsOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Calibrate the lens of a camera by pictures of the printed board.
@@ -42,15 +35,14 @@ def calibrate(
     from hexctl.cli.console import StopOnInterrupt, print_note, print_result
     from hexctl.vision.camera_lens import CameraLens
 
-    calibration = CameraLens(
-        pictures=pictures or (), camera=camera, output=output, fisheye=fisheye, size_px=size, fps=fps
-    )
+    calibration = CameraLens(**options, pictures=pictures or ())
     with StopOnInterrupt(plain=True) as interrupt:
         result = calibration.run(
             interrupt.requested, on_kept=_print_kept, on_event=lambda text: print_note(f"hexctl: {text}")
         )
     for sentence in result.missing:
         print_note(f"to make it better: {sentence}")
+    output = options["output"]
     print_result(json.dumps(_lens_json(result, output)) if as_json else _lens_text(result, output))
 
 

@@ -3,176 +3,35 @@
 import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from hexctl.cli.options.output import JsonOption
-from hexctl.cli.see.see_options import (
-    LATENCY_MS,
-    PORT,
-    CameraOption,
-    FloorEdgeOption,
-    FloorTagsOption,
-    FpsOption,
-    HomeEdgeOption,
-    RobotEdgeOption,
-    RobotTagOption,
-    SizeOption,
-)
+from hexctl.cli.output_options import JsonOption
 from hexctl.cli.signature import with_options
-from hexctl.cli.values import is_said, number
-from hexctl.options import Range
-from hexctl.wire.links import LinkOptions
+from hexctl.vision.camera_options import RobotCameraOptions
 
 if TYPE_CHECKING:
     from hexctl.vision.pose_stream import CameraReport, CameraStatus
     from hexctl.vision.robot_camera import CameraStarted
 
-FOV_DEG = Range(low=10, high=150, unit="deg")
-BAR_MM = Range(low=50, high=200, unit="mm")
-HEIGHT_MM = Range(low=-500, high=1000, unit="mm")
 
-
-@with_options(LinkOptions)
-def look(
-    link: dict[str, Any],
-    context: typer.Context,
-    camera: CameraOption = None,
-    place: Annotated[
-        Path,
-        typer.Option(
-            "--place",
-            help="YAML file with the floor's tags and the camera; made by looking where it is not there.",
-        ),
-    ] = Path("place.yaml"),
-    relearn: Annotated[
-        bool, typer.Option("--relearn", help="Learn the tags on the floor again, in place of the file's.")
-    ] = False,
-    lens: Annotated[
-        Path | None,
-        typer.Option(
-            "--lens",
-            help="Calibration of the lens, for a new place. (default: that of the place, else one without "
-            "distortion, of --fov-deg)",
-        ),
-    ] = None,
-    fov_deg: Annotated[
-        float | None,
-        number(
-            "--fov-deg",
-            FOV_DEG,
-            "Degrees from the left to the right edge, without a calibration, for a new place, {}. (default: "
-            "those of the place, else 67)",
-        ),
-    ] = None,
-    bar_mm: Annotated[
-        float | None,
-        number(
-            "--bar-mm",
-            BAR_MM,
-            "Millimetres that the bar of the sheet measures, {}; the place becomes larger or smaller by it. "
-            "(default: what the place says, else 100)",
-        ),
-    ] = None,
-    robot_tag: RobotTagOption = 10,
-    robot_edge_mm: RobotEdgeOption = 100.0,
-    home_edge_mm: HomeEdgeOption = 110.0,
-    floor_tags: FloorTagsOption = 3,
-    floor_edge_mm: FloorEdgeOption = 160.0,
-    tag_height_mm: Annotated[
-        float | None,
-        number(
-            "--tag-height-mm",
-            HEIGHT_MM,
-            "Millimetres of the robot's tag above the origin of its body, for a new place, {}. (default: "
-            "those of the place, else the top of its trunk)",
-        ),
-    ] = None,
-    latency_ms: Annotated[
-        float | None,
-        number(
-            "--latency-ms",
-            LATENCY_MS,
-            "Milliseconds from what the camera sees to its picture's arrival, {}. (default: those of the "
-            "place, else 80)",
-        ),
-    ] = None,
-    size: SizeOption = None,
-    fps: FpsOption = None,
-    robot: Annotated[
-        str | None,
-        typer.Option(
-            "--robot",
-            help="Name of the robot on the link, with --no-link a robot or its file. (default: the only one "
-            "on the link, or ant)",
-        ),
-    ] = None,
-    no_link: Annotated[
-        bool, typer.Option("--no-link", help="Tell no robot where it is, only page, video and table.")
-    ] = False,
-    output: Annotated[
-        Path | None,
-        typer.Option("--output", "-o", help="New video of what is seen, .mp4 or .avi. (default: none)"),
-    ] = None,
-    poses: Annotated[
-        Path | None,
-        typer.Option("--poses", help="New CSV file with the pose of each picture. (default: none)"),
-    ] = None,
-    page: Annotated[
-        float | None,
-        number(
-            "--page",
-            PORT,
-            "Port of this computer for a page that shows what is seen, a whole number, {}; 0: any free. "
-            "(default: no page)",
-        ),
-    ] = None,
-    as_json: JsonOption = False,
-) -> None:
+@with_options(RobotCameraOptions)
+def look(options: dict[str, Any], context: typer.Context, as_json: JsonOption = False) -> None:
     """Find a robot on the floor with a camera and printed tags, and tell it where it is, until Ctrl-C.
 
-    What is for a new place must agree with a place that is known; with --relearn it takes its place, and what
-    is not given stays.
+    Options for a new place must agree with a place that is known, unless --relearn replaces it.
     """
     if context.invoked_subcommand is not None:
         return
     from hexctl.cli.console import StatusLine, StopOnInterrupt, print_result
-    from hexctl.errors import InputError
     from hexctl.vision.robot_camera import RobotCamera
 
-    if camera is None:
-        raise InputError("--camera: got none; allowed: a number such as 0, an address, or a video file")
-    printed = {
-        "robot_tag": int(robot_tag),
-        "robot_edge_mm": robot_edge_mm,
-        "home_edge_mm": home_edge_mm,
-        "floor_tags": int(floor_tags),
-        "floor_edge_mm": floor_edge_mm,
-    }
-    looking = RobotCamera(
-        camera=camera,
-        place=place,
-        relearn=relearn,
-        lens=lens,
-        fov_deg=fov_deg,
-        bar_mm=bar_mm,
-        sheet={name: value for name, value in printed.items() if is_said(context, name)} or None,
-        tag_height_mm=tag_height_mm,
-        latency_ms=latency_ms,
-        size_px=size,
-        fps=fps,
-        linked=not no_link,
-        **link,
-        robot=robot,
-        output=output,
-        poses=poses,
-        page_port=None if page is None else int(page),
-    )
+    looking = RobotCamera(**options)
     with StopOnInterrupt(plain=True) as interrupt, StatusLine() as line:
         report = looking.run(
             interrupt.requested,
-            on_started=lambda started: _print_started(started, place),
+            on_started=lambda started: _print_started(started, options["place"]),
             on_status=lambda status: line.show(status_line(status)),
             on_event=lambda text: line.print_above(f"hexctl: {text}"),
         )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hexctl.adapt.adapt_options import AdaptOptions
+from hexctl.adapt.adapt_options import BEFORE_SEARCH, AdaptOptions
 from hexctl.backends.robot_options import RobotOptions
 from hexctl.cli import completion
 from hexctl.cli.console import (
@@ -22,22 +22,15 @@ from hexctl.cli.console import (
     print_note,
     print_result,
 )
-from hexctl.cli.options.failure import (
-    AUTO_LEG,
-    AUTO_LEG_HELP,
-    FailureOption,
-    RecoverOption,
-    complete_leg,
-    leg_or_auto,
-    recovery_policy,
-)
-from hexctl.cli.options.output import JsonOption, QuietOption
+from hexctl.cli.output_options import JsonOption, QuietOption
 from hexctl.cli.see.arena_command import ArenaOption, arena_fields
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
 from hexctl.cli.values import given, rare
 from hexctl.cli.walk.diagnose_command import found_failure
+from hexctl.cli.walk.recovery_option import RecoverOption, recovery_policy
 from hexctl.errors import HexctlError, InputError, RecordingError, argument
+from hexctl.robot.failure_grammar import AUTO_LEG, read_failures_before
 
 if TYPE_CHECKING:
     from hexctl.adapt.adaptation import Adaptation
@@ -53,17 +46,6 @@ WITH_RESUME = ("--resume", "--budget", "--trust", "--view", "--no-record", "--qu
 def adapt(
     search: dict[str, Any],
     context: typer.Context,
-    failed_leg: Annotated[
-        int | None,
-        typer.Option(
-            "--failed-leg",
-            parser=leg_or_auto,
-            metavar="LEG|auto",
-            autocompletion=complete_leg,
-            help=f"{AUTO_LEG_HELP} Needed, unless --resume. (default: none)",
-        ),
-    ] = None,
-    failure: FailureOption = None,
     no_baseline: Annotated[
         bool,
         rare(
@@ -117,24 +99,19 @@ def adapt(
         )
     if trust:
         raise InputError("--trust: got it without --resume; allowed: with --resume SESSION")
-    if failed_leg is None:
+    if search["failed_leg"] is None and not search["failure"]:
         raise InputError("--failed-leg: is missing; allowed: 1..6, auto (or --resume SESSION)")
-    if failed_leg == AUTO_LEG:
+    if search["failed_leg"] == AUTO_LEG:
         from hexctl.runs.run_spec import RunSpec
 
         where = {field.name: search[field.name] for field in fields(RobotOptions)}
-        found = found_failure(RunSpec(**where), failure)
+        broken = read_failures_before(search["failure"], None, BEFORE_SEARCH)
+        found = found_failure(RunSpec(**where | {"failed_leg": None, "failure": broken}))
         if found.failure is None:
             raise InputError("--failed-leg: got auto, and no leg has failed; allowed: 1..6")
-        failed_leg, failure = found.failure.leg, str(found.failure)
+        search["failed_leg"], search["failure"] = None, found.failure
     search["policy"] = recovery_policy(recover=recover, policy=search["policy"])
-    asked = (
-        search
-        | arena_fields(arena, search["robot"])
-        | {"failed_leg": failed_leg, "baseline": not no_baseline}
-    )
-    if failure is not None:
-        asked["failure"] = failure
+    asked = search | arena_fields(arena, search["robot"]) | {"baseline": not no_baseline}
     raise typer.Exit(_begin(asked, record=not no_record, view=view, quiet=quiet, as_json=as_json))
 
 
@@ -154,7 +131,7 @@ def _begin(asked: dict[str, Any], *, record: bool, quiet: bool, **shown: bool) -
         from hexctl.adapt.adaptation import Adaptation
         from hexctl.adapt.search import new_spec
         from hexctl.cli.prompts import check_answerable
-        from hexctl.cli.study.prior_command import how_to_build_prior
+        from hexctl.study.prior_options import how_to_build_prior
 
         spec = new_spec(**asked, folder=runs_folder(), note=_note, advice=how_to_build_prior)
         if spec.ask:

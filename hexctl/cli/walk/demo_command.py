@@ -20,7 +20,7 @@ from hexctl.cli.console import (
     print_note,
     print_result,
 )
-from hexctl.cli.options.output import JsonOption
+from hexctl.cli.output_options import JsonOption
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.values import number
 from hexctl.files import check_writable
@@ -150,11 +150,14 @@ def _run(
 def _search_line(budget: int) -> str:
     """What is searched, and the command that searches the same."""
     from hexctl.demo import rescue
+    from hexctl.robot.failure_grammar import option_of
 
     event = rescue.EVENT
+    assert event.failure is not None  # noqa: S101  it breaks a leg
+    option, value = option_of(event.failure)
     return (
         f"Searching a gait that goes straight without leg {event.leg} and without feedback:\n"
-        f"  hexctl adapt --failed-leg {event.leg} --failure {event.failure} --budget {budget} \\\n"
+        f"  hexctl adapt --{option.replace('_', '-')} {value} --budget {budget} \\\n"
         f"    --world {rescue.WORLD}"
     )
 
@@ -162,7 +165,7 @@ def _search_line(budget: int) -> str:
 def _walk_line(walk: "RunResult", *, recovered: bool) -> str:
     """How far and how fast a walk went, how far off its line it ended, and what it detected when."""
     from hexctl.demo.rescue import share_in_words, speed_kept
-    from hexctl.robot.failure_event import NoticedFailure
+    from hexctl.robot.failure import NoticedFailure
 
     outcome, kept = walk.outcome, speed_kept(walk)
     line = (
@@ -196,7 +199,7 @@ def _ending(result: "DemoResult") -> "list[RenderableType]":
 
 def _another_walk() -> list[str]:
     """Command for a custom walk, shown as it goes if there is a screen."""
-    return [f"  hexctl run --fail 2:limp@4 --recover{' --realtime --view' if _has_display() else ''}"]
+    return [f"  hexctl run --failure 2:limp@4 --recover{' --realtime --view' if _has_display() else ''}"]
 
 
 def _activate() -> str | None:

@@ -3,7 +3,7 @@
 import json
 import sys
 from contextlib import ExitStack
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
@@ -19,8 +19,7 @@ from hexctl.cli.console import (
     print_note,
     print_result,
 )
-from hexctl.cli.options.failure import SimFailedLegOption, SimFailureOption
-from hexctl.cli.options.output import JsonOption, NoRecordOption
+from hexctl.cli.output_options import JsonOption, NoRecordOption
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
 from hexctl.errors import InputError, RecordingError, RobotFaultError
@@ -36,8 +35,6 @@ if TYPE_CHECKING:
 @with_options(RecordedOptions)
 def diagnose(
     where: dict[str, Any],
-    failed_leg: SimFailedLegOption = None,
-    failure: SimFailureOption = None,
     no_record: NoRecordOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -47,14 +44,12 @@ def diagnose(
     simulation breaks; the diagnosis is not told. Exit codes: 0 done, whatever was found, 2 bad input, 3 fault
     of robot or link, 4 fell or was stopped, 130 interrupted.
     """
-    from hexctl.robot.failure import failure_of
     from hexctl.runs.run_spec import RunSpec
 
     if no_record and where["record"] is not None:
         raise InputError("--no-record: got --record too; allowed: one or the other")
     spec = RunSpec(
         **where,
-        failure=failure_of(failed_leg, failure),
         record_folder=None if no_record or where["record"] is not None else runs_folder(),
     )
     done, code = diagnosed(spec)
@@ -94,19 +89,18 @@ def diagnosed(spec: "RunSpec") -> "tuple[DiagnosisResult | None, int]":
         return done, INTERRUPTED if interrupt.requested() else code_of(done.trial)
 
 
-def found_failure(spec: "RunSpec", words: str | None) -> "Found":
+def found_failure(spec: "RunSpec") -> "Found":
     """What a diagnosis finds before a walk of a spec, for `--failed-leg auto`; it is told on stderr.
 
-    Args:
-        spec: of the walk, without a failure.
-        words: what a simulation breaks, such as `5:limp`; None for nothing.
+    The failures of the spec are those that a simulation breaks; the diagnosis is not told of them.
 
-    Raises InputError where nothing or more than one leg was found out, Exit where the diagnosis was stopped.
+    Raises InputError if it found out nothing or more than one leg, Exit if it was stopped.
     """
-    broken = _broken(spec, words)
-    names = {field.name for field in fields(RecordedOptions)} - {"record", "record_folder"}
+    _check_simulated(spec)
+    others = ("record", "record_folder", "failed_leg", "failure")
+    names = [field.name for field in fields(RecordedOptions) if field.name not in others]
     options = {name: getattr(spec, name) for name in names}
-    done, code = diagnosed(type(spec)(failure=broken, **options))
+    done, code = diagnosed(type(spec)(failure=spec.failures, **options))
     if done is None or code != DONE:
         print_note("hexctl: the diagnosis was stopped, and so is what was to follow")
         raise typer.Exit(code)
@@ -121,35 +115,30 @@ def found_failure(spec: "RunSpec", words: str | None) -> "Found":
             f"--failed-leg: got auto, which is {done.diagnosis.verdict}; allowed: one failed leg, or "
             f"hexctl run --failed-leg {','.join(str(one.leg) for one in failures)}"
         )
-    return Found(failures[0] if failures else None, broken, done)
+    return Found(failures[0] if failures else None, spec.failures, done)
 
 
 class Found(NamedTuple):
-    """What a diagnosis found before a walk, what the simulation breaks, and the whole result."""
+    """What a diagnosis found before a walk, what the simulation breaks, and the complete result."""
 
     failure: "Failure | None"
-    broken: "Failure | None"
+    broken: "tuple[Failure, ...]"
     result: "DiagnosisResult"
 
+    def told_to(self, spec: "RunSpec") -> "RunSpec":
+        """Spec of the walk, whose controller is told of what was found."""
+        told = () if self.failure is None else (self.failure,)
+        comes = [event for event in spec.events if event.failure is not None]
+        return replace(spec, failed_leg=None, failure=(*told, *comes))
 
-def _broken(spec: "RunSpec", words: str | None) -> "Failure | None":
-    """Failure of words such as `5:limp`."""
-    from hexctl.robot.failure import parse_failure
 
-    if words is None:
-        return None
-    leg, _, kind = words.partition(":")
-    if not spec.simulated:
+def _check_simulated(spec: "RunSpec") -> None:
+    """Raise InputError for failures that a robot is to have which is not simulated."""
+    for failure in () if spec.simulated else spec.failures:
         raise InputError(
-            f"--failure: got {words} with --failed-leg auto and --backend {spec.backend}; allowed: with sim, "
-            "which breaks it"
+            f"--failure: got {failure.leg}:{failure} with --failed-leg auto and --backend {spec.backend}; "
+            "allowed: with sim, which breaks it"
         )
-    if leg not in ("1", "2", "3", "4", "5", "6"):
-        raise InputError(
-            f"--failure: got {words} with --failed-leg auto; allowed: a leg and what the simulation breaks, "
-            "such as 5:limp"
-        )
-    return parse_failure(int(leg), kind or "locked")
 
 
 def _operator() -> "AskOperator | None":

@@ -2,7 +2,6 @@
 
 import json
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,29 +20,18 @@ from hexctl.cli.console import (
     print_note,
     print_result,
 )
-from hexctl.cli.options.failure import (
-    AUTO_LEG,
-    FailedLegOption,
-    FailOption,
-    FailureOption,
-    HealOption,
-    RecoverOption,
-    recovery_policy,
-)
-from hexctl.cli.options.output import JsonOption, NoRecordOption
+from hexctl.cli.output_options import JsonOption, NoRecordOption
 from hexctl.cli.progress import WithBar
 from hexctl.cli.see.arena_command import WalkArenaOption, geofence
 from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
 from hexctl.cli.walk.diagnose_command import Found, found_failure
+from hexctl.cli.walk.recovery_option import RecoverOption, recovery_policy
 from hexctl.errors import InputError, LimitError, ReachError, RecordingError, RobotFaultError
-from hexctl.robot.failure import failure_of, failures_of
-from hexctl.robot.failure_event import FailureEvent, parse_failure_event, parse_healing
+from hexctl.robot.failure_grammar import AUTO_LEG
 from hexctl.runs.run_spec import RunSpec
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
     from hexctl.control.log import Recorder, TickLog
     from hexctl.control.trial import ShouldStop
     from hexctl.recording.live import LiveView
@@ -61,10 +49,6 @@ DOING = {
 @with_options(RunSpec)
 def run(
     walk: dict[str, Any],
-    failed_leg: FailedLegOption = None,
-    failure: FailureOption = None,
-    fail: FailOption = None,
-    heal: HealOption = None,
     recover: RecoverOption = False,
     arena: WalkArenaOption = None,
     no_record: NoRecordOption = False,
@@ -86,26 +70,18 @@ def run(
     if no_record and (walk["record"] is not None or view):
         raise InputError("--no-record: got --record or --view too; allowed: one or the other")
     with _WalkProgress(walk["duration_s"], quiet=as_json) as progress:
-        diagnosed = failed_leg == (AUTO_LEG,)
-        failures = () if diagnosed else failures_of(failed_leg, failure) if failed_leg else ()
         walk["policy"] = recovery_policy(recover=recover, policy=walk["policy"])
         spec = RunSpec(
             **walk,
-            failure=None if diagnosed else failures[0] if failures else failure_of(None, failure),
-            further_failures=failures[1:],
-            events=(
-                *_events("--fail", parse_failure_event, fail),
-                *_events("--heal", parse_healing, heal),
-            ),
             record_folder=None if no_record or walk["record"] is not None else runs_folder(),
         )
         fence = None if arena is None else geofence(arena, str(spec.robot), simulated=spec.simulated)
         found = None
-        if diagnosed:
+        if spec.failed_leg == AUTO_LEG:
             spec.check()
             progress.pause()
-            found = found_failure(spec, failure)
-            spec = replace(spec, failure=found.failure)
+            found = found_failure(spec)
+            spec = found.told_to(spec)
         raise typer.Exit(
             _walk(_with_best(spec), progress, view=view, as_json=as_json, found=found, fence=fence)
         )
@@ -120,18 +96,6 @@ def _with_best(spec: RunSpec) -> RunSpec:
     best = best_gait(spec, runs_folder())
     print_note(f"hexctl: {best.source}")
     return best.spec
-
-
-def _events(
-    flag: str, parse: "Callable[[str], FailureEvent]", texts: "Sequence[str] | None"
-) -> "Iterator[FailureEvent]":
-    """Events of the texts of an option; raises InputError that names it."""
-    for text in texts or ():
-        try:
-            yield parse(text)
-        except InputError as error:
-            _, same, allowed = str(error).partition(f": got {text!r}")
-            raise InputError(f"{flag}: got {text!r}{allowed if same else f' ({error})'}") from error
 
 
 def _walk(

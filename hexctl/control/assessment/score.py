@@ -13,7 +13,7 @@ from hexctl.control.walks.steering import LOST_AFTER_S, frozen_rows, plane, why_
 from hexctl.control.walks.turning import TURN_WITHIN_RAD, turn_needed_rad
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import ideal_speed_m_s
-from hexctl.robot.failure_event import NoticedFailure
+from hexctl.robot.failure import NoticedFailure
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import BoolArray, FloatArray

@@ -20,7 +20,7 @@ from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError
 from hexctl.gait.gait import make_gait
-from hexctl.robot.failure import parse_failure
+from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray
 
@@ -152,7 +152,7 @@ def simulation_uncertainty(
 
 def _placed(robot: Robot, world: World, leg: int, code: int, duration_s: float) -> SimTrial:
     """A walk with a locked leg that trails, put down turned instead of turning first."""
-    failure = parse_failure(leg, MEASURED_FAILURE)
+    failure = parse_kind(leg, MEASURED_FAILURE)
     gait = make_gait(robot, str(code), failed_legs=(leg,))
     plan = TrialPlan(gait=gait, belief=failure, duration_s=duration_s)
     return SimTrial(robot=robot, plan=plan, failure=failure, world=world).put_down_turned()

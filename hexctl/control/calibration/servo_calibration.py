@@ -1,8 +1,9 @@
 """Servo calibration: by hand where servos tell their positions, by their motors elsewhere."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from hexctl.backends.base import CalibratedServos
 from hexctl.backends.registry import BackendOptions, check_options, make_servos
@@ -11,22 +12,46 @@ from hexctl.control.calibration.jogging import JoggedCalibration, JointJogger
 from hexctl.control.calibration.operator import INTRODUCTION, CalibrationResult, Operator
 from hexctl.control.guard import MAX_EXPIRY_S, Guard
 from hexctl.errors import InputError, argument
+from hexctl.options import RARE, Typed, check_fields
 from hexctl.robot.configs import find_config
 from hexctl.robot.loader import RobotFile, load_robot_file
 from hexctl.robot.servos.servos_section import check_writable
 from hexctl.types import JOINT_NAMES
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CalibrationOptions:
+    """Which servos are calibrated, and where they are."""
+
+    backend: str | None = None
+    """Servos: mavlink (a servo board), a driver such as dynamixel or servo2040, or package.module:Class
+    (custom servos with a servo map). (default: the driver of the robot file, or mavlink)
+    """
+
+    connect: str | None = None
+    """Where the servos are: a serial device such as /dev/ttyUSB0 or /dev/ttyACM0:115200, or
+    udpout:HOST:PORT. (default: the port of the robot file, or udpout:127.0.0.1:14550)
+    """
+
+    joints: str | None = None
+    """Only these joints, such as leg1_coxa,leg2_tibia or leg3. (default: all 18)"""
+
+    credentials: Annotated[str | Path | None, Typed(flag="keys"), RARE] = None
+    """Folder with mavlink.key, the board's secret, for a board that obeys only it. (default: none)"""
+
+    insecure: Annotated[bool, RARE] = False
+    """Go without certificates beyond this computer: every client there can move the robot."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+
 def calibrate(
     robot: str | Path,
     operator: Operator,
     *,
-    backend: str | None = None,
-    joints: str | None = None,
-    connect: str | None = None,
-    credentials: Path | None = None,
-    insecure: bool = False,
     stop_requested: Callable[[], bool] = lambda: False,
+    **options: Any,
 ) -> CalibrationResult:
     """Calibrate servos with an operator, and write sign, offset and limits to the robot file joint by joint.
 
@@ -36,22 +61,19 @@ def calibrate(
     Args:
         robot: name or path of a robot file that may be written to.
         operator: asked what the joints do.
-        backend: a backend whose servos are `CalibratedServos`; None is the robot file's driver, or mavlink.
-        joints: names such as `leg1_coxa,leg3`; all 18 unless given.
-        connect: where the servos are, or None for the port of the robot file or the backend's default.
-        credentials: folder with the keys of the link, or None.
-        insecure: True to allow a link beyond this computer without credentials.
         stop_requested: polled at every tick; True ends the calibration.
+        options: fields of `CalibrationOptions`.
 
     Raises InputError for a file, joints, options or servos that cannot be calibrated, and RobotFaultError for
     a robot that cannot be reached or stops.
     """
+    asked = CalibrationOptions(**options)
     path = find_config("robots", robot)
     check_writable(path)
     file = load_robot_file(path)
-    name = _backend(file, backend)
-    chosen = chosen_joints(joints)
-    given: dict[str, Any] = {"connect": connect, "credentials": credentials, "insecure": insecure}
+    name = _backend(file, asked.backend)
+    chosen = chosen_joints(asked.joints)
+    given = {field: getattr(asked, field) for field in ("connect", "credentials", "insecure")}
     check_options(name, **given)
     servos = _calibrated(name, BackendOptions(robot=file.robot, robot_file=file, **given))
     result = CalibrationResult(file.path)

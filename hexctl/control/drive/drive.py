@@ -23,8 +23,8 @@ from hexctl.control.monitor.recovery import RecoveryPolicy, make_policy
 from hexctl.control.trace import TrialFrame
 from hexctl.errors import InputError, check_type
 from hexctl.gait.gait import Gait, make_gait
-from hexctl.robot.failure import Failure, Failures, each_failure
-from hexctl.robot.failure_event import NoticedFailure
+from hexctl.robot.failure import Failure, NoticedFailure
+from hexctl.robot.failure_grammar import AskedFailures, read_failures
 from hexctl.robot.loader import RobotFile, load_robot_file
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import yaw_rad
@@ -61,8 +61,8 @@ class Drive:
             glides to a gait for the other legs in a simulation and stops elsewhere.
         hold: `auto` makes good what feet lose to slip, by the pose or the yaw that the robot measures; `none`
             does not.
-        failure: a leg that has failed: a simulation breaks it, and the walk is told.
-        further_failures: those of other legs besides.
+        failure: of legs, as in `RunSpec`: a simulation breaks them, and the walk is told of those that failed
+            before.
         told: False leaves it to the walk to notice the failures of a simulation.
         arbiter: decides between several sources of commands; one of its own unless given.
         recorders: take every tick, as in `run_trial`.
@@ -87,14 +87,15 @@ class Drive:
         body_raise: float | None = None,
         policy: str | RecoveryPolicy | None = None,
         hold: str = "auto",
-        failure: Failure | None = None,
-        further_failures: Failures = (),
+        failure: AskedFailures = (),
         told: bool = True,
         arbiter: Arbiter | None = None,
         recorders: Recorders | None = None,
         **options: Any,
     ) -> None:
-        self._failures = each_failure((*each_failure(failure), *each_failure(further_failures)))
+        self._failures, events = read_failures(failure)
+        if events:
+            options["events"] = (*options.get("events", ()), *events)
         self._told = told
         if hold not in DRIVE_HOLDS:
             raise InputError(f"hold: got {hold}; allowed: {', '.join(DRIVE_HOLDS)}")

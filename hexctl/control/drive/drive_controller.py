@@ -18,8 +18,7 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import check_type
 from hexctl.gait.gait import Gait
 from hexctl.gait.posture import STANCE
-from hexctl.robot.failure import Failure
-from hexctl.robot.failure_event import NoticedFailure
+from hexctl.robot.failure import Failure, NoticedFailure
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray, RobotState
 

@@ -13,8 +13,7 @@ from hexctl.control.monitor.joint_following import JointFollowing
 from hexctl.control.monitor.leg_support import NO_TORQUE_SHARE, LegSupport
 from hexctl.control.monitor.phase_habit import cycle_parts
 from hexctl.control.monitor.recent_motion import STILL_CYCLES, TAKES_PART, RecentMotion, failure_shown
-from hexctl.robot.failure import UNKNOWN, Failure
-from hexctl.robot.failure_event import in_words
+from hexctl.robot.failure import UNKNOWN, Failure, in_words
 from hexctl.robot.model import Robot
 from hexctl.types import (
     JOINTS_PER_LEG,

@@ -25,8 +25,7 @@ from hexctl.control.walks.steering import held
 from hexctl.control.walks.velocity_walk import MotionWalk, VelocityWalk
 from hexctl.errors import check_type
 from hexctl.gait.gait import Gait
-from hexctl.robot.failure import Failure
-from hexctl.robot.failure_event import ON_TRIAL, NoticedFailure
+from hexctl.robot.failure import ON_TRIAL, Failure, NoticedFailure
 from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState, leg_slice
 
 #: How long after a failure was noticed it is looked at again how the leg fails, in cycles; and once more

@@ -2,6 +2,7 @@
 
 import io
 import json
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -134,6 +135,31 @@ def repertoire_files(folder: Path | str = "runs") -> list[Path]:
     """Files that may be repertoires, in the order of the search: those that were built, then shipped ones."""
     folders = [Path(folder) / REPERTOIRES, config_root() / REPERTOIRES]
     return [path for one in folders if one.is_dir() for path in sorted(one.glob(f"*{SUFFIX}"))]
+
+
+def named_repertoire(text: str, folder: Path | str = "runs") -> Path:
+    """Path of a repertoire: the path itself, or that of a file of this name among `repertoire_files`."""
+    if Path(text).is_file():
+        return Path(text)
+    named = (path for path in repertoire_files(folder) if text in (path.name, path.stem))
+    return next(named, Path(text))
+
+
+def list_repertoires(
+    folder: Path | str = "runs", *, on_damaged: Callable[[InputError], None] | None = None
+) -> list[dict[str, Any]]:
+    """Describe every repertoire that a walk would search, with its path as `repertoire`.
+
+    Files that are not whole repertoires are left out, and reported to `on_damaged`.
+    """
+    described = []
+    for path in repertoire_files(folder):
+        try:
+            described.append({"repertoire": str(path), **describe_repertoire(path)})
+        except InputError as error:
+            if on_damaged is not None:
+                on_damaged(error)
+    return described
 
 
 def find_repertoire(robot: Robot, plan: TrialPlan, folder: Path | str = "runs") -> Repertoire | None:

@@ -9,8 +9,7 @@ from hexctl.control.log import LegChange
 from hexctl.recording import paths, style
 from hexctl.recording.rrd import load_rerun
 from hexctl.recording.tracks.columns import TORQUE_BITS, Block, rounded
-from hexctl.robot.failure import Failure
-from hexctl.robot.failure_event import in_words, in_words_with_share
+from hexctl.robot.failure import Failure, in_words, in_words_with_share
 from hexctl.robot.meshes import PartMesh
 from hexctl.types import JOINT_KINDS, N_LEGS
 

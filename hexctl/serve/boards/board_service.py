@@ -4,7 +4,7 @@ Nothing here prints or handles signals: callers pass callbacks.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,57 +15,24 @@ from hexctl.errors import InputError, argument
 from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.robot.servos.pwm_map import pwm_map_of
-from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
-from hexctl.serve.service import ServiceStarted, ServosSpec, check_between
+from hexctl.serve.boards.board_options import BoardOptions
+from hexctl.serve.service import ServiceStarted
 
 if TYPE_CHECKING:
     from hexctl.backends.mavlink.mavlink_transport import Port, PortAddress
     from hexctl.serve.boards.simulated_board import SimulatedBoard
 
-MIN_EXPIRY_S, MAX_EXPIRY_S = 0.05, 1.0
-MIN_RELEASE_S, MAX_RELEASE_S = 1.0, 3600.0
-BOARD_BACKENDS = ("sim", "mock")
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BoardService:
-    """A MAVLink servo board with a simulated robot: options of a `ServoBoard`, checked when they are given.
-
-    Attributes:
-        servos: what the board moves, `sim` or `mock`.
-        port: MAVLink port; None is the default one.
-        pty: make a pseudo-terminal instead of opening a port.
-        expiry_s: seconds without a command until the pose is held.
-        release_after_s: seconds without the controller until the torque is switched off.
-        keys: folder with `mavlink.key`, or None: frames need not be signed.
-        insecure: whether unsigned frames from beyond this computer are obeyed.
-    """
-
-    servos: ServosSpec = field(default_factory=ServosSpec)
-    port: str | None = None
-    pty: bool = False
-    expiry_s: float = 0.2
-    release_after_s: float = 10.0
-    keys: Path | None = None
-    insecure: bool = False
+class BoardService(BoardOptions):
+    """A MAVLink servo board with a simulated robot: options of a `ServoBoard`, checked when given."""
 
     def __post_init__(self) -> None:
-        if self.servos.backend not in BOARD_BACKENDS:
+        super(BoardService, self).__post_init__()
+        if self.pty and self.connect is not None:
             raise InputError(
-                f"{argument('backend')}: got {self.servos.backend}; allowed: {', '.join(BOARD_BACKENDS)}"
+                f"{argument('pty')}: got {argument('connect')} {self.connect} too; allowed: one or the other"
             )
-        self.servos.check()
-        if self.pty and self.port is not None:
-            raise InputError(
-                f"{argument('pty')}: got {argument('port')} {self.port} too; allowed: one or the other"
-            )
-        check_between(argument("expiry_s"), self.expiry_s, MIN_EXPIRY_S, MAX_EXPIRY_S)
-        check_between(argument("release_after_s"), self.release_after_s, MIN_RELEASE_S, MAX_RELEASE_S)
-
-    @property
-    def signed(self) -> bool:
-        """Whether only signed frames are obeyed."""
-        return self.keys is not None
 
     def run(
         self,
@@ -82,10 +49,10 @@ class BoardService:
         from hexctl.serve.boards.servo_board import ServoBoard
 
         address = self._check_port()
-        signing_key = read_signing_key(self.keys)
-        options = self.servos.options()
+        signing_key = read_signing_key(None if self.credentials is None else Path(self.credentials))
+        options = self.backend_options()
         servo_map = options.servo_map
-        servos = make_servos(self.servos.backend, options)
+        servos = make_servos(self.backend, options)
         port, place = self._open_port(address)
         board = ServoBoard(
             servos,
@@ -95,7 +62,7 @@ class BoardService:
             expiry_s=self.expiry_s,
             release_after_s=self.release_after_s,
         )
-        started = ServiceStarted(robot=servos.robot.name, backend=self.servos.backend, place=place)
+        started = ServiceStarted(robot=servos.robot.name, backend=self.backend, place=place)
         board.run(stop_requested, ready=lambda: _start(started, on_started))
         return board.report()
 
@@ -105,9 +72,11 @@ class BoardService:
 
         if self.pty:
             return None
-        text = self.port or DEFAULT_BOARD_PORT
+        text = self.connect or DEFAULT_BOARD_PORT
         address = parse_port(text)
-        check_guarded(address, option=argument("port"), text=text, signed=self.signed, insecure=self.insecure)
+        check_guarded(
+            address, option=argument("connect"), text=text, signed=self.signed, insecure=self.insecure
+        )
         return address
 
     def _open_port(self, address: "PortAddress | None") -> "tuple[Port, str]":
@@ -117,39 +86,13 @@ class BoardService:
         if address is None:
             terminal = PtyPort()
             return terminal, terminal.path
-        text = self.port or DEFAULT_BOARD_PORT
+        text = self.connect or DEFAULT_BOARD_PORT
         return open_port(address, text=text), text
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BusBoardService:
-    """Servos on a simulated bus: options of a `BusBoard`, checked when they are given.
-
-    Attributes:
-        driver: whose protocol they speak, of `BUS_DRIVERS`, or of `PWM_DRIVERS`, whose boards are simulated.
-        servos: what they move, `sim` or `mock`.
-        model: of all servos, in place of those of the robot file; of a servo2040 the firmware.
-        baud: bits per second of the line; usual for the driver unless given.
-        faults: what goes wrong, in the words of `parse_bus_fault`, or of the board's own function.
-    """
-
-    driver: str
-    servos: ServosSpec = field(default_factory=ServosSpec)
-    model: str | None = None
-    baud: int | None = None
-    faults: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        if self.servos.backend not in BOARD_BACKENDS:
-            raise InputError(
-                f"{argument('backend')}: got {self.servos.backend}; allowed: {', '.join(BOARD_BACKENDS)}"
-            )
-        self.servos.check()
-
-    @property
-    def bits_per_s(self) -> int:
-        """Speed of the line."""
-        return self.baud or {"servo2040": 115_200, "pca9685": 400_000, **DEFAULT_BAUDS}[self.driver]
+class BusBoardService(BoardOptions):
+    """Servos on a simulated bus, or boards: options of a `BusBoard`, checked when they are given."""
 
     def run(
         self,
@@ -161,12 +104,12 @@ class BusBoardService:
 
         Raises InputError for a robot, world, model or fault that is not allowed.
         """
-        options = self.servos.options()
+        options = self.backend_options()
         section = ServosSection() if options.robot_file is None else options.robot_file.content.servos
-        servos = make_servos(self.servos.backend, options)
-        make = {"servo2040": self._servo2040, "pca9685": self._pca9685}.get(self.driver, self._bus)
+        servos = make_servos(self.backend, options)
+        make = {"servo2040": self._servo2040, "pca9685": self._pca9685}.get(str(self.bus), self._bus)
         board = make(servos, section)
-        started = ServiceStarted(robot=servos.robot.name, backend=self.servos.backend, place=board.path)
+        started = ServiceStarted(robot=servos.robot.name, backend=self.backend, place=board.path)
         board.run(stop_requested, ready=lambda: _start(started, on_started))
         return board.report()
 
@@ -176,17 +119,17 @@ class BusBoardService:
 
         if self.model is not None:
             section = section.model_copy(update={"model": self.model})
-        bus_map = bus_map_of(section, self.driver)
-        faults = tuple(parse_bus_fault(text) for text in self.faults)
-        return BusBoard(servos, bus_map, baud=self.bits_per_s, faults=faults, seed=self.servos.seed)
+        bus_map = bus_map_of(section, str(self.bus))
+        faults = tuple(parse_bus_fault(text) for text in self.fault)
+        return BusBoard(servos, bus_map, baud=self.bits_per_s, faults=faults, seed=self.seed)
 
     def _servo2040(self, servos: LegServos, section: ServosSection) -> "SimulatedBoard":
         from hexctl.serve.boards.servo2040_board import Servo2040Board, parse_servo2040_fault
 
-        pwm_map = pwm_map_of(section, self.driver)
-        faults = tuple(parse_servo2040_fault(text) for text in self.faults)
+        pwm_map = pwm_map_of(section, str(self.bus))
+        faults = tuple(parse_servo2040_fault(text) for text in self.fault)
         firmware = self.model or "stock"
-        return Servo2040Board(servos, pwm_map, firmware=firmware, faults=faults, seed=self.servos.seed)
+        return Servo2040Board(servos, pwm_map, firmware=firmware, faults=faults, seed=self.seed)
 
     def _pca9685(self, servos: LegServos, section: ServosSection) -> "SimulatedBoard":
         from hexctl.serve.boards.pca9685_board import Pca9685Board, parse_pca9685_fault
@@ -195,10 +138,10 @@ class BusBoardService:
             raise InputError(f"{argument('model')}: got {self.model} with pca9685; allowed: without")
         return Pca9685Board(
             servos,
-            pwm_map_of(section, self.driver),
+            pwm_map_of(section, str(self.bus)),
             bits_per_s=self.bits_per_s,
-            faults=tuple(parse_pca9685_fault(text) for text in self.faults),
-            seed=self.servos.seed,
+            faults=tuple(parse_pca9685_fault(text) for text in self.fault),
+            seed=self.seed,
         )
 
 

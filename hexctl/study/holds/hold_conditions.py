@@ -11,7 +11,8 @@ from hexctl.control.assessment.static_stability import stable_gait
 from hexctl.control.batch import SimTrial
 from hexctl.control.trial_plan import AUTO_ROTATION, TrialPlan, suited_rotation
 from hexctl.gait.gait import Gait
-from hexctl.robot.failure import Failure, parse_failure
+from hexctl.robot.failure import Failure
+from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.model import Robot
 from hexctl.study.landscapes.versions import code_versions, source_digest
 
@@ -35,7 +36,7 @@ class HoldCase:
 
     Attributes:
         leg: the failed leg, 1..6; 0 for an intact robot.
-        failure: of the leg, in the words of `parse_failure`; `intact` without one.
+        failure: of the leg, in the words of `parse_kind`; `intact` without one.
         hold: what the walk holds, one of `HOLDS`.
     """
 
@@ -46,7 +47,7 @@ class HoldCase:
     @property
     def leg_failure(self) -> Failure | None:
         """The failure, as the simulation is given it and the controller believes it."""
-        return parse_failure(self.leg, self.failure) if self.leg else None
+        return parse_kind(self.leg, self.failure) if self.leg else None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,9 +6,10 @@ from hexctl.backends.sim.world import MAX_MEMBERS, DomainRandomization, World
 from hexctl.control.trial_plan import AUTO_ROTATION, SELF_ROTATIONS
 from hexctl.control.walks.turning import check_plan
 from hexctl.errors import InputError, LimitError, ReachError, check_type
-from hexctl.robot.failure import FAILURE_FORMS, parse_failure
+from hexctl.robot.failure_grammar import KINDS, parse_kind
 from hexctl.robot.model import Robot
 from hexctl.study.holds.hold_conditions import HOLDS, INTACT, HoldCase, HoldConditions, with_sensors
+from hexctl.study.study_options import WORLDS
 from hexctl.study.study_plan import check_each, check_robot, check_setting
 from hexctl.types import N_LEGS
 
@@ -22,8 +23,6 @@ FAMILY = "transfer"
 #: What is wrong with each leg, unless told otherwise.
 FAILURES = ("locked", "limp", "missing", "weak:0.5", "stuck:coxa")
 
-MAX_WORLDS = 1000
-
 
 @dataclass(frozen=True, kw_only=True)
 class HoldPlan:
@@ -35,7 +34,7 @@ class HoldPlan:
         worlds: number of worlds of each family.
         first_world: number of the first of them.
         legs: the failed legs, ascending.
-        failures: of each leg, in the words of `parse_failure`; intact robots walk beside them.
+        failures: of each leg, in the words of `parse_kind`; intact robots walk beside them.
         holds: what the walks hold, of `hexctl.study.holds.hold_conditions.HOLDS`.
         self_rotation: where the failed leg points during the walk; with `auto` to the rear under the hold
             `heading`, and as it is under the others, as `hexctl run --gait auto` walks under `heading` and
@@ -66,7 +65,7 @@ class HoldPlan:
             allowed = "a DomainRandomization, as load_randomization('transfer') gives"
             check_type(family, DomainRandomization, "plan.families", allowed)
         for failure in self.failures:
-            check_type(failure, str, "plan.failures", FAILURE_FORMS)
+            check_type(failure, str, "plan.failures", KINDS)
         for name in ("worlds", "first_world"):
             check_type(getattr(self, name), int, f"plan.{name}")
         check_type(self.duration_s, float, "plan.duration_s")
@@ -110,15 +109,13 @@ class HoldPlan:
         check_each("legs", self.legs, tuple(range(1, N_LEGS + 1)))
         check_each("failure", self.failures)
         check_each("holds", self.holds, HOLDS)
-        last = MAX_MEMBERS - self.first_world
-        check_setting(
-            "worlds", self.worlds, 1 <= self.worlds <= min(MAX_WORLDS, last), f"1..{min(MAX_WORLDS, last)}"
-        )
+        most = min(int(WORLDS.high), MAX_MEMBERS - self.first_world)
+        check_setting("worlds", self.worlds, 1 <= self.worlds <= most, f"1..{most}")
         turn = self.self_rotation
         allowed = (AUTO_ROTATION, *SELF_ROTATIONS)
         check_setting("self_rotation", turn, turn in allowed, ", ".join(allowed))
         for failure in self.failures:
-            parse_failure(self.legs[0], failure)
+            parse_kind(self.legs[0], failure)
         for one in self.conditions()[:: len(self.families) * self.worlds]:
             for case in self.cases():
                 try:

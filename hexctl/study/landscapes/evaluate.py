@@ -12,15 +12,13 @@ from typing import Any, Protocol, TypeVar
 
 from hexctl.control.batch import run_sim_trials
 from hexctl.errors import InputError, MissingExtraError, RobotFaultError, argument
+from hexctl.study.compute_options import JOBS
 from hexctl.study.landscapes.cache import LandscapeCache
 from hexctl.study.landscapes.landscape import Landscape, LandscapeSpec, Rows, rows_of, with_rows
 from hexctl.study.landscapes.versions import code_versions
 
 #: Gaits in a chunk. Each chunk settles and turns once more (a sixth of a second); an interrupt loses one.
 CHUNK_SIZE = 40
-
-#: Most threads that simulate.
-MAX_JOBS = 1024
 
 #: How long a Dask scheduler may take to answer.
 CONNECT_S = 15
@@ -88,9 +86,9 @@ class Silent:
 
 
 def check_jobs(jobs: int | None) -> None:
-    """Raise InputError unless a number of threads is within 1..`MAX_JOBS`; None is the default number."""
-    if jobs is not None and not 1 <= jobs <= MAX_JOBS:
-        raise InputError(f"{argument('jobs')}: got {jobs}; allowed: 1..{MAX_JOBS}")
+    """Raise InputError unless a number of threads is one of `JOBS`; None is the default number."""
+    if jobs is not None:
+        JOBS.check(argument("jobs"), jobs)
 
 
 def evaluate(

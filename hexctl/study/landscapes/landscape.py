@@ -19,7 +19,8 @@ from hexctl.control.batch import SimTrial
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import QUALITIES, TrialResult
 from hexctl.gait.gait import Gait
-from hexctl.robot.failure import Failure, parse_failure
+from hexctl.robot.failure import Failure
+from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.model import Robot
 from hexctl.study.landscapes.versions import code_versions
 from hexctl.types import ArrayFields, BoolArray, FloatArray
@@ -46,7 +47,7 @@ class LandscapeSpec:
         leg: the failed leg, 1..6.
         self_rotation: where the failed leg points during the walk: `rear`, `front`, or `none`: no turn.
         duration_s: length of each walk.
-        failure: of the leg, in the words of `parse_failure`, such as `limp` or `weak:0.5`.
+        failure: of the leg, in the words of `parse_kind`, such as `limp` or `weak:0.5`.
         seed: of sensor noise, rough floors, and what an `unknown` failure breaks.
         placed: True to put the robot down as its self-rotation would leave it, instead of turning.
         miss_rad: yaw by which that self-rotation would have turned too far; only with `placed`.
@@ -73,7 +74,7 @@ class LandscapeSpec:
     @property
     def leg_failure(self) -> Failure:
         """The failure of the leg, as the simulation is given it and the controller believes it."""
-        return parse_failure(self.leg, self.failure)
+        return parse_kind(self.leg, self.failure)
 
     @cached_property
     def space(self) -> GaitSpace:

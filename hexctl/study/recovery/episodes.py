@@ -16,7 +16,8 @@ from hexctl.control.monitor.repertoire_store import find_repertoire
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
 from hexctl.gait.gait import Gait, ideal_speed_m_s, make_gait
-from hexctl.robot.failure_event import FailureEvent, parse_failure_event
+from hexctl.robot.failure import FailureEvent
+from hexctl.robot.failure_grammar import parse_failure_event
 from hexctl.robot.model import Robot
 from hexctl.study.landscapes.versions import code_versions, source_digest
 from hexctl.study.recovery.methods import Alarm, method_of
@@ -48,7 +49,7 @@ class RecoveryCase:
     Attributes:
         gait: name of the gait on six legs, or `auto`.
         legs: those that fail, all in the same way, in this order; none in an intact walk.
-        failure: how, in the words of `parse_failure`; `intact` without any.
+        failure: how, in the words of `parse_kind`; `intact` without any.
         at_s: when the first fails, since the walk began; in an intact walk the moment from which on it is
             compared.
         heading_deg: direction of travel.

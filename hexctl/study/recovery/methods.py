@@ -18,8 +18,7 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.control.walks.steering import held
 from hexctl.control.walks.velocity_walk import MotionWalk, VelocityWalk
-from hexctl.robot.failure import Failure
-from hexctl.robot.failure_event import FailureEvent, NoticedFailure
+from hexctl.robot.failure import Failure, FailureEvent, NoticedFailure
 from hexctl.robot.plugins import made_of
 from hexctl.study.recovery.decentralised import DecentralisedWalk
 from hexctl.study.recovery.open_loop import TRIES, OpenLoopFromFailure, Rehearsal, rehearse

@@ -10,14 +10,14 @@ import numpy as np
 from hexctl.backends.sim.world import MAX_MEMBERS, DomainRandomization, World, load_world
 from hexctl.control.trial_plan import DURATION_S
 from hexctl.control.walks.turning import check_plan
-from hexctl.errors import InputError, LimitError, ReachError, check_type
+from hexctl.errors import InputError, LimitError, ReachError, argument, check_type
 from hexctl.gait.gait import NAMED_SLOTS
-from hexctl.robot.failure import FAILURE_FORMS
-from hexctl.robot.failure_event import parse_coming_failure
+from hexctl.robot.failure_grammar import KINDS, parse_coming_kind
 from hexctl.robot.model import Robot
 from hexctl.study.holds.hold_conditions import with_sensors
 from hexctl.study.recovery.episodes import AUTO_GAIT, INTACT, RecoveryCase, RecoveryConditions
 from hexctl.study.recovery.methods import DEFAULT_METHODS, NOTHING, method_of
+from hexctl.study.study_options import RUNS, WORLDS
 from hexctl.study.study_plan import check_each, check_robot, check_setting
 from hexctl.types import JOINT_KINDS, N_LEGS
 
@@ -61,8 +61,6 @@ RULED_S, TORQUE_OFF = {HEXAHEAL: 14.0, SECOND: 36.0}, "limp"
 #: A walk is to go on for so long after the failure.
 LEAST_AFTER_S = 2.0
 
-MAX_WORLDS, MAX_RUNS = 1000, 999
-
 
 @dataclass(frozen=True, kw_only=True)
 class RecoveryPlan:
@@ -75,7 +73,7 @@ class RecoveryPlan:
         worlds: number of worlds of each family.
         first_world: number of the first of them.
         legs: those that fail, ascending.
-        failures: of each leg, in the words of `parse_failure`; intact robots walk beside them.
+        failures: of each leg, in the words of `parse_kind`; intact robots walk beside them.
         methods: what robots do about them, as `method_of` has it; `nothing` among them.
         protocols: of `PROTOCOLS`.
         runs: of each set of legs in the protocols `hexaheal` and `second`, with different seeds.
@@ -109,7 +107,7 @@ class RecoveryPlan:
             allowed = "a DomainRandomization, as load_randomization('transfer') gives"
             check_type(family, DomainRandomization, "plan.families", allowed)
         for failure in self.failures:
-            check_type(failure, str, "plan.failures", FAILURE_FORMS)
+            check_type(failure, str, "plan.failures", KINDS)
         for name in ("worlds", "first_world", "runs", "seed"):
             check_type(getattr(self, name), int, f"plan.{name}")
         check_type(self.duration_s, float, "plan.duration_s")
@@ -232,12 +230,12 @@ class RecoveryPlan:
         for method in self.methods:
             method_of(method)
         check_setting("methods", ",".join(self.methods), NOTHING in self.methods, f"{NOTHING} among them")
-        most = min(MAX_WORLDS, MAX_MEMBERS - self.first_world)
+        most = min(int(WORLDS.high), MAX_MEMBERS - self.first_world)
         check_setting("worlds", self.worlds, 1 <= self.worlds <= most, f"1..{most}")
-        check_setting("runs", self.runs, 1 <= self.runs <= MAX_RUNS, f"1..{MAX_RUNS}")
+        RUNS.check(argument("runs"), self.runs)
         check_setting("seed", self.seed, self.seed >= 0, "0 or more")
         for failure in self.failures:
-            parse_coming_failure(self.legs[0], failure)
+            parse_coming_kind(self.legs[0], failure)
         longest_s = max(1 / robot.gait.pace_hz for robot in self.robots)
         least_s = FAULT_S[LINE] + longest_s + LEAST_AFTER_S
         fine = LINE not in self.protocols or least_s <= self.duration_s <= DURATION_S.high

@@ -16,8 +16,7 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.steered_walk import SteeredWalk
 from hexctl.control.walks.steering import held
 from hexctl.control.walks.velocity_walk import MotionWalk
-from hexctl.robot.failure import MOST_FAILED, Failure, each_failure, failure_text
-from hexctl.robot.failure_event import NoticedFailure
+from hexctl.robot.failure import MOST_FAILED, Failure, NoticedFailure, each_failure, failure_text
 from hexctl.types import BoolArray, FloatArray, RobotState
 
 #: Time to come from the end of the soft stop to the stance and to rest, as before a diagnosis by itself.

@@ -29,8 +29,8 @@ from hexctl.control.walks.turning import check_plan
 from hexctl.errors import InputError, LimitError, ReachError, argument, check_type
 from hexctl.gait.gait import Gait, make_gait
 from hexctl.gait.posture import Posture
-from hexctl.robot.failure import Failure, parse_failure
-from hexctl.robot.failure_event import parse_coming_failure
+from hexctl.robot.failure import Failure
+from hexctl.robot.failure_grammar import parse_coming_kind, parse_kind
 from hexctl.robot.model import Robot
 from hexctl.study.prior_building import TIME_STEP_S
 from hexctl.study.recovery.recovery_plan import FAILURES
@@ -63,7 +63,7 @@ class RepertoirePlan:
         families: of plausible worlds, by name.
         worlds: number of worlds of each family.
         directions: number of directions of travel.
-        failures: of single legs, in the words of `parse_failure`.
+        failures: of single legs, in the words of `parse_kind`.
         pair_failures: of both legs of a pair.
         codes: how many next codes by the static margin are candidates, and as many drawn at random, as a
             check of that ranking.
@@ -108,9 +108,9 @@ class RepertoirePlan:
     def situations(self) -> tuple[tuple[tuple[Failure, ...], float], ...]:
         """Failures and directions of travel that are walked, of several that are alike one."""
         legs = range(1, N_LEGS + 1)
-        single = [(parse_failure(leg, text),) for text in self.failures for leg in legs]
+        single = [(parse_kind(leg, text),) for text in self.failures for leg in legs]
         pairs = [
-            (parse_failure(one, text), parse_failure(other, text))
+            (parse_kind(one, text), parse_kind(other, text))
             for text in self.pair_failures
             for one, other in combinations(legs, 2)
         ]
@@ -209,7 +209,7 @@ class RepertoirePlan:
                     "without `failures`"
                 )
         for text in (*self.failures, *self.pair_failures):
-            parse_coming_failure(1, text)
+            parse_coming_kind(1, text)
 
 
 def _key_deg(heading_deg: float) -> float:

@@ -20,7 +20,7 @@ from hexctl.control.monitor.repertoire import (
 from hexctl.control.trial_plan import GaitChange, TrialPlan
 from hexctl.control.trial_result import STATUSES, TrialResult
 from hexctl.gait.gait import ideal_speed_m_s, make_gait
-from hexctl.robot.failure_event import parse_failure_event
+from hexctl.robot.failure_grammar import parse_failure_event
 from hexctl.robot.model import Robot
 from hexctl.study.landscapes.benchmark_walks import WalkCache
 from hexctl.study.landscapes.cache import LandscapeCache

@@ -12,10 +12,11 @@ from hexctl.backends.sim.world import DomainRandomization
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError, argument, check_type
 from hexctl.gait.gait import make_gait
-from hexctl.robot.failure import FAILURE_FORMS, parse_failure
+from hexctl.robot.failure_grammar import KINDS, parse_kind
 from hexctl.robot.model import Robot
 from hexctl.study.landscapes.landscape import LandscapeSpec
 from hexctl.study.prior_building import WHOLE_S, in_whole_steps
+from hexctl.study.study_options import WORLDS
 from hexctl.study.study_plan import BASELINE, HEURISTICS, StudyPlan, check_robot
 from hexctl.types import N_LEGS
 
@@ -30,7 +31,7 @@ EARLY = "bayes-early"
 
 PRIORED = (BAYES, EARLY)
 
-MAX_WORLDS = 1000
+MAX_WORLDS = int(WORLDS.high)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +50,7 @@ class TransferPlan:
         duration_s: length of each walk.
         target_m: deviation that `bayes` aims at.
         seed: of the searches.
-        failure: of each leg, in the words of `parse_failure`; with `unknown` each world draws what breaks,
+        failure: of each leg, in the words of `parse_kind`; with `unknown` each world draws what breaks,
             and the searches are not told.
         one_leg: one leg fails in each world, the next one in the next world, instead of all in every world.
     """
@@ -73,7 +74,7 @@ class TransferPlan:
         allowed = f"a DomainRandomization, as load_randomization('{UNSEEN}') gives"
         check_type(self.family, DomainRandomization, "plan.family", allowed)
         check_type(self.prior, Prior, "plan.prior", "a Prior, as load_prior(path) gives")
-        check_type(self.failure, str, "plan.failure", FAILURE_FORMS)
+        check_type(self.failure, str, "plan.failure", KINDS)
         check_type(self.one_leg, bool, "plan.one_leg")
 
     def specs(self) -> list[LandscapeSpec]:
@@ -113,9 +114,8 @@ class TransferPlan:
 
     def check(self) -> None:
         """Raise InputError for anything that is not allowed, before anything runs."""
-        if not 1 <= self.worlds <= MAX_WORLDS:
-            raise InputError(f"{argument('worlds')}: got {self.worlds}; allowed: 1..{MAX_WORLDS}")
-        parse_failure(1, self.failure)
+        WORLDS.check(argument("worlds"), self.worlds)
+        parse_kind(1, self.failure)
         others = tuple(name for name in self.optimizers if name not in PRIORED) or (BASELINE,)
         StudyPlan(
             robot=self.robot,
@@ -160,7 +160,7 @@ def find_transfer_prior(
     """First prior in some folders that covers the trials of a benchmark; InputError if there is none."""
     if not legs:
         raise InputError(f"{argument('legs')}: got none; allowed: one or more of 1..6")
-    belief = parse_failure(legs[0], failure)
+    belief = parse_kind(legs[0], failure)
     plan = TrialPlan(gait=make_gait(robot, "demo"), duration_s=duration_s, belief=belief)
     found = find_prior(PriorKey.of(robot, plan), folders, covers=covering(robot, plan))
     if found.path is None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from hexctl.adapt.prior.samples import Symmetries, Symmetry
 from hexctl.backends.sim.world import World
-from hexctl.robot.failure import parse_failure
+from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.model import Robot
 from hexctl.study.landscapes.landscape import NUMBERS, Landscape
 
@@ -119,7 +119,7 @@ def _is_identity(symmetry: Symmetry) -> bool:
 
 def _one_sided(failure: str) -> bool:
     """Whether a failure has a left and a right: a coxa that is stuck off its middle."""
-    broken = parse_failure(1, failure)
+    broken = parse_kind(1, failure)
     return broken.kind == "stuck" and broken.joint == "coxa" and broken.angle_rad != 0
 
 

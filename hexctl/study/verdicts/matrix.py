@@ -146,6 +146,10 @@ class MatrixResult(ReportResult):
         """Whether a claim holds in every cell."""
         return all(claims[row].holds is True for claims in self.claims)
 
+    def lines(self) -> list[str]:
+        """Table of verdicts in Markdown."""
+        return self.to_markdown().splitlines()
+
     def to_markdown(self) -> str:
         """Table of verdicts in Markdown: a row for each cell, a column for each claim."""
         header = ("setting", "worlds", *NAMES)

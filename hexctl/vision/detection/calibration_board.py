@@ -6,7 +6,6 @@ Its markers are of another family than the tags on robot and floor, so that neit
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -44,12 +43,16 @@ class SeenBoard(ArrayFields):
 
 def charuco_board() -> Any:
     """The board as OpenCV describes it."""
+    import cv2
+
     markers = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
     return cv2.aruco.CharucoBoard(SQUARES, SQUARE_M, MARKER_M, markers)
 
 
 def black_squares() -> list[tuple[float, float, float]]:
     """Squares of the board that are black, as (left, top, edge) in m from its top left corner."""
+    import cv2
+
     board = charuco_board()
     marked = {tuple(np.floor(corners[0, :2] / SQUARE_M).astype(int)) for corners in board.getObjPoints()}
     columns, rows = SQUARES
@@ -74,6 +77,8 @@ class BoardFinder:
     """Finds the board in pictures. Not for several threads."""
 
     def __init__(self) -> None:
+        import cv2
+
         self._board = charuco_board()
         detection = cv2.aruco.DetectorParameters()
         detection.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX

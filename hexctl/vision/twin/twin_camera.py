@@ -3,15 +3,14 @@
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
 
-from hexctl.errors import InputError, argument
+from hexctl.options import UNTYPED
 from hexctl.robot.model import Robot
-from hexctl.vision.camera_options import LATENCIES_MS, LinkOptions, never
+from hexctl.vision.camera_options import never
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.lens import Lens, load_lens
 from hexctl.vision.detection.tags import Picture
@@ -19,7 +18,8 @@ from hexctl.vision.twin.camera_faults import CameraFaults, parse_camera_fault, w
 from hexctl.vision.twin.delivery import Delivery, TakenPicture
 from hexctl.vision.twin.posture_history import PostureHistory, followed_robot
 from hexctl.vision.twin.rendering import CameraFlaws, PlacedTag, RobotPosture, SceneRenderer
-from hexctl.vision.twin.twin_scene import FLOOR_TAGS, FOV_DEG, LOOK_AT_M, POSITION_M, WEBCAM, tag_on
+from hexctl.vision.twin.twin_options import TwinOptions
+from hexctl.vision.twin.twin_scene import FLOOR_TAGS, FOV_DEG, WEBCAM, tag_on
 from hexctl.vision.video.mjpeg import MjpegServer
 
 #: The posture at a moment is known once the next state has come: a control period and what the link takes.
@@ -33,14 +33,6 @@ JUDGED_AFTER_S, LEAST_SHARE = 5.0, 0.9
 
 #: A robot that tells no truth for so long is silent.
 SILENT_S = 1.0
-
-#: Ranges of the options.
-FPS = (1.0, 60.0)
-NOISES = (0.0, 50.0)
-BLURS_PX = (0.0, 10.0)
-SIZES_PX = (64, 4096)
-
-Point = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,63 +98,17 @@ class TwinReport:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TwinCamera(LinkOptions):
+class TwinCamera(TwinOptions):
     """A rendered camera over a simulated robot: options, checked when they are given.
 
-        TwinCamera(fps=15, latency_ms=120).run(stop_requested, on_started=print)
-
-    The robot is that of `LinkOptions`.
-
-    Attributes:
-        http_port: of the stream on this computer; 0 for any free one.
-        fps: pictures per second.
-        latency_ms: from what the camera sees to the arrival of its picture; never less than drawing takes.
-        lens: calibration of the lens (`load_lens`); None for a webcam's.
-        size_px: width and height of the pictures; None for those of the lens.
-        position_m: where the camera stands.
-        look_at_m: the point that it looks at.
-        noise: standard deviation of each pixel's brightness, of 255.
-        blur_px: of the lens out of focus.
-        drop: share of pictures that are lost, 0 to 1.
-        shadow: by which a shadow that wanders over the floor darkens it, 0 to 1.
-        floor_tags: on the floor, by number.
-        faults: texts such as `moved:0.05,0,0@10` (`parse_camera_fault`).
-        seed: of noise and lost pictures.
+    TwinCamera(fps=15, latency_ms=120).run(stop_requested, on_started=print)
     """
 
-    http_port: int = 0
-    fps: float = 30.0
-    latency_ms: float = 80.0
-    lens: str | Path | None = None
-    size_px: tuple[int, int] | None = None
-    position_m: Point = POSITION_M
-    look_at_m: Point = LOOK_AT_M
-    noise: float = 4.0
-    blur_px: float = 0.7
-    drop: float = 0.0
-    shadow: float = 0.0
-    floor_tags: Mapping[int, PlacedTag] = field(default_factory=lambda: FLOOR_TAGS)
-    faults: tuple[str, ...] = ()
-    seed: int = 0
+    floor_tags: Annotated[Mapping[int, PlacedTag], UNTYPED] = field(default_factory=lambda: FLOOR_TAGS)
+    """Tags on the floor, by number."""
 
     def __post_init__(self) -> None:
-        LinkOptions.__post_init__(self)
-        ranges = {
-            "fps": FPS, "latency_ms": LATENCIES_MS, "noise": NOISES, "blur_px": BLURS_PX,
-            "drop": (0.0, 1.0), "shadow": (0.0, 1.0), "http_port": (0, 65535),
-        }  # fmt: skip
-        for name, (low, high) in ranges.items():
-            value = getattr(self, name)
-            if not low <= value <= high:  # true for nan too
-                raise InputError(f"{argument(name)}: got {value:g}; allowed: {low:g} to {high:g}")
-        if self.size_px is not None and not all(SIZES_PX[0] <= edge <= SIZES_PX[1] for edge in self.size_px):
-            size = "x".join(map(str, self.size_px))
-            raise InputError(f"{argument('size')}: got {size}; allowed: {SIZES_PX[0]} to {SIZES_PX[1]} px")
-        if self.position_m[2] <= 0 or self.position_m == self.look_at_m:
-            raise InputError(
-                f"{argument('position')}: got {self.position_m}; allowed: above the floor, and not the point "
-                "that it looks at"
-            )
+        TwinOptions.__post_init__(self)
         for text in self.faults:
             parse_camera_fault(text)
 

@@ -7,6 +7,7 @@ from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.lens import Lens
 from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.vision.twin.rendering import PlacedTag
+from hexctl.vision.twin.twin_options import LOOK_AT_M, POSITION_M
 
 #: Number of the robot's tag, and length of its edge.
 ROBOT_TAG, ROBOT_EDGE_M = 10, 0.1
@@ -21,9 +22,6 @@ WEBCAM = Lens(
 
 #: Field of view of a webcam with pictures of another shape, whose lens bends nothing.
 FOV_DEG = 67.0
-
-#: Where the camera stands, and where it looks, in m.
-POSITION_M, LOOK_AT_M = (-1.63, 0.0, 1.63), (0.0, 0.0, 0.0)
 
 CAMERA = Camera.looking(WEBCAM, np.array(POSITION_M), np.array(LOOK_AT_M))
 

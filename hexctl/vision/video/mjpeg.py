@@ -7,6 +7,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, Self
 
 from hexctl.errors import RobotFaultError, argument
+from hexctl.wire.page_address import is_loopback
 
 HOST = "127.0.0.1"
 
@@ -44,25 +45,27 @@ class MjpegServer:
         page_url: of a page that shows it.
     """
 
-    def __init__(self, port: int = 0, *, option: str = "http_port") -> None:
+    def __init__(self, port: int = 0, *, host: str = HOST, option: str = "http_port") -> None:
         """Listen.
 
         Args:
             port: of this computer; 0 for any free one.
+            host: a name or address of this computer that no other one reaches.
             option: name of the argument that gave the port, for messages.
 
         Raises RobotFaultError where the port cannot be used.
         """
         self._newest = _NewestPicture()
         try:
-            self._server = _Server((HOST, port), _Handler)
+            self._server = (_Server6 if ":" in host else _Server)((host, port), _Handler)
         except OSError as error:
             raise RobotFaultError(
                 f"{argument(option)}: got {port}, which cannot be used ({error.strerror}); "
                 "allowed: a free port, or 0 for any"
             ) from error
         self._server.newest = self._newest
-        self.page_url = f"http://{HOST}:{self._server.server_address[1]}{PAGE_PATH}"
+        shown = f"[{host}]" if ":" in host else host
+        self.page_url = f"http://{shown}:{self._server.server_address[1]}{PAGE_PATH}"
         self.url = self.page_url.removesuffix(PAGE_PATH) + STREAM_PATH
         self._thread = threading.Thread(target=self._server.serve_forever, name="mjpeg", daemon=True)
         self._thread.start()
@@ -142,6 +145,10 @@ class _Server(ThreadingHTTPServer):
         """Say nothing: a client that has gone is no error."""
 
 
+class _Server6(_Server):
+    address_family = socket.AF_INET6
+
+
 class _Handler(BaseHTTPRequestHandler):
     server: _Server
     timeout = SEND_TIMEOUT_S
@@ -165,7 +172,7 @@ class _Handler(BaseHTTPRequestHandler):
     def _asks_for_this_computer(self) -> bool:
         """Whether the name that was asked for is this computer's, not that of a page from elsewhere."""
         name = self.headers.get("Host", HOST).rpartition(":")[0] or self.headers.get("Host", HOST)
-        return name in (HOST, "localhost")
+        return is_loopback(name.removeprefix("[").removesuffix("]"))
 
     def _send(self, kind: str, content: bytes) -> None:
         self.send_response(HTTPStatus.OK)

@@ -242,7 +242,7 @@ def test_open_loop_sessions_and_other_searches_have_no_trim(drifting: Drifting) 
 
 @pytest.mark.usefixtures("drifting")
 def test_trims_are_in_json_exports_and_the_last_line(capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["adapt", "--failed-leg", "2", "--hold", "heading", "--failure", "limp", "--no-record"]
+    words = ["adapt", "--failure", "2:limp", "--hold", "heading", "--no-record"]
     assert exit_code(words) == 0
     lines = capsys.readouterr().out.splitlines()
     assert "trim" in lines[3]
@@ -253,8 +253,8 @@ def test_trims_are_in_json_exports_and_the_last_line(capsys: pytest.CaptureFixtu
     (last,) = [line for line in lines if line.startswith("walk on with: ")]
     code, best_deg = session.trials[0].code, session.best_trim_deg
     assert last == (
-        f"walk on with: hexctl run --failed-leg 2 --gait {code} --hold heading "
-        f"--trim {best_deg:.2f} --self-rotation rear --failure limp"
+        f"walk on with: hexctl run --failure 2:limp --gait {code} --hold heading "
+        f"--trim {best_deg:.2f} --self-rotation rear"
     )
     (row,) = flat_rows(session)
     assert {"trim_deg", "wanted_trim_deg"} <= set(row)
@@ -316,8 +316,7 @@ def test_a_trimmed_turn_leaves_the_line_straight_and_is_refused_elsewhere() -> N
 
 def test_a_simulated_walk_in_open_loop_is_straightened_by_its_ends_alone() -> None:
     result = adapt(
-        3,
-        failure="limp",
+        failure="3:limp",
         world="transfer:202",
         optimizer="trim",
         duration_s=15.0,
@@ -418,8 +417,7 @@ class Tape:
 def test_an_operator_with_a_tape_trims_a_robot_that_knows_its_yaw_alone() -> None:
     robot = Imu(hexctl.load_robot("ant"))
     result = adapt(
-        3,
-        failure="limp",
+        failure="3:limp",
         servos=robot,
         operator=Tape(robot),
         hold="heading",

@@ -24,7 +24,8 @@ from hexctl.adapt.prior.prior import (
     save_prior,
 )
 from hexctl.errors import HexctlError, InputError
-from hexctl.robot.failure import Failure, parse_failure
+from hexctl.robot.failure import Failure
+from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.loader import load_robot
 from tests.adapt.priors import key_of, made_up_prior, made_up_score_prior
 from tests.robots import edited_file, put, shipped
@@ -349,7 +350,7 @@ def test_neither_leg_nor_heading_makes_another_question(options: dict[str, Any])
         ({"duration_s": 12.5}, "duration 30 s, not 12.5 s"),
         ({"self_rotation": "front"}, "self-rotation rear, not front"),
         ({"failure": Failure(leg=5, kind="limp")}, "failure locked, not limp"),
-        ({"failure": parse_failure(5, "weak:0.5")}, "failure locked, not weak:0.5"),
+        ({"failure": parse_kind(5, "weak:0.5")}, "failure locked, not weak:0.5"),
     ],
 )
 def test_another_trial_is_named_with_both_values(options: dict[str, Any], words: str) -> None:
@@ -365,7 +366,7 @@ def test_without_self_rotation_the_heading_makes_another_question() -> None:
 
 
 def test_a_failure_in_another_degree_is_another_question() -> None:
-    weak, weaker = (key_of(failure=parse_failure(5, f"weak:{share}")) for share in (0.5, 0.25))
+    weak, weaker = (key_of(failure=parse_kind(5, f"weak:{share}")) for share in (0.5, 0.25))
     assert weak.differences(weaker) == ["failure weak:0.5, not weak:0.25"]
 
 

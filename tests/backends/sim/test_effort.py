@@ -9,7 +9,8 @@ from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.trial import run_trial
 from hexctl.control.trial_plan import TrialPlan
-from hexctl.robot.failure import Failure, parse_failure
+from hexctl.robot.failure import Failure
+from hexctl.robot.failure_grammar import parse_kind
 from hexctl.types import FloatArray, JointTargets, leg_slice
 from tests.robots import shipped
 from tests.trials import gait_of
@@ -79,7 +80,7 @@ def test_a_leg_without_torque_costs_nothing(kind: str, idle: slice) -> None:
 
 def test_the_servo_of_a_stuck_joint_pushes_against_the_jam() -> None:
     """As stiff as it is and no stronger, whatever the jam itself takes."""
-    with SimServos(shipped(), failure=parse_failure(2, "stuck:femur:30")) as servos:
+    with SimServos(shipped(), failure=parse_kind(2, "stuck:femur:30")) as servos:
         robot = servos.robot
         for off_rad in (0.02, 1.0):
             targets_rad = robot.stance_angles_rad.copy()

@@ -98,7 +98,7 @@ def test_batches_and_single_simulations_get_what_was_drawn(tmp_path: Path, robot
         ("{at_s: {low: 1, high: 2}, legs: [2, 2]}", "each leg once"),
         ("{at_s: {low: 1, high: 2}, legs: []}", "legs"),
         ("{at_s: {low: 1, high: 2}, failure: [tired]}", "got tired; allowed: locked, limp"),
-        ("{at_s: {low: 1, high: 2}, failure: ['stuck:femur:30']}", "it sticks where it is"),
+        ("{at_s: {low: 1, high: 2}, failure: ['stuck:femur:30']}", "it jams where it is"),
         ("{at_s: {low: 1, high: 2}, failure: [unknown]}", "got unknown; allowed: locked, limp"),
         ("{at_s: {low: 1, high: 2}, torque_share: {low: 0, high: 2}}", "torque_share: got 0 to 2"),
         (

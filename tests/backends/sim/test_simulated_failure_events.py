@@ -11,8 +11,8 @@ from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError
 from hexctl.gait.gait import make_gait
-from hexctl.robot.failure import Failure
-from hexctl.robot.failure_event import FailureEvent, parse_failure_event, parse_healing
+from hexctl.robot.failure import Failure, FailureEvent
+from hexctl.robot.failure_grammar import parse_failure_event, parse_healing
 from hexctl.types import FloatArray, JointTargets, leg_slice
 from tests.robots import shipped
 

@@ -190,7 +190,7 @@ def read_for(servos: ZenohServos, *, seconds: float) -> None:
 def test_what_servos_on_a_bus_report_comes_over_the_link(tmp_path: Path) -> None:
     with (
         bus_board(a_map(), "hot:2:femur:61", "mute:5:coxa@6") as bus,
-        served(tmp_path, "--robot", "phantomx", "--device", bus.path, backend="feetech") as server,
+        served(tmp_path, "--robot", "phantomx", "--connect", bus.path, backend="feetech") as server,
         ZenohServos("phantomx", link=Link(endpoint=server.endpoint)) as servos,
     ):
         wait_until(lambda: "mute: leg 5 coxa (id 13)" in _next(servos).warnings, "the warning")

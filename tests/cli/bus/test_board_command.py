@@ -28,7 +28,7 @@ from tests.backends.mavlink.boards import PATIENCE_S, board, free_port
             ["--backend", "mock", "--world", "flat"],
             "--world: got flat with --backend mock; allowed: with sim",
         ),
-        (["--failure", "limp"], "--failure: got limp without a leg"),
+        (["--failure", "limp"], "--failure: got 'limp'; allowed: LEG:KIND"),
         (["--keys", "no-such-folder"], "no-such-folder/mavlink.key: cannot be read"),
         (["--robot", "elephant"], "unknown robot 'elephant'"),
         (["--bus", "hitec"], "got hitec; allowed: dynamixel, feetech, lx16a, servo2040, pca9685"),

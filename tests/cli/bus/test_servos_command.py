@@ -1,4 +1,4 @@
-"""`hexctl servos` and `hexctl ports` as a user calls them."""
+"""`hexctl servos` as a user calls it."""
 
 import io
 import json
@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from serial.tools.list_ports_common import ListPortInfo
 
 from hexctl.cli.main import exit_code
 from hexctl.robot.loader import load_robot_file
@@ -27,7 +26,7 @@ ONLY_ONE = [
 @pytest.mark.parametrize(("driver", "model"), [("feetech", "sts3215"), ("lx16a", "lx16a")])
 def test_a_scan_is_an_array_or_a_table(driver: str, model: str, capsys: pytest.CaptureFixture[str]) -> None:
     with bus_board(a_map(driver, model)) as board:
-        words = ["servos", "scan", "--driver", driver, "--port", board.path]
+        words = ["servos", "scan", "--driver", driver, "--connect", board.path]
         assert exit_code([*words, "--json"]) == 0
         printed = capsys.readouterr()
         found = json.loads(printed.out)
@@ -35,7 +34,7 @@ def test_a_scan_is_an_array_or_a_table(driver: str, model: str, capsys: pytest.C
         tells = driver != "lx16a"
         assert {each["model"] for each in found} == ({model} if tells else {None})
         assert {"id", "model", "position", "voltage", "temperature"} <= found[0].keys()
-        untold = "" if tells else "these servos tell no model\n"
+        untold = "" if tells else "these servos do not report their model\n"
         assert printed.err == f"asking ids: 253, some seconds\n{untold}"
         assert exit_code(words) == 0
         table = capsys.readouterr().out
@@ -46,7 +45,7 @@ def test_a_scan_is_an_array_or_a_table(driver: str, model: str, capsys: pytest.C
 
 def test_a_driver_that_knows_no_model_is_doubted(capsys: pytest.CaptureFixture[str]) -> None:
     with bus_board(a_map(), *ONLY_ONE) as board:
-        words = ["servos", "scan", "--driver", "dynamixel", "--port", f"{board.path}:1000000", "--json"]
+        words = ["servos", "scan", "--driver", "dynamixel", "--connect", f"{board.path}:1000000", "--json"]
         assert exit_code(words) == 0
         printed = capsys.readouterr()
     assert [each["model"] for each in json.loads(printed.out)] == [None]
@@ -55,7 +54,7 @@ def test_a_driver_that_knows_no_model_is_doubted(capsys: pytest.CaptureFixture[s
 
 def test_servos_at_another_baud_are_hinted_at_and_found_with_all(capsys: pytest.CaptureFixture[str]) -> None:
     with bus_board(a_map(), *ONLY_ONE, baud=115_200) as board:
-        words = ["servos", "scan", "--driver", "feetech", "--port", board.path, "--json"]
+        words = ["servos", "scan", "--driver", "feetech", "--connect", board.path, "--json"]
         assert exit_code(words) == 3
         printed = capsys.readouterr()
         assert json.loads(printed.out) == []
@@ -69,7 +68,7 @@ def test_servos_at_another_baud_are_hinted_at_and_found_with_all(capsys: pytest.
 def test_an_id_is_set_and_shown(capsys: pytest.CaptureFixture[str]) -> None:
     for driver, model in (("feetech", "sts3215"), ("lx16a", "lx16a")):
         with bus_board(a_map(driver, model), *ONLY_ONE) as board:
-            words = ["servos", "set-id", "99", "--driver", driver, "--port", board.path, "--json"]
+            words = ["servos", "set-id", "99", "--driver", driver, "--connect", board.path, "--json"]
             assert exit_code(words) == 0
             assert json.loads(capsys.readouterr().out)["id"] == 99
 
@@ -78,7 +77,7 @@ def test_a_servo_is_tested_with_consent_only(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with bus_board(a_map()) as board:
-        words = ["servos", "test", "8", "--driver", "feetech", "--port", board.path, "--json"]
+        words = ["servos", "test", "8", "--driver", "feetech", "--connect", board.path, "--json"]
         monkeypatch.setattr(sys, "stdin", open(os.devnull))  # noqa: SIM115
         assert exit_code(words) == 2
         assert "--yes: got none" in capsys.readouterr().err
@@ -99,7 +98,7 @@ def test_a_servo_is_tested_with_consent_only(
 def test_a_servo_that_is_stuck_is_an_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
     with bus_board(a_map()) as board:
         board._robot.write = lambda targets: targets  # type: ignore[method-assign]  # nothing moves
-        words = ["servos", "test", "8", "--driver", "feetech", "--port", board.path, "--yes"]
+        words = ["servos", "test", "8", "--driver", "feetech", "--connect", board.path, "--yes"]
         assert exit_code(words) == 3
         printed = capsys.readouterr()
         assert "followed" in printed.out
@@ -133,13 +132,15 @@ def test_a_model_that_servos_do_not_tell_is_written(
 ) -> None:
     with bus_board(a_map("lx16a", "lx16a")) as board:
         _says(monkeypatch, "\n2f\n")
-        assert exit_code(["servos", "identify", "5", "--driver", "lx16a", "--port", board.path, *words]) == 0
+        assert (
+            exit_code(["servos", "identify", "5", "--driver", "lx16a", "--connect", board.path, *words]) == 0
+        )
     printed = capsys.readouterr()
     assert f"  model: {model}\n" in printed.out
     assert f"id 5 ({model}), 1 of 1: Enter moves it" in printed.err
-    assert ("these servos tell no model: lx16a is written; --model says another" in printed.err) is not bool(
-        words
-    )
+    assert (
+        "these servos do not report their model: lx16a is written; --model sets another" in printed.err
+    ) is not bool(words)
 
 
 def test_a_file_that_there_is_not_is_not_named(
@@ -147,7 +148,7 @@ def test_a_file_that_there_is_not_is_not_named(
 ) -> None:
     with bus_board(a_map()) as board:
         _says(monkeypatch, "skip\n")
-        words = ["servos", "identify", "5", "--driver", "feetech", "--port", board.path]
+        words = ["servos", "identify", "5", "--driver", "feetech", "--connect", board.path]
         assert exit_code([*words, "--output", str(tmp_path / "new.yaml")]) == 0
     assert capsys.readouterr().err.endswith("0 of 18 joints are known; nothing is written\n")
     assert not list(tmp_path.iterdir())
@@ -158,7 +159,7 @@ def test_a_lost_id_is_given_back(capsys: pytest.CaptureFixture[str], tmp_path: P
     file = edited_file(tmp_path, put("servos", {"driver": "feetech", **joints}), base="phantomx")
     bus_map = bus_map_of(load_robot_file(file).content.servos, "feetech")
     with bus_board(bus_map, "lost-id:3:tibia") as board:
-        words = ["servos", "adopt", "--robot", str(file), "--port", board.path, "--yes", "--json"]
+        words = ["servos", "adopt", "--robot", str(file), "--connect", board.path, "--yes", "--json"]
         assert exit_code(words) == 0
         adopted = json.loads(capsys.readouterr().out)
         assert (adopted["joint"], adopted["id"]) == ("leg3_tibia", 29)
@@ -177,21 +178,22 @@ def _says(monkeypatch: pytest.MonkeyPatch, text: str) -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["scan", "--driver", "hitec", "--port", "x"], "got hitec; allowed: dynamixel, feetech, lx16a"),
+        (["scan", "--driver", "hitec", "--connect", "x"], "got hitec; allowed: dynamixel, feetech, lx16a"),
         (
             ["scan", "--robot", "freenove-big"],
-            "hobby servos (pca9685), which cannot be asked; allowed: with dyn",
+            "hobby servos (pca9685) do not answer; allowed: a robot file with dyn",
         ),
         (
-            ["identify", "--model", "lx224", "--driver", "feetech", "--port", "x"],
+            ["identify", "--model", "lx224", "--driver", "feetech", "--connect", "x"],
             "allowed: with lx16a; others",
         ),
-        (["scan", "--port", "x"], "--driver: got none; allowed: dynamixel, feetech, lx16a"),
-        (["scan", "--driver", "feetech"], "--port: got none; allowed: the port of the bus"),
-        (["scan", "--driver", "feetech", "--port", "x", "--baud", "9"], "9600 to 4500000 baud, or all"),
-        (["scan", "--driver", "feetech", "--port", "/dev/nothing"], "there is no port"),
-        (["set-id", "300", "--driver", "feetech", "--port", "x"], "got 300; allowed: 0..252"),
-        (["adopt", "--robot", "phantomx", "--port", "x"], "--driver: got none"),
+        (["scan", "--connect", "x"], "--driver: got none; allowed: dynamixel, feetech, lx16a"),
+        (["scan", "--driver", "feetech"], "--connect: got none; allowed: the port of the bus"),
+        (["scan", "--driver", "feetech", "--connect", "x", "--baud", "9"], "9600 to 4500000 baud, or all"),
+        (["scan", "--driver", "feetech", "--connect", "/dev/nothing"], "there is no port"),
+        (["set-id", "300", "--driver", "feetech", "--connect", "x"], "got 300; allowed: 0..252"),
+        (["adopt", "--robot", "phantomx", "--connect", "x"], "--driver: got none"),
+        (["adopt", "--connect", "x"], "--robot: got none"),
     ],
 )
 def test_bad_input_is_one_line(words: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -199,24 +201,6 @@ def test_bad_input_is_one_line(words: list[str], message: str, capsys: pytest.Ca
     err = capsys.readouterr().err
     assert message in err
     assert err.count("\n") == 1
-
-
-def test_ports_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
-    assert exit_code(["ports", "--json"]) == 0
-    assert all({"port", "adapter", "vendor"} <= each.keys() for each in json.loads(capsys.readouterr().out))
-
-
-@pytest.mark.parametrize("vendor", [None, 0x0403])
-def test_that_no_usb_adapter_is_there_is_noted(
-    vendor: int | None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    port = ListPortInfo("/dev/ttyAMA0")
-    port.vid = port.pid = vendor
-    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [port])
-    assert exit_code(["ports"]) == 0
-    printed = capsys.readouterr()
-    assert "/dev/ttyAMA0" in printed.out
-    assert ("no USB serial adapter" in printed.err) is (vendor is None)
 
 
 def test_a_scan_with_a_robot_file_says_which_joints_servos_are(
@@ -247,4 +231,4 @@ def test_a_bus_on_the_port_of_the_settings_keeps_the_baud_of_the_robot_file(
         assert exit_code(["servos", "scan", "--robot", str(file), "--json"]) == 0
         printed = capsys.readouterr()
     assert [each["id"] for each in json.loads(printed.out)] == [1]
-    assert f"hexctl: HEXCTL_DEVICE sets --port {board.path}" in printed.err
+    assert f"hexctl: HEXCTL_DEVICE sets --connect {board.path}" in printed.err

@@ -7,8 +7,7 @@ import pytest
 from rich.console import Console
 
 from hexctl.cli.network.status_command import status_rows, status_table
-from hexctl.robot.failure import Failure
-from hexctl.serve.service import ServosSpec
+from hexctl.serve.serve_options import ServedOptions
 from hexctl.wire.links import CLEAR_COMMAND
 from tests.serve.processes import hexctl, served
 
@@ -183,23 +182,21 @@ def test_what_robots_and_controllers_call_themselves_is_shown_as_it_is() -> None
 
 
 def test_only_a_simulation_tells_of_its_world() -> None:
-    assert ServosSpec(backend="mock").simulated is None
-    assert ServosSpec(backend="sim").simulated == {"world": "flat", "failure": "none"}
-    assert ServosSpec(backend="sim", failure=Failure(leg=2)).simulated == {
+    assert ServedOptions(backend="mock").simulated is None
+    assert ServedOptions(backend="sim").simulated == {"world": "flat", "failure": "none"}
+    assert ServedOptions(backend="sim", failed_leg=2).simulated == {
         "world": "flat",
         "failure": "leg 2 locked",
     }
 
 
 def test_a_served_simulation_says_what_it_is(tmp_path: Path) -> None:
-    with served(
-        tmp_path, "--world", "rough", "--failed-leg", "5", "--failure", "limp", backend="sim"
-    ) as robot:
+    with served(tmp_path, "--world", "rough", "--failure", "5:limp", backend="sim") as robot:
         shown = hexctl("status", "--connect", robot.endpoint)
         simulated = robot.status()["simulated"]
         walk = ("run", "--backend", "zenoh", "--connect", robot.endpoint, "--no-record", "--duration", "0.1")
         other = hexctl(*walk, "--failed-leg", "3", "--self-rotation", "none")
-        same = hexctl(*walk, "--failed-leg", "5", "--failure", "limp", "--self-rotation", "none")
+        same = hexctl(*walk, "--failure", "5:limp", "--self-rotation", "none")
     assert simulated == {"world": "rough", "failure": "leg 5 limp"}
     assert "there has failure leg 5 limp, this end walks as with failure leg 3 locked" in other.stderr
     assert same.returncode == 0, same.stderr

@@ -7,10 +7,6 @@ import pytest
 
 from hexctl.adapt.adaptation import adapt
 from hexctl.cli.main import exit_code
-from hexctl.cli.results.export_command import Camera, Format
-from hexctl.export.export import FORMATS
-from hexctl.export.pictures import RATES_HZ, WIDTHS_PX
-from hexctl.export.render import CAMERAS
 from hexctl.runs.run import run
 from tests.recording.conftest import damage
 
@@ -59,17 +55,6 @@ def test_what_is_wrong_is_told_in_one_line_with_flags(
         assert captured.err.startswith(f"hexctl: {told}"), captured.err
         assert captured.err.count("\n") == 1
     assert not list(tmp_path.iterdir())
-
-
-def test_words_and_ranges_are_those_of_the_library() -> None:
-    from typing import get_args
-
-    from hexctl.cli.results.export_command import FPS, WIDTH_PX
-
-    assert get_args(Format) == FORMATS
-    assert get_args(Camera) == CAMERAS
-    assert (WIDTH_PX.low, WIDTH_PX.high) == WIDTHS_PX
-    assert (FPS.low, FPS.high) == RATES_HZ
 
 
 def test_a_damaged_recording_is_named_and_nothing_is_written(

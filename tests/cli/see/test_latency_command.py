@@ -12,7 +12,7 @@ from tests.vision.test_place import saved
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "--camera: got none; allowed: a number such as 0, or an address"),
+        ([], "--camera: got none; allowed: a number such as 0"),
         (["--camera", "0"], "--place: place.yaml is not there; allowed: a place that hexctl see --camera"),
         (["--camera", "0", "--fps", "0"], "--fps: got 0; allowed: 1 to 60 Hz"),
     ],

@@ -504,7 +504,7 @@ def test_a_prior_under_a_hold_is_built_with_the_trials_of_its_sessions(
         plans.append(plan)
         save_prior(made_up_score_prior(plan.key, plan.legs, plan.worlds), path)
 
-    monkeypatch.setattr("hexctl.study.prior_building.build_prior", built_at_once)
+    monkeypatch.setattr("hexctl.study.planned_prior.build_prior", built_at_once)
     for hold in ("line", "heading"):
         assert exit_code(["prior", "build", "--hold", hold, "--legs", "2", "--worlds", "2"]) == 0
     found = [(plan.hold, plan.self_rotation, plan.posture) for plan in plans]
@@ -577,7 +577,7 @@ def test_what_a_search_of_steered_walks_cannot_do_is_refused(
 def test_without_a_prior_of_steered_walks_the_command_that_builds_one_is_told(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    _, err = run(capsys, *STEERED, "--failed-leg", "5", "--budget", "1", "--failure", "limp")
+    _, err = run(capsys, *STEERED, "--failure", "5:limp", "--budget", "1")
     assert "no prior for these trials" in err
     assert err.rstrip().endswith(f"{ADVICE} --failure limp --hold line --duration 6")
 
@@ -639,6 +639,12 @@ def test_a_repertoire_that_cannot_be_built_is_refused(
     words: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert message in refused(capsys, "prior", "build", *words)
+
+
+def test_a_repertoire_goes_without_settings_of_priors(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("hexctl.toml").write_text("[prior.build]\nfailure = 'limp'\nduration = 8\n")
+    assert exit_code(["prior", "build", "--repertoire", "--worlds", "17"]) == 2
+    assert capsys.readouterr().err.endswith("--worlds: got 17; allowed: 1..16\n")
 
 
 def test_a_file_that_is_no_repertoire_is_refused(prior: str, capsys: pytest.CaptureFixture[str]) -> None:

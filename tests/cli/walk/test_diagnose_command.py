@@ -17,7 +17,7 @@ def test_the_table_says_which_leg_and_why_and_a_recording_is_left(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert exit_code(["diagnose", "--failed-leg", "5", "--failure", "limp:femur"]) == 0
+    assert exit_code(["diagnose", "--failure", "5:limp:femur"]) == 0
     printed = capsys.readouterr().out
     (line,) = [line for line in printed.splitlines() if line.startswith("5 ")]
     assert "limp:femur" in line
@@ -48,7 +48,8 @@ def test_servos_that_echo_and_no_terminal_are_one_line(capsys: pytest.CaptureFix
     [
         (["--backend", "mock", "--failed-leg", "2"], "--failed-leg: got 2 with --backend mock"),
         (["--no-record", "--record", "x.rrd"], "--no-record"),
-        (["--failed-leg", "2", "--failure", "bent"], "--failure: got bent"),
+        (["--failure", "2:bent"], "--failure: got '2:bent'"),
+        (["--failure", "2:limp@3"], "--failure: got '2:limp@3'"),
     ],
 )
 def test_what_is_not_allowed_is_named(
@@ -121,6 +122,7 @@ def test_a_search_finds_its_failed_leg_first_and_ends_where_there_is_none(
     ("arguments", "named"),
     [
         (["--failure", "limp"], "such as 5:limp"),
+        (["--failed-leg", "auto,5"], "--failed-leg: got 'auto,5'"),
         (["--backend", "mock", "--failure", "5:limp"], "allowed: with sim"),
     ],
 )

@@ -159,7 +159,7 @@ def paged(port: str) -> Iterator[ClientConnection]:
         ([], "--keyboard: got no terminal to read keys from; allowed: a terminal, --page HOST:PORT"),
         (["--page", "0.0.0.0:0"], "--page: got 0.0.0.0, which other computers reach, without certificates"),
         (["--no-keyboard"], "--no-keyboard: got it with nothing else to drive with; allowed: --page HOST"),
-        (["--gamepad", __file__], "test_drive.py, which is no event file; allowed: such as"),
+        (["--gamepad", __file__], "test_drive_command.py, which is no event file; allowed: such as"),
         (["--page", "127.0.0.1:0", "--page-keys", "no"], "--page-keys: got no, which has no robot/certif"),
         (["--page-view", "http://camera/"], "--page-view: got it without --page; allowed: with --page HOST"),
         (["--page", "127.0.0.1:0", "--page-view", "camera"], "--page-view: got 'camera'; allowed: the URL"),

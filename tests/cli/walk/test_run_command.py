@@ -60,7 +60,7 @@ def run_json(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0)
 
 
 def test_json_keeps_the_contract(capsys: pytest.CaptureFixture[str]) -> None:
-    outcome = run_json(capsys, *SHORT, "--gait", "57", "--failed-leg", "2", "--failure", "weak:0.5")
+    outcome = run_json(capsys, *SHORT, "--gait", "57", "--failure", "2:weak:0.5")
     assert set(outcome) >= JSON_KEYS
     assert outcome["gait"]["slots"] == [4, 2, 3, 5, 1, 6]
     assert outcome["gait"]["code"] == 57
@@ -533,7 +533,7 @@ def test_the_best_gait_is_told_and_walked_and_where_none_is_known_that_is_said(
     assert json.loads(printed.out)["hold"] == "line"
     assert printed.err.startswith("hexctl: gait ")
     assert "the best by the prior ant-locked-none-30s-line.npz" in printed.err
-    assert exit_code([*words, "--failure", "missing"]) == 2
+    assert exit_code([*words, "--failure", "2:missing"]) == 2
     assert "--gait: got best, and there is no prior for such walks" in (err := capsys.readouterr().err)
     assert "allowed: auto" in err
     assert len(err.splitlines()) == 1
@@ -578,7 +578,7 @@ def test_the_summary_names_a_posture_that_is_not_the_usual_one(capsys: pytest.Ca
 
 
 def test_a_leg_dies_and_the_text_says_what_was_noticed_and_done(capsys: pytest.CaptureFixture[str]) -> None:
-    walk = ["run", "--gait", "tripod", "--fail", "5:locked@3", "--duration", "5", "--no-record"]
+    walk = ["run", "--gait", "tripod", "--failure", "5:locked@3", "--duration", "5", "--no-record"]
     assert exit_code([*walk, "--recover"]) == 0
     said = capsys.readouterr().out
     assert "failed     leg 5 locked at 3 s" in said
@@ -595,18 +595,18 @@ def test_a_leg_dies_and_the_text_says_what_was_noticed_and_done(capsys: pytest.C
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("--fail", "5:locked"), "LEG:FAILURE@SECONDS"),
-        (("--fail", "5:asleep@3"), "locked, limp"),
-        (("--fail", "5:stuck:femur:10@3"), "it sticks where it is"),
-        (("--fail", "5:locked@31"), "before 30 s"),
-        (("--fail", "9:limp@3"), "--fail: got '9:limp@3' (failed leg: got 9; allowed: 1..6)"),
-        (("--fail", "9limp"), "--fail: got '9limp'; allowed: LEG"),
-        (("--heal", "9@3"), "--heal: got '9@3' ("),
+        (("--failure", "locked@3"), "--failure: got 'locked@3'; allowed: LEG:KIND such as 5:limp"),
+        (("--failure", "5:asleep@3"), "locked, limp"),
+        (("--failure", "5:stuck:femur:10@3"), "it jams where it is"),
+        (("--failure", "5:locked@31"), "before 30 s"),
+        (("--failure", "9:limp@3"), "--failure: got '9:limp@3'; allowed: a leg, 1..6"),
+        (("--failure", "9limp"), "--failure: got '9limp'; allowed: LEG"),
+        (("--heal", "9@3"), "--heal: got '9@3'; allowed: LEG@SECONDS"),
         (("--heal", "5"), "LEG@SECONDS"),
-        (("--fail", "5:locked@3", "--backend", "mock"), "--fail: got 5:locked@3 with --backend mock"),
+        (("--failure", "5:locked@3", "--backend", "mock"), "--failure: got 5:locked@3 with --backend mock"),
         (("--heal", "5@8", "--backend", "zenoh"), "--heal: got 5@8 with --backend zenoh"),
         (("--heal", "5@31"), "--heal: got 5@31; allowed: before 30 s"),
-        (("--heal", "5@5"), "--heal: got 5@5, when leg 5 is whole; allowed: after its failure, as --fail"),
+        (("--heal", "5@5"), "--heal: got 5@5, when leg 5 is whole; allowed: after its failure, as --failure"),
         (("--policy", "hope"), "walk-on, stop, glide"),
         (("--policy", ""), "--policy: got ''; allowed: walk-on, stop, glide"),
         (("--policy", "stop", "--recover"), "one or the other"),

@@ -16,8 +16,7 @@ from hexctl.gait.foot_trajectory import StepPattern, gait_feet_body, in_stance, 
 from hexctl.gait.gait import SWING_SHARE, Gait, Motion, make_gait
 from hexctl.gait.posture import Posture
 from hexctl.ik.support_polygon import centre_of_mass_body, support
-from hexctl.robot.failure import Failure
-from hexctl.robot.failure_event import FailureEvent
+from hexctl.robot.failure import Failure, FailureEvent
 from tests.robots import ROBOT_NAMES, shipped
 
 PAIRS = tuple(combinations(range(1, 7), 2))

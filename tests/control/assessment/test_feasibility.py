@@ -36,5 +36,5 @@ def test_the_report_is_plain_and_says_what_the_object_says() -> None:
 
 def test_an_impossible_gait_is_a_result_and_a_bad_value_an_error() -> None:
     assert not check_robot("ant", amplitude=0.5).possible
-    with pytest.raises(InputError, match=r"pace: got 0; allowed: above 0"):
+    with pytest.raises(InputError, match=r"pace_hz: got 0; allowed: above 0"):
         check_robot("ant", pace_hz=0)

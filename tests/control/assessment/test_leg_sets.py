@@ -21,7 +21,7 @@ from hexctl.control.assessment.leg_sets import (
 from hexctl.control.batch import SimTrial, run_sim_trial
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import make_gait
-from hexctl.robot.failure import failures_of
+from hexctl.robot.failure import Failure
 from tests.robots import ROBOT_NAMES, shipped
 
 
@@ -85,7 +85,7 @@ def test_a_verdict_is_that_of_the_worst_direction() -> None:
 def test_the_simulation_agrees(legs: tuple[int, ...], least: float, most: float) -> None:
     """`pexod`, limp legs, straight ahead."""
     robot = shipped("pexod")
-    first, second = failures_of(legs, "limp")
+    first, second = (Failure(leg=leg, kind="limp") for leg in legs)
     plan = TrialPlan(
         gait=make_gait(robot, "demo"), belief=first, further_failures=(second,), duration_s=8.0, hold="line"
     )
@@ -110,5 +110,6 @@ def test_the_simulation_agrees(legs: tuple[int, ...], least: float, most: float)
     ],
 )
 def test_limp_neighbours_ahead_drag(legs: tuple[int, ...], kind: str, heading_deg: int, drags: bool) -> None:
-    note = drag(shipped("ant"), failures_of(legs, kind), math.radians(heading_deg))
+    failures = [Failure(leg=leg, kind=kind) for leg in legs]
+    note = drag(shipped("ant"), failures, math.radians(heading_deg))
     assert (note is not None) == drags

@@ -95,7 +95,7 @@ def test_it_is_chosen_for_the_direction_in_which_the_self_rotation_leaves_the_bo
 
 def test_an_intact_robot_has_one_too_and_it_walks() -> None:
     assert most_stable_slots(shipped(), heading_rad=0.0)[0] == 1
-    walked = run(gait="auto", failed_leg=2, failure="missing", self_rotation="none", duration_s=10)
+    walked = run(gait="auto", failure="2:missing", self_rotation="none", duration_s=10)
     assert walked.outcome["gait"]["name"] == "auto"
     assert walked.trial.status == "ok"
     assert walked.trial.distance_m is not None

@@ -13,7 +13,7 @@ from hexctl.control.diagnosis.leg_findings import Diagnosis, diagnosis_of, told_
 from hexctl.control.diagnosis.standing_test import Observed, StandingTest
 from hexctl.control.guard import Guard
 from hexctl.control.loop import run_controller
-from hexctl.robot.failure import parse_failure
+from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.loader import load_robot
 from hexctl.types import RobotState
 
@@ -33,7 +33,7 @@ def _observed(
     name: str, leg: int | None, kind: str, world: str = "flat", blind: Blind | None = None
 ) -> Observed:
     robot = load_robot(name)
-    failure = None if leg is None else parse_failure(leg, kind)
+    failure = None if leg is None else parse_kind(leg, kind)
     with Guard(SimServos(robot, world=world, failure=failure, seed=3)) as guard:
         test = _Test(robot, guard.clock.period_s, unsafe=lambda observed: unsafe_legs(observed, robot))
         if blind is not None:
@@ -66,7 +66,7 @@ def test_each_kind_of_failure_is_found_and_no_other_leg_is_accused(
 ) -> None:
     found = _found(name, leg, kind)
     (failure,) = found.failures
-    wanted = parse_failure(leg, kind)
+    wanted = parse_kind(leg, kind)
     assert found.verdict.startswith(verdict.rpartition(":")[0] if "stuck" in verdict else verdict)
     assert (failure.leg, failure.kind, failure.joint) == (wanted.leg, wanted.kind, wanted.joint)
     if wanted.kind == "stuck":

@@ -11,7 +11,7 @@ from hexctl.backends.mock import MockServos
 from hexctl.control.drive.drive_controller import DriveController
 from hexctl.control.log import Recorders
 from hexctl.errors import EStopError, InputError
-from hexctl.robot.failure_event import parse_failure_event, parse_healing
+from hexctl.robot.failure_grammar import parse_failure_event, parse_healing
 from hexctl.robot.rotations import yaw_rad
 from hexctl.types import FloatArray, RobotState
 from tests.robots import shipped

@@ -15,7 +15,7 @@ from hexctl.control.trial import planned_walk
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import Motion, make_gait
 from hexctl.robot.failure import Failure
-from hexctl.robot.failure_event import parse_failure_event
+from hexctl.robot.failure_grammar import parse_failure_event
 from hexctl.types import BoolArray, FloatArray, RobotState
 from tests.robots import shipped
 

@@ -26,7 +26,7 @@ from hexctl.control.walks.velocity_walk import VelocityWalk
 from hexctl.errors import WrongTypeError
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
-from hexctl.robot.failure_event import parse_failure_event, parse_healing
+from hexctl.robot.failure_grammar import parse_failure_event, parse_healing
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray, RobotState
 from tests.control.monitor.repertoires import made_up, situation

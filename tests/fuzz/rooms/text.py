@@ -10,25 +10,30 @@ from hexctl.backends.mavlink.mavlink_transport import parse_port
 from hexctl.backends.pwm.pca9685 import parse_i2c_place
 from hexctl.backends.pwm.servo2040 import parse_servo2040_port
 from hexctl.backends.sim.world import load_world
-from hexctl.cli.options.failure import leg_or_auto, legs_or_auto, listed_legs
 from hexctl.cli.see.arena_command import arena_of
-from hexctl.cli.see.see_options import size_of
-from hexctl.cli.see.see_twin_command import point_of
 from hexctl.cli.values import checked
 from hexctl.errors import HexctlError
 from hexctl.gait.encoding import code_from_slots, slots_from_code
 from hexctl.gait.gait import parse_slots
 from hexctl.options import Range
 from hexctl.robot.configs import find_config
-from hexctl.robot.failure import failures_of, parse_failure
-from hexctl.robot.failure_event import parse_failure_event, parse_failure_now, parse_healing
+from hexctl.robot.failure_grammar import (
+    parse_failure_event,
+    parse_failure_now,
+    parse_healing,
+    parse_kind,
+    parse_legs,
+    read_failures,
+)
 from hexctl.serve.boards.bus_faults import parse_bus_fault
 from hexctl.serve.boards.pca9685_board import parse_pca9685_fault
 from hexctl.serve.boards.servo2040_board import parse_servo2040_fault
-from hexctl.teleop.drive_page import PageAddress, is_loopback
 from hexctl.teleop.picture_relay import PictureRelay
+from hexctl.vision.camera_options import parse_size
 from hexctl.vision.twin.camera_faults import parse_camera_fault
+from hexctl.vision.twin.twin_options import parse_point
 from hexctl.wire.links import Endpoint, KeyMap
+from hexctl.wire.page_address import PageAddress, is_loopback
 from hexctl.wire.ros.ros_names import RosNode
 from tests.fuzz.target import Target
 
@@ -60,10 +65,14 @@ def _gait(text: str) -> None:
 
 
 def _failure(text: str) -> None:
-    failures_of((1, 2), text)
-    failure = parse_failure(5, text)
-    if failure.kind != "weak":  # its share is rounded
-        assert parse_failure(5, str(failure)).kind == failure.kind
+    with suppress(HexctlError):
+        failure = parse_kind(5, text)
+        if failure.kind != "weak":  # its share is rounded
+            assert parse_kind(5, str(failure)).kind == failure.kind
+    failures, events = read_failures(text, (1, 2))
+    assert [one.leg for one in failures] == sorted({1, 2, *(one.leg for one in failures)})
+    for event in events:
+        assert parse_failure_event(str(event)).leg == event.leg
 
 
 def _event(text: str) -> None:
@@ -105,8 +114,15 @@ TARGETS = (
     Target(
         name="failure",
         read=_of_text(_failure),
-        seeds=(b"locked", b"limp:femur", b"weak:tibia:0.3", b"stuck:coxa:-20", b"unknown", b"locked,limp"),
-        words=(b"missing", b"nan", b"inf", b"1e400", b":"),
+        seeds=(
+            b"locked",
+            b"5:limp:femur",
+            b"weak:tibia:0.3",
+            b"3:stuck:coxa:-20",
+            b"4:unknown,5:limp@8",
+            b"5",
+        ),
+        words=(b"missing", b"nan", b"inf", b"1e400", b":", b"@", b","),
         most_bytes=100,
     ),
     Target(
@@ -142,12 +158,10 @@ TARGETS = (
         read=_of_text(
             _each(
                 *(checked(each.parse) for each in RANGES),
-                leg_or_auto,
-                legs_or_auto,
-                listed_legs,
+                parse_legs,
                 checked(arena_of),
-                size_of,
-                point_of,
+                checked(parse_size),
+                checked(parse_point),
             )
         ),
         seeds=(b"5", b"0.25", b"-1.63,0,1.63", b"1280x720", b"auto", b"2,5", b"place.yaml"),

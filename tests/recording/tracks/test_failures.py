@@ -9,7 +9,6 @@ import pytest
 from hexctl.palette import TEXT_COLOR
 from hexctl.recording import paths, style
 from hexctl.recording.recording import Recording
-from hexctl.robot.failure_event import parse_failure_event, parse_healing
 from hexctl.runs.run import Run, RunResult, run
 from hexctl.runs.run_spec import spec_of
 from tests.recording.conftest import ReadBack, Trial, write
@@ -20,9 +19,9 @@ BROKEN_S, HEALED_S = 3.0, 6.0
 @pytest.fixture(scope="module")
 def walked(tmp_path_factory: pytest.TempPathFactory) -> RunResult:
     """A leg goes limp in mid-walk and heals, and the walk recovers both times."""
-    events = [parse_failure_event(f"2:limp@{BROKEN_S}"), parse_healing(f"2@{HEALED_S}")]
+    failing: dict[str, Any] = {"failure": f"2:limp@{BROKEN_S}", "heal": [f"2@{HEALED_S}"]}
     path = tmp_path_factory.mktemp("failing") / "a.rrd"
-    return run(gait="tripod", duration_s=13.0, events=events, policy="glide", record=str(path))
+    return run(gait="tripod", duration_s=13.0, policy="glide", record=str(path), **failing)
 
 
 @pytest.fixture(scope="module")

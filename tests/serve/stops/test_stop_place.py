@@ -7,7 +7,7 @@ from typing import NoReturn
 import pytest
 
 from hexctl.backends import serial_ports
-from hexctl.serve.service import RobotService, ServosSpec
+from hexctl.serve.service import RobotService
 from hexctl.serve.stops.stop_place import StopPlace
 
 ENDPOINT = "tcp/127.0.0.1:7447"
@@ -108,7 +108,7 @@ def test_a_served_robot_is_at_its_device_or_that_of_its_file(
     plugged: list[SimpleNamespace], backend: str, device: str | None, where: str
 ) -> None:
     plugged.append(_adapter("/dev/ttyUSB0", "FT9A1B", "1-2"))
-    service = RobotService(servos=ServosSpec(backend=backend, robot="jethexa"), device=device)
-    place = service._stop_place(service.servos.options(), service.resolved_link())
+    service = RobotService(backend=backend, robot="jethexa", connect=device)
+    place = service._stop_place(service.servo_options, service.resolved_link())
     assert (place.backend, place.where) == (backend, where)
     assert (place.serial_number is not None) is (where == "/dev/ttyUSB0")

@@ -24,7 +24,7 @@ def port_of(server: MjpegServer) -> int:
 
 def got(server: MjpegServer, path: str, host: str | None = None) -> tuple[int, bytes]:
     """Status and content of an answer."""
-    connection = http.client.HTTPConnection("127.0.0.1", port_of(server), timeout=10)
+    connection = http.client.HTTPConnection(urlsplit(server.url).hostname or "", port_of(server), timeout=10)
     connection.request("GET", path, headers={} if host is None else {"Host": host})
     answer = connection.getresponse()
     content = answer.read()
@@ -112,3 +112,16 @@ def test_its_end_ends_all_streams() -> None:
 def test_a_port_in_use_is_named() -> None:
     with MjpegServer() as server, pytest.raises(RobotFaultError, match=f"got {port_of(server)}, which"):
         MjpegServer(port_of(server))
+
+
+@pytest.mark.parametrize("host", ["localhost", "::1"])
+def test_it_listens_on_other_names_of_this_computer(host: str) -> None:
+    try:
+        server = MjpegServer(host=host)
+    except RobotFaultError:
+        pytest.skip(f"this computer has no {host}")
+    with server:
+        server.publish(b"picture")
+        assert urlsplit(server.url).hostname == host
+        assert got(server, PICTURE_PATH) == (200, b"picture")
+        assert got(server, PICTURE_PATH, host="other.example:80")[0] == 403

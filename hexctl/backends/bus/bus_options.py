@@ -1,0 +1,165 @@
+"""Options of the commands about servos on a bus: where the bus is, and what is asked of its servos."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+from hexctl.errors import InputError, argument
+from hexctl.options import RARE, Range, Typed, check_fields
+from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS, BusDriver
+
+if TYPE_CHECKING:
+    from hexctl.robot.schema import ServosSection
+    from hexctl.robot.servos.bus_map import BusMap
+
+BAUD = Range(low=9600, high=4_500_000, whole=True, unit="baud")
+
+#: Asks at every usual baud rate of a driver.
+ALL_BAUDS = "all"
+
+
+def parse_bauds(text: str) -> int | str:
+    """Baud rate of a text, or `all`; raises ValueError for anything else."""
+    if text == ALL_BAUDS:
+        return text
+    try:
+        return int(BAUD.parse(text))
+    except ValueError as error:
+        raise ValueError(f"{error}, or {ALL_BAUDS}") from None
+
+
+@dataclass(frozen=True, slots=True)
+class BusAddress:
+    """Where servos answer.
+
+    Attributes:
+        driver: whose protocol they speak.
+        path: serial device.
+        baud: bits per second.
+    """
+
+    driver: BusDriver
+    path: str
+    baud: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BusOptions:
+    """Where a bus of servos is; the section `servos` of a robot file has what is not given."""
+
+    PANEL: ClassVar = "Bus"
+
+    driver: BusDriver | None = None
+    """Protocol of the servos: dynamixel, feetech or lx16a. (default: that of --robot, else required)"""
+
+    connect: str | None = None
+    """Serial device of the bus, such as /dev/ttyUSB0. (default: that of --robot, else required)"""
+
+    baud: Annotated[int | None, BAUD] = None
+    """Bits per second, {}. (default: that of --robot, else 1000000, with lx16a 115200)"""
+
+    robot: str | None = None
+    """Robot file whose section servos has driver, port and baud. (default: none)"""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+
+    def address(self) -> BusAddress:
+        """Return where the bus is: as given, else by the robot file, else as usual for the driver.
+
+        Raises InputError without a driver or a port, and for a robot file with hobby servos.
+        """
+        from hexctl.backends.bus.servos import parse_bus_port
+
+        section = self._section()
+        driver = self._driver(section)
+        text = self.connect or (None if section is None else section.port)
+        baud = self.baud
+        if baud is None and section is not None and section.baud is not None:
+            baud = int(section.baud)
+        return BusAddress(driver, *parse_bus_port(text, baud, driver=driver))
+
+    def servo_map(self) -> "BusMap | None":
+        """Return the ids of all joints by the robot file; None without one."""
+        from hexctl.robot.servos.bus_map import bus_map_of
+
+        section = self._section()
+        return None if section is None else bus_map_of(section, self._driver(section))
+
+    def _section(self) -> "ServosSection | None":
+        from hexctl.robot.loader import load_robot_file
+
+        return None if self.robot is None else load_robot_file(self.robot).content.servos
+
+    def _driver(self, section: "ServosSection | None") -> BusDriver:
+        of_file = None if section is None else section.driver
+        if of_file in PWM_DRIVERS:
+            raise InputError(
+                f"{argument('robot')}: got {self.robot}, whose hobby servos ({of_file}) do not answer; "
+                f"allowed: a robot file with {', '.join(BUS_DRIVERS)}"
+            )
+        if self.driver is not None and of_file not in (None, self.driver):
+            raise InputError(
+                f"{argument('driver')}: got {self.driver}; allowed: {of_file}, with this robot file"
+            )
+        for driver in BUS_DRIVERS:
+            if driver == (self.driver or of_file):
+                return driver
+        raise InputError(f"{argument('driver')}: got none; allowed: {', '.join(BUS_DRIVERS)}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScanOptions(BusOptions):
+    """Where a bus is whose servos are not known yet."""
+
+    bauds: Annotated[int | str | None, Typed(flag="baud", parse=parse_bauds)] = None
+    """Bits per second, 9600..4500000, or all: every usual baud rate of the driver, one after the other.
+    (default: that of --robot, else 1000000, with lx16a 115200)
+    """
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "baud", None if self.bauds == ALL_BAUDS else self.bauds)
+        check_fields(self)
+
+    def bauds_at(self, address: BusAddress) -> tuple[int, ...]:
+        """Return the baud rates to ask at."""
+        from hexctl.backends.bus.scan import USUAL_BAUDS
+
+        return USUAL_BAUDS[address.driver] if self.bauds == ALL_BAUDS else (address.baud,)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IdentificationOptions(BusOptions):
+    """Where a bus is whose servos are to be assigned to joints, and where the result goes."""
+
+    output: str | Path | None = None
+    """New file for the section servos of a robot file. The same command continues an unfinished one.
+    (default: none, it is printed)
+
+    Unfinished sections are kept in a file next to it.
+    """
+
+    model: Annotated[Literal["lx16a", "lx224", "hts35h"] | None, RARE] = None
+    """Model of servos that do not report theirs, those of lx16a. (default: that of --robot, else lx16a)"""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if self.robot is not None and self.output is not None:
+            raise InputError(
+                f"{argument('output')}: got it with {argument('robot')}; allowed: without a robot file, "
+                "because none is written to"
+            )
+
+    def unreported_model(self, driver: str) -> str | None:
+        """Return the model of servos that do not report theirs: as given, else of the robot file.
+
+        Raises InputError for a model of servos that report theirs.
+        """
+        if driver != "lx16a" and self.model is not None:
+            raise InputError(
+                f"{argument('model')}: got {self.model} with {driver}; allowed: with lx16a; others report "
+                "their model"
+            )
+        section = self._section()
+        of_file = None if driver != "lx16a" or section is None else section.model
+        return self.model or of_file

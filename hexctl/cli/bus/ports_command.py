@@ -1,0 +1,51 @@
+"""`hexctl ports`: serial ports of this computer."""
+
+import json
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hexctl.cli.output_options import JsonOption
+
+if TYPE_CHECKING:
+    from hexctl.backends.serial_ports import SerialPort
+
+#: How long the cable of an adapter may take to be pulled.
+FIND_TIMEOUT_S = 60.0
+
+
+def ports(
+    find: Annotated[
+        bool, typer.Option("--find", help="Find the port of an adapter: pull its cable when asked to.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """List serial ports that have a device, with their adapters."""
+    from hexctl.backends.serial_ports import serial_ports
+    from hexctl.cli.console import print_note, print_result
+    from hexctl.cli.render.servos_output import row_table
+
+    found = [_found_port()] if find else serial_ports()
+    rows = [asdict(each) for each in found if each is not None]
+    if as_json:
+        print_result(json.dumps(rows))
+        return
+    print_result(row_table(rows) if rows else "no serial ports")
+    if not any(row["vendor"] for row in rows):
+        print_note("hexctl: no USB serial adapter found: plug it in, with a cable that carries data")
+
+
+def _found_port() -> "SerialPort | None":
+    """The port whose cable an operator pulls; raises Exit if it is interrupted."""
+    from hexctl.backends.serial_ports import serial_ports, unplugged_port
+    from hexctl.cli.console import INTERRUPTED, StopOnInterrupt, print_note
+
+    before = serial_ports()
+    print_note(f"{len(before)} ports; now pull the cable of the adapter (Ctrl-C ends it)")
+    with StopOnInterrupt(plain=True) as interrupt:
+        found = unplugged_port(before, timeout_s=FIND_TIMEOUT_S, stop_requested=interrupt.requested)
+        if interrupt.requested():
+            raise typer.Exit(INTERRUPTED)
+    print_note("that is it; plug it in again")
+    return found

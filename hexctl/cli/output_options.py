@@ -1,0 +1,11 @@
+"""Options that say what is printed and recorded."""
+
+from typing import Annotated
+
+import typer
+
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
+
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print the end only.")]
+
+NoRecordOption = Annotated[bool, typer.Option("--no-record", help="Leave no recording.")]

@@ -1,0 +1,71 @@
+"""What a person may have meant, at the end of a message about a command line that is not understood."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+from typer.exceptions import TyperException
+
+#: Commands by words that people type for them.
+COMMANDS = {
+    "walk": "run",
+    "simulate": "run",
+    "sim": "run",
+    "gait": "gaits",
+    "world": "worlds",
+    "search": "adapt",
+    "learn": "adapt",
+    "train": "adapt",
+    "teleop": "drive",
+    "control": "drive",
+    "stop": "estop",
+    "kill": "estop",
+    "server": "serve",
+    "ros": "serve --ros",
+    "open": "view",
+    "replay": "view",
+    "convert": "export",
+    "import": "robot import",
+    "camera": "see",
+    "scan": "servos scan",
+}
+
+_NO_COMMAND = re.compile(r"No such command '(.*)'")
+_EXTRA = re.compile(r"Got unexpected extra argument")
+
+
+def usage_text(error: TyperException) -> str:
+    """Message about a command line that is not understood, with what may have been meant."""
+    if near := getattr(error, "possibilities", None):
+        vars(error)["possibilities"] = near[:1]  # best first; the message would sort them by name
+    text = error.format_message()
+    if (found := _NO_COMMAND.match(text)) is not None:
+        meant = COMMANDS.get(found[1].lower())
+        return text if meant is None or "did you mean" in text.lower() else f"{text} Did you mean {meant!r}?"
+    context: Any = getattr(error, "ctx", None)
+    if _EXTRA.match(text) and context is not None:
+        return text + _as_option(context, text.rpartition("(")[2].rstrip(")"))
+    return text
+
+
+def _as_option(context: Any, extra: str) -> str:
+    """The option of a command that takes an argument which stands alone; empty for none."""
+    flags = {flag for param in context.command.params for flag in param.opts}
+    name = extra.split(" ")[0]
+    if "--robot" in flags and (name in _robots() or Path(name).suffix in (".yaml", ".yml")):
+        return f"; did you mean --robot {name}?"
+    if "--gait" in flags and (name in _gaits() or name.isdecimal()):
+        return f"; did you mean --gait {name}?"
+    return ""
+
+
+def _robots() -> list[str]:
+    from hexctl.robot.configs import config_names
+
+    return list(config_names("robots"))
+
+
+def _gaits() -> list[str]:
+    from hexctl.gait.gait import AUTO, NAMED_SLOTS
+
+    return [AUTO, *NAMED_SLOTS]

@@ -1,0 +1,78 @@
+"""Options of a check of a robot."""
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+from hexctl.control.trial_plan import DURATION_S, HEADING_DEG, TURN_DEG_S
+from hexctl.errors import argument
+from hexctl.gait.gait import PACE_HZ, STEP, gait_text
+from hexctl.options import RARE, Panel, Typed, check_fields, check_used
+
+#: Options that only a measurement of the simulation takes.
+OF_PHYSICS = ("world", "duration_s")
+
+FINDINGS, SIMULATION = Panel("Findings"), Panel("Simulation")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CheckOptions:
+    """What a check of a robot is asked for. Its fields are the options of `hexctl check`.
+
+    Raises InputError for a value that is not allowed, and for options that nothing would use.
+    """
+
+    PANEL: ClassVar = "Walk"
+
+    robot: Annotated[str, Typed(words="robots")] = "ant"
+    """The robot, as an option: a name that hexctl robot list prints, or a YAML file."""
+
+    gait: Annotated[str, Typed(parse=gait_text, words="gaits")] = "demo"
+    """Gait: demo, tripod, wave, ripple; auto (the most stable); a code, 1..720; or six slots such as
+    5,1,2,4,3,6.
+    """
+
+    heading_rad: Annotated[float | None, HEADING_DEG] = None
+    """Direction of travel in degrees, {}, counter-clockwise from forward. (default: all round, every 15)
+
+    In Python in rad.
+    """
+
+    turn_rate_rad_s: Annotated[float | None, TURN_DEG_S, Typed(flag="turn"), RARE] = None
+    """Turn rate in degrees per second, {}, counter-clockwise. Without --heading the robot turns in place.
+    (default: 0)
+
+    In Python in rad/s.
+    """
+
+    pace_hz: Annotated[float | None, PACE_HZ] = None
+    """Gait cycles per second, {}. (default: the robot's)"""
+
+    amplitude: Annotated[float | None, STEP, RARE] = None
+    """Length of a step as a fraction of the robot's size, {}. (default: the robot's)"""
+
+    height: Annotated[float | None, STEP, RARE] = None
+    """Height of a step as a fraction of the robot's size, {}. (default: the robot's)"""
+
+    envelope: Annotated[bool, FINDINGS] = False
+    """Print the maximum velocities by direction, and the static margins with and without each leg."""
+
+    leg_sets: Annotated[bool, FINDINGS] = False
+    """Print without which legs the robot can walk, one, two or three, by the static margin."""
+
+    physics: Annotated[bool, SIMULATION] = False
+    """Measure the simulation's own uncertainty, in a minute or two, and keep it under runs/ for adapt and
+    study.
+    """
+
+    world: Annotated[str | None, Typed(words="worlds"), RARE, SIMULATION] = None
+    """With --physics, the simulated world: flat, slippery, slope, rough, a YAML file, or one of a family such
+    as randomised:7. (default: flat)
+    """
+
+    duration_s: Annotated[float | None, DURATION_S, RARE, SIMULATION] = None
+    """With --physics, seconds that each gait walks, {}. (default: 30)"""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if not self.physics:
+            check_used(self, OF_PHYSICS, f"with {argument('physics')}")

@@ -1,0 +1,84 @@
+"""Options of simulated servo boards and buses."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar, Literal
+
+from hexctl.options import RARE, Panel, Range, Typed
+from hexctl.robot.servos.drivers import Driver
+from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
+from hexctl.serve.serve_options import ServedOptions
+
+BoardBackend = Literal["sim", "mock"]
+BAUD = Range(low=9600, high=4_500_000, whole=True, unit="baud")
+EXPIRY_S = Range(low=0.05, high=1, unit="s")
+RELEASE_S = Range(low=1, high=3600, unit="s")
+
+CONNECTION = Panel("Connection")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoardOptions(ServedOptions):
+    """What `hexctl board` is asked for.
+
+    Raises InputError for a value that is not allowed.
+    """
+
+    PANEL: ClassVar = "Servo bus"
+
+    backend: BoardBackend = "sim"
+    """What the servos move: sim (simulation in real time) or mock (nothing)."""
+
+    connect: str | None = None
+    """Where controllers reach it: udpin:HOST:PORT (waits), udpout:HOST:PORT (calls) or a serial device such
+    as /dev/ttyACM0:115200. (default: udpin:127.0.0.1:14550)
+    """
+
+    credentials: Annotated[str | Path | None, Typed(flag="keys"), RARE] = None
+    """Folder with mavlink.key, the board's secret: only what it signed is obeyed. (default: none)"""
+
+    insecure: Annotated[bool, RARE] = False
+    """Let others than this computer command without that secret."""
+
+    pty: Annotated[bool, CONNECTION] = False
+    """Make a serial device instead, a pseudo-terminal, and print its name."""
+
+    expiry_s: Annotated[float, EXPIRY_S, CONNECTION, RARE] = 0.2
+    """Seconds without a command until the pose is held, {}."""
+
+    release_after_s: Annotated[float, RELEASE_S, CONNECTION, RARE] = 10.0
+    """Seconds without the controller until torque is disabled, {}."""
+
+    bus: Driver | None = None
+    """Simulate servos on a serial bus instead, on a pseudo-terminal: dynamixel, feetech, lx16a, or the board
+    servo2040 with hobby servos; or two boards pca9685, on a socket. (default: a MAVLink board)
+    """
+
+    model: str | None = None
+    """With --bus, model of all servos, such as ax12a or sts3215; with servo2040 its firmware, stock or fork.
+    (default: that of the robot file, else xl430-w250, sts3215, lx16a or stock)
+    """
+
+    baud: Annotated[int | None, BAUD, RARE] = None
+    """With --bus, bits per second: how long packets take, {}. (default: 1000000, with lx16a 115200, with
+    pca9685 400000)
+    """
+
+    fault: Sequence[str] = ()
+    """With --bus, what goes wrong, repeatable: mute:5:coxa@10, hot:2:femur:72@5, overload:4:femur@6,
+    lost-id:3:tibia@8, bad-cable:3:femur:0.2, brown-out@12, unplug@15, replug@18, garble:0.01, wild:0.01,
+    wild-once@5, echo; with servo2040 mute@10, trip:12@10, unplug@15, replug@18, garble:0.01; with pca9685
+    nack:0.01, reset@10, unplug@15, replug@18. (default: nothing)
+    """
+
+    @property
+    def signed(self) -> bool:
+        """Whether only signed frames are obeyed."""
+        return self.credentials is not None
+
+    @property
+    def bits_per_s(self) -> int:
+        """Speed of the line of a bus; 0 for a MAVLink board."""
+        usual = {"servo2040": 115_200, "pca9685": 400_000, **DEFAULT_BAUDS}
+        return self.baud or usual.get(str(self.bus), 0)

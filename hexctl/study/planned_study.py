@@ -1,0 +1,157 @@
+"""The study that options ask for, planned."""
+
+from collections.abc import Sequence
+from dataclasses import fields
+from datetime import datetime
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from hexctl.adapt.prior.prior import Prior, load_prior
+from hexctl.adapt.prior.prior_files import prior_folders
+from hexctl.backends.sim.world import DomainRandomization, load_randomization, load_world
+from hexctl.errors import InputError, argument, check_type
+from hexctl.options import listed
+from hexctl.robot.loader import load_robot
+from hexctl.robot.model import Robot
+from hexctl.settings import find_settings
+from hexctl.study.holds import hold_plan
+from hexctl.study.holds.hold_plan import HoldPlan
+from hexctl.study.holds.hold_walks import HoldCache
+from hexctl.study.planned_work import PlannedWork
+from hexctl.study.recovery import recovery_plan
+from hexctl.study.recovery.recovery_plan import RecoveryPlan
+from hexctl.study.recovery.recovery_walks import EpisodeCache
+from hexctl.study.study import ReportResult, run_holds, run_recovery, run_study, run_transfer
+from hexctl.study.study_options import HOLD, MATRIX, PAPER, RECOVERY, TRANSFER, StudyOptions
+from hexctl.study.study_plan import StudyPlan
+from hexctl.study.transfer.transfer_plan import UNSEEN, TransferPlan, find_transfer_prior
+from hexctl.study.verdicts.matrix import (
+    FAILURES,
+    ROBOTS,
+    TIME_STEPS_S,
+    WORLDS,
+    MatrixPlan,
+    cells_of,
+    run_matrix,
+)
+
+Planned = PlannedWork[ReportResult]
+
+
+def planned_study(options: StudyOptions, *, runs: Path | None = None) -> Planned:
+    """Plan the study that options ask for; its `run` simulates it and writes the report.
+
+        result = planned_study(StudyOptions(hold=True, legs=(2,), worlds=1)).run()
+
+    Args:
+        options: what is asked for.
+        runs: folder of the report and of priors that were built; None is that of the settings, `runs`.
+
+    Raises InputError for a robot, a world, a family or a prior that there is not.
+    """
+    check_type(options, StudyOptions, "options")
+    runs = find_settings().runs if runs is None else runs
+    folder = options.out or runs / f"study-{datetime.now():%Y%m%d-%H%M%S}"
+    planned = {PAPER: _paper, TRANSFER: _transfer, MATRIX: _matrix, HOLD: _hold, RECOVERY: _recovery}
+    return planned[options.kind](options, folder, runs)
+
+
+def _paper(options: StudyOptions, folder: Path, _runs: Path) -> Planned:
+    plan = StudyPlan(
+        robot=load_robot(options.robot or "ant"),
+        world=load_world(options.world or "flat"),
+        **_values(options, StudyPlan),
+    )
+    begin = partial(run_study, plan, folder=folder, jobs=options.jobs, dask=options.dask)
+    return PlannedWork(plan=plan, begin=begin, saved=lambda cache: cache.count(plan.specs()))
+
+
+def _transfer(options: StudyOptions, folder: Path, runs: Path) -> Planned:
+    robot = load_robot(options.robot or "ant")
+    plan = TransferPlan(
+        robot=robot,
+        family=_family(options.world or UNSEEN),
+        prior=_prior(options, robot, runs),
+        **_values(options, TransferPlan),
+    )
+    begin = partial(run_transfer, plan, folder=folder, jobs=options.jobs, dask=options.dask)
+    return PlannedWork(plan=plan, begin=begin, saved=lambda cache: cache.count(plan.specs()))
+
+
+def _prior(options: StudyOptions, robot: Robot, runs: Path) -> Prior:
+    """Prior that a file has, or that is found for the trials of a transfer benchmark."""
+    if options.prior not in (None, "auto"):
+        return load_prior(Path(str(options.prior)))
+    legs, failure = tuple(options.legs), options.failure or "locked"
+    return find_transfer_prior(robot, legs, options.duration_s, prior_folders(runs), failure=failure)
+
+
+def _matrix(options: StudyOptions, folder: Path, _runs: Path) -> Planned:
+    values = _values(options, StudyPlan)
+    values.pop("failure", None)
+    steps_ms = options.time_steps_ms
+    cells = cells_of(
+        [load_robot(name) for name in _several(options.robot, ROBOTS)],
+        {name: load_world(name) for name in _several(options.world, WORLDS)},
+        _several(options.failure, FAILURES),
+        TIME_STEPS_S if steps_ms is None else [step_ms / 1000 for step_ms in steps_ms],
+        **values,
+    )
+    plan = MatrixPlan(cells=cells)
+    begin = partial(run_matrix, plan, folder=folder, jobs=options.jobs, dask=options.dask)
+    return PlannedWork(plan=plan, begin=begin, saved=lambda cache: cache.count(plan.specs()))
+
+
+def _hold(options: StudyOptions, folder: Path, _runs: Path) -> Planned:
+    plan = HoldPlan(
+        robots=tuple(load_robot(name) for name in _several(options.robot, ("ant",))),
+        families={name: _family(name) for name in _several(options.world, (hold_plan.FAMILY,))},
+        failures=_several(options.failure, hold_plan.FAILURES),
+        **_values(options, HoldPlan),
+    )
+    return PlannedWork(
+        plan=plan,
+        begin=partial(run_holds, plan, folder=folder, jobs=options.jobs),
+        saved=lambda cache: HoldCache(cache).count(plan.walked()),
+        unit="walks",
+    )
+
+
+def _recovery(options: StudyOptions, folder: Path, _runs: Path) -> Planned:
+    plan = RecoveryPlan(
+        robots=tuple(load_robot(name) for name in _several(options.robot, ("ant",))),
+        families={name: _family(name) for name in _several(options.world, recovery_plan.FAMILIES)},
+        failures=_several(options.failure, recovery_plan.FAILURES),
+        **_values(options, RecoveryPlan),
+    )
+    return PlannedWork(
+        plan=plan,
+        begin=partial(run_recovery, plan, folder=folder, jobs=options.jobs),
+        saved=lambda cache: EpisodeCache(cache).count(plan.walked()),
+        unit="walks",
+    )
+
+
+def _values(options: StudyOptions, plan: Any) -> dict[str, Any]:
+    """Options that a plan has by the same name; for those that are None its own defaults hold."""
+    names = {field.name for field in fields(plan)} - {"robot", "world", "prior"}
+    values = {field.name: getattr(options, field.name) for field in fields(options) if field.name in names}
+    return {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in values.items()
+        if value is not None
+    }
+
+
+def _several(text: str | None, default: Sequence[str]) -> tuple[str, ...]:
+    """Names of a text with commas, or the default ones."""
+    return tuple(default) if text is None else listed(text)
+
+
+def _family(name: str) -> DomainRandomization:
+    """Family of worlds of a name; raises InputError for any other world."""
+    try:
+        return load_randomization(name)
+    except InputError as error:
+        raise InputError(f"{argument('world')}: got {name} ({error})") from error

@@ -1,0 +1,158 @@
+"""Options of a prior or a repertoire that is built, and which options build the prior of a session."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+from hexctl.control.trial_plan import SelfRotation
+from hexctl.errors import InputError, argument
+from hexctl.options import RARE, Panel, Range, Typed, check_fields, check_used, listed, options_of
+from hexctl.robot.failure_grammar import parse_legs
+from hexctl.study.compute_options import ComputeOptions
+from hexctl.study.study_options import ALL_LEGS
+
+if TYPE_CHECKING:
+    from hexctl.adapt.sessions.search_session import SessionSpec
+
+PriorHold = Literal["none", "heading", "line"]
+
+WORLDS = Range(low=2, high=1024, whole=True)
+DIRECTIONS = Range(low=1, high=12, whole=True)
+CODES = Range(low=0, high=11, whole=True)
+
+#: A shorter walk consists mostly of the soft start.
+PRIOR_DURATION_S = Range(low=6, unit="s")
+
+#: Options that only a repertoire takes, and those that only a prior takes.
+OF_REPERTOIRE = ("directions", "codes", "pairs")
+OF_PRIOR = ("legs", "failure", "self_rotation", "hold", "duration_s")
+
+REPERTOIRE = Panel("Repertoire")
+
+
+def _pairs(text: str) -> tuple[str, ...]:
+    """How both legs of pairs fail, from a text with commas; none for `none`."""
+    return () if text == "none" else listed(text)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PriorOptions(ComputeOptions):
+    """What is asked of a prior or a repertoire. Its fields are the options of `hexctl prior build`.
+
+    Raises InputError for a value that is not allowed, and for an option that only the other one takes.
+    """
+
+    PANEL: ClassVar = "Prior"
+
+    robot: Annotated[str, Typed(words="robots")] = "ant"
+    """Robot: a name that hexctl robot list prints, or a YAML file."""
+
+    legs: Annotated[Sequence[int], Typed(parse=parse_legs)] = ALL_LEGS
+    """Legs that fail, with commas."""
+
+    failure: Annotated[str, Typed(words="failures")] = "locked"
+    """How they fail: locked (stiff), limp, missing, weak:FRACTION of the torque, stuck:JOINT:DEGREES, or
+    unknown to the controller.
+    """
+
+    hold: PriorHold = "none"
+    """What the walks hold by feedback. With line or heading the prior is of their speed, cost, tilt and
+    steadiness.
+    """
+
+    self_rotation: Annotated[SelfRotation | None, RARE] = None
+    """Turn before the walk until the failed leg points to the rear or the front, or none: no turn. (default:
+    rear, but none with --hold line)
+    """
+
+    duration_s: Annotated[float, PRIOR_DURATION_S] = 30.0
+    """Seconds that each gait walks, {}, in steps of 2."""
+
+    worlds: Annotated[int | None, WORLDS] = None
+    """Worlds that each failed leg's gaits walk in, {}; with --repertoire of each family, up to 16. (default:
+    16, with --repertoire 4)
+    """
+
+    family: Annotated[str | None, Typed(words="families"), RARE] = None
+    """Family of worlds to draw from: randomised, or a YAML file; with --repertoire several with commas.
+    (default: randomised, with --repertoire transfer,real)
+    """
+
+    out: Path | None = None
+    """File to write, .npz. (default: runs/priors/ROBOT-FAILURE-ROTATION-SECONDS[-HOLD].npz, with --repertoire
+    runs/repertoires/ROBOT.npz)
+    """
+
+    repertoire: Annotated[bool, REPERTOIRE] = False
+    """Build a repertoire instead, for hexctl run --recover: gaits after each failure of a leg, a joint or two
+    legs.
+    """
+
+    directions: Annotated[int | None, DIRECTIONS, RARE, REPERTOIRE] = None
+    """With --repertoire, directions of travel, a whole number {}: 1, 2, 4, 6, 8 or 12. (default: 12)"""
+
+    codes: Annotated[int | None, CODES, RARE, REPERTOIRE] = None
+    """With --repertoire, next codes by the static margin, and as many at random, a whole number {}.
+    (default: 2)
+    """
+
+    pairs: Annotated[Sequence[str] | None, Typed(parse=_pairs), RARE, REPERTOIRE] = None
+    """With --repertoire, how both legs of pairs fail, with commas, or none. (default: locked,limp,missing)"""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if self.repertoire:
+            check_used(self, OF_PRIOR, f"without {argument('repertoire')}")
+        else:
+            check_used(self, OF_REPERTOIRE, f"with {argument('repertoire')}")
+
+
+def how_to_build_prior(spec: "SessionSpec") -> str:
+    """Command that builds a prior for a session's trials, as the end of a sentence.
+
+    Empty if none can be built: for other objectives and headings, short walks, failures with details.
+    """
+    from hexctl.adapt.prior.prior import SCORES
+
+    hold = "line" if spec.hold == "auto" else spec.hold
+    objectives = ("final",) if hold == "none" else SCORES
+    if spec.objective not in objectives or spec.heading_deg or not _can_be_built(spec, hold):
+        return ""
+    values = {
+        "robot": spec.robot,
+        "failure": spec.failure,
+        "hold": hold,
+        "self_rotation": spec.self_rotation,
+        "duration_s": spec.duration_s,
+    }
+    usual = {option.name: option.default for option in options_of(PriorOptions)}
+    usual["self_rotation"] = "none" if hold == "line" else "rear"
+    flags = {option.name: option.flag for option in options_of(PriorOptions)}
+    words = [f" --{flags[name]} {_word(value)}" for name, value in values.items() if value != usual[name]]
+    return f"; this makes one: hexctl prior build{''.join(words)}"
+
+
+def _word(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float | int) else str(value)
+
+
+def _can_be_built(spec: "SessionSpec", hold: str) -> bool:
+    """Whether a prior for the trials of a session can be built."""
+    from hexctl.backends.sim.world import load_randomization
+    from hexctl.robot.loader import load_robot
+    from hexctl.study.prior_building import PriorPlan
+
+    plan = PriorPlan(
+        robot=load_robot(spec.robot),
+        family=load_randomization("randomised"),
+        failure=spec.failure,
+        self_rotation=spec.self_rotation,
+        duration_s=spec.duration_s,
+        hold=hold,
+    )
+    try:
+        plan.check()
+    except InputError:
+        return False
+    return True

@@ -1,0 +1,103 @@
+"""Options of a drive by hand: which robot, how it walks, and what it is driven with."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, ClassVar, Literal
+
+from hexctl.backends.robot_options import FAILURE, RobotOptions
+from hexctl.errors import InputError, argument
+from hexctl.gait.gait import gait_text
+from hexctl.gait.posture import POSTURE
+from hexctl.options import RARE, Panel, Typed, check_fields
+
+DriveHold = Literal["auto", "none"]
+
+RECORDING, WALK = Panel("Recording"), Panel("Walk")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriveOptions(RobotOptions):
+    """What a robot is driven with, and how it walks. Its fields are the options of `hexctl drive`.
+
+    Raises InputError for a value that is not allowed.
+    """
+
+    PANEL: ClassVar = "Driving"
+
+    keyboard: bool = True
+    """Drive with the keys of this terminal."""
+
+    gamepad: Annotated[str | None, Typed(words="gamepads")] = None
+    """Drive with a gamepad while a shoulder button is held: auto takes the first that is plugged in, at any
+    time; or its event file, or none. (default: auto)
+    """
+
+    page: str | None = None
+    """Serve a page to drive with at HOST:PORT, such as 127.0.0.1:8017 for this computer only; beyond it
+    --page-keys are needed, and the token that is printed. (default: none)
+    """
+
+    page_keys: Path | None = None
+    """Folder of certificates that hexctl keys new made, for a page beyond this computer. (default: none)"""
+
+    page_view: str | None = None
+    """Show on the page what a camera sees: the http or https URL of its stream or picture, such as
+    http://127.0.0.1:8018/stream.mjpg of hexctl see. (default: none)
+    """
+
+    gait: Annotated[str, Typed(parse=gait_text, words="gaits"), WALK] = "tripod"
+    """Gait: demo, tripod, wave, ripple; a code, 1..720; or when in the cycle legs 1..6 step, six slots such
+    as 5,1,2,4,3,6.
+    """
+
+    body_raise: Annotated[float, POSTURE, WALK, RARE] = 0.0
+    """How much higher the body stands, as a fraction of the robot's size, {}."""
+
+    hold: Annotated[DriveHold, WALK] = "auto"
+    """Correct slip with the pose or the yaw that the robot measures (auto), or walk in open loop (none)."""
+
+    policy: Annotated[str | None, FAILURE, RARE] = None
+    """What to do about a leg that is noticed to have failed: walk-on, stop, glide, or package.module:Class.
+    (default: glide with sim, else stop)
+    """
+
+    record: Annotated[Path | None, RECORDING] = None
+    """Recording to write, a new .rrd file, whose folder is made. (default: none)"""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if self.page is None:
+            for name in ("page_keys", "page_view"):
+                if getattr(self, name) is not None:
+                    raise InputError(
+                        f"{argument(name)}: got it without --page; allowed: with --page HOST:PORT"
+                    )
+        self._check_devices()
+
+    def _check_devices(self) -> None:
+        if self.page_view is not None:
+            from hexctl.teleop.picture_relay import PictureRelay
+
+            PictureRelay(self.page_view)
+        if self.page is not None:
+            from hexctl.teleop.drive_page import PageAddress
+
+            PageAddress.parse(self.page).check(secured=self.page_keys is not None)
+        if self.pad is not None:
+            from hexctl.teleop.gamepad import check_gamepad
+
+            check_gamepad(self.pad)
+
+    def check_keys(self, *, terminal: bool) -> None:
+        """Raise InputError if there is nothing to drive with; `terminal` is whether there are keys."""
+        if (self.keyboard and terminal) or self.page or self.gamepad not in (None, "none"):
+            return
+        others = "--page HOST:PORT, or --gamepad auto"
+        if not self.keyboard:
+            raise InputError(f"--no-keyboard: got it with nothing else to drive with; allowed: {others}")
+        raise InputError(f"--keyboard: got no terminal to read keys from; allowed: a terminal, {others}")
+
+    @property
+    def pad(self) -> Path | None:
+        """The event file that is named."""
+        return None if self.gamepad in (None, "auto", "none") else Path(str(self.gamepad))

@@ -1,0 +1,211 @@
+"""Failures as text."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from hexctl.errors import InputError, WrongTypeError
+from hexctl.robot.failure import Failure, FailureEvent
+from hexctl.robot.failure_grammar import (
+    option_of,
+    parse_coming_kind,
+    parse_failure,
+    parse_failure_event,
+    parse_failure_now,
+    parse_healing,
+    parse_kind,
+    parse_leg,
+    parse_legs,
+    read_failures,
+    read_failures_before,
+)
+
+BEFORE = [
+    ("5", Failure(leg=5)),
+    ("5:locked", Failure(leg=5)),
+    ("5:limp", Failure(leg=5, kind="limp")),
+    ("5:limp:femur", Failure(leg=5, kind="limp", joint="femur")),
+    ("1:missing", Failure(leg=1, kind="missing")),
+    ("5:weak", Failure(leg=5, kind="weak", torque_fraction=0.3)),
+    ("5:weak:0.5", Failure(leg=5, kind="weak", torque_fraction=0.5)),
+    ("5:weak:femur:0.5", Failure(leg=5, kind="weak", joint="femur", torque_fraction=0.5)),
+    ("5:stuck", Failure(leg=5, kind="stuck", joint="coxa", angle_rad=0.0)),
+    ("5:stuck:tibia", Failure(leg=5, kind="stuck", joint="tibia")),
+    ("5:stuck:femur:-30", Failure(leg=5, kind="stuck", joint="femur", angle_rad=math.radians(-30))),
+    ("6:unknown", Failure(leg=6, kind="unknown")),
+    (" 5:LIMP:Femur", Failure(leg=5, kind="limp", joint="femur")),
+]
+
+COMING = [
+    ("5:locked", Failure(leg=5, kind="locked")),
+    ("1:limp", Failure(leg=1, kind="limp")),
+    ("1:limp:femur", Failure(leg=1, kind="limp", joint="femur")),
+    ("2:weak:0.2", Failure(leg=2, kind="weak", torque_fraction=0.2)),
+    ("2:weak:tibia:0.2", Failure(leg=2, kind="weak", joint="tibia", torque_fraction=0.2)),
+    ("6:stuck:tibia", Failure(leg=6, kind="stuck", joint="tibia")),
+    ("3:missing", Failure(leg=3, kind="missing")),
+]
+
+WRONG_KINDS = [
+    *("asleep", "", "locked:1", "locked:femur", "limp:0", "limp:foot", "missing:1"),
+    *("weak:0.1:2", "weak:1.5", "weak:-0.1", "weak:nan", "weak:little", "weak:", "weak:2"),
+    *("stuck:knee:3", "stuck:femur:far", "stuck:femur:nan", "stuck:femur:inf", "stuck:femur:1:2"),
+]
+
+#: Parsers of kinds, and the text that each takes.
+PARSERS: list[tuple[Callable[[str], object], str]] = [
+    (parse_failure, "5:{}"),
+    (parse_failure_now, "5:{}"),
+    (parse_failure_event, "5:{}@8"),
+    (lambda text: parse_kind(5, text), "{}"),
+    (lambda text: parse_coming_kind(5, text), "{}"),
+]
+
+
+@pytest.mark.parametrize(("text", "failure"), BEFORE)
+def test_a_failure_before_a_walk_is_read_from_its_text(text: str, failure: Failure) -> None:
+    assert parse_failure(text) == failure
+    assert read_failures(text) == ((failure,), ())
+    assert parse_failure(f"{failure.leg}:{failure}") == failure
+
+
+@pytest.mark.parametrize(("text", "failure"), COMING)
+def test_a_failure_during_a_walk_is_read_from_its_text(text: str, failure: Failure) -> None:
+    event = parse_failure_event(f"{text}@8.5")
+    assert (event.leg, event.failure, event.at_s) == (failure.leg, failure, 8.5)
+    assert str(event) == f"{text}@8.5"
+    assert parse_failure_now(text) == failure
+    assert read_failures(f"{text}@8.5") == ((), (event,))
+
+
+@pytest.mark.parametrize("kind", WRONG_KINDS)
+@pytest.mark.parametrize(("parse", "form"), PARSERS)
+def test_a_wrong_kind_is_refused_with_the_complete_text(
+    parse: Callable[[str], object], form: str, kind: str
+) -> None:
+    text = form.format(kind)
+    with pytest.raises(InputError) as refused:
+        parse(text)
+    assert f": got {text!r}; allowed: " in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "text", ["limp", "", ":", "limp:5", "0:limp", "7:limp", "-1", "9limp", "5.0:limp", "²:limp"]
+)
+@pytest.mark.parametrize("suffix", ["", "@8"])
+def test_a_failure_needs_its_leg(text: str, suffix: str) -> None:
+    with pytest.raises(InputError, match=r"^failure: got .*; allowed: .*5:limp"):
+        read_failures(text + suffix)
+
+
+def test_a_kind_without_its_leg_is_refused_with_an_example() -> None:
+    with pytest.raises(InputError) as refused:
+        read_failures("limp")
+    assert str(refused.value) == "failure: got 'limp'; allowed: LEG:KIND such as 5:limp, 5:stuck:coxa@8"
+
+
+@pytest.mark.parametrize("text", ["5:stuck:femur:30", "5:stuck", "5:unknown"])
+def test_what_comes_during_a_walk_has_no_angle_and_is_known(text: str) -> None:
+    for parse, given in ((parse_failure_now, text), (parse_failure_event, f"{text}@8")):
+        with pytest.raises(InputError) as refused:
+            parse(given)
+        allowed = str(refused.value).partition("allowed:")[2]
+        assert not [word for word in ("DEGREES", "unknown") if word in allowed]
+
+
+@pytest.mark.parametrize(
+    "text", ["5:locked@-1", "5:locked@nan", "5:locked@soon", "5:locked@", "5:limp", "@", "5@@8"]
+)
+def test_a_failure_event_needs_its_time(text: str) -> None:
+    with pytest.raises(InputError, match="allowed"):
+        parse_failure_event(text)
+
+
+def test_a_failure_now_has_no_time() -> None:
+    with pytest.raises(InputError, match=r"^LEG:KIND: got '5:limp@8'"):
+        parse_failure_now("5:limp@8")
+
+
+def test_a_leg_heals() -> None:
+    event = parse_healing("5@20")
+    assert (event.leg, event.at_s, event.failure, str(event)) == (5, 20.0, None, "5@20")
+
+
+@pytest.mark.parametrize("text", ["5", "5@", "@20", "0@3", "5:limp@8", "5@-1"])
+def test_what_is_no_healing_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="allowed"):
+        parse_healing(text)
+
+
+@pytest.mark.parametrize(
+    ("asked", "legs", "failures", "events"),
+    [
+        (None, None, [], []),
+        ((), "5", ["5:locked"], []),
+        ((), (5, 2), ["2:locked", "5:locked"], []),
+        ("5:limp", 5, ["5:limp"], []),
+        ("5:limp", "2,5", ["2:locked", "5:limp"], []),
+        (["5:limp", "2"], 1, ["1:locked", "2:locked", "5:limp"], []),
+        ("5:limp,2:missing@4", None, ["5:limp"], ["2:missing@4"]),
+        ("5:limp@8", 5, ["5:locked"], ["5:limp@8"]),
+        (Failure(leg=3, kind="weak"), None, ["3:weak:0.3"], []),
+        ((Failure(leg=3), "1:limp"), None, ["1:limp", "3:locked"], []),
+        (FailureEvent(at_s=1.0, leg=4, failure=Failure(leg=4)), None, [], ["4:locked@1"]),
+    ],
+)
+def test_failures_of_texts_values_and_legs_are_put_together(
+    asked: Any, legs: Any, failures: list[str], events: list[str]
+) -> None:
+    read = read_failures(asked, legs)
+    assert [f"{one.leg}:{one}" for one in read.failures] == failures
+    assert [str(one) for one in read.events] == events
+
+
+@pytest.mark.parametrize(
+    ("asked", "legs", "message"),
+    [
+        ("5:limp,5:locked", None, "^failure: got legs 5, 5; allowed: each leg once"),
+        (None, (5, 5), "^failed_leg: got legs 5, 5; allowed: each leg once"),
+        (None, "1,2,3,4", "^failed_leg: got 4 legs; allowed: up to 3"),
+        (None, 7, "1..6"),
+        (None, "7", "^failed_leg: got '7'; allowed: 1..6"),
+        (None, "two", "^failed_leg: got 'two'; allowed: 1..6"),
+        ("5:limp,", None, "^failure: got ''"),
+    ],
+)
+def test_failures_that_cannot_be_together_are_refused(asked: Any, legs: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        read_failures(asked, legs)
+
+
+@pytest.mark.parametrize(
+    ("asked", "legs"), [(5, None), ([5], None), ({"5"}, None), (None, 2.5), (None, ("5",))]
+)
+def test_values_of_a_wrong_type_are_refused(asked: Any, legs: Any) -> None:
+    with pytest.raises(WrongTypeError):
+        read_failures(asked, legs)
+
+
+def test_failures_that_may_not_come_later_are_refused_with_what_to_do() -> None:
+    assert read_failures_before("5:limp", 2, "") == (Failure(leg=2), Failure(leg=5, kind="limp"))
+    with pytest.raises(InputError, match=r"^failure: got '5:limp@8'; allowed: one before the search"):
+        read_failures_before("5:limp@8", None, "one before the search")
+
+
+@pytest.mark.parametrize(("text", "option"), [("5:locked", "failed_leg"), ("2:stuck:femur:30", "failure")])
+def test_the_option_of_a_failure_reads_back(text: str, option: str) -> None:
+    name, value = option_of(parse_failure(text))
+    assert name == option
+    read = read_failures(value) if name == "failure" else read_failures((), value)
+    assert read.failures == (parse_failure(text),)
+
+
+def test_legs_are_numbers_with_commas() -> None:
+    assert parse_legs("5, 2") == (2, 5)
+    assert parse_leg("5") == 5
+    for text in ("", ",", "7", "2,x", "auto", "2.0"):
+        with pytest.raises(InputError, match=r"^--legs: got .*1..6"):
+            parse_legs(text, "--legs")
