@@ -31,12 +31,12 @@ def with_options(
         parameters = [
             *map(_parameter, options),
             *(one.replace(kind=one.KEYWORD_ONLY) for one in own),
-            _HELP_ALL,
+            *([_HELP_ALL] if any(option.rare for option in options) else []),
         ]
 
         @wraps(command)
         def called(**values: Any) -> None:
-            values.pop(_HELP_ALL.name)
+            values.pop(_HELP_ALL.name, None)
             command({option.name: values.pop(option.name) for option in options}, **values)
 
         vars(called)["__signature__"] = inspect.Signature(parameters)

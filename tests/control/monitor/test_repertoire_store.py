@@ -12,7 +12,9 @@ from hexctl.control.monitor.repertoire_store import (
     RepertoireFileError,
     describe_repertoire,
     find_repertoire,
+    list_repertoires,
     load_repertoire,
+    named_repertoire,
     repertoire_files,
     save_repertoire,
 )
@@ -101,3 +103,15 @@ def test_shipped_repertoires_are_small_and_of_the_robots_that_are_shipped(path: 
     assert described["walks"] >= 4
     assert {"locked", "limp", "missing", "stuck:coxa", "limp:tibia"} <= set(described["legs"])
     assert 0 < described["others"] < described["situations"]
+
+
+def test_all_are_described_and_a_damaged_one_is_reported(tmp_path: Path) -> None:
+    path = tmp_path / "repertoires" / "mine.npz"
+    save_repertoire(made_up(), path)
+    (path.parent / "damaged.npz").write_bytes(b"my diary")
+    damaged: list[InputError] = []
+    described = list_repertoires(tmp_path, on_damaged=damaged.append)
+    assert described[0] == {"repertoire": str(path), **describe_repertoire(path)}
+    assert ["damaged.npz" in str(error) for error in damaged] == [True]
+    assert named_repertoire("mine", tmp_path) == path
+    assert named_repertoire("nowhere.npz", tmp_path) == Path("nowhere.npz")
