@@ -138,7 +138,8 @@ def test_show_refuses_what_is_no_prior(capsys: pytest.CaptureFixture[str]) -> No
 def test_a_session_believes_the_prior_that_it_is_given(
     prior: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    outcome, err = run(capsys, *ADAPT, "--prior", prior, "--budget", "3", "--target", "0.002")
+    asked = ("--prior", prior, "--budget", "3", "--target", "0.002", "--worth", "0")
+    outcome, err = run(capsys, *ADAPT, *asked)
     assert err == ""
     assert (outcome["optimizer"], outcome["prior"]) == ("bayes", prior)
     assert outcome["prior_digest"] == load_prior(Path(prior)).digest()
