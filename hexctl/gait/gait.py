@@ -157,6 +157,9 @@ AUTO = "auto"
 #: Name of the best gait by a prior; with a colon and a session, of its best walk.
 BEST = "best"
 
+#: Gait of a walk that names none. It is the fastest that keeps three feet on the floor.
+DEFAULT_GAIT = "tripod"
+
 #: A leg swings when u = 1/3, so swings follow one another in descending slot order.
 NAMED_SLOTS: dict[str, Slots] = {
     # default of the paper's demo model

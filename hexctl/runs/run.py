@@ -37,11 +37,12 @@ from hexctl.control.trial_result import TrialResult
 from hexctl.control.walks.turning import check_plan, turn_needed_rad
 from hexctl.errors import InputError, MissingExtraError, argument, check_type
 from hexctl.files import folder_trouble, write_trouble
+from hexctl.gait.gait import DEFAULT_GAIT
 from hexctl.robot.configs import shipped_text
 from hexctl.robot.failure import FailureEvent, check_healings
 from hexctl.robot.loader import RobotFile, load_robot_file
 from hexctl.robot.model import Robot
-from hexctl.runs.run_spec import DEFAULT_GAIT, RunSpec, plan_of, spec_of
+from hexctl.runs.run_spec import RunSpec, plan_of, spec_of
 from hexctl.waiting import comes_true
 
 if TYPE_CHECKING:
@@ -118,12 +119,12 @@ class Run:
         self.plan = plan_of(spec, self.robot)
         self._meshes = self._file.meshes if self._file is not None and spec.records else {}
         check_plan(self.robot, self.plan)
-        self._policy = spec.made_policy
+        world = "flat" if spec.world is None else spec.world
+        self._world = world if isinstance(world, World) else load_world(world)
+        self._policy = spec.made_policy(failures_come=bool(spec.events or self._world.events))
         # A robot that stands ready must not wait for it.
         for plan in _as_it_may_stand(self.robot, self.plan):
             self._policy.prepare(self.robot, plan, plan.heading_rad)
-        world = "flat" if spec.world is None else spec.world
-        self._world = world if isinstance(world, World) else load_world(world)
         self.broken = spec.failures
         self.notes: tuple[str, ...] = ()
         self._guard: Guard | None = None

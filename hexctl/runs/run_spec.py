@@ -31,6 +31,7 @@ from hexctl.gait.encoding import code_count
 from hexctl.gait.gait import (
     AUTO,
     BEST,
+    DEFAULT_GAIT,
     PACE_HZ,
     STEP,
     SWING,
@@ -52,9 +53,6 @@ from hexctl.robot.failure_grammar import (
     read_healings,
 )
 from hexctl.robot.model import Robot
-
-#: The gait of a run that names none.
-DEFAULT_GAIT = "demo"
 
 
 def _shift(text: str) -> tuple[float, float]:
@@ -136,7 +134,7 @@ class RunSpec(RecordedOptions):
 
     policy: Annotated[str | RecoveryPolicy | None, Typed(), RARE, FAILURE] = None
     """What to do when a leg fails: walk-on, stop, glide (walk on without it), or package.module:Class.
-    (default: walk-on with sim, else stop)
+    (default: glide with sim, else stop)
 
     In Python also a policy.
     """
@@ -207,10 +205,17 @@ class RunSpec(RecordedOptions):
         """Whether the walk is recorded."""
         return self.record is not None or self.record_folder is not None
 
-    @property
-    def made_policy(self) -> RecoveryPolicy:
-        """The policy of the walk; raises InputError for a name that is not allowed."""
-        usual = "walk-on" if self.simulated else "stop"
+    def made_policy(self, *, failures_come: bool) -> RecoveryPolicy:
+        """The policy of the walk.
+
+        A simulation in which no leg can fail has none to recover from: it walks its plan to the last bit.
+
+        Args:
+            failures_come: whether legs of a simulation fail during the walk.
+
+        Raises InputError for a name that is not allowed.
+        """
+        usual = "stop" if not self.simulated else "glide" if failures_come else "walk-on"
         policy = usual if self.policy is None else self.policy
         return make_policy(policy) if isinstance(policy, str) else policy
 

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from hexctl.backends.robot_options import FAILURE, RobotOptions
 from hexctl.errors import InputError, argument
-from hexctl.gait.gait import gait_text
+from hexctl.gait.gait import DEFAULT_GAIT, gait_text
 from hexctl.gait.posture import POSTURE
 from hexctl.options import RARE, Panel, Typed, check_fields
 
@@ -45,7 +45,7 @@ class DriveOptions(RobotOptions):
     http://127.0.0.1:8018/stream.mjpg of hexctl see. (default: none)
     """
 
-    gait: Annotated[str, Typed(parse=gait_text, words="gaits"), WALK] = "tripod"
+    gait: Annotated[str, Typed(parse=gait_text, words="gaits"), WALK] = DEFAULT_GAIT
     """Gait: demo, tripod, wave, ripple; a code, 1..720; or when in the cycle legs 1..6 step, six slots such
     as 5,1,2,4,3,6.
     """

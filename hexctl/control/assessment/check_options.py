@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar
 
 from hexctl.control.trial_plan import DURATION_S, HEADING_DEG, TURN_DEG_S
 from hexctl.errors import argument
-from hexctl.gait.gait import PACE_HZ, STEP, gait_text
+from hexctl.gait.gait import DEFAULT_GAIT, PACE_HZ, STEP, gait_text
 from hexctl.options import RARE, Panel, Typed, check_fields, check_used
 
 #: Options that only a measurement of the simulation takes.
@@ -26,7 +26,7 @@ class CheckOptions:
     robot: Annotated[str, Typed(words="robots")] = "ant"
     """The robot, as an option: a name that hexctl robot list prints, or a YAML file."""
 
-    gait: Annotated[str, Typed(parse=gait_text, words="gaits")] = "demo"
+    gait: Annotated[str, Typed(parse=gait_text, words="gaits")] = DEFAULT_GAIT
     """Gait: demo, tripod, wave, ripple; auto (the most stable); a code, 1..720; or six slots such as
     5,1,2,4,3,6.
     """

@@ -12,7 +12,7 @@ from hexctl.control.assessment.gait_load import GaitLoad, gait_load
 from hexctl.control.assessment.load_verdict import LoadVerdict, load_verdict
 from hexctl.control.assessment.static_stability import most_stable_slots
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
-from hexctl.gait.gait import AUTO, Gait, Motion, ideal_speed_m_s, make_gait
+from hexctl.gait.gait import AUTO, DEFAULT_GAIT, Gait, Motion, ideal_speed_m_s, make_gait
 from hexctl.ik.legs import TOLERANCE_RAD, range_excess_rad, solve_legs
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.model import Robot
@@ -204,7 +204,7 @@ class RobotCheck:
 
 def check_robot(
     robot: str | Path = "ant",
-    gait: str = "demo",
+    gait: str = DEFAULT_GAIT,
     *,
     heading_rad: float | None = None,
     turn_rate_rad_s: float | None = None,
