@@ -119,7 +119,7 @@ class AdaptOptions(RobotOptions):
     policy: Annotated[str | None, RARE, FAILURE] = None
     """What a trial does about another leg that it notices to have failed: stop, glide, or
     package.module:Class; such a trial does not count and ends the search. With walk-on no legs are
-    watched. (default: walk-on with sim, else stop)
+    watched. (default: walk-on)
     """
 
     arena_m: Annotated[float | None, UNTYPED] = None

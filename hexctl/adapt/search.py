@@ -110,7 +110,7 @@ def _spec_of(options: AdaptOptions, measure: Objective) -> SessionSpec:
             "uncertainty_m": options.uncertainty_m or 0.0,
             "home_m": None if home_m is None else [float(value) for value in home_m],
             "prior": None,
-            "policy": options.policy or (UNWATCHED if options.backend in ("sim", "mock") else "stop"),
+            "policy": options.policy or UNWATCHED,
             "baseline_gaits": list(BASELINE_GAITS) if options.baseline else [],
         }
     )

@@ -253,7 +253,7 @@ def check_healings(
             failed.remove(event.leg)
         elif event in events:
             raise InputError(
-                f"healing: got {event}, when leg {event.leg} is whole; allowed: after its failure, as "
+                f"{argument('heal')}: got {event}, when leg {event.leg} is whole; allowed: after its failure, as "
                 f"{argument('failure')} {event.leg}:limp@SECONDS says one"
             )
 

@@ -199,7 +199,7 @@ def _ending(result: "DemoResult") -> "list[RenderableType]":
 
 def _another_walk() -> list[str]:
     """Command for a custom walk, shown as it goes if there is a screen."""
-    return [f"  hexctl run --failure 2:limp@4 --recover{' --realtime --view' if _has_display() else ''}"]
+    return [f"  hexctl run --failure 2:limp@4{' --realtime --view' if _has_display() else ''}"]
 
 
 def _activate() -> str | None:

@@ -133,7 +133,7 @@ def test_the_summary_says_how_it_went_and_how_to_look(
     assert exit_code(["run", "--duration", "2", "--failed-leg", "4"]) == 0
     printed = capsys.readouterr().out
     (recording,) = (tmp_path / "runs").iterdir()
-    for word in ("slots 1,4,2,6,3,5", "off line", "status     ok", f"hexctl view runs/{recording.name}"):
+    for word in ("slots 1,4,1,4,1,4", "off line", "status     ok", f"hexctl view runs/{recording.name}"):
         assert word in printed
     assert recording.stat().st_size > 10_000
 
