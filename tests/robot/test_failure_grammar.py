@@ -124,9 +124,11 @@ def test_a_failure_event_needs_its_time(text: str) -> None:
         parse_failure_event(text)
 
 
-def test_a_failure_now_has_no_time() -> None:
-    with pytest.raises(InputError, match=r"^failure of a leg: got '5:limp@8'"):
-        parse_failure_now("5:limp@8")
+@pytest.mark.parametrize("text", ["5:limp@8", "5@8", "limp", "9:limp"])
+def test_a_failure_now_has_no_time(text: str) -> None:
+    with pytest.raises(InputError, match=f"^failure of a leg: got '{text}'; allowed: ") as refused:
+        parse_failure_now(text)
+    assert "@" not in str(refused.value).partition("allowed:")[2]
 
 
 def test_a_leg_heals() -> None:
