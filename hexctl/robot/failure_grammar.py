@@ -149,7 +149,7 @@ def parse_leg(text: str, what: str = "leg") -> int:
 
 def parse_legs(text: str, what: str = "") -> tuple[int, ...]:
     """Legs of a text such as `2,5`, ascending; raises InputError that names `what` for anything else."""
-    parts = [part for part in text.split(",") if part.strip()]
+    parts = [part for part in text.split(",") if part.strip(" ")]
     if not parts or not all(map(_is_leg, parts)):
         named = f"{what}: " if what else ""
         raise InputError(f"{named}got {text!r}; allowed: {_LEGS}, several with commas such as 2,5")
@@ -224,8 +224,8 @@ def _refusal(text: str, what: str) -> str:
 
 
 def _is_leg(text: str) -> bool:
-    """Whether a text is the number of a leg."""
-    return text.strip() in map(str, range(1, N_LEGS + 1))
+    """Whether a text is the number of a leg, with spaces around it or none."""
+    return text.strip(" ") in map(str, range(1, N_LEGS + 1))
 
 
 def _leg_and_kind(part: str, text: str, what: str, forms: str = FORMS) -> tuple[int, str]:
