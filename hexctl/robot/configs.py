@@ -150,6 +150,7 @@ ALLOWED = {
     "string_pattern_mismatch": "text that matches {pattern}",
     "literal_error": "{expected}",
     "model_type": "a mapping of key: value",
+    "dataclass_type": "a mapping of key: value",
     "list_type": "a list",
     "tuple_type": "a list",
     "too_long": "a list of {max_length}",
@@ -157,25 +158,29 @@ ALLOWED = {
 }
 
 
-def first_problem(schema: type[BaseModel], error: ValidationError) -> str:
+#: Types of problem of a key that a model, or a dataclass, does not have.
+UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
+
+
+def first_problem(schema: type, error: ValidationError) -> str:
     """First problem of a validation; an unknown key comes before the others, which may follow from it."""
     problems = error.errors(include_url=False)
-    problem = min(problems, key=lambda problem: problem["type"] != "extra_forbidden")
+    problem = min(problems, key=lambda problem: problem["type"] not in UNKNOWN_KEY)
     others = len(problems) - 1
     more = f" (and {others} more problem{'s' if others > 1 else ''})" if others else ""
     return _described(schema, problem) + more
 
 
-def _described(schema: type[BaseModel], problem: ErrorDetails) -> str:
+def _described(schema: type, problem: ErrorDetails) -> str:
     key, kind = _dotted(problem["loc"]), problem["type"]
-    if kind == "extra_forbidden":
+    if kind in UNKNOWN_KEY:
         beside = _keys_beside(schema, problem["loc"])
         return (
             f"unknown key {key}{nearest(str(problem['loc'][-1]), beside)}; allowed here: {', '.join(beside)}"
         )
     if kind == "missing" and isinstance(problem["loc"][-1], int):
         return f"{_dotted(problem['loc'][:-1])}: got {shown(problem['input'])}; allowed: a longer list"
-    if kind == "missing":
+    if kind in ("missing", "missing_keyword_only_argument"):
         return f"{key} is missing; known here: {', '.join(_keys_beside(schema, problem['loc']))}"
     if kind == "value_error":
         return f"{key}: {problem['msg'].removeprefix('Value error, ')}"
@@ -192,15 +197,20 @@ def _dotted(location: Location) -> str:
     return text if text.isprintable() else repr(text)
 
 
-def _keys_beside(schema: type[BaseModel], location: Location) -> Sequence[str]:
+def keys_of(schema: Any) -> Mapping[str, Any] | None:
+    """Fields of a model or a dataclass of pydantic by name; None for any other type."""
+    return getattr(schema, "__pydantic_fields__", None)
+
+
+def _keys_beside(schema: type, location: Location) -> Sequence[str]:
     """Keys that are allowed beside the last key of a location."""
     here: Any = schema
     for part in location[:-1]:
-        fields: Mapping[str, Any] = here.model_fields
+        fields: Mapping[str, Any] = here.__pydantic_fields__
         # An index of a list, or a key of a mapping of models: the model is already that of its elements.
         if isinstance(part, int) or part not in fields:
             continue
         annotation = fields[part].annotation
         inner = [annotation, *getattr(annotation, "__args__", ())]
-        here = next((candidate for candidate in inner if hasattr(candidate, "model_fields")), here)
-    return sorted(here.model_fields)
+        here = next((candidate for candidate in inner if keys_of(candidate) is not None), here)
+    return sorted(here.__pydantic_fields__)

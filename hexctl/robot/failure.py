@@ -253,8 +253,8 @@ def check_healings(
             failed.remove(event.leg)
         elif event in events:
             raise InputError(
-                f"{argument('heal')}: got {event}, when leg {event.leg} is whole; allowed: after its failure, as "
-                f"{argument('failure')} {event.leg}:limp@SECONDS says one"
+                f"{argument('heal')}: got {event}, when leg {event.leg} is whole; allowed: after its failure, "
+                f"such as {argument('failure')} {event.leg}:limp@SECONDS"
             )
 
 

@@ -23,6 +23,9 @@ from hexctl.types import JOINT_KINDS, N_LEGS
 #: What the text of a failure looks like.
 FORMS = "LEG:KIND such as 5:limp, 5:stuck:coxa@8"
 
+#: What the text of a failure that comes now looks like.
+NOW_FORMS = "LEG:KIND such as 5:limp, 5:stuck:coxa"
+
 #: What the kind of a failure looks like.
 KINDS = "locked, limp[:JOINT], missing, weak[:JOINT][:FRACTION], stuck[:JOINT[:DEGREES]], unknown"
 
@@ -146,7 +149,7 @@ def parse_leg(text: str, what: str = "leg") -> int:
 
 def parse_legs(text: str, what: str = "") -> tuple[int, ...]:
     """Legs of a text such as `2,5`, ascending; raises InputError that names `what` for anything else."""
-    parts = [part for part in text.split(",") if part.strip()]
+    parts = [part for part in text.split(",") if part.strip(" ")]
     if not parts or not all(map(_is_leg, parts)):
         named = f"{what}: " if what else ""
         raise InputError(f"{named}got {text!r}; allowed: {_LEGS}, several with commas such as 2,5")
@@ -168,7 +171,7 @@ def parse_failure_now(text: str) -> Failure:
     Raises InputError for anything else, such as an angle or `unknown`.
     """
     what = "LEG:KIND"
-    leg, kind = _leg_and_kind(text, text, what)
+    leg, kind = _leg_and_kind(text, text, what, NOW_FORMS)
     return _of_kind(leg, kind, _refusal(text, what), coming=True)
 
 
@@ -221,18 +224,18 @@ def _refusal(text: str, what: str) -> str:
 
 
 def _is_leg(text: str) -> bool:
-    """Whether a text is the number of a leg."""
-    return text.strip() in map(str, range(1, N_LEGS + 1))
+    """Whether a text is the number of a leg, with spaces around it or none."""
+    return text.strip(" ") in map(str, range(1, N_LEGS + 1))
 
 
-def _leg_and_kind(part: str, text: str, what: str) -> tuple[int, str]:
-    """Leg and kind of a part such as `5:limp` of a whole text; a leg without a kind is locked."""
-    check_type(part, str, what, FORMS)
+def _leg_and_kind(part: str, text: str, what: str, forms: str = FORMS) -> tuple[int, str]:
+    """Leg and kind of a part such as `5:limp` of a text; a leg without a kind is locked."""
+    check_type(part, str, what, forms)
     leg, colon, kind = part.partition(":")
     if _is_leg(leg) and "@" not in kind:
         return int(leg), kind if colon else "locked"
     number = leg.strip().lstrip("-").isdecimal()
-    raise InputError(_refusal(text, what) + (f"a leg, {_LEGS}, as in 5:limp" if number else FORMS))
+    raise InputError(_refusal(text, what) + (f"a leg, {_LEGS}, as in 5:limp" if number else forms))
 
 
 def _of_kind(leg: int, text: str, refused: str, *, coming: bool) -> Failure:

@@ -4,6 +4,7 @@ What is wrong with a file is told in one line: file, key, value got, what is all
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,8 +15,8 @@ import numpy as np
 from hexctl.errors import InputError
 from hexctl.robot.configs import find_config, read_mapping, validate
 from hexctl.robot.meshes import Meshes, read_meshes
-from hexctl.robot.model import Body, GaitDefaults, Robot, ServoModel, stance_angles
-from hexctl.robot.schema import JointSection, LinkSection, MountSection, RobotSchema
+from hexctl.robot.model import Robot, stance_angles
+from hexctl.robot.schema import JointSection, LinkSection, RobotSchema
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.robot.servos.drivers import BUS_DRIVERS
 from hexctl.robot.servos.pwm_map import pwm_map_of
@@ -131,15 +132,15 @@ def load_meshes(name_or_path: str | Path = "ant") -> Meshes:
 
 def _build(schema: RobotSchema) -> Robot:
     """Robot model of a valid file; InputError for geometry in which the robot cannot stand."""
-    links = [schema.links.coxa, schema.links.femur, schema.links.tibia]
-    joints = [schema.joints.coxa, schema.joints.femur, schema.joints.tibia]
-    positions, yaws = _mounts(schema.mounts)
+    links, joints = schema.links.each, schema.joints.each
+    positions = np.array([mount.place_m for mount in schema.mounts])
+    yaws = np.array([mount.yaw_rad for mount in schema.mounts])
     stance_feet = _stance_feet(schema, positions, yaws)
-    angles = _stance_angles(schema, links, positions)
+    angles = _stance_angles(schema, positions)
     robot = Robot(
         name=schema.name,
         size_m=schema.size_m,
-        body=Body(**schema.body.model_dump()),
+        body=schema.body,
         mount_positions_body=positions,
         mount_yaws_rad=yaws,
         link_vectors_m=np.array([link.end_m for link in links]),
@@ -152,8 +153,8 @@ def _build(schema: RobotSchema) -> Robot:
         joint_max_torque_nm=_per_joint([joint.max_torque_nm for joint in joints]),
         stance_feet_body=stance_feet,
         stance_angles_rad=angles,
-        servo=ServoModel(**schema.servo.model_dump()),
-        gait=GaitDefaults(**schema.gait.model_dump()),
+        servo=schema.servo,
+        gait=schema.gait,
         link_coms_m=_link_coms(links),
         joint_stiffness_nm_per_rad=_stiffness(schema, joints),
         joint_dry_friction_nm=_dry_friction(joints),
@@ -170,53 +171,31 @@ def _per_joint(values: list[float]) -> FloatArray:
     return np.tile(np.array(values), N_LEGS)
 
 
-def _link_coms(links: list[LinkSection]) -> FloatArray | None:
+def _link_coms(links: Sequence[LinkSection]) -> FloatArray | None:
     """Centres of mass of the links, (3, 2), or None where all are in the middle."""
     if all(link.com_m is None for link in links):
         return None
     return np.array([np.array(link.end_m) / 2 if link.com_m is None else link.com_m for link in links])
 
 
-def _stiffness(schema: RobotSchema, joints: list[JointSection]) -> FloatArray | None:
+def _stiffness(schema: RobotSchema, joints: Sequence[JointSection]) -> FloatArray | None:
     """Stiffness of each joint, (18,), or None where all have the servo's."""
     own = [joint.stiffness_nm_per_rad for joint in joints]
     usual = schema.servo.stiffness_nm_per_rad
     return _per_joint([one or usual for one in own]) if any(own) else None
 
 
-def _dry_friction(joints: list[JointSection]) -> FloatArray | None:
+def _dry_friction(joints: Sequence[JointSection]) -> FloatArray | None:
     """Dry friction of each joint, (18,), or None without any."""
     friction = [joint.dry_friction_nm for joint in joints]
     return _per_joint(friction) if any(friction) else None
 
 
-def _no_load_speeds(joints: list[JointSection]) -> FloatArray | None:
-    """Speed without load of each joint, (18,), or None where torque does not depend on speed.
-
-    Either all three joint kinds have one or none has.
-    """
+def _no_load_speeds(joints: Sequence[JointSection]) -> FloatArray | None:
+    """Speed without load of each joint, (18,), or None where torque does not depend on speed."""
     given = [joint.no_load_speed_deg_s for joint in joints]
     known = [math.radians(speed) for speed in given if speed is not None]
-    if known and len(known) < len(given):
-        kind = JOINT_KINDS[given.index(None)]
-        raise InputError(
-            f"joints.{kind}: got no no_load_speed_deg_s; allowed: one for every joint kind, or for none"
-        )
     return _per_joint(known) if known else None
-
-
-def _mounts(mounts: list[MountSection]) -> tuple[FloatArray, FloatArray]:
-    """Positions (6, 3) and yaws (6,) of the mounts."""
-    positions, yaws = [], []
-    for mount in mounts:
-        if mount.position_m is not None and mount.yaw_deg is not None:
-            positions.append(mount.position_m)
-            yaws.append(math.radians(mount.yaw_deg))
-        elif mount.radius_m is not None and mount.azimuth_deg is not None:
-            azimuth = math.radians(mount.azimuth_deg)
-            positions.append((mount.radius_m * math.cos(azimuth), mount.radius_m * math.sin(azimuth), 0.0))
-            yaws.append(azimuth)
-    return np.array(positions), np.array(yaws)
 
 
 def _stance_feet(schema: RobotSchema, positions: FloatArray, yaws: FloatArray) -> FloatArray:
@@ -226,9 +205,9 @@ def _stance_feet(schema: RobotSchema, positions: FloatArray, yaws: FloatArray) -
     return np.stack([x, y, np.full(N_LEGS, schema.stance.up_m)], axis=-1)
 
 
-def _stance_angles(schema: RobotSchema, links: list[LinkSection], positions: FloatArray) -> FloatArray:
+def _stance_angles(schema: RobotSchema, positions: FloatArray) -> FloatArray:
     """Joint angles of the nominal stance, (18,)."""
-    coxa, femur, tibia = (link.end_m for link in links)
+    coxa, femur, tibia = (link.end_m for link in schema.links.each)
     angles: list[float] = []
     for leg, mount_z in enumerate(positions[:, 2].tolist(), start=1):
         foot = (schema.stance.outward_m, schema.stance.up_m - mount_z)

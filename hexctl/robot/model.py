@@ -9,82 +9,8 @@ from typing import Any
 import numpy as np
 
 from hexctl.errors import InputError, check_type
+from hexctl.robot.schema import Body, GaitDefaults, ServoModel
 from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, ArrayFields, FloatArray, check_finite, same_value
-
-
-@dataclass(frozen=True)
-class Body:
-    """The trunk: a box or an upright cylinder, centred on the body frame.
-
-    Attributes:
-        shape: `box` or `cylinder`.
-        size_m: length, width, height; a cylinder's diameter is its length.
-        mass_kg: its mass.
-        com_m: centre of mass in the body frame.
-        inertia_kg_m2: moments of inertia about axes through the centre of mass that are parallel to the body
-            frame's; None for those of the shape with its mass spread evenly.
-    """
-
-    shape: str
-    size_m: tuple[float, float, float]
-    mass_kg: float
-    com_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    inertia_kg_m2: tuple[float, float, float] | None = None
-
-    def __post_init__(self) -> None:
-        check_type(self.shape, str, "body.shape")
-        check_type(self.size_m, (tuple, list), "body.size_m", "length, width and height in m")
-        check_type(self.com_m, (tuple, list), "body.com_m", "x, y and z in m")
-        object.__setattr__(self, "size_m", tuple(self.size_m))
-        object.__setattr__(self, "com_m", tuple(self.com_m))
-        if self.inertia_kg_m2 is not None:
-            object.__setattr__(self, "inertia_kg_m2", _possible_inertia(self.inertia_kg_m2))
-
-    @property
-    def even_box_m(self) -> tuple[float, float, float] | None:
-        """Length, width and height of the evenly filled box that has the trunk's mass and inertia.
-
-        A box of sides a, b, c has I_x = m (b^2 + c^2) / 12 and so on, so a^2 = 6 (I_y + I_z - I_x) / m.
-        None where the inertia is that of the shape.
-        """
-        if self.inertia_kg_m2 is None:
-            return None
-        whole = sum(self.inertia_kg_m2)
-        x, y, z = (math.sqrt(6 * (whole - 2 * own) / self.mass_kg) for own in self.inertia_kg_m2)
-        return x, y, z
-
-
-def _possible_inertia(given: Any) -> tuple[float, float, float]:
-    """Moments of inertia that a rigid body can have: above 0, and each below the sum of the other two."""
-    check_type(given, (tuple, list), "body.inertia_kg_m2", "moments about x, y and z in kg m2")
-    moments = tuple(given)
-    if len(moments) != 3 or not all(0 < moment < sum(moments) - moment for moment in moments):
-        raise InputError(
-            f"body.inertia_kg_m2: got {', '.join(f'{moment:g}' for moment in moments)}; "
-            "allowed: three moments above 0, each below the sum of the other two"
-        )
-    return moments
-
-
-@dataclass(frozen=True)
-class GaitDefaults:
-    """Default gait of a robot; amplitude and height are fractions of the size E."""
-
-    pace_hz: float
-    amplitude: float
-    height: float
-
-
-@dataclass(frozen=True)
-class ServoModel:
-    """Position control of the simulated servos: torque = stiffness * error - damping * speed.
-
-    The stiffness holds for joints that have none of their own.
-    """
-
-    stiffness_nm_per_rad: float
-    damping_nm_s_per_rad: float
-    rotor_inertia_kg_m2: float
 
 
 @dataclass(frozen=True, eq=False, repr=False)

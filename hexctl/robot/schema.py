@@ -1,6 +1,13 @@
-"""Schema of robot files. Lengths are in metres and angles in degrees, as the keys say."""
+"""Schema of robot files. Lengths are in metres and angles in degrees, as the keys say.
 
-from typing import Annotated, Any, Literal, Self, get_args
+`Body`, `ServoModel` and `GaitDefaults` are sections of the file and parts of the `Robot` as well.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import field
+from functools import wraps
+from typing import Annotated, Any, Literal, Self, TypeVar, dataclass_transform, get_args
 
 from pydantic import (
     AfterValidator,
@@ -8,13 +15,16 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    ValidationError,
     field_validator,
     model_validator,
 )
+from pydantic.dataclasses import dataclass
 
-from hexctl.robot.configs import Number
+from hexctl.errors import InputError
+from hexctl.robot.configs import Number, first_problem, keys_of
 from hexctl.robot.servos.drivers import Driver
-from hexctl.types import N_JOINTS, N_LEGS
+from hexctl.types import JOINT_KINDS, N_JOINTS, N_LEGS
 
 Length = Annotated[Number, Field(gt=0, le=10, allow_inf_nan=False)]
 Coordinate = Annotated[Number, Field(ge=-10, le=10, allow_inf_nan=False)]
@@ -81,14 +91,78 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class BodySection(Section):
-    """The trunk; without `com_m` and `inertia_kg_m2` its mass fills its shape evenly."""
+PartT = TypeVar("PartT")
 
-    shape: Literal["box", "cylinder"] = "box"
+
+@dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(field,))
+def _part(key: str) -> Callable[[type[PartT]], type[PartT]]:
+    """Frozen dataclass that is a section of the file and a part of the model; a call raises InputError."""
+
+    def decorate(kind: type[PartT]) -> type[PartT]:
+        made: Any = dataclass(frozen=True, kw_only=True, config=ConfigDict(extra="forbid"))(kind)
+        checked = made.__init__
+
+        @wraps(checked)
+        def init(self: PartT, **values: Any) -> None:
+            try:
+                checked(self, **values)
+            except ValidationError as error:
+                raise InputError(f"{key}: {first_problem(made, error)}") from None
+
+        made.__init__ = init
+        decorated: type[PartT] = made
+        return decorated
+
+    return decorate
+
+
+def _possible_inertia(moments: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Refuse moments of inertia that no rigid body can have."""
+    if not all(moment < sum(moments) - moment for moment in moments):
+        raise ValueError(
+            f"got {', '.join(f'{moment:g}' for moment in moments)}; allowed: three moments above 0, each "
+            "below the sum of the other two"
+        )
+    return moments
+
+
+Inertia = Annotated[tuple[Positive, Positive, Positive], AfterValidator(_possible_inertia)]
+
+
+@_part("body")
+class Body:
+    """The trunk: a box or an upright cylinder, centred on the body frame.
+
+    Attributes:
+        shape: `box` or `cylinder`.
+        size_m: length, width, height; a cylinder's diameter is its length.
+        mass_kg: its mass.
+        com_m: centre of mass in the body frame.
+        inertia_kg_m2: moments of inertia about axes through the centre of mass that are parallel to the body
+            frame's; None for those of the shape with its mass spread evenly.
+
+    Raises InputError for a value that is not allowed.
+    """
+
+    # A factory, because a fingerprint has every shape, and leaves out what is at a default.
+    shape: Literal["box", "cylinder"] = field(default_factory=lambda: "box")
     size_m: tuple[Length, Length, Length]
     mass_kg: Mass
     com_m: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
-    inertia_kg_m2: tuple[Positive, Positive, Positive] | None = None
+    inertia_kg_m2: Inertia | None = None
+
+    @property
+    def even_box_m(self) -> tuple[float, float, float] | None:
+        """Length, width and height of the evenly filled box that has the trunk's mass and inertia.
+
+        A box of sides a, b, c has I_x = m (b^2 + c^2) / 12 and so on, so a^2 = 6 (I_y + I_z - I_x) / m.
+        None where the inertia is that of the shape.
+        """
+        if self.inertia_kg_m2 is None:
+            return None
+        whole = sum(self.inertia_kg_m2)
+        x, y, z = (math.sqrt(6 * (whole - 2 * own) / self.mass_kg) for own in self.inertia_kg_m2)
+        return x, y, z
 
 
 class MountSection(Section):
@@ -107,6 +181,19 @@ class MountSection(Section):
             got = ", ".join(sorted(self.model_fields_set)) or "no key"
             raise ValueError(f"got {got}; allowed: position_m and yaw_deg, or radius_m and azimuth_deg")
         return self
+
+    @property
+    def yaw_rad(self) -> float:
+        """Direction in which the leg points at coxa angle zero."""
+        return math.radians(self.azimuth_deg or 0.0 if self.yaw_deg is None else self.yaw_deg)
+
+    @property
+    def place_m(self) -> tuple[float, float, float]:
+        """Coxa axis in the body frame."""
+        if self.position_m is not None:
+            return self.position_m
+        radius_m = self.radius_m or 0.0
+        return radius_m * math.cos(self.yaw_rad), radius_m * math.sin(self.yaw_rad), 0.0
 
 
 class LinkSection(Section):
@@ -134,6 +221,11 @@ class LinksSection(Section):
     coxa: LinkSection
     femur: LinkSection
     tibia: LinkSection
+
+    @property
+    def each(self) -> tuple[LinkSection, LinkSection, LinkSection]:
+        """Coxa, femur and tibia."""
+        return self.coxa, self.femur, self.tibia
 
 
 class JointSection(Section):
@@ -181,6 +273,21 @@ class JointsSection(Section):
     femur: JointSection
     tibia: JointSection
 
+    @property
+    def each(self) -> tuple[JointSection, JointSection, JointSection]:
+        """Coxa, femur and tibia."""
+        return self.coxa, self.femur, self.tibia
+
+    @model_validator(mode="after")
+    def _all_or_none(self) -> Self:
+        without = [kind for kind in JOINT_KINDS if getattr(self, kind).no_load_speed_deg_s is None]
+        if 0 < len(without) < len(JOINT_KINDS):
+            raise ValueError(
+                f"got no no_load_speed_deg_s for {', '.join(without)}; allowed: one for every joint kind, or "
+                "for none"
+            )
+        return self
+
 
 class StanceSection(Section):
     """The nominal foot: outward from the coxa axis, up from the body frame."""
@@ -189,16 +296,21 @@ class StanceSection(Section):
     up_m: Coordinate
 
 
-class ServoSection(Section):
-    """The simulated servo."""
+@_part("servo")
+class ServoModel:
+    """Position control of the simulated servos: torque = stiffness * error - damping * speed.
+
+    The stiffness holds for joints that have none of their own.
+    """
 
     stiffness_nm_per_rad: Positive
     damping_nm_s_per_rad: Positive
     rotor_inertia_kg_m2: Positive
 
 
-class GaitSection(Section):
-    """Default gait; amplitude and height are fractions of size_m."""
+@_part("gait")
+class GaitDefaults:
+    """Default gait of a robot; amplitude and height are fractions of the size E, `size_m`."""
 
     pace_hz: Annotated[Number, Field(gt=0, le=10, allow_inf_nan=False)]
     amplitude: Fraction
@@ -283,20 +395,20 @@ class MeshesSection(Section):
     tibia: MeshSection | None = None
 
 
-def _check_key(schema: type[BaseModel], path: str) -> None:
+def _check_key(schema: type, path: str) -> None:
     """Refuse a path such as `links.tibia.end_m` that leads to no key of a schema."""
-    place: type[BaseModel] | None = schema
+    place: type | None = schema
     for name in path.split("."):
-        fields = {} if place is None else place.model_fields
+        fields = keys_of(place) or {}
         if name not in fields:
             keys = f"one of {', '.join(sorted(fields))}" if fields else "nothing after it"
             raise ValueError(f"got {path}; allowed: keys of a robot file; in place of {name!r}, {keys}")
         place = _section_in(fields[name].annotation)
 
 
-def _section_in(annotation: Any) -> type[BaseModel] | None:
+def _section_in(annotation: Any) -> type | None:
     """The section that a type is, or may hold; None for a plain value."""
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+    if isinstance(annotation, type) and keys_of(annotation) is not None:
         return annotation
     return next((found for part in get_args(annotation) if (found := _section_in(part))), None)
 
@@ -311,14 +423,14 @@ class RobotSchema(Section):
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,39}$")]
     description: str = ""
     size_m: Length
-    body: BodySection
+    body: Body
     mounts: list[MountSection]
     links: LinksSection
     foot_radius_m: Length
     joints: JointsSection
     stance: StanceSection
-    servo: ServoSection
-    gait: GaitSection
+    servo: ServoModel
+    gait: GaitDefaults
     servos: ServosSection = ServosSection()
     meshes: MeshesSection = MeshesSection()
     unknown: tuple[str, ...] = ()

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from hexctl.errors import InputError, MessageError, RobotFaultError, argument, printable_parts, shown
-from hexctl.robot.model import Body, GaitDefaults, Robot, ServoModel, told_fields
+from hexctl.robot.model import Robot, told_fields
+from hexctl.robot.schema import Body, GaitDefaults, ServoModel
 from hexctl.types import JOINT_NAMES
 from hexctl.wire import MAX_PAYLOAD_BYTES, PROTOCOL_VERSION
 from hexctl.wire.links import Link

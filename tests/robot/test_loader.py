@@ -255,7 +255,7 @@ BAD_VALUES: dict[str, tuple[Edit, list[str]]] = {
     ),
     "a speed without load for one joint": (
         put("joints", "coxa", "no_load_speed_deg_s", 500),
-        ["joints.femur", "no no_load_speed_deg_s", "every joint kind, or for none"],
+        ["joints: ", "no no_load_speed_deg_s for femur, tibia", "every joint kind, or for none"],
     ),
     "no stiffness": (
         put("joints", "tibia", "stiffness_nm_per_rad", 0),

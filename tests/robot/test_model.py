@@ -1,7 +1,8 @@
 """The robot model: read-only, comparable, and refused where its arrays are no robot's."""
 
+import math
 import pickle
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 
 from hexctl.errors import InputError
 from hexctl.robot.loader import load_robot
-from hexctl.robot.model import Body
+from hexctl.robot.schema import Body, GaitDefaults
 from hexctl.types import N_JOINTS
 from tests.robots import ROBOT_NAMES, edited_file, put, shipped
 
@@ -73,12 +74,62 @@ def test_the_even_box_has_the_inertia_or_the_inertia_is_refused(
     if not possible:
         if any(2 * own > sum(moments) * (1 + 1e-9) for own in moments):
             with pytest.raises(InputError, match="each below the sum of the other two"):
-                Body("box", (0.1, 0.1, 0.1), mass_kg, inertia_kg_m2=moments)
+                Body(shape="box", size_m=(0.1, 0.1, 0.1), mass_kg=mass_kg, inertia_kg_m2=moments)
         return
-    box = Body("box", (0.1, 0.1, 0.1), mass_kg, inertia_kg_m2=moments).even_box_m
+    box = Body(shape="box", size_m=(0.1, 0.1, 0.1), mass_kg=mass_kg, inertia_kg_m2=moments).even_box_m
     assert box is not None
     x, y, z = np.square(box)
     np.testing.assert_allclose(mass_kg / 12 * np.array([y + z, x + z, x + y]), moments, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"mass_kg": -1.0}, "body: mass_kg: got -1.0; allowed: above 0"),
+        ({"mass_kg": math.nan}, "body: mass_kg: got nan; allowed: a finite number"),
+        ({"mass_kg": True}, "body: mass_kg: got True; allowed: a number"),
+        ({"shape": "ball"}, "body: shape: got 'ball'; allowed: 'box' or 'cylinder'"),
+        ({"size_m": (0.1, 0.1)}, "body: size_m: got (0.1, 0.1); allowed: a longer list"),
+        ({"size_m": 0.1}, "body: size_m: got 0.1; allowed: a list"),
+        (
+            {"inertia_kg_m2": (1e-3, 1e-3, 3e-3)},
+            "body: inertia_kg_m2: got 0.001, 0.001, 0.003; ",
+        ),
+        ({"mas_kg": 1.0}, "body: unknown key mas_kg; did you mean 'mass_kg'?; allowed here: com_m, "),
+    ],
+)
+def test_a_trunk_that_cannot_be_is_refused_in_one_line(values: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError) as refused:
+        Body(**{"size_m": (0.1, 0.1, 0.1), "mass_kg": 1.0, **values})
+    assert str(refused.value).startswith(message)
+
+
+def test_a_changed_trunk_is_checked_as_well() -> None:
+    with pytest.raises(InputError, match=r"^body: mass_kg: got 0"):
+        replace(shipped().body, mass_kg=0.0)
+
+
+def test_a_part_lacks_no_key() -> None:
+    with pytest.raises(InputError, match=r"^body: mass_kg is missing; known here: com_m, "):
+        Body(size_m=(0.1, 0.1, 0.1))  # type: ignore[call-arg]
+    with pytest.raises(InputError, match=r"^gait: height is missing"):
+        GaitDefaults(pace_hz=1.0, amplitude=0.1)  # type: ignore[call-arg]
+
+
+@pytest.mark.parametrize("name", ["body", "servo", "gait"])
+def test_a_part_travels_and_is_frozen(name: str) -> None:
+    part = getattr(shipped("phantomx"), name)
+    again = pickle.loads(pickle.dumps(part))  # noqa: S301
+    assert again == part == replace(part) == type(part)(**asdict(part))
+    assert repr(again) == repr(part)
+    with pytest.raises(FrozenInstanceError):
+        part.mass_kg = 1.0
+
+
+def test_lists_of_a_part_are_tuples() -> None:
+    body = Body(size_m=[1, 1, 1], mass_kg=1, inertia_kg_m2=[1, 1, 1])  # type: ignore[arg-type]
+    assert (body.shape, body.size_m, body.inertia_kg_m2) == ("box", (1.0, 1.0, 1.0), (1.0, 1.0, 1.0))
+    assert hash(body) == hash(replace(body))
 
 
 def test_a_robot_that_travelled_is_still_read_only() -> None:

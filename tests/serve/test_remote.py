@@ -74,7 +74,7 @@ def test_legs_of_a_served_simulation_fail_and_heal_on_request(tmp_path: Path) ->
             assert robots.statuses()[0]["simulated"]["failure"] == "leg 2 femur stuck"
             assert robots.statuses()[0]["failures"] == ["2:stuck:femur:0"]
             assert [answer["failures"] for answer in robots.heal(2)] == [[]]
-            with pytest.raises(InputError, match="LEG:FAILURE"):
+            with pytest.raises(InputError, match="LEG:KIND"):
                 robots.fail("limp")
     assert [done.returncode for done in told] == [0, 0, 0, 2, 0, 2]
     assert told[0].stdout == "failed now: leg 5 limp\n"
@@ -82,7 +82,7 @@ def test_legs_of_a_served_simulation_fail_and_heal_on_request(tmp_path: Path) ->
     assert told[2].stdout == "failed now: leg 2 femur stuck\n"
     assert "1..6" in told[3].stderr
     assert told[4].stderr == "hexctl: leg 5 was whole already\n"
-    assert "LEG:FAILURE: got 'limp'; allowed: LEG:FAILURE, such as 5:limp" in told[5].stderr
+    assert "LEG:KIND: got 'limp'; allowed: LEG:KIND such as 5:limp" in told[5].stderr
     assert "leg 2 femur stuck" in shown.stdout
 
 

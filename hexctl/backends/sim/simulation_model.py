@@ -15,7 +15,8 @@ from hexctl.backends.sim.world import World, per_joint, per_leg
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failures, each_failure
 from hexctl.robot.formats.mjcf import GEAR_DAMPING, STICTION
-from hexctl.robot.model import Body, Robot
+from hexctl.robot.model import Robot
+from hexctl.robot.schema import Body
 from hexctl.types import (
     JOINT_KINDS,
     N_JOINTS,

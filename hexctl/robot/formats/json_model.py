@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from hexctl.errors import HexctlError, InputError
-from hexctl.robot.model import Body, GaitDefaults, Robot, ServoModel, told_fields
+from hexctl.robot.model import Robot, told_fields
+from hexctl.robot.schema import Body, GaitDefaults, ServoModel
 
 #: Version of the format.
 VERSION = 1

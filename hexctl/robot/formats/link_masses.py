@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hexctl.robot.model import Body, Robot
+from hexctl.robot.model import Robot
+from hexctl.robot.schema import Body
 from hexctl.types import JOINT_KINDS
 
 Vector3 = tuple[float, float, float]

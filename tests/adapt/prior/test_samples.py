@@ -27,7 +27,7 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World
 from hexctl.control.batch import run_sim_trials
 from hexctl.errors import InputError
-from hexctl.robot.model import Body
+from hexctl.robot.schema import Body
 from hexctl.study.landscapes.landscape import LandscapeSpec
 from hexctl.study.prior_building import deflection_of
 from hexctl.types import FloatArray
@@ -61,11 +61,11 @@ def test_a_robot_has_as_many_symmetries_as_its_drawing(name: str) -> None:
 
 
 WITH_MASS = [
-    (Body("cylinder", (0.16, 0.16, 0.03), 0.1, com_m=(0.0, 0.0, 0.02)), 12),
-    (Body("cylinder", (0.16, 0.16, 0.03), 0.1, com_m=(0.01, 0.0, 0.0)), 2),
-    (Body("cylinder", (0.16, 0.16, 0.03), 0.1, com_m=(0.02, 0.006, 0.0)), 1),
-    (Body("cylinder", (0.16, 0.16, 0.03), 0.1, inertia_kg_m2=(1e-4, 1e-4, 1.5e-4)), 12),
-    (Body("cylinder", (0.16, 0.16, 0.03), 0.1, inertia_kg_m2=(1e-4, 1.5e-4, 1.5e-4)), 4),
+    (Body(shape="cylinder", size_m=(0.16, 0.16, 0.03), mass_kg=0.1, com_m=(0.0, 0.0, 0.02)), 12),
+    (Body(shape="cylinder", size_m=(0.16, 0.16, 0.03), mass_kg=0.1, com_m=(0.01, 0.0, 0.0)), 2),
+    (Body(shape="cylinder", size_m=(0.16, 0.16, 0.03), mass_kg=0.1, com_m=(0.02, 0.006, 0.0)), 1),
+    (Body(shape="cylinder", size_m=(0.16, 0.16, 0.03), mass_kg=0.1, inertia_kg_m2=(1e-4, 1e-4, 1.5e-4)), 12),
+    (Body(shape="cylinder", size_m=(0.16, 0.16, 0.03), mass_kg=0.1, inertia_kg_m2=(1e-4, 1.5e-4, 1.5e-4)), 4),
 ]
 
 
