@@ -253,7 +253,7 @@ def check_healings(
             failed.remove(event.leg)
         elif event in events:
             raise InputError(
-                f"{argument('heal')}: got {event}, when leg {event.leg} is whole; allowed: after its failure, "
+                f"{argument('heal')}: got {event}, when leg {event.leg} is whole; allowed: after it failed, "
                 f"such as {argument('failure')} {event.leg}:limp@SECONDS"
             )
 
