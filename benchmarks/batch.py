@@ -88,8 +88,8 @@ class _Keeping(SimBatch):
         self.ticks += self.running
         super().tick()
 
-    def write(self, positions_rad: FloatArray) -> None:
-        super().write(positions_rad)
+    def write(self, joint_positions_rad: FloatArray) -> None:
+        super().write(joint_positions_rad)
         self.controls.append(self._ctrl.copy())
 
     def positions(self) -> FloatArray:

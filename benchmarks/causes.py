@@ -90,7 +90,7 @@ def _walked(robot: Robot, world: World, plan: TrialPlan) -> Symptoms | None:
         if run_trial(Guard(servos), plan, recorders=[log]).status != "no_progress":
             return None
     rows = log.rows_of("walk")
-    names = ("measured_rad", "sent_rad", "foot_contacts")
+    names = ("measured_rad", "commanded_rad", "foot_contacts")
     samples = Samples(*(log[name][rows][::SAMPLE_TICKS] for name in names))
     poses = (log[name][rows] for name in ("base_position_world", "base_quaternion_world"))
     return symptoms(robot, plan, samples, *poses)

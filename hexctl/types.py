@@ -164,11 +164,11 @@ class JointTargets(ArrayFields):
     """Target angles of the 18 joints.
 
     Attributes:
-        positions_rad: joint angles, shape (18,), leg-major order.
+        joint_positions_rad: joint angles, shape (18,), leg-major order.
         stamp_s: time of the command, on the clock of the servos that it is for.
     """
 
-    positions_rad: FloatArray
+    joint_positions_rad: FloatArray
     stamp_s: float
 
 

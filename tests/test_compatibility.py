@@ -21,7 +21,7 @@ Printed = Callable[[str], Any]
 
 #: On another machine the last bits may differ, and contacts of feet amplify that over a walk.
 ELSEWHERE_M = 0.01
-AMPLIFIED = {"path", "clipped_ticks", "sent_rad", "measured_rad", "base_position_world"}
+AMPLIFIED = {"path", "clipped_ticks", "commanded_rad", "measured_rad", "base_position_world"}
 
 
 def kept(name: str) -> Any:
@@ -52,7 +52,7 @@ def assert_near(now: Any, before: Any) -> None:
             "clipped_ticks",
             "measured_rad",
             "base_position_world",
-            "sent_rad",
+            "commanded_rad",
         }:
             assert_near(now[key], before[key])
     elif isinstance(before, list):

@@ -90,7 +90,7 @@ class TwinServos(SimServos):
         """Command the servos, and write it down."""
         sent = super().write(targets)
         if self._tells:
-            self.truth.add(TOLD, targets.positions_rad)
+            self.truth.add(TOLD, targets.joint_positions_rad)
         return sent
 
     def read(self) -> RobotState:

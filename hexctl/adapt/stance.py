@@ -83,7 +83,7 @@ def stance_deflection_rad(
         with suppress(CommandRefusedError):
             _stand(servos, plan, log)
             if _is_at_rest(log["measured_rad"][-rest:]):
-                return _behind_rad((log["sent_rad"] - log["measured_rad"])[-rest:])
+                return _behind_rad((log["commanded_rad"] - log["measured_rad"])[-rest:])
     return None
 
 

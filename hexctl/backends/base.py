@@ -180,7 +180,7 @@ class CalibratedServos(Protocol):
 
 def check_targets(targets: JointTargets) -> None:
     """Raise CommandRefusedError unless the targets are 18 finite angles."""
-    positions = targets.positions_rad
+    positions = targets.joint_positions_rad
     if positions.shape != (N_JOINTS,):
         raise CommandRefusedError(f"targets: got shape {positions.shape}; allowed: ({N_JOINTS},)")
     if not all_finite(positions):

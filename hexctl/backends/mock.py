@@ -59,7 +59,7 @@ class MockServos(LegServos):
         """Take the targets over immediately."""
         check_connected(self._connected, "the mock robot")
         check_targets(targets)
-        np.copyto(self._positions_rad, targets.positions_rad)
+        np.copyto(self._positions_rad, targets.joint_positions_rad)
         self.sent.append(targets)
         self.limp = False
         return targets

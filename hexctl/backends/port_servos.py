@@ -113,10 +113,10 @@ class PortServos(LegServos, Generic[Map, Thread, Counters]):
         thread = self._connected()
         check_targets(targets)
         sent = targets
-        if self._map.outside(targets.positions_rad).any():
-            sent = JointTargets(self._map.limited_rad(targets.positions_rad), targets.stamp_s)
-        thread.send(self._map.limited_raw(sent.positions_rad))
-        self._sent_rad = sent.positions_rad.copy()
+        if self._map.outside(targets.joint_positions_rad).any():
+            sent = JointTargets(self._map.limited_rad(targets.joint_positions_rad), targets.stamp_s)
+        thread.send(self._map.limited_raw(sent.joint_positions_rad))
+        self._sent_rad = sent.joint_positions_rad.copy()
         return sent
 
     @property

@@ -338,12 +338,12 @@ class Guard(ServosWrapper):
         """Limit targets and send them on."""
         now_s = self.clock.now_s
         self._check(targets, now_s)
-        allowed_rad = self._limits.apply(targets.positions_rad, self._baseline(now_s))
+        allowed_rad = self._limits.apply(targets.joint_positions_rad, self._baseline(now_s))
         if self._accepted_rad is not None and self._accepted_rad is not self._baseline_rad:
             # One more within a period: from the last one to this, it is a step like any other.
             allowed_rad = self._limits.stepped(allowed_rad, self._accepted_rad)
         sent = targets
-        if allowed_rad.tolist() != targets.positions_rad.tolist():
+        if allowed_rad.tolist() != targets.joint_positions_rad.tolist():
             self.counters.clipped += 1
             sent = JointTargets(allowed_rad, targets.stamp_s)
         with _LINK_FAILED:

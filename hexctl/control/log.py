@@ -24,7 +24,7 @@ COLUMNS: tuple[Column, ...] = (
     ("phase", 0, int),
     ("measured_rad", N_JOINTS, float),
     ("wanted_rad", N_JOINTS, float),
-    ("sent_rad", N_JOINTS, float),
+    ("commanded_rad", N_JOINTS, float),
     ("base_position_world", 3, float),
     ("base_quaternion_world", 4, float),
     ("foot_contacts", N_LEGS, bool),
@@ -84,7 +84,7 @@ class TickLog:
     | `phase` | (T,) | index in `hexctl.control.trace.PHASES` |
     | `measured_rad` | (T, 18) | joint angles that the robot reported |
     | `wanted_rad` | (T, 18) | joint angles that the controller returned |
-    | `sent_rad` | (T, 18) | joint angles that the guard let pass |
+    | `commanded_rad` | (T, 18) | joint angles that the guard let pass |
     | `base_position_world` | (T, 3) | position of the body in m |
     | `base_quaternion_world` | (T, 4) | its orientation as w, x, y, z |
     | `foot_contacts` | (T, 6) | which feet touch the floor; False if it is not measured |
@@ -162,7 +162,7 @@ class TickLog:
             time_s=time_s - time_s[:1],
             walk_s=walk_s,
             phases=self["phase"],
-            commanded_rad=self["sent_rad"],
+            commanded_rad=self["commanded_rad"],
             measured_rad=self["measured_rad"],
             base_position_world=self["base_position_world"],
             base_quaternion_world=self["base_quaternion_world"],
@@ -187,7 +187,7 @@ class TickLog:
         columns["phase"][row] = PHASES.index(self.phase)
         columns["measured_rad"][row] = state.joint_positions_rad
         columns["wanted_rad"][row] = wanted_rad
-        columns["sent_rad"][row] = sent.positions_rad
+        columns["commanded_rad"][row] = sent.joint_positions_rad
         if state.base_quaternion_world is not None:
             columns["base_quaternion_world"][row] = state.base_quaternion_world
         self.pose_known = state.base_position_world is not None

@@ -132,7 +132,7 @@ class _NewsObserver:
 class WalkRows(Protocol):
     """What a trial keeps of the ticks of its walk, beside the trace."""
 
-    def add(self, state: RobotState, sent_rad: FloatArray) -> None:
+    def add(self, state: RobotState, commanded_rad: FloatArray) -> None:
         """Take the next tick: the state, and the targets sent after it."""
 
 
@@ -144,7 +144,7 @@ class RowObserver:
 
     def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
         """Take one tick."""
-        self._rows.add(state, sent.positions_rad)
+        self._rows.add(state, sent.joint_positions_rad)
 
     def took(self, work_s: float) -> None:
         """Nothing: rows keep no durations."""

@@ -244,9 +244,9 @@ def _watch_recording(
             quaternion = state.base_quaternion_world
             yaw = 0.0 if quaternion is None else float(yaw_rad(quaternion))
             log.frame = TrialFrame(state.base_position_world, yaw, yaw)
-        positions_rad = state.joint_positions_rad
+        joint_positions_rad = state.joint_positions_rad
         log.note_failures("world", failures())
-        log.record(tick, state, positions_rad, JointTargets(positions_rad, tick.time_s))
+        log.record(tick, state, joint_positions_rad, JointTargets(joint_positions_rad, tick.time_s))
         if len(log) % LIVE_BLOCK_TICKS == 0:
             live.write_block(log, len(log) - LIVE_BLOCK_TICKS, len(log))
 

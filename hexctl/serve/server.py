@@ -231,7 +231,7 @@ class RobotServer:
             return
         late_s = max(0.0, checked.delay_s + now_s - at_s)
         try:
-            self._write(checked.command.positions_rad, late_s, at_s + checked.good_for_s)
+            self._write(checked.command.joint_positions_rad, late_s, at_s + checked.good_for_s)
         except (CommandRefusedError, EStopError, RobotFaultError):
             # Servos that failed are noticed at the next read.
             self._commands.counters.refused += 1
@@ -243,18 +243,18 @@ class RobotServer:
         self._leases.heard(at_s)
         self._publish(self._guard.peek())
 
-    def _write(self, positions_rad: FloatArray, late_s: float, good_until_s: float) -> None:
+    def _write(self, joint_positions_rad: FloatArray, late_s: float, good_until_s: float) -> None:
         """Write targets that were late by a time and hold until another; raises what the guard raises."""
         servo_s = self._guard.clock.now_s
-        self._guard.write(JointTargets(positions_rad, servo_s - late_s))
+        self._guard.write(JointTargets(joint_positions_rad, servo_s - late_s))
         self._good_until_s = good_until_s
         self._idle.commanded(servo_s)
 
     def _made_driver(self) -> "RosDriver":
         from hexctl.serve.ros.driver import RosDriver
 
-        def write(positions_rad: FloatArray, at_s: float) -> None:
-            self._write(positions_rad, max(0.0, time.monotonic() - at_s), at_s + EXPIRY_S)
+        def write(joint_positions_rad: FloatArray, at_s: float) -> None:
+            self._write(joint_positions_rad, max(0.0, time.monotonic() - at_s), at_s + EXPIRY_S)
 
         return RosDriver(self._guard, self._requests, self._idle, write)
 

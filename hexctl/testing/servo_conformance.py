@@ -163,7 +163,7 @@ class LegServosConformance:
         servos.clock.tick()
         wanted = servos.robot.stance_angles_rad + 0.01
         sent = servos.write(JointTargets(wanted, servos.clock.now_s))
-        np.testing.assert_array_equal(sent.positions_rad, wanted)
+        np.testing.assert_array_equal(sent.joint_positions_rad, wanted)
 
     def test_targets_are_taken_over_when_they_are_written(self, servos: LegServos) -> None:
         """An array of targets may be changed by its owner once `write` is over."""

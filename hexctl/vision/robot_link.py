@@ -129,7 +129,7 @@ class RobotLink:
         self._yaw = None if quaternion is None else (now_s, float(yaw_rad(quaternion)))
 
     def _take_state(self, sample: Any, now_s: float) -> None:
-        positions_rad, _ = decode_joints(bytes(sample.payload))
+        joint_positions_rad, _ = decode_joints(bytes(sample.payload))
         contacts, at_s = None, now_s
         if not self._plain:
             tag = StateTag.unpacked(b"" if sample.attachment is None else bytes(sample.attachment))
@@ -137,7 +137,7 @@ class RobotLink:
             at_s = self._clock.sent_s(tag.stamp_ns / 1e9, now_s) - tag.age_us / 1e6
         known = self._yaw is not None and now_s - self._yaw[0] <= STALE_YAW_S
         yaw = self._yaw[1] if known and self._yaw is not None else None
-        self._states.append(LegState(at_s, positions_rad, contacts, yaw))
+        self._states.append(LegState(at_s, joint_positions_rad, contacts, yaw))
 
 
 @contextmanager

@@ -224,11 +224,11 @@ class Command(ArrayFields):
     """A decoded command.
 
     Attributes:
-        positions_rad: joint angles, (18,), leg-major order.
+        joint_positions_rad: joint angles, (18,), leg-major order.
         tag: its attachment.
     """
 
-    positions_rad: FloatArray
+    joint_positions_rad: FloatArray
     tag: CommandTag
 
 
@@ -253,12 +253,12 @@ def prepare_codec() -> None:
 
 
 def encode_positions(
-    positions_rad: FloatArray, stamp_ns: int | None = None, torques_nm: FloatArray | None = None
+    joint_positions_rad: FloatArray, stamp_ns: int | None = None, torques_nm: FloatArray | None = None
 ) -> bytes:
     """Joint angles, (18,), as sensor_msgs/JointState.
 
     Args:
-        positions_rad: leg-major order.
+        joint_positions_rad: leg-major order.
         stamp_ns: of the header, nanoseconds since 1970; now unless given.
         torques_nm: efforts of the message, (18,); None leaves them empty, as a command does.
     """
@@ -267,7 +267,7 @@ def encode_positions(
     stamp = (seconds & 0x7FFFFFFF).to_bytes(4, "little") + rest.to_bytes(4, "little")
     if torques_nm is not None:
         tail = _EFFORTS + torques_nm.astype("<f8").tobytes()
-    return before + stamp + middle + positions_rad.astype("<f8").tobytes() + tail
+    return before + stamp + middle + joint_positions_rad.astype("<f8").tobytes() + tail
 
 
 def decode_positions(payload: bytes) -> FloatArray:
@@ -311,13 +311,13 @@ def decode_command(payload: bytes, attachment: bytes | None) -> Command:
     return Command(decode_positions(payload), CommandTag.unpacked(attachment))
 
 
-def _encode_any(positions_rad: FloatArray, stamp_ns: int) -> bytes:
+def _encode_any(joint_positions_rad: FloatArray, stamp_ns: int) -> bytes:
     return ros_cdr.encode(
         ros_cdr.make(
             ros_cdr.JOINT_STATE,
             header=ros_cdr.header(stamp_ns),
             name=_NAMES,
-            position=positions_rad,
+            position=joint_positions_rad,
             velocity=_NONE,
             effort=_NONE,
         )

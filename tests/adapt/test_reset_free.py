@@ -230,7 +230,7 @@ def test_a_robot_that_sat_down_between_trials_is_stood_up_from_there() -> None:
         servos.joints_rad = sat_rad
         servos.sent.clear()
         runner.walk(2, 17, SPACE.slots_of(17))
-    steps = np.abs(servos.sent[0].positions_rad - sat_rad)
+    steps = np.abs(servos.sent[0].joint_positions_rad - sat_rad)
     assert steps.max() < 0.1, "the first command is near where the joints are"
 
 

@@ -80,7 +80,7 @@ class Slow(PosedMock):
         self._at_rad = ROBOT.stance_angles_rad + 1.0
 
     def read(self) -> RobotState:
-        goal = self.sent[-1].positions_rad - SAG_RAD if self.sent else self._at_rad
+        goal = self.sent[-1].joint_positions_rad - SAG_RAD if self.sent else self._at_rad
         self._at_rad = self._at_rad + np.clip(goal - self._at_rad, -self._step_rad, self._step_rad)
         self.joints_rad = self._at_rad
         return super().read()

@@ -29,7 +29,7 @@ def test_it_keeps_what_it_was_sent_newest_last() -> None:
     with MockServos(shipped(), clock=FakeTime().clock()) as servos:
         for angle in (0.1, 0.2, 0.3):
             servos.write(JointTargets(np.full(18, angle), angle))
-        assert [targets.positions_rad[0] for targets in servos.sent] == [0.1, 0.2, 0.3]
+        assert [targets.joint_positions_rad[0] for targets in servos.sent] == [0.1, 0.2, 0.3]
         np.testing.assert_array_equal(servos.read().joint_positions_rad, np.full(18, 0.3))
 
 

@@ -117,7 +117,7 @@ def connected() -> tuple[Guard, PosedMock]:
 
 def send(guard: Guard, wanted: FloatArray) -> FloatArray:
     """The wanted angles as the guard limits them now."""
-    return guard.write(JointTargets(wanted, guard.clock.now_s)).positions_rad
+    return guard.write(JointTargets(wanted, guard.clock.now_s)).joint_positions_rad
 
 
 def read_for(guard: Guard, duration_s: float) -> None:

@@ -136,7 +136,7 @@ def test_a_controller_made_beforehand_walks_and_stops_softly() -> None:
     with SimServos(ANT) as servos:
         planned = run_trial(Guard(servos), plan)
     assert given == planned
-    np.testing.assert_allclose(log["sent_rad"][-1], ANT.stance_angles_rad, atol=1e-9)
+    np.testing.assert_allclose(log["commanded_rad"][-1], ANT.stance_angles_rad, atol=1e-9)
 
 
 class UntilHalfWay(Walk):
@@ -154,7 +154,7 @@ def test_a_controller_that_is_done_still_stops_softly() -> None:
         assert run_trial(Guard(servos), plan, walk, recorders=(log,)).status == "ok"
     stop = log.rows_of("stop")
     assert stop.stop - stop.start == soft_stop_steps(0.02)
-    np.testing.assert_allclose(log["sent_rad"][-1], ANT.stance_angles_rad, atol=1e-9)
+    np.testing.assert_allclose(log["commanded_rad"][-1], ANT.stance_angles_rad, atol=1e-9)
 
 
 def test_a_controller_without_a_stop_is_followed_by_the_stance() -> None:
@@ -164,8 +164,8 @@ def test_a_controller_without_a_stop_is_followed_by_the_stance() -> None:
         run_trial(Guard(servos), plan, YawHold, recorders=(log,))
     stop = log.rows_of("stop")
     assert stop.stop - stop.start == soft_stop_steps(0.02)
-    np.testing.assert_allclose(log["sent_rad"][-1], ANT.stance_angles_rad, atol=0.02)
-    steps_rad = np.abs(np.diff(log["sent_rad"][stop.start - 1 : stop.stop], axis=0))
+    np.testing.assert_allclose(log["commanded_rad"][-1], ANT.stance_angles_rad, atol=0.02)
+    steps_rad = np.abs(np.diff(log["commanded_rad"][stop.start - 1 : stop.stop], axis=0))
     assert steps_rad.max() < 0.02, "evenly, not in a jump"
 
 

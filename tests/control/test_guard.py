@@ -41,7 +41,7 @@ def test_what_is_within_the_limits_passes_unchanged() -> None:
     guard, servos = connected()
     sent = send(guard, STANCE + 0.05)
     np.testing.assert_array_equal(sent, STANCE + 0.05)
-    np.testing.assert_array_equal(servos.sent[-1].positions_rad, sent)
+    np.testing.assert_array_equal(servos.sent[-1].joint_positions_rad, sent)
     assert (guard.counters.accepted, guard.counters.clipped, guard.counters.refused) == (1, 0, 0)
 
 
@@ -55,7 +55,7 @@ def test_a_jump_is_slewed_at_the_joints_own_speed_from_the_last_accepted_target(
         guard.clock.tick()
     np.testing.assert_allclose(steps, np.minimum(np.arange(1, 7) * STEP[0], 0.5))
     assert guard.counters.clipped == 3
-    np.testing.assert_array_equal(servos.sent[-1].positions_rad, wanted)
+    np.testing.assert_array_equal(servos.sent[-1].joint_positions_rad, wanted)
 
 
 def test_the_first_step_is_measured_from_where_the_joints_are() -> None:
@@ -107,7 +107,7 @@ def test_whatever_is_written_what_is_sent_keeps_range_and_speed(
             guard.clock.tick()
             servos.time.work(0.02 * skipped)
             send(guard, np.array(wanted))
-            sent = servos.sent[-1].positions_rad
+            sent = servos.sent[-1].joint_positions_rad
             assert (sent >= robot.joint_lower_rad).all()
             assert (sent <= robot.joint_upper_rad).all()
             assert (np.abs(sent - before) <= robot.joint_max_speed_rad_s * 0.02 + 1e-12).all()

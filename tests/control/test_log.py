@@ -41,7 +41,7 @@ def test_every_tick_is_kept_as_it_came_however_many_there_are() -> None:
         ("measured_rad", 0.1),
         ("base_position_world", 0.2),
         ("wanted_rad", 0.3),
-        ("sent_rad", 0.4),
+        ("commanded_rad", 0.4),
     ):
         np.testing.assert_array_equal(log[column][:, 0], expected + added)
     np.testing.assert_array_equal(log["foot_contacts"].argmax(axis=-1), expected % 6)
@@ -176,7 +176,7 @@ def test_the_ticks_of_the_walk_are_counted() -> None:
 
 def test_an_empty_log_has_columns_without_rows() -> None:
     log = TickLog()
-    assert log["sent_rad"].shape == (0, 18)
+    assert log["commanded_rad"].shape == (0, 18)
     assert log["time_s"].shape == (0,)
     assert log.rows_of("walk") == slice(0, 0)
 
@@ -188,7 +188,7 @@ def test_a_log_is_not_changed_by_what_happens_to_the_messages_later() -> None:
     wanted[:] = 9
     assert (log["measured_rad"] == 0).all()
     assert (log["wanted_rad"] == 0).all()
-    assert (log["sent_rad"] == 0).all()
+    assert (log["commanded_rad"] == 0).all()
 
 
 def test_a_frame_has_a_row_per_tick_and_a_column_per_joint() -> None:
@@ -200,7 +200,11 @@ def test_a_frame_has_a_row_per_tick_and_a_column_per_joint() -> None:
     assert frame["time_s"].tolist() == pytest.approx([0.0, 0.02, 0.04, 0.06])
     assert frame["walk_s"].tolist() == pytest.approx([0.0, 0.0, 0.0, 0.02])
     assert frame["phase"].tolist() == [PHASES[0]] * 2 + ["walk"] * 2
-    for column, name in (("measured_rad", "measured"), ("sent_rad", "commanded"), ("wanted_rad", "wanted")):
+    for column, name in (
+        ("measured_rad", "measured"),
+        ("commanded_rad", "commanded"),
+        ("wanted_rad", "wanted"),
+    ):
         for joint in ("leg1_coxa", "leg4_tibia"):
             place = JOINT_NAMES.index(joint)
             np.testing.assert_array_equal(frame[f"{name}_{joint}_rad"], log[column][:, place])

@@ -55,7 +55,7 @@ def test_each_tick_reads_what_the_last_one_wrote_and_is_recorded() -> None:
     assert len(rows.rows) == len(servos.sent) == 10
     for tick, recorded, wanted, sent in rows.rows:
         assert sent.stamp_s == tick.time_s
-        np.testing.assert_array_equal(sent.positions_rad, wanted)
+        np.testing.assert_array_equal(sent.joint_positions_rad, wanted)
         assert recorded.stamp_s == pytest.approx(tick.time_s)
     assert rows.rows[-1][1] is state
     assert len(rows.work_s) == 10
@@ -67,7 +67,7 @@ def test_what_was_sent_is_recorded_beside_what_was_wanted() -> None:
     far = _Nudge(guard.robot.stance_angles_rad + 1.0)
     run_controller(guard, far, (rows,), until=lambda step, _: step >= 3)
     for _, _, wanted, sent in rows.rows[:1]:
-        assert (sent.positions_rad != wanted).all()
+        assert (sent.joint_positions_rad != wanted).all()
 
 
 def test_steps_follow_the_clock_over_points_that_it_skips() -> None:

@@ -176,7 +176,7 @@ def test_the_settling_brings_the_joints_to_the_stance_evenly() -> None:
     servos.connect()
     servos.write(JointTargets(shipped().stance_angles_rad + 0.3, 0.0))
     run_trial(Guard(servos), TrialPlan(gait=gait_of(shipped()), duration_s=0.02), recorders=(log,))
-    sent = log["sent_rad"][log.rows_of("settle")]
+    sent = log["commanded_rad"][log.rows_of("settle")]
     np.testing.assert_allclose(sent[0], shipped().stance_angles_rad + 0.3)
     np.testing.assert_array_equal(sent[-1], shipped().stance_angles_rad)
     assert np.abs(np.diff(sent, axis=0)).max() == pytest.approx(0.3 / 25)

@@ -33,7 +33,7 @@ class _Rounding(PosedMock):
     """Servos that take whole hundredths of a radian."""
 
     def write(self, targets: JointTargets) -> JointTargets:
-        return super().write(JointTargets(np.round(targets.positions_rad, 2), targets.stamp_s))
+        return super().write(JointTargets(np.round(targets.joint_positions_rad, 2), targets.stamp_s))
 
 
 def test_what_the_servos_round_is_recorded_and_is_no_clipping() -> None:
@@ -42,8 +42,8 @@ def test_what_the_servos_round_is_recorded_and_is_no_clipping() -> None:
     with Guard(servos) as guard:
         result = run_trial(guard, TrialPlan(gait=slow, duration_s=2), recorders=(log,))
     assert result.clipped_ticks == guard.counters.clipped == 0
-    assert (log["sent_rad"] != log["wanted_rad"]).any()
-    np.testing.assert_array_equal(log["sent_rad"], np.round(log["wanted_rad"], 2))
+    assert (log["commanded_rad"] != log["wanted_rad"]).any()
+    np.testing.assert_array_equal(log["commanded_rad"], np.round(log["wanted_rad"], 2))
 
 
 def test_ticks_are_counted_as_clipped_in_the_walk_only() -> None:
@@ -52,7 +52,7 @@ def test_ticks_are_counted_as_clipped_in_the_walk_only() -> None:
     servos.write(JointTargets(STANCE - 0.8, 0.0))
     guard = Guard(servos)
     result = run_trial(guard, _plan(settle_s=0.2), recorders=(log,))
-    changed = (log["sent_rad"] != log["wanted_rad"]).any(axis=-1)
+    changed = (log["commanded_rad"] != log["wanted_rad"]).any(axis=-1)
     assert changed[log.rows_of("settle")].any()
     assert guard.counters.clipped == changed.sum()
     assert result.clipped_ticks == changed[log.rows_of("walk")].sum()
@@ -128,7 +128,7 @@ def test_a_recorder_that_fails_lets_the_robot_walk_on_to_the_end() -> None:
     assert (result.status, guard.stopped) == ("ok", None)
     assert [str(failure.error) for failure in recorders.failures] == ["no space left"]
     assert log.walked_ticks == 50
-    np.testing.assert_allclose(log["sent_rad"][-1], STANCE, atol=1e-9)
+    np.testing.assert_allclose(log["commanded_rad"][-1], STANCE, atol=1e-9)
 
 
 def test_without_a_deviation_a_trial_is_ok_and_cannot_be_ranked() -> None:

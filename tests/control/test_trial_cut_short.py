@@ -104,8 +104,8 @@ def test_a_walk_cut_short_ends_softly_in_the_stance() -> None:
     walked, stopping = log.rows_of("walk"), log.rows_of("stop")
     assert walked.stop - walked.start == 100
     assert stopping.stop > stopping.start
-    np.testing.assert_allclose(log["sent_rad"][-1], shipped().stance_angles_rad, atol=1e-9)
-    jumps = np.abs(np.diff(log["sent_rad"], axis=0)).max(axis=0)
+    np.testing.assert_allclose(log["commanded_rad"][-1], shipped().stance_angles_rad, atol=1e-9)
+    jumps = np.abs(np.diff(log["commanded_rad"], axis=0)).max(axis=0)
     assert (jumps <= shipped().joint_max_speed_rad_s * 0.02 + 1e-12).all()
 
 

@@ -121,8 +121,8 @@ def test_a_stop_in_the_walk_ends_softly_in_the_stance_as_aborted() -> None:
     assert result.distance_m == pytest.approx(0.1485 * 3, abs=0.1)
     stopping = log.rows_of("stop")
     assert (stopping.stop - stopping.start) * 0.02 == pytest.approx(2.0, abs=0.05)
-    np.testing.assert_allclose(log["sent_rad"][-1], shipped().stance_angles_rad, atol=1e-9)
-    jumps = np.abs(np.diff(log["sent_rad"], axis=0)).max(axis=0)
+    np.testing.assert_allclose(log["commanded_rad"][-1], shipped().stance_angles_rad, atol=1e-9)
+    jumps = np.abs(np.diff(log["commanded_rad"], axis=0)).max(axis=0)
     assert (jumps <= shipped().joint_max_speed_rad_s * 0.02 + 1e-12).all()
 
 
@@ -134,7 +134,7 @@ def test_a_stop_in_the_turn_ends_softly_in_the_stance_without_a_walk() -> None:
     assert log.rows_of("walk") == slice(0, 0)
     turning = log.rows_of("turn")
     assert turning.stop - turning.start < 150 + 101 + 30, "it did not turn to the end"
-    np.testing.assert_allclose(log["sent_rad"][-1], shipped().stance_angles_rad, atol=1e-9)
+    np.testing.assert_allclose(log["commanded_rad"][-1], shipped().stance_angles_rad, atol=1e-9)
 
 
 def test_a_stop_asked_for_from_the_start_commands_nothing() -> None:
@@ -180,7 +180,7 @@ def test_a_robot_that_knows_no_pose_walks_and_is_not_scored() -> None:
     assert (result.distance_m, result.deviation, result.yaw_change_rad) == (None, None, None)
     assert result.to_dict()["deviation_m"] == {"final": None, "mean": None, "max": None, "signed": None}
     assert log.rows_of("turn") == slice(0, 0), "it could not know when to end the turn"
-    held = log["sent_rad"][log.rows_of("walk")][:, 3:6]
+    held = log["commanded_rad"][log.rows_of("walk")][:, 3:6]
     assert (held == shipped().stance_angles_rad[3:6]).all()
 
 

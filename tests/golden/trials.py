@@ -94,7 +94,7 @@ def alone(trial: SimTrial) -> tuple[dict[str, Any], dict[str, Any]]:
         facing_rad=trial.facing_rad,
     ) as servos:
         result = run_trial(Guard(servos), trial.plan, recorders=(log,))
-    columns = ("time_s", "sent_rad", "measured_rad", "base_position_world")
+    columns = ("time_s", "commanded_rad", "measured_rad", "base_position_world")
     return exact(result), {"ticks": len(log), **{name: digest(log[name]) for name in columns}}
 
 

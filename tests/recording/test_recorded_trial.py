@@ -38,7 +38,7 @@ def test_it_is_what_was_walked(read: RecordedTrial, trial: Trial) -> None:
     assert read.time_s == pytest.approx(log["time_s"] - log["time_s"][0], abs=1e-9)
     assert read.walk_s[-1] == pytest.approx(log["time_s"][-1] - log["time_s"][log.walk_from], abs=1e-9)
     assert np.array_equal(read.phases, log["phase"])
-    assert read.commanded_rad == pytest.approx(log["sent_rad"], abs=8e-6)
+    assert read.commanded_rad == pytest.approx(log["commanded_rad"], abs=8e-6)
     assert read.measured_rad == pytest.approx(log["measured_rad"], abs=8e-6)
     assert read.base_position_world == pytest.approx(log["base_position_world"], abs=1e-6)
     assert read.base_quaternion_world == pytest.approx(log["base_quaternion_world"], abs=1e-6)

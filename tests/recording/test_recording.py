@@ -66,7 +66,7 @@ def test_the_wall_clock_runs_along(written: Path) -> None:
 
 
 def test_joint_angles_are_those_of_the_log(read: ReadBack, trial: Trial) -> None:
-    np.testing.assert_allclose(_joints(read, 0), trial.log["sent_rad"], atol=1e-5)
+    np.testing.assert_allclose(_joints(read, 0), trial.log["commanded_rad"], atol=1e-5)
     np.testing.assert_allclose(_joints(read, 1), trial.log["measured_rad"], atol=1e-5)
 
 

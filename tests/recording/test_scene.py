@@ -32,7 +32,7 @@ def read(tmp_path_factory: pytest.TempPathFactory) -> ReadBack:
         SimServos(shipped()) as servos,
     ):
         clock, targets = servos.clock, JointTargets(shipped().stance_angles_rad, 0.0)
-        log.record(clock.tick(), servos.read(), targets.positions_rad, targets)
+        log.record(clock.tick(), servos.read(), targets.joint_positions_rad, targets)
         recording.write_block(log, 0, 1)
     return ReadBack(folder / "a.rrd")
 

@@ -138,7 +138,7 @@ def test_clipped_targets_and_missed_ticks_are_marked_and_told(trial: Trial, tmp_
     sent[60:63, 4] += 0.01
     times = trial.log["time_s"].copy()
     times[100:] += 0.06
-    log = rewritten(trial, sent_rad=sent, time_s=times)
+    log = rewritten(trial, commanded_rad=sent, time_s=times)
     log.notes = [(90, "noticed: leg 5 locked")]
     read = recorded(trial, log, tmp_path / "troubled.rrd")
     at = np.round(read.times_s(f"/{paths.GUARD}", "StateChange:state") * 50).astype(int).tolist()

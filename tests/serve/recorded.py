@@ -40,7 +40,7 @@ class RecordedServos(MockServos):
         if self._writes == JUMP_AT and self._jump_ns:
             wall = time.time_ns
             time.time_ns = lambda: wall() + self._jump_ns
-        self._log.write(_ROW.pack(time.monotonic(), _WRITE, *sent.positions_rad))
+        self._log.write(_ROW.pack(time.monotonic(), _WRITE, *sent.joint_positions_rad))
         return sent
 
     def disable_torque(self) -> bool:
@@ -55,12 +55,12 @@ class ServoLog:
 
     Attributes:
         times_s: on time.monotonic, (n,).
-        positions_rad: (n, 18).
+        joint_positions_rad: (n, 18).
         relaxed: which rows are a relaxing, (n,).
     """
 
     times_s: FloatArray
-    positions_rad: FloatArray
+    joint_positions_rad: FloatArray
     relaxed: FloatArray
 
     @classmethod
@@ -76,11 +76,11 @@ class ServoLog:
 
     def moved_after(self, time_s: float) -> float:
         """How long after a moment the servos were last told to go elsewhere; 0 if never."""
-        changed = np.flatnonzero((np.diff(self.positions_rad, axis=0) != 0).any(axis=1)) + 1
+        changed = np.flatnonzero((np.diff(self.joint_positions_rad, axis=0) != 0).any(axis=1)) + 1
         last_s = self.times_s[changed[-1]] if changed.size else time_s
         return max(0.0, float(last_s - time_s))
 
     def between(self, start_s: float, end_s: float) -> "ServoLog":
         """The part of the log within a time."""
         rows = (self.times_s >= start_s) & (self.times_s <= end_s)
-        return ServoLog(self.times_s[rows], self.positions_rad[rows], self.relaxed[rows])
+        return ServoLog(self.times_s[rows], self.joint_positions_rad[rows], self.relaxed[rows])

@@ -130,7 +130,7 @@ def test_spoiled_commands_of_the_lease_holder_never_leave_the_limits(
         command: Any = Item(spoiled(GOOD["command"], chance), tag.packed())
         server._handle(Arrival("command", command, time.monotonic()))
     robot = servos.robot
-    sent = np.array([targets.positions_rad for targets in servos.sent])
+    sent = np.array([targets.joint_positions_rad for targets in servos.sent])
     assert len(sent) == server.status()["commands"]["accepted"] > 10
     assert np.isfinite(sent).all()
     within = robot.joint_max_speed_rad_s * servos.clock.period_s + 1e-9

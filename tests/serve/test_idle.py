@@ -37,7 +37,7 @@ def test_it_holds_after_silence_then_sits_within_limits_and_relaxes() -> None:
     let_pass((guard, servos), posture, SITTING_S + 0.1)
     assert posture.name == "limp"
     assert servos.limp
-    sat = np.array([targets.positions_rad for targets in list(servos.sent)[n_before:]])
+    sat = np.array([targets.joint_positions_rad for targets in list(servos.sent)[n_before:]])
     np.testing.assert_allclose(sat[-1], sitting_angles_rad(guard.robot), atol=0.05)
     assert (np.abs(np.diff(sat, axis=0)) <= guard.robot.joint_max_speed_rad_s * PERIOD_S + 1e-9).all()
     assert guard.stopped == "expired"
@@ -157,7 +157,9 @@ def test_with_hot_servos_it_sits_at_once_and_goes_limp() -> None:
     let_pass((guard, servos), posture, SITTING_S + 0.1)
     assert posture.name == "limp"
     assert servos.limp
-    np.testing.assert_allclose(servos.sent[-1].positions_rad, sitting_angles_rad(guard.robot), atol=0.05)
+    np.testing.assert_allclose(
+        servos.sent[-1].joint_positions_rad, sitting_angles_rad(guard.robot), atol=0.05
+    )
 
 
 def test_a_stop_while_hot_servos_sit_ends_the_motion() -> None:

@@ -40,10 +40,10 @@ ATTEMPTS = 4
 def check_limits(log: ServoLog) -> None:
     """Check that no servo was ever told to leave its range, or to go faster than it may within a period."""
     robot = shipped()
-    assert np.isfinite(log.positions_rad).all()
-    assert (log.positions_rad >= robot.joint_lower_rad - 1e-9).all()
-    assert (log.positions_rad <= robot.joint_upper_rad + 1e-9).all()
-    steps = np.abs(np.diff(log.positions_rad, axis=0)) / (robot.joint_max_speed_rad_s * PERIOD_S)
+    assert np.isfinite(log.joint_positions_rad).all()
+    assert (log.joint_positions_rad >= robot.joint_lower_rad - 1e-9).all()
+    assert (log.joint_positions_rad <= robot.joint_upper_rad + 1e-9).all()
+    steps = np.abs(np.diff(log.joint_positions_rad, axis=0)) / (robot.joint_max_speed_rad_s * PERIOD_S)
     assert steps.max(initial=0.0) <= 1 + 1e-9
 
 
@@ -141,7 +141,7 @@ def test_after_a_longer_silence_the_robot_sits_down_and_relaxes(tmp_path: Path) 
         wait_until(lambda: robot.log().relaxed.any(), "relaxing")
         log = robot.log()
         assert robot.status()["posture"] == "limp"
-        knees = log.positions_rad[:, 1::3]
+        knees = log.joint_positions_rad[:, 1::3]
         assert (knees[-1] > shipped().stance_angles_rad[1] + 0.5).all()
         check_limits(log)
         with controlling(tmp_path, robot.endpoint, "again=1", name="next") as following:
@@ -208,7 +208,7 @@ def test_a_robot_that_stalls_for_a_second_does_not_act_on_what_waited(tmp_path: 
         wait_until(lambda: stopped(robot) == "expired", "the stop")
         # At most what was on its way to the servos when the process froze, and one tick after it woke.
         later = robot.log().between(at_s + 0.1, at_s + 60)
-        assert len(np.unique(later.positions_rad, axis=0)) <= 2
+        assert len(np.unique(later.joint_positions_rad, axis=0)) <= 2
         check_limits(robot.log())
 
 

@@ -67,7 +67,7 @@ class Bench:
         self.lease, self.sequence = self.ask("lease", {"op": "acquire", "owner": "test"}), 0
         return self.lease
 
-    def command(self, positions_rad: Any, *, ttl_ms: int = 200, waited_s: float = 0.0) -> None:
+    def command(self, joint_positions_rad: Any, *, ttl_ms: int = 200, waited_s: float = 0.0) -> None:
         self.sequence += 1
         tag = CommandTag(
             sequence=self.sequence,
@@ -76,7 +76,7 @@ class Bench:
             lease_id=bytes.fromhex(self.lease["lease"]),
             lease_sequence=self.lease["sequence"],
         )
-        item: Any = Item(encode_positions(positions_rad), tag.packed())
+        item: Any = Item(encode_positions(joint_positions_rad), tag.packed())
         self.server._handle(Arrival("command", item, self.servos.time.now_s - waited_s))
 
     def ticks(self, times: int) -> None:
@@ -98,7 +98,7 @@ def test_a_command_reaches_the_servos_at_once_and_comes_back_as_a_state(bench: B
     bench.acquire()
     wanted = bench.servos.robot.stance_angles_rad + 0.01
     bench.command(wanted)
-    np.testing.assert_array_equal(bench.servos.sent[-1].positions_rad, wanted)
+    np.testing.assert_array_equal(bench.servos.sent[-1].joint_positions_rad, wanted)
     assert bench.last_state()[1].command_sequence == 1
 
 
@@ -239,7 +239,7 @@ def test_a_command_that_is_overtaken_by_the_rest_that_follows_it_begins_no_silen
     bench.command(bench.servos.robot.stance_angles_rad)
     bench.ask("lease", {"op": "rest", "lease": bench.lease["lease"], "after": after})
     bench.command(wanted)
-    np.testing.assert_array_equal(bench.servos.sent[-1].positions_rad, wanted)
+    np.testing.assert_array_equal(bench.servos.sent[-1].joint_positions_rad, wanted)
     bench.ticks(30)
     assert bench.server.status()["stopped"] == stopped
 

@@ -310,7 +310,7 @@ def test_contacts_travel_in_the_tag() -> None:
 def test_commands_compare_by_value() -> None:
     one, other = (decode_command(encode_positions(POSITIONS), COMMAND_BYTES) for _ in range(2))
     assert one == other
-    assert one != replace(other, positions_rad=POSITIONS + 1)
+    assert one != replace(other, joint_positions_rad=POSITIONS + 1)
 
 
 def test_a_prepared_codec_loads_nothing_more_in_a_tick() -> None:

@@ -157,14 +157,14 @@ class MavlinkServos(LegServos):
         check_connected(self._opened is not None, WHO)
         check_targets(targets)
         sent = targets
-        if self._map.outside(targets.positions_rad).any():
+        if self._map.outside(targets.joint_positions_rad).any():
             self.counters.clipped += 1
-            sent = JointTargets(self._map.limited_rad(targets.positions_rad), targets.stamp_s)
-        pulses = self._map.to_us(sent.positions_rad)
+            sent = JointTargets(self._map.limited_rad(targets.joint_positions_rad), targets.stamp_s)
+        pulses = self._map.to_us(sent.joint_positions_rad)
         if self._resumes():
             self._send(self._receiver.heartbeat())
         self._send(mavlink_messages.override(pulses, self._peer.system, self._peer.component))
-        self._assumed_rad = sent.positions_rad.copy()
+        self._assumed_rad = sent.joint_positions_rad.copy()
         return sent
 
     def disable_torque(self) -> bool:

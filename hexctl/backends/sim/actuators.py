@@ -69,7 +69,7 @@ class ActuatorModel:
 
     def copies(self, n: int) -> "ActuatorModel":
         """The model of n robots in the state of this one; it takes targets (n, 18)."""
-        late_rad = [np.tile(positions_rad, (n, 1)) for positions_rad in self._late_rad]
+        late_rad = [np.tile(joint_positions_rad, (n, 1)) for joint_positions_rad in self._late_rad]
         heard_rad, shaft_rad = np.tile(self._heard_rad, (n, 1)), np.tile(self._shaft_rad, (n, 1))
         jammed_at_rad = np.tile(self._jammed_at_rad, (n, 1))
         return ActuatorModel(self._simulation, heard_rad, shaft_rad, late_rad, jammed_at_rad)
@@ -87,16 +87,16 @@ class ActuatorModel:
         jammed_at_rad[..., joints] = np.where(jammed, now_rad[..., joints], math.nan)
         self._jam(jammed_at_rad)
 
-    def drive(self, positions_rad: FloatArray, lost: bool = False) -> FloatArray:
+    def drive(self, joint_positions_rad: FloatArray, lost: bool = False) -> FloatArray:
         """Actuator commands of one tick for its joint targets, (18,) or (n, 18), which may be lost."""
         if lost:
-            positions_rad = self._heard_rad
+            joint_positions_rad = self._heard_rad
         elif self._simulation.world.lost_commands:
-            self._heard_rad = positions_rad.copy()
+            self._heard_rad = joint_positions_rad.copy()
         if self._late_rad:
-            self._late_rad.append(positions_rad.copy())
-            positions_rad = self._late_rad.popleft()
-        shaft_rad = positions_rad + self._simulation.joint_offsets_rad
+            self._late_rad.append(joint_positions_rad.copy())
+            joint_positions_rad = self._late_rad.popleft()
+        shaft_rad = joint_positions_rad + self._simulation.joint_offsets_rad
         if self._half_play_rad:
             shaft_rad = np.clip(
                 self._shaft_rad, shaft_rad - self._half_play_rad, shaft_rad + self._half_play_rad

@@ -219,7 +219,7 @@ class SimServos(LegServos):
         check_targets(targets)
         if self._limp:
             self._set_springs(1.0)
-        positions = targets.positions_rad
+        positions = targets.joint_positions_rad
         plain = self.actuators.plain
         np.copyto(self._ctrl, positions if plain else self.actuators.drive(positions, self.loss.lost))
         return targets

@@ -95,10 +95,10 @@ class SimBatch:
         states = [part.read() for part in self._copies]
         return states[0] if len(states) == 1 else _together(states)
 
-    def write(self, positions_rad: FloatArray) -> None:
+    def write(self, joint_positions_rad: FloatArray) -> None:
         """Command the simulated servos; targets (n, 18) in rad."""
         for part in self._copies:
-            self._ctrl[part.rows] = part.drive(positions_rad[part.rows])
+            self._ctrl[part.rows] = part.drive(joint_positions_rad[part.rows])
 
 
 class _Copies:
@@ -136,9 +136,9 @@ class _Copies:
         """States after the last tick, with the world's sensor noise."""
         return self.sensors.read((self._start_index + self._ticks) * self._period_s)
 
-    def drive(self, positions_rad: FloatArray) -> FloatArray:
+    def drive(self, joint_positions_rad: FloatArray) -> FloatArray:
         """Actuator commands of this tick for joint targets."""
-        return self._actuators.drive(positions_rad, self._loss.lost)
+        return self._actuators.drive(joint_positions_rad, self._loss.lost)
 
 
 def _together(states: Sequence[RobotState]) -> RobotState:

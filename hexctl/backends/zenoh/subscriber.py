@@ -141,7 +141,7 @@ class StateSubscriber:
                 "see hexctl status, or start hexctl serve again"
             )
         try:
-            positions_rad, torques_nm = decode_joints(sample.payload)
+            joint_positions_rad, torques_nm = decode_joints(sample.payload)
             tag = PLAIN_TAG if self._plain else StateTag.unpacked(sample.attachment or b"")
         except MessageError as error:
             raise RobotFaultError(f"the robot sends invalid states: {error}") from error
@@ -149,7 +149,7 @@ class StateSubscriber:
         self._take_status()
         battery_v, battery_share = self._battery()
         return RobotState(
-            positions_rad,
+            joint_positions_rad,
             stamp_s=max(0.0, clock_s - (now_s - sample.at_s)),
             measured=tag.measured,
             base_position_world=position,

@@ -358,7 +358,7 @@ class ZenohServos(LegServos):
         check_connected(self._opened is not None, WHO)
         check_targets(targets)
         self._sequence += 1
-        self._publisher.put(encode_positions(targets.positions_rad), attachment=self._tag())
+        self._publisher.put(encode_positions(targets.joint_positions_rad), attachment=self._tag())
         return targets
 
     def pause_watchdog(self) -> None:

@@ -57,7 +57,7 @@ class WalkSamples:
         self._rows, self._ticks = 0, 0
         self._complete = True
 
-    def add(self, state: RobotState, sent_rad: FloatArray) -> None:
+    def add(self, state: RobotState, commanded_rad: FloatArray) -> None:
         """Take the next tick; the state before its targets."""
         row, part = divmod(self._ticks, SAMPLE_TICKS)
         self._ticks += 1
@@ -65,7 +65,7 @@ class WalkSamples:
             return
         self._rows = row + 1
         self._measured[..., row, :] = state.joint_positions_rad
-        self._sent[..., row, :] = sent_rad
+        self._sent[..., row, :] = commanded_rad
         self._complete &= state.measured and state.foot_contacts is not None
         if state.foot_contacts is not None:
             self._contacts[..., row, :] = state.foot_contacts
@@ -83,7 +83,7 @@ class Samples:
     """Samples of one robot: measured and sent joint angles (T, 18), and feet on the floor (T, 6)."""
 
     measured_rad: FloatArray
-    sent_rad: FloatArray
+    commanded_rad: FloatArray
     contacts: BoolArray
 
 
@@ -129,7 +129,7 @@ def symptoms(
         quaternions_world: base orientations of the walk, (ticks, 4), likewise.
     """
     first = math.ceil(RAMP_DURATION_S / (SAMPLE_TICKS * PERIOD_S))
-    measured, sent = samples.measured_rad[first:], samples.sent_rad[first:]
+    measured, sent = samples.measured_rad[first:], samples.commanded_rad[first:]
     ideal_m_s = ideal_speed_m_s(robot, plan.gait, plan.motion(0.0))
     if len(measured) * SAMPLE_TICKS * PERIOD_S < 1.0 or ideal_m_s == 0:
         return None

@@ -44,7 +44,7 @@ class WalkEffort:
         self._rows = 0
         self._known = True
 
-    def add(self, state: RobotState, sent_rad: FloatArray, walking: BoolArray | None = None) -> None:
+    def add(self, state: RobotState, commanded_rad: FloatArray, walking: BoolArray | None = None) -> None:
         """Take the next tick; `walking` says which robots of a batch still walk, (n,)."""
         if state.joint_torques_nm is None or not state.measured:
             self._known = False

@@ -102,7 +102,7 @@ class JointJogger:
             )
         if holding:
             sent = self._guard.write(JointTargets(self._targets_rad, tick.time_s))
-            self._targets_rad = sent.positions_rad.copy()
+            self._targets_rad = sent.joint_positions_rad.copy()
 
     def _believe_in_range(self) -> None:
         """Begin with a map in which every joint stands within its range.

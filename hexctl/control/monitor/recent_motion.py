@@ -76,9 +76,9 @@ class RecentMotion:
         self._rows: FloatArray = np.full((3, rows, *shape, N_JOINTS), np.nan)
         self._row = 0
 
-    def measured(self, positions_rad: FloatArray, torques_nm: FloatArray | None) -> None:
+    def measured(self, joint_positions_rad: FloatArray, torques_nm: FloatArray | None) -> None:
         """Take what is measured in a tick, leading shape + (18,)."""
-        self._rows[0, self._row] = positions_rad
+        self._rows[0, self._row] = joint_positions_rad
         self._rows[2, self._row] = np.nan if torques_nm is None else torques_nm
 
     def sent(self, targets_rad: FloatArray) -> None:

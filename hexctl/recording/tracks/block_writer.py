@@ -87,7 +87,9 @@ def _send_pose(block: Block, rows: Rows, position: FloatArray, quaternion: Float
 def _send_leg(block: Block, links: LinkColumns, leg: int) -> None:
     """Send each joint's angle as the rotation of its link, and commanded and measured as scalars."""
     first = JOINTS_PER_LEG * (leg - 1)
-    both = [block.column(name)[:, first : first + JOINTS_PER_LEG] for name in ("sent_rad", "measured_rad")]
+    both = [
+        block.column(name)[:, first : first + JOINTS_PER_LEG] for name in ("commanded_rad", "measured_rad")
+    ]
     joints = np.stack(both, axis=-1)  # (ticks, 3, 2)
     for index, kind in enumerate(JOINT_KINDS):
         block.send(paths.link_path(leg, kind), slice(None), links.columns(kind, joints[:, index]))

@@ -19,9 +19,9 @@ ROUNDING_RAD = 1e-5
 STEADY_TICKS = 5
 
 
-def clipped_joints(wanted_rad: FloatArray, sent_rad: FloatArray) -> BoolArray:
+def clipped_joints(wanted_rad: FloatArray, commanded_rad: FloatArray) -> BoolArray:
     """Whether the guard changed each joint's target, any shape."""
-    return np.asarray(np.abs(sent_rad - wanted_rad) > ROUNDING_RAD)
+    return np.asarray(np.abs(commanded_rad - wanted_rad) > ROUNDING_RAD)
 
 
 def skipped_ticks(time_s: FloatArray) -> FloatArray:
@@ -81,7 +81,7 @@ def send_feet(block: Block) -> None:
 
 def send_guard(block: Block) -> None:
     """Send where the guard changed targets and where the clock missed ticks."""
-    states = clipped_joints(block.led("wanted_rad"), block.led("sent_rad")).any(axis=-1).astype(int)
+    states = clipped_joints(block.led("wanted_rad"), block.led("commanded_rad")).any(axis=-1).astype(int)
     states[skipped_ticks(block.led("time_s")) > 0] = 2
     lead = len(states) - (block.stop - block.start)
     rows = block.changes(states)

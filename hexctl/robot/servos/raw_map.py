@@ -80,9 +80,9 @@ class RawMap(ArrayFields, ABC):
         """Lowest and highest raw position that each servo can reach, where its model is known."""
         return self.least, self.most
 
-    def raw(self, positions_rad: FloatArray) -> FloatArray:
+    def raw(self, joint_positions_rad: FloatArray) -> FloatArray:
         """Raw positions of angles (18,) in rad, without limits and not rounded."""
-        degrees = self.signs * np.degrees(positions_rad) + self.offsets_deg
+        degrees = self.signs * np.degrees(joint_positions_rad) + self.offsets_deg
         return np.asarray(self.centre + self.per_deg * degrees)
 
     def angles_rad(self, raw: FloatArray) -> FloatArray:
@@ -90,19 +90,19 @@ class RawMap(ArrayFields, ABC):
         degrees = (raw - self.centre) / self.per_deg - self.offsets_deg
         return np.asarray(np.radians(self.signs * degrees))
 
-    def outside(self, positions_rad: FloatArray) -> BoolArray:
+    def outside(self, joint_positions_rad: FloatArray) -> BoolArray:
         """Joints whose angles (18,) in rad need a raw position beyond the limits, (18,)."""
-        raw = self.raw(positions_rad)
+        raw = self.raw(joint_positions_rad)
         # A thousandth of tolerance: an angle right at the limit may be rounded past it.
         return np.asarray((raw < self.least - 1e-3) | (raw > self.most + 1e-3))
 
-    def limited_raw(self, positions_rad: FloatArray) -> FloatArray:
+    def limited_raw(self, joint_positions_rad: FloatArray) -> FloatArray:
         """Raw positions of angles (18,) in rad, clipped to the limits."""
-        return np.clip(self.raw(positions_rad), self.least, self.most)
+        return np.clip(self.raw(joint_positions_rad), self.least, self.most)
 
-    def limited_rad(self, positions_rad: FloatArray) -> FloatArray:
+    def limited_rad(self, joint_positions_rad: FloatArray) -> FloatArray:
         """Angles (18,) in rad, clipped to the limits."""
-        return self.angles_rad(self.limited_raw(positions_rad))
+        return self.angles_rad(self.limited_raw(joint_positions_rad))
 
     def flipped(self, joint: int, at_deg: float) -> Self:
         """Map with the opposite sign for a joint, and the same raw position at one angle.

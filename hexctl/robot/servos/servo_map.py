@@ -41,9 +41,9 @@ class ServoMap(RawMap):
         """Which servo moves a joint, 0..17: its channel."""
         return f"channel {self.channels[joint]}"
 
-    def to_us(self, positions_rad: FloatArray) -> FloatArray:
+    def to_us(self, joint_positions_rad: FloatArray) -> FloatArray:
         """Pulses of angles (18,) in rad, by channel, (18,), clipped to the limits."""
-        return self.by_channel(self.limited_raw(positions_rad))
+        return self.by_channel(self.limited_raw(joint_positions_rad))
 
     def to_rad(self, us: FloatArray) -> FloatArray:
         """Angles (18,) in rad of pulses by channel (18,), which are not clipped."""

@@ -148,7 +148,7 @@ class RosDriver:
         self._hold(at_s)
         self._pilot = None
         self._joints_until_s = at_s + EXPIRY_OF_ROS_S
-        self._write(command.positions_rad, at_s)
+        self._write(command.joint_positions_rad, at_s)
 
     def _answer(self, service: Service, at_s: float) -> tuple[bool, str]:
         """Do what a service is there for: whether it is done or begun, and a line on it."""

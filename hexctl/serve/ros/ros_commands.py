@@ -43,10 +43,10 @@ class WantedJoints:
     """Joint angles.
 
     Attributes:
-        positions_rad: (18,), leg-major order.
+        joint_positions_rad: (18,), leg-major order.
     """
 
-    positions_rad: FloatArray
+    joint_positions_rad: FloatArray
 
 
 @dataclass(frozen=True, slots=True)

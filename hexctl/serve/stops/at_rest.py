@@ -23,13 +23,13 @@ class RestWatch:
         self.at_rest = False
         self._seen: deque[tuple[float, FloatArray]] = deque()
 
-    def note(self, positions_rad: FloatArray, at_s: float, *, reached: bool = True) -> None:
+    def note(self, joint_positions_rad: FloatArray, at_s: float, *, reached: bool = True) -> None:
         """Take joint angles, (18,), of a time on any monotonic clock, and whether servos were reached."""
         if not reached:
             self._seen.clear()
             self.at_rest = False
             return
-        self._seen.append((at_s, positions_rad.copy()))  # own servos may use one array again and again
+        self._seen.append((at_s, joint_positions_rad.copy()))  # own servos may use one array again and again
         while len(self._seen) > 1 and self._seen[1][0] <= at_s - STILL_S:
             self._seen.popleft()
         self.at_rest = self._still()

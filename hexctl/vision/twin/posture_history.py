@@ -39,9 +39,9 @@ class PostureHistory:
         """Add a position (3,) in m and an orientation (4,) as (w, x, y, z)."""
         self._truths.add(at_s, np.concatenate([position, quaternion]))
 
-    def add_joints(self, at_s: float, positions_rad: FloatArray) -> None:
+    def add_joints(self, at_s: float, joint_positions_rad: FloatArray) -> None:
         """Add joint angles, (18,)."""
-        self._joints.add(at_s, positions_rad)
+        self._joints.add(at_s, joint_positions_rad)
 
     @property
     def newest_at_s(self) -> float | None:

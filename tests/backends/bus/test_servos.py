@@ -383,7 +383,7 @@ def test_targets_beyond_the_limits_of_a_servo_end_there() -> None:
     with bus_board(bus_map) as board, servos_on(board, bus_map) as servos:
         far = servos.robot.stance_angles_rad.copy()
         far[1] = 10.0
-        sent = servos.write(JointTargets(far, servos.clock.now_s)).positions_rad
+        sent = servos.write(JointTargets(far, servos.clock.now_s)).joint_positions_rad
         assert bus_map.raw(sent)[1] == pytest.approx(bus_map.least[1])
         assert np.delete(sent, 1) == pytest.approx(np.delete(far, 1))
 

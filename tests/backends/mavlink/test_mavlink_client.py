@@ -309,8 +309,8 @@ def test_pulse_limits_clip_last_and_are_counted(tmp_path: Path) -> None:
         wanted = shipped().stance_angles_rad.copy()
         wanted[0] = 0.5
         sent = servos.write(JointTargets(wanted, servos.clock.now_s))
-        assert sent.positions_rad[0] == pytest.approx(math.radians(9))
-        np.testing.assert_allclose(sent.positions_rad[1:], wanted[1:])
+        assert sent.joint_positions_rad[0] == pytest.approx(math.radians(9))
+        np.testing.assert_allclose(sent.joint_positions_rad[1:], wanted[1:])
         assert servos.counters.clipped == 1
         eventually(board.overrides)
         assert board.overrides()[-1][0] == 1600

@@ -105,7 +105,7 @@ def test_the_same_seed_gives_the_same_trial_to_the_last_bit(world: World) -> Non
     assert first.result.to_dict() == second.result.to_dict()
     for column in (
         "measured_rad",
-        "sent_rad",
+        "commanded_rad",
         "base_position_world",
         "base_quaternion_world",
         "foot_contacts",

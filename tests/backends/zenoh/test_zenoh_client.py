@@ -58,16 +58,16 @@ class PlainRobot:
 
     def __init__(self, link: Link) -> None:
         self.session = open_session(link, Role.ROBOT, KeyMap.of("ant").renamed(NAMES))
-        self.positions_rad = shipped().stance_angles_rad
+        self.joint_positions_rad = shipped().stance_angles_rad
         self.session.declare_subscriber(NAMES["command"], self._obey)
 
     def _obey(self, sample: Any) -> None:
-        self.positions_rad = decode_positions(bytes(sample.payload))
+        self.joint_positions_rad = decode_positions(bytes(sample.payload))
         self.say()
 
     def say(self) -> None:
         """Publish a state."""
-        self.session.put(NAMES["joint_states"], encode_positions(self.positions_rad))
+        self.session.put(NAMES["joint_states"], encode_positions(self.joint_positions_rad))
 
 
 @pytest.fixture
@@ -94,7 +94,7 @@ def test_it_can_be_commanded(link: Link, robot: PlainRobot) -> None:
     with connected(link, robot) as servos:
         wanted = shipped().stance_angles_rad + 0.1
         servos.write(JointTargets(wanted, 0.0))
-        wait_until(lambda: np.array_equal(robot.positions_rad, wanted), "the command")
+        wait_until(lambda: np.array_equal(robot.joint_positions_rad, wanted), "the command")
         servos.clock.tick()
         servos.clock.tick()
         np.testing.assert_array_equal(servos.read().joint_positions_rad, wanted)

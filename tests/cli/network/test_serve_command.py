@@ -121,7 +121,7 @@ def test_a_walk_that_is_stopped_before_it_begins_leaves_the_robot_as_it_is(tmp_p
         assert (done.trial.stopped, len(done.log)) == ("requested", 0)
         status = robot.status()
         assert (status["posture"], status["commands"]["accepted"]) == ("idle", 0)
-        assert not len(robot.log().positions_rad)
+        assert not len(robot.log().joint_positions_rad)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGIO])

@@ -49,8 +49,8 @@ class Servos:
         log = ServoLog.read(self.path, WALK_TICKS + 1)
         if len(log.times_s) <= WALK_TICKS or time.monotonic() - log.times_s[-1] > 0.1:
             return False
-        new = (np.diff(log.positions_rad, axis=0) != 0).any(axis=1)
-        return bool(new.all()) and float(np.ptp(log.positions_rad, axis=0).max()) > WALK_RAD
+        new = (np.diff(log.joint_positions_rad, axis=0) != 0).any(axis=1)
+        return bool(new.all()) and float(np.ptp(log.joint_positions_rad, axis=0).max()) > WALK_RAD
 
     def told_after(self, at_s: float) -> bool:
         """Whether targets have come since a moment."""

@@ -61,7 +61,7 @@ class Bench(MockServos):
 
     def write(self, targets: JointTargets) -> JointTargets:
         sent = super().write(targets)
-        self._pulses_us = self.servo_map.raw(sent.positions_rad)
+        self._pulses_us = self.servo_map.raw(sent.joint_positions_rad)
         self.seen_deg.append(self.true_deg)
         return sent
 

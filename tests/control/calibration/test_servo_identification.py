@@ -25,7 +25,7 @@ class SeenServos(MockServos):
         super().connect()
 
     def write(self, targets: JointTargets) -> JointTargets:
-        away = np.abs(targets.positions_rad - self.robot.stance_angles_rad)
+        away = np.abs(targets.joint_positions_rad - self.robot.stance_angles_rad)
         self.farthest = np.maximum(self.farthest, away)
         return super().write(targets)
 

@@ -30,7 +30,7 @@ class StuckServos(MockServos):
     stuck = False
 
     def write(self, targets: JointTargets) -> JointTargets:
-        positions = targets.positions_rad.copy()
+        positions = targets.joint_positions_rad.copy()
         if self.stuck:
             positions[JOINT] = self.robot.stance_angles_rad[JOINT]
         self.seen.append(positions)

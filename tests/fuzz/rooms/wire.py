@@ -37,10 +37,10 @@ def _only(decode: Callable[..., object], *before: object) -> Callable[[bytes], o
 
 
 def _joints(data: bytes) -> None:
-    positions_rad, torques_nm = decode_joints(data)
-    assert positions_rad.shape == (N_JOINTS,)
-    again, torques = decode_joints(encode_positions(positions_rad, 0, torques_nm))
-    assert np.array_equal(again, positions_rad)
+    joint_positions_rad, torques_nm = decode_joints(data)
+    assert joint_positions_rad.shape == (N_JOINTS,)
+    again, torques = decode_joints(encode_positions(joint_positions_rad, 0, torques_nm))
+    assert np.array_equal(again, joint_positions_rad)
     assert (torques is None) == (torques_nm is None)
 
 
@@ -50,7 +50,7 @@ def _command(data: bytes) -> None:
     tag = CommandTag.unpacked(attachment)
     assert tag.packed() == attachment
     command = decode_command(payload, attachment)
-    assert np.isfinite(command.positions_rad).all()
+    assert np.isfinite(command.joint_positions_rad).all()
 
 
 def _state_tag(data: bytes) -> None:

@@ -82,7 +82,7 @@ class Bench:
 
     def joints(self) -> FloatArray:
         """Targets that the servos got last."""
-        return self.servos.sent[-1].positions_rad
+        return self.servos.sent[-1].joint_positions_rad
 
     def status(self) -> dict[str, Any]:
         """Status of the server."""
