@@ -227,8 +227,8 @@ def test_a_bus_on_the_port_of_the_settings_keeps_the_baud_of_the_robot_file(
         ids = {name: {"id": place + 1} for place, name in enumerate(JOINT_NAMES)}
         section = {"driver": "feetech", "port": "/dev/none", "baud": 115_200, "model": "sts3215", **ids}
         file = edited_file(tmp_path, put("servos", section), base="phantomx")
-        monkeypatch.setenv("HEXCTL_DEVICE", board.path)
+        monkeypatch.setenv("HEXCTL_CONNECT", board.path)
         assert exit_code(["servos", "scan", "--robot", str(file), "--json"]) == 0
         printed = capsys.readouterr()
     assert [each["id"] for each in json.loads(printed.out)] == [1]
-    assert f"hexctl: HEXCTL_DEVICE sets --connect {board.path}" in printed.err
+    assert f"hexctl: HEXCTL_CONNECT sets --connect {board.path}" in printed.err
