@@ -9,6 +9,10 @@ MOST_UNGROUPED = 8
 LAST = "Output"
 
 
+#: What stands for a value in the help, by what Typer writes.
+METAVARS = {"<int>": "N", "<float>": "N", "<path>": "FILE"}
+
+
 class GroupedHelp:
     """A command that shows its options in groups where there are many."""
 
@@ -18,4 +22,8 @@ class GroupedHelp:
         grouped = len(options) - 1 > MOST_UNGROUPED  # without --help
         for option in options:
             option.rich_help_panel = (option.rich_help_panel or LAST) if grouped else None
+            if option.metavar is None:  # Typer would write <bool> and <list[str]>
+                option.metavar = (
+                    "" if option.is_flag else METAVARS.get(option.display_type_rich(ctx=ctx), "TEXT")
+                )
         super().format_help(ctx, formatter)  # type: ignore[misc]

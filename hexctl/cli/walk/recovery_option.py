@@ -11,7 +11,7 @@ RecoverOption = Annotated[
     typer.Option(
         "--recover",
         rich_help_panel="Failure",
-        help="Walk on without a leg that fails, on the same line: --policy glide.",
+        help="Walk on without a leg that fails, on the same line: --policy glide, the default in simulation.",
     ),
 ]
 
