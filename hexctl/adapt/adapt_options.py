@@ -48,7 +48,7 @@ class AdaptOptions(RobotOptions):
     In Python also a class.
     """
 
-    prior: Annotated[str | Path | None, Typed(words="priors")] = None
+    prior: Annotated[str | Path | None, Typed(words="priors"), RARE] = None
     """Prior, what bayes believes before the first trial: auto (made by hexctl prior build, or shipped), a
     file, or none. (default: auto)
     """
@@ -98,7 +98,7 @@ class AdaptOptions(RobotOptions):
     duration_s: Annotated[float, DURATION_S, WALK] = 30.0
     """Seconds that each trial walks, {}."""
 
-    heading_deg: Annotated[float, Range(), WALK] = 0.0
+    heading_deg: Annotated[float, Range(), WALK, RARE] = 0.0
     """Direction of travel in degrees, {}, counter-clockwise from forward."""
 
     self_rotation: Annotated[SelfRotation | None, RARE, WALK] = None

@@ -8,4 +8,4 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object 
 
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print the end only.")]
 
-NoRecordOption = Annotated[bool, typer.Option("--no-record", help="Leave no recording.")]
+NoRecordOption = Annotated[bool, typer.Option("--no-record", hidden=True, help="Leave no recording.")]

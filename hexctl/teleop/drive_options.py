@@ -40,7 +40,7 @@ class DriveOptions(RobotOptions):
     page_keys: Path | None = None
     """Folder of certificates that hexctl keys new made, for a page beyond this computer. (default: none)"""
 
-    page_view: str | None = None
+    page_view: Annotated[str | None, RARE] = None
     """Show on the page what a camera sees: the http or https URL of its stream or picture, such as
     http://127.0.0.1:8018/stream.mjpg of hexctl see. (default: none)
     """
