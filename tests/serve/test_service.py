@@ -33,7 +33,7 @@ from tests.serve.processes import free_port
         (lambda: RobotService(servos=ServosSpec(seed=-1)), "seed: got -1"),
         (
             lambda: RobotService(servos=ServosSpec(backend="mock", failure=Failure(leg=5))),
-            "failure.leg: got 5 with backend mock; allowed: with sim$",
+            "failed_leg: got 5 with backend mock; allowed: with sim$",
         ),
         (
             lambda: RobotService(servos=ServosSpec(backend="mock", world="rough")),
