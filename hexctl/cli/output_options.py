@@ -6,6 +6,6 @@ import typer
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
 
-QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print the end only.")]
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", hidden=True, help="Print the end only.")]
 
 NoRecordOption = Annotated[bool, typer.Option("--no-record", hidden=True, help="Leave no recording.")]

@@ -205,7 +205,7 @@ def test_holds_are_compared_from_end_to_end_and_again_from_the_cache(
         (["--robot", "ant,spot"], "allowed: ant"),
         (["--robot", "ant,ant"], "--robot: got ant,ant; allowed: one or more, each once"),
         (["--worlds", "1001"], "--worlds: got 1001; allowed: 1..1000"),
-        (["--legs", "0"], "--legs: got 0"),
+        (["--legs", "0"], "--legs: got '0'"),
     ],
 )
 def test_a_comparison_of_holds_that_cannot_be_is_refused_in_one_line(

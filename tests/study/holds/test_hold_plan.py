@@ -49,7 +49,7 @@ def test_sensors_can_be_left_as_the_worlds_have_them() -> None:
         ({"worlds": 0}, r"worlds: got 0; allowed: 1\.\.1000"),
         ({"legs": (7,)}, "legs: got 7; allowed: one or more of 1, 2, 3, 4, 5, 6, each once"),
         ({"legs": ()}, "legs: got none"),
-        ({"failures": ("tired",)}, "failure: got tired; allowed: locked, limp"),
+        ({"failures": ("tired",)}, "failure: got 'tired'; allowed: locked, limp"),
         ({"failures": ()}, "failure: got none"),
         ({"holds": ("line", "line")}, "holds: got line,line; allowed: one or more of none, heading, line"),
         ({"holds": ("auto",)}, "holds: got auto"),

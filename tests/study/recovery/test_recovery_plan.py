@@ -104,8 +104,8 @@ def test_sensors_are_late_and_noisy_unless_they_are_to_be_exact() -> None:
         ({"runs": 0}, r"runs: got 0; allowed: 1\.\.999"),
         ({"seed": -1}, "seed: got -1; allowed: 0 or more"),
         ({"legs": (7,)}, "legs: got 7"),
-        ({"failures": ("tired",)}, "failure: got tired; allowed: locked, limp"),
-        ({"failures": ("stuck:tibia:20",)}, "it sticks where it is"),
+        ({"failures": ("tired",)}, "failure: got 'tired'; allowed: locked, limp"),
+        ({"failures": ("stuck:tibia:20",)}, "it jams where it is"),
         (
             {"methods": ("nothing", "hope")},
             "methods: got hope; allowed: nothing, told, recover, stop-diagnose",
