@@ -25,7 +25,7 @@ from hexctl.errors import InputError, argument, check_type
 MAX_OFFERED = 10
 
 #: Units at the end of a field's name, which its flag leaves out.
-UNITS = ("_rad_s", "_rad", "_deg", "_hz", "_m", "_s", "_c")
+UNITS = ("_rad_s", "_rad", "_deg", "_hz", "_kg", "_m", "_s", "_c")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

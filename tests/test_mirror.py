@@ -23,6 +23,7 @@ TOGETHER = {
     "cli/test_foreign_text.py",
     "cli/test_hangup.py",
     "cli/test_meshes.py",
+    "cli/test_options.py",
     "serve/test_failing_link.py",
     "serve/test_frozen_viewers.py",
     "serve/test_hostile_input.py",

@@ -61,14 +61,14 @@ class BackendOptions:
 
     @classmethod
     def of(cls, spec: object, *, robot: Robot, **others: Any) -> Self:
-        """Options of a spec: its fields of the same names, except those given by keyword.
+        """Options of a spec: its fields of the same names, except failures and those given by keyword.
 
         Args:
             spec: what is asked for, such as a `RunSpec` or a `SessionSpec`.
             robot: the robot of the spec, loaded.
             others: further options, in place of the spec's.
         """
-        values = {**option_values(spec), "robot": robot, **others}
+        values = {**option_values(spec, but=("failure", "further_failures")), "robot": robot, **others}
         if values.get("credentials") is not None:
             values["credentials"] = Path(values["credentials"])
         return cls(**values)

@@ -98,8 +98,8 @@ def _discard_stdout() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-#: Flags of the options of the command that was loaded, by the name of their fields.
-FLAGS: dict[str, str] = {}
+#: Flags of the options of the command that was loaded, by the name of their fields. A session is an argument.
+FLAGS = {"session": "session"}
 
 
 def flag_of(argument: str) -> str:

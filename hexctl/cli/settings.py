@@ -160,6 +160,7 @@ class _Following:
         self, ctx: Any, path: tuple[str, ...], settings: "Settings", typed: Mapping[str, Any]
     ) -> None:
         self._path, self._layers, self._typed = path, settings.layers, typed
+        self._program = next(iter(path), "")
         self._options = {_flag(param): param for param in ctx.command.params if _flag(param)}
         self._found: dict[str, Setting] = {}
 
@@ -189,7 +190,7 @@ class _Following:
         """The setting of robot and connection that an option follows here; None for none."""
         if option not in FOLLOWERS or self._path not in (FOLLOWERS[option] or (self._path,)):
             return None
-        on_port = self._path[0] in ON_PORT or self._backend not in (None, "zenoh")
+        on_port = self._program in ON_PORT or self._backend not in (None, "zenoh")
         if option == "connect" and on_port:
             return option if self._has_port else None
         on_link = not on_port or self._path == ("serve",)
@@ -200,8 +201,8 @@ class _Following:
         """Whether the common setting is the port of servos, and those of this command are there."""
         from hexctl.settings import is_endpoint
 
-        backend = str(self._any("backend")).lower() if self._path[0] == "servos" else str(self._backend)
-        without = {"servos": WITHOUT_BUS, "calibrate": ()}.get(self._path[0], ("sim", "mock"))
+        backend = str(self._any("backend")).lower() if self._program == "servos" else str(self._backend)
+        without = {"servos": WITHOUT_BUS, "calibrate": ()}.get(self._program, ("sim", "mock"))
         place = self._any("connect")
         return not (place is None or is_endpoint(place)) and backend not in without and ":" not in backend
 

@@ -10,12 +10,12 @@ from faults.measurement import REST_S
 from faults.results import RESULTS, Results
 from faults.table import rests_s
 from hexctl.backends.clock import PERIOD_S
-from hexctl.cli.network.keys_command import new
 from hexctl.control.guard import EXPIRY_S, FALL_COS_TILT, FALL_TICKS, POSE_EXPIRY_S, TOO_HOT_C
 from hexctl.serve.boards.servo_board import FREE_AFTER_S, RELEASE_AFTER_S, RESUME_AFTER_S
 from hexctl.serve.idle import SIT_AFTER_S
 from hexctl.serve.leases import LEASE_S
 from hexctl.serve.stops.stop import HOLD_S
+from hexctl.wire.certificates import CertificateOptions
 from hexctl.wire.links import KeyMap, Role
 from hexctl.wire.stop_secret import HOLDERS
 from hexctl.wire.zenoh_session import access_control
@@ -38,7 +38,7 @@ TOLD = {
     "board": f"holds after {EXPIRY_S:g} s, lets go after {RELEASE_AFTER_S:g} s",
     "resume": f"overrides that have come for {RESUME_AFTER_S:g} s",
     "peer": f"the commander was silent for {FREE_AFTER_S:g} s",
-    "days": f"({new.__defaults__[2]} days unless given)",  # type: ignore[index]
+    "days": f"({CertificateOptions().days} days unless given)",
 }
 
 

@@ -30,12 +30,12 @@ def check_comparable(sessions: Sequence[Session]) -> None:
     objectives = sorted({session.spec.objective for session in sessions})
     if len(objectives) > 1:
         raise InputError(
-            f"session: got sessions with the objectives {', '.join(objectives)}; "
+            f"{argument('session')}: got sessions with the objectives {', '.join(objectives)}; "
             "allowed: sessions with one objective"
         )
     for session in sessions:
         if not session.trials:
-            raise InputError(f"session: {session.name} has no trials; allowed: one with trials")
+            raise InputError(f"{argument('session')}: {session.name} has no trials; allowed: one with trials")
 
 
 def draw_comparison(sessions: Sequence[Session], path: Path | str) -> None:

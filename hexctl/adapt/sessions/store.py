@@ -30,7 +30,7 @@ from hexctl.adapt.sessions.stored_rows import (
     is_store,
     reading,
 )
-from hexctl.errors import InputError, check_type
+from hexctl.errors import InputError, argument, check_type
 from hexctl.files import ALLOWED_FOLDER, check_writable, folder_trouble
 
 _LOG = logging.getLogger(__name__)
@@ -226,7 +226,9 @@ class SessionStore(SessionRows):
         Raises InputError for a name that leads anywhere else.
         """
         if not is_folder_name(name):
-            raise InputError(f"session: got {name!r}; allowed: the name of a folder in {self.folder}/")
+            raise InputError(
+                f"{argument('session')}: got {name!r}; allowed: the name of a folder in {self.folder}/"
+            )
         return self.folder / name
 
     @contextmanager
@@ -377,4 +379,6 @@ def delete_session(name: str, folder: Path | str = RUNS) -> None:
 def _check_there(folder: Path, name: str) -> None:
     """Raise InputError where there is no store, which is not made for that."""
     if not is_store(folder):
-        raise InputError(f"session: got {name!r}; allowed: none yet, hexctl adapt makes one under {folder}/")
+        raise InputError(
+            f"{argument('session')}: got {name!r}; allowed: none yet, hexctl adapt makes one under {folder}/"
+        )

@@ -10,7 +10,7 @@ from typing import Any
 
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.stored import stored_session
-from hexctl.errors import HexctlError, InputError, shown
+from hexctl.errors import HexctlError, InputError, argument, shown
 from hexctl.files import file_instead
 from hexctl.scratch import scratch_folder
 
@@ -151,7 +151,7 @@ class SessionRows:
         known = ", ".join(names[-5:]) or "none yet"
         earlier = f"{len(names) - 5} earlier ones, " if len(names) > 5 else ""
         where = f"allowed, of {self.path.parent}/"
-        return InputError(f"session: got {name!r}; {where}: {earlier}{known}")
+        return InputError(f"{argument('session')}: got {name!r}; {where}: {earlier}{known}")
 
     def _found(self) -> list[tuple[int, str]]:
         """Rows and names of all sessions, newest last; those of lost pages are left out."""

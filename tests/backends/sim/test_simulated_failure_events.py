@@ -191,6 +191,6 @@ def test_servos_that_are_off_stay_off_when_a_leg_heals() -> None:
 @pytest.mark.parametrize("failure", [Failure(leg=5), Failure(leg=LEG, kind="unknown")])
 def test_a_failure_that_no_leg_can_have_is_refused(failure: Failure) -> None:
     with SimServos(shipped()) as servos:
-        with pytest.raises(InputError, match="failure event"):
+        with pytest.raises(InputError, match="failure: "):
             servos.change_leg(LEG, failure)
         assert servos.failures == ()
