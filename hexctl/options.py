@@ -169,7 +169,7 @@ def listed(text: str) -> tuple[str, ...]:
 def options_of(spec: type) -> tuple[Option, ...]:
     """Return the options of a dataclass: its own in the order of its fields, then those of its bases."""
     hints, helps = get_type_hints(spec, include_extras=True), _docstrings(spec)
-    owners = {name: owner for owner in spec.__mro__ for name in vars(owner).get("__annotations__", {})}
+    owners = {name: owner for owner in spec.__mro__ for name in inspect.get_annotations(owner)}
     ordered = sorted(fields(spec), key=lambda field: spec.__mro__.index(owners[field.name]))
     options = (
         _option(field, hints[field.name], helps.get(field.name, ""), getattr(owners[field.name], "PANEL", ""))

@@ -238,5 +238,7 @@ def failures_in_force(servos: LegServos) -> tuple[Failure, ...] | None:
 def simulation_of(servos: LegServos) -> SimulationFacet:
     """What only a simulation knows and can do; raises InputError for servos that are none."""
     if servos.simulation is None:
-        raise InputError("failure: got it for a robot that is not simulated; allowed: with hexctl serve sim")
+        raise InputError(
+            "failure: got it for a robot that is not simulated; allowed: with hexctl serve --backend sim"
+        )
     return servos.simulation

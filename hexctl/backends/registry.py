@@ -192,7 +192,9 @@ def _mavlink(options: BackendOptions) -> LegServos:
 
     port, signing_key = options.connect or DEFAULT_PORT, read_signing_key(options.credentials)
     signed = signing_key is not None
-    check_guarded(parse_port(port), option="port", text=port, signed=signed, insecure=options.insecure)
+    check_guarded(
+        parse_port(port), option=argument("connect"), text=port, signed=signed, insecure=options.insecure
+    )
     return MavlinkServos(options.robot, servo_map=options.servo_map, port=port, signing_key=signing_key)
 
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 FunctionT = TypeVar("FunctionT", bound=Callable[..., Any])
 
 #: Options that only a person at the keyboard gives: consent, the end of a stop, links that nothing guards.
-TYPED_ONLY = ("yes", "clear", "ready", "insecure", "ros-drive", "trust")
+TYPED_ONLY = ("yes", "clear", "ready", "insecure", "ros-drive", "trust", "help-all")
 
 #: Options whose value may be code to be imported, as `module:Name`.
 CODE_OPTIONS = ("backend", "policy", "optimizer", "objective", "optimizers", "methods")
@@ -67,7 +67,7 @@ class _FollowsSettings:
         if not ctx.resilient_parsing:
             typed, rest, _ = self.make_parser(ctx).parse_args(args=list(args))  # type: ignore[attr-defined]
             alone = not (rest and isinstance(self, TyperGroup))
-            if alone and not typed.get("help"):
+            if alone and not (typed.get("help") or typed.get("help_all")):
                 said = _said(ctx, {name: value for name, value in typed.items() if value is not None})
                 ctx.meta[_ORIGINS] = {name: setting.origin for name, (setting, _) in said.items()}
                 ctx.default_map = {name: value for name, (_, value) in said.items()}

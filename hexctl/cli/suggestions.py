@@ -1,4 +1,4 @@
-"""What a person may have meant, at the end of a message about a command line that is not understood."""
+"""Suggestions at the end of a message about a command line that is not understood."""
 
 import re
 from pathlib import Path
@@ -6,8 +6,8 @@ from typing import Any
 
 from typer.exceptions import TyperException
 
-#: Commands by words that people type for them.
-COMMANDS = {
+#: Commands by other words that people type for them.
+SYNONYMS = {
     "walk": "run",
     "simulate": "run",
     "sim": "run",
@@ -40,7 +40,7 @@ def usage_text(error: TyperException) -> str:
         vars(error)["possibilities"] = near[:1]  # best first; the message would sort them by name
     text = error.format_message()
     if (found := _NO_COMMAND.match(text)) is not None:
-        meant = COMMANDS.get(found[1].lower())
+        meant = SYNONYMS.get(found[1].lower())
         return text if meant is None or "did you mean" in text.lower() else f"{text} Did you mean {meant!r}?"
     context: Any = getattr(error, "ctx", None)
     if _EXTRA.match(text) and context is not None:

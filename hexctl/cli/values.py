@@ -24,10 +24,8 @@ def checked(parse: Callable[[str], Any]) -> Callable[[str], Any]:
 
 
 def number(flag: str, allowed: Range, text: str) -> Any:
-    """Option that takes a number; `{}` in the help text stands for its range."""
-    return typer.Option(
-        flag, parser=checked(allowed.parse), autocompletion=allowed.complete, help=text.format(allowed)
-    )
+    """Option that takes a number of a range."""
+    return typer.Option(flag, parser=checked(allowed.parse), autocompletion=allowed.complete, help=text)
 
 
 def choice(flag: str, literal: Any, text: str) -> Any:
@@ -69,8 +67,3 @@ def is_typed(context: typer.Context, name: str) -> bool:
 def is_said(context: typer.Context, name: str) -> bool:
     """Whether a parameter was typed or follows a setting, so that its value is not its default."""
     return getattr(context.get_parameter_source(name), "name", "DEFAULT") != "DEFAULT"
-
-
-def with_values(**options: Any) -> dict[str, Any]:
-    """The options that have a value; for those that are None the library's own defaults hold."""
-    return {name: value for name, value in options.items() if value is not None}

@@ -24,6 +24,7 @@ from pydantic.dataclasses import dataclass
 from hexctl.errors import InputError
 from hexctl.robot.configs import Number, first_problem, keys_of
 from hexctl.robot.servos.drivers import Driver
+from hexctl.robot.servos.servo_models import BAUD
 from hexctl.types import JOINT_KINDS, N_JOINTS, N_LEGS
 
 Length = Annotated[Number, Field(gt=0, le=10, allow_inf_nan=False)]
@@ -82,7 +83,7 @@ I2cAddress = Annotated[
     Number, Field(ge=0x40, le=0x7F, allow_inf_nan=False), AfterValidator(_whole), AfterValidator(_own_address)
 ]
 OscillatorMhz = Annotated[Number, Field(ge=20, le=30, allow_inf_nan=False)]
-Baud = Annotated[Number, Field(ge=1200, le=4_500_000, allow_inf_nan=False), AfterValidator(_whole)]
+Baud = Annotated[Number, Field(ge=BAUD.low, le=BAUD.high, allow_inf_nan=False), AfterValidator(_whole)]
 
 
 class Section(BaseModel):

@@ -13,7 +13,7 @@ from hexctl.backends.sim.world import World
 from hexctl.control.assessment.crawl import auto_gait
 from hexctl.control.assessment.leg_sets import doubt, leg_set
 from hexctl.control.assessment.static_stability import check_tucked, stable_slots_of
-from hexctl.control.monitor.recovery import MOST_RECOVERED, RecoveryPolicy, make_policy
+from hexctl.control.monitor.recovery import MOST_RECOVERED, RecoveryPolicy, default_policy, make_policy
 from hexctl.control.trial_plan import (
     AUTO_ROTATION,
     DURATION_S,
@@ -206,17 +206,12 @@ class RunSpec(RecordedOptions):
         return self.record is not None or self.record_folder is not None
 
     def made_policy(self, *, failures_come: bool) -> RecoveryPolicy:
-        """The policy of the walk.
-
-        A simulation in which no leg can fail has none to recover from: it walks its plan to the last bit.
+        """The policy of the walk; raises InputError for a name that is not allowed.
 
         Args:
             failures_come: whether legs of a simulation fail during the walk.
-
-        Raises InputError for a name that is not allowed.
         """
-        usual = "stop" if not self.simulated else "glide" if failures_come else "walk-on"
-        policy = usual if self.policy is None else self.policy
+        policy = self.policy or default_policy(simulated=self.simulated, failures_come=failures_come)
         return make_policy(policy) if isinstance(policy, str) else policy
 
     @property
@@ -239,16 +234,18 @@ class RunSpec(RecordedOptions):
             if value is not None:
                 raise InputError(f"{name}: got {value} with a Gait; allowed: with a name, a code or slots")
         if self.trim_rad is not None and self.hold != "heading":
-            raise InputError(f"{argument('trim')}: got it with hold {self.hold}; allowed: with hold heading")
+            raise InputError(
+                f"{argument('trim_rad')}: got it with hold {self.hold}; allowed: with hold heading"
+            )
         arc = self.turn_rate_rad_s is not None and (self.turn_rate_rad_s or self.heading_rad is None)
         if self.trim_rad is not None and arc:
             raise InputError(
-                f"{argument('trim')}: got it with a turn, which holds no heading; allowed: without a turn"
+                f"{argument('trim_rad')}: got it with a turn, which holds no heading; allowed: without a turn"
             )
         if arc and self.hold in ("heading", "line"):
             raise InputError(
-                f"{argument('hold')}: got {self.hold} with {argument('turn')}, in which neither is held; "
-                "allowed: auto, none"
+                f"{argument('hold')}: got {self.hold} with {argument('turn_rate_rad_s')}; "
+                "allowed: auto or none, because a turn holds neither"
             )
         if len(self.failures) > 1 and self.self_rotation not in (AUTO_ROTATION, "none"):
             raise InputError(

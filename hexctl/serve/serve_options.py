@@ -14,6 +14,7 @@ from hexctl.robot.failure_grammar import option_of, read_failures_before
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
 from hexctl.serve.ros.ros_options import RosOptions
+from hexctl.wire.ros.ros_names import MAX_DOMAIN
 
 if TYPE_CHECKING:
     from hexctl.backends.sim.world import World
@@ -22,7 +23,7 @@ DEFAULT_WORLD = "flat"
 SERVED_BACKENDS = ("sim", "mavlink", *BUS_DRIVERS, *PWM_DRIVERS, "mock")
 
 SIT_AFTER_S = Range(low=1, high=3600, unit="s")
-ROS_DOMAIN = Range(low=0, high=232, whole=True)
+ROS_DOMAIN = Range(low=0, high=MAX_DOMAIN, whole=True)
 
 ROS, CONNECTION = Panel("ROS"), Panel("Connection")
 
@@ -49,8 +50,9 @@ class ServedOptions(RobotOptions):
             self.world, (str, Path, NoneType), argument("world"), "the name or path of a world, or None"
         )
         check_options(self.backend, world=self.world, seed=self.seed)
-        for name, value in map(option_of, self.failures):
-            check_options(self.backend, names={"failure": name}, failure=value)
+        for place, (name, value) in enumerate(map(option_of, self.failures)):
+            field = "further_failures" if place else "failure"
+            check_options(self.backend, names={field: name}, **{field: value})
 
     @property
     def failures(self) -> tuple[Failure, ...]:
@@ -100,7 +102,7 @@ class ServedOptions(RobotOptions):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServeOptions(ServedOptions):
-    """What `hexctl serve` is asked for.
+    """Options of `hexctl serve`.
 
     Raises InputError for a value that is not allowed.
     """
@@ -126,7 +128,7 @@ class ServeOptions(ServedOptions):
     """Seconds without a command until the robot sits and relaxes, {}."""
 
     ros: Annotated[str | None, ROS] = None
-    """Be a node of ROS 2 over Zenoh (rmw_zenoh), by the ROS router at tcp/HOST:PORT; without a value, at
+    """Join ROS 2 as a node over Zenoh (rmw_zenoh), through the router at tcp/HOST:PORT; without a value, at
     tcp/localhost:7447. (default: no ROS)
     """
 
@@ -158,7 +160,7 @@ class ServeOptions(ServedOptions):
             connect=self.connect,
             credentials=self.device_keys,
         )
-        if self.ros is None:
+        if self.ros_options is None:
             self._check_no_ros()
 
     def _check_no_ros(self) -> None:

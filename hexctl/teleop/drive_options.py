@@ -17,7 +17,7 @@ RECORDING, WALK = Panel("Recording"), Panel("Walk")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveOptions(RobotOptions):
-    """What a robot is driven with, and how it walks. Its fields are the options of `hexctl drive`.
+    """Devices to drive a robot with, and its walk. Its fields are the options of `hexctl drive`.
 
     Raises InputError for a value that is not allowed.
     """

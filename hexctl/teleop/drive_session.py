@@ -129,7 +129,7 @@ class DriveSession:
         self.ended: str | None = None
         self.commanded = False
         self.said = ""
-        self._asking = Lock()
+        self._asking, self._stops = Lock(), 0
         self._asked: dict[str, None] = {}  # in their order
         self._quit: str | None = None
         self._noticed = 0
@@ -145,13 +145,13 @@ class DriveSession:
         if request not in REQUESTS:
             raise InputError(f"request: got {request!r}; allowed: {', '.join(REQUESTS)}")
         if request == "stop":
+            with self._asking:
+                self._stops += 1
+                self._asked.clear()
+                self._stop_sent = self._robot_stop is not None
             self.drive.stop("stop button")  # in force for this tick already
             if self._robot_stop is not None:
-                self._stop_sent = True
                 self._robot_stop.press()
-            with self._asking:
-                self._asked.clear()
-                self.drive.stop("stop button")  # a "stand" that was being done has cleared it
         elif request == "quit":
             self._quit = why or request
         else:
@@ -211,9 +211,9 @@ class DriveSession:
         with self._asking:
             asked = "stand" in self._asked
             self._asked.clear()
-        if not asked:
-            return False
-        self._stop_sent = False
+            if not asked:
+                return False
+            self._stop_sent = False
         try:
             self.drive.reconnect()
         except HexctlError as error:
@@ -277,14 +277,16 @@ class DriveSession:
         """Do the oldest request that waits. One is done in each tick, because some take long."""
         self.ended = self.ended or self._quit
         with self._asking:
-            request = next(iter(self._asked), None)
+            request, stops = next(iter(self._asked), None), self._stops
             if request is None:
                 return
             del self._asked[request]
-            try:
-                self._do(request)
-            except HexctlError as error:
-                self.said = str(error)
+        try:
+            self._do(request)
+        except HexctlError as error:
+            self.said = str(error)
+        if self._stops != stops:
+            self.drive.stop("stop button")  # a stop came while a "stand" was being done, which has cleared it
 
     def _do(self, request: str) -> None:
         drive = self.drive

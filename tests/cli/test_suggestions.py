@@ -3,7 +3,7 @@
 import pytest
 
 from hexctl.cli.main import COMMANDS, exit_code
-from hexctl.cli.suggestions import COMMANDS as MEANT
+from hexctl.cli.suggestions import SYNONYMS
 
 
 @pytest.mark.parametrize(
@@ -35,5 +35,5 @@ def test_nothing_is_proposed_for_what_means_nothing(
 
 
 def test_proposed_commands_exist() -> None:
-    assert {command.split()[0] for command in MEANT.values()} <= COMMANDS.keys()
-    assert not MEANT.keys() & COMMANDS.keys()
+    assert {command.split()[0] for command in SYNONYMS.values()} <= COMMANDS.keys()
+    assert not SYNONYMS.keys() & COMMANDS.keys()

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import typer
 
-from hexctl.cli.values import given, with_values
+from hexctl.cli.values import given
 from hexctl.options import Range
 
 
@@ -50,7 +50,3 @@ def test_what_was_typed_is_told_from_defaults() -> None:
 
     probe(["--seed", "0"], standalone_mode=False)
     assert seen == {"--seed": 0, "values": ("ant", 0)}
-
-
-def test_options_without_a_value_are_left_to_the_library() -> None:
-    assert with_values(seed=0, ask=False, name=None) == {"seed": 0, "ask": False}

@@ -5,14 +5,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from hexctl.errors import InputError, argument
-from hexctl.options import RARE, Range, Typed, check_fields
+from hexctl.options import RARE, Typed, check_fields
 from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS, BusDriver
+from hexctl.robot.servos.servo_models import BAUD
 
 if TYPE_CHECKING:
     from hexctl.robot.schema import ServosSection
     from hexctl.robot.servos.bus_map import BusMap
 
-BAUD = Range(low=9600, high=4_500_000, whole=True, unit="baud")
 
 #: Asks at every usual baud rate of a driver.
 ALL_BAUDS = "all"
@@ -113,7 +113,7 @@ class ScanOptions(BusOptions):
     """Where a bus is whose servos are not known yet."""
 
     bauds: Annotated[int | str | None, Typed(flag="baud", parse=parse_bauds)] = None
-    """Bits per second, 9600..4500000, or all: every usual baud rate of the driver, one after the other.
+    """Bits per second, 1200..4500000, or all: every usual baud rate of the driver, one after the other.
     (default: that of --robot, else 1000000, with lx16a 115200)
     """
 

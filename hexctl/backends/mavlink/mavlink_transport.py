@@ -84,9 +84,11 @@ def parse_port(text: str) -> PortAddress:
     if serial:
         baud = int(serial[2] or DEFAULT_BAUD)
         if not 1200 <= baud <= MAX_BAUD:
-            raise InputError(f"port: got {baud} baud in {text!r}; allowed: 1200 to {MAX_BAUD}")
+            raise InputError(
+                f"{argument('connect')}: got {baud} baud in {text!r}; allowed: 1200 to {MAX_BAUD}"
+            )
         return PortAddress("serial", serial[1], baud)
-    raise InputError(f"port: got {text!r}; allowed: {ALLOWED}")
+    raise InputError(f"{argument('connect')}: got {text!r}; allowed: {ALLOWED}")
 
 
 def check_guarded(address: PortAddress, *, option: str, text: str, signed: bool, insecure: bool) -> None:

@@ -84,15 +84,19 @@ class StateSubscriber:
 
     def __init__(self, keys: KeyMap, latest: LatestValues, *, plain: bool = False) -> None:
         self._keys, self._latest, self._plain = keys, latest, plain
+        self._forget_status()
+        self._after = 0
+
+    def _forget_status(self) -> None:
         self._failures: tuple[Failure, ...] | None = None
         self._servos: ServoReadings | None = None
         self._warnings: tuple[str, ...] = ()
         self._status_of: StampedSample | None = None
-        self._after = 0
 
     def subscribe(self, session: zenoh.Session) -> None:
         """Subscribe, with nothing received yet."""
         self._latest.clear()
+        self._forget_status()
         for kind in SUBSCRIBED:
             session.declare_subscriber(getattr(self._keys, kind), partial(self._latest.put, kind))
 

@@ -3,23 +3,16 @@
 import json
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from hexctl.cli.output_options import JsonOption
 from hexctl.cli.signature import with_options
-from hexctl.cli.values import given
 from hexctl.serve.boards.board_options import BoardOptions
 
 if TYPE_CHECKING:
     from hexctl.serve.service import ServiceStarted
 
-#: Options of a MAVLink board only, and of a bus only.
-OF_BOARD = ("--connect", "--pty", "--expiry", "--release-after", "--keys", "--insecure")
-OF_BUS = ("--model", "--baud", "--fault")
-
 
 @with_options(BoardOptions, but=("link",))
-def board(asked: dict[str, Any], context: typer.Context, as_json: JsonOption = False) -> None:
+def board(asked: dict[str, Any], as_json: JsonOption = False) -> None:
     """Simulate a servo board that speaks MAVLink 2, or servos on a bus.
 
     It runs until Ctrl-C. hexctl run --backend mavlink walks its simulated robot, and hexctl run --backend
@@ -29,7 +22,6 @@ def board(asked: dict[str, Any], context: typer.Context, as_json: JsonOption = F
     from hexctl.serve.boards.board_service import BoardService, BusBoardService
 
     bus = asked["bus"]
-    _check_of_one(context, bus)
     service = BoardService(**asked) if bus is None else BusBoardService(**asked)
 
     def on_started(started: "ServiceStarted") -> None:
@@ -45,14 +37,3 @@ def board(asked: dict[str, Any], context: typer.Context, as_json: JsonOption = F
         report = service.run(interrupt.requested, on_started=on_started)
     if as_json:
         print_result(json.dumps(report))
-
-
-def _check_of_one(context: typer.Context, bus: str | None) -> None:
-    """Raise InputError for options of the board that were typed with a bus, and the other way round."""
-    from hexctl.errors import InputError
-
-    for flag in given(context):
-        if bus is not None and flag in OF_BOARD:
-            raise InputError(f"{flag}: got it with --bus {bus}; allowed: without --bus")
-        if bus is None and flag in OF_BUS:
-            raise InputError(f"{flag}: got it without --bus; allowed: with --bus")

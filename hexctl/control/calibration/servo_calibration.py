@@ -40,7 +40,7 @@ class CalibrationOptions:
     """Folder with mavlink.key, the board's secret, for a board that obeys only it. (default: none)"""
 
     insecure: Annotated[bool, RARE] = False
-    """Go without certificates beyond this computer: every client there can move the robot."""
+    """Command a board beyond this computer without that secret."""
 
     def __post_init__(self) -> None:
         check_fields(self)

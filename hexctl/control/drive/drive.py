@@ -19,7 +19,7 @@ from hexctl.control.drive.drive_controller import DriveController
 from hexctl.control.guard import Guard
 from hexctl.control.log import Recorders
 from hexctl.control.loop import TickObserver, run_step
-from hexctl.control.monitor.recovery import RecoveryPolicy, make_policy
+from hexctl.control.monitor.recovery import RecoveryPolicy, default_policy, make_policy
 from hexctl.control.trace import TrialFrame
 from hexctl.errors import InputError, check_type
 from hexctl.gait.gait import Gait, make_gait
@@ -110,8 +110,7 @@ class Drive:
         self.robot = self._guard.robot
         self.arbiter = Arbiter() if arbiter is None else arbiter
         check_type(self.arbiter, Arbiter, "arbiter", "an Arbiter")
-        usual = "stop" if self._guard.simulation is None else "glide"
-        policy = usual if policy is None else policy
+        policy = policy or default_policy(simulated=self._guard.simulation is not None)
         self._policy = make_policy(policy) if isinstance(policy, str) else policy
         self._gait = self._gait_of(gait)
         if body_raise is not None:

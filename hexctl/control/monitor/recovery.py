@@ -170,6 +170,19 @@ class GlideToStableGait(RecoveryPolicy):
         return gait_without(robot, gait, heading_rad=heading_body_rad, legs=lost)
 
 
+def default_policy(*, simulated: bool, failures_come: bool = True) -> str:
+    """Name of the policy of a walk that names none.
+
+    A real robot stops: its operator decides. A simulation recovers. If no leg of it can fail, it walks its
+    plan to the last bit.
+
+    Args:
+        simulated: whether the robot is a simulation.
+        failures_come: whether legs of a simulation fail during the walk.
+    """
+    return "stop" if not simulated else "glide" if failures_come else "walk-on"
+
+
 #: Policies by name: what a walk does about a leg that fails.
 POLICIES: dict[str, type[RecoveryPolicy]] = {
     "walk-on": WalkOn,

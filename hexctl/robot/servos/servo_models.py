@@ -3,6 +3,10 @@
 from dataclasses import dataclass
 
 from hexctl.errors import InputError
+from hexctl.options import Range
+
+#: Bits per second of a line to servos.
+BAUD = Range(low=1200, high=4_500_000, whole=True, unit="baud")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

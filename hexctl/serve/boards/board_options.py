@@ -7,20 +7,23 @@ from typing import Annotated, ClassVar, Literal
 
 from hexctl.options import RARE, Panel, Range, Typed
 from hexctl.robot.servos.drivers import Driver
-from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
+from hexctl.robot.servos.servo_models import BAUD, DEFAULT_BAUDS
 from hexctl.serve.serve_options import ServedOptions
 
 BoardBackend = Literal["sim", "mock"]
-BAUD = Range(low=9600, high=4_500_000, whole=True, unit="baud")
 EXPIRY_S = Range(low=0.05, high=1, unit="s")
 RELEASE_S = Range(low=1, high=3600, unit="s")
 
 CONNECTION = Panel("Connection")
 
+#: Options that only a MAVLink board uses, and that only a bus uses.
+OF_BOARD = ("connect", "pty", "expiry_s", "release_after_s", "credentials", "insecure", "link")
+OF_BUS = ("model", "baud", "fault", "link")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoardOptions(ServedOptions):
-    """What `hexctl board` is asked for.
+    """Options of `hexctl board`.
 
     Raises InputError for a value that is not allowed.
     """

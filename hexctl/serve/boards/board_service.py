@@ -6,16 +6,18 @@ Nothing here prints or handles signals: callers pass callbacks.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.registry import make_servos
 from hexctl.errors import InputError, argument
+from hexctl.options import check_used
 from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.bus_map import bus_map_of
+from hexctl.robot.servos.drivers import Driver
 from hexctl.robot.servos.pwm_map import pwm_map_of
-from hexctl.serve.boards.board_options import BoardOptions
+from hexctl.serve.boards.board_options import OF_BOARD, OF_BUS, BoardOptions
 from hexctl.serve.service import ServiceStarted
 
 if TYPE_CHECKING:
@@ -29,6 +31,7 @@ class BoardService(BoardOptions):
 
     def __post_init__(self) -> None:
         super(BoardService, self).__post_init__()
+        check_used(self, OF_BUS, "with --bus")
         if self.pty and self.connect is not None:
             raise InputError(
                 f"{argument('pty')}: got {argument('connect')} {self.connect} too; allowed: one or the other"
@@ -93,6 +96,12 @@ class BoardService(BoardOptions):
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusBoardService(BoardOptions):
     """Servos on a simulated bus, or boards: options of a `BusBoard`, checked when they are given."""
+
+    def __post_init__(self) -> None:
+        super(BusBoardService, self).__post_init__()
+        if self.bus is None:
+            raise InputError(f"{argument('bus')}: got none; allowed: {', '.join(get_args(Driver))}")
+        check_used(self, OF_BOARD, "without --bus")
 
     def run(
         self,

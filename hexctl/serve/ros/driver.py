@@ -8,7 +8,7 @@ import numpy as np
 from hexctl.control.drive.arbiter import Arbiter, Velocity
 from hexctl.control.drive.drive_controller import DriveController
 from hexctl.control.guard import Guard
-from hexctl.control.monitor.recovery import make_policy
+from hexctl.control.monitor.recovery import default_policy, make_policy
 from hexctl.errors import CommandRefusedError, EStopError, HexctlError, RobotFaultError
 from hexctl.gait.gait import make_gait
 from hexctl.serve.idle import IdleSupervisor
@@ -225,7 +225,7 @@ class RosDriver:
             start_rad,
             period_s=guard.clock.period_s,
             arbiter=self._arbiter,
-            policy=make_policy("stop" if guard.simulation is None else "glide"),
+            policy=make_policy(default_policy(simulated=guard.simulation is not None)),
         )
         return self._pilot
 

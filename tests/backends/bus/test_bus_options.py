@@ -51,7 +51,7 @@ def test_only_servos_that_report_no_model_are_given_one(robot: str) -> None:
         ({"connect": "x"}, "driver: got none; allowed: dynamixel, feetech, lx16a"),
         ({"driver": "feetech"}, "connect: got none; allowed: the port of the bus"),
         ({"driver": "hitec"}, "driver: got hitec; allowed: dynamixel, feetech, lx16a"),
-        ({"driver": "feetech", "connect": "x", "baud": 9}, "baud: got 9; allowed: 9600 to 4500000 baud"),
+        ({"driver": "feetech", "connect": "x", "baud": 9}, "baud: got 9; allowed: 1200 to 4500000 baud"),
         ({"robot": "freenove-big"}, "robot: got freenove-big, whose hobby servos"),
     ],
 )

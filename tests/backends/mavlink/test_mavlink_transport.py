@@ -60,7 +60,7 @@ def test_ports(text: str, kind: str, place: str, number: int, local: bool) -> No
     ],
 )
 def test_what_is_no_port_is_refused_in_one_line(text: str) -> None:
-    with pytest.raises(InputError, match=r"port: got .*; allowed: ") as refused:
+    with pytest.raises(InputError, match=r"connect: got .*; allowed: ") as refused:
         parse_port(text)
     assert "\n" not in str(refused.value)
 
