@@ -211,7 +211,8 @@ class RunSpec(RecordedOptions):
         Args:
             failures_come: whether legs of a simulation fail during the walk.
         """
-        policy = self.policy or default_policy(simulated=self.simulated, failures_come=failures_come)
+        usual = default_policy(simulated=self.simulated, failures_come=failures_come)
+        policy = usual if self.policy is None else self.policy
         return make_policy(policy) if isinstance(policy, str) else policy
 
     @property

@@ -110,7 +110,8 @@ class Drive:
         self.robot = self._guard.robot
         self.arbiter = Arbiter() if arbiter is None else arbiter
         check_type(self.arbiter, Arbiter, "arbiter", "an Arbiter")
-        policy = policy or default_policy(simulated=self._guard.simulation is not None)
+        if policy is None:
+            policy = default_policy(simulated=self._guard.simulation is not None)
         self._policy = make_policy(policy) if isinstance(policy, str) else policy
         self._gait = self._gait_of(gait)
         if body_raise is not None:

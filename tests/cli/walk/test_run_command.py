@@ -606,7 +606,10 @@ def test_a_leg_dies_and_the_text_says_what_was_noticed_and_done(capsys: pytest.C
         (("--failure", "5:locked@3", "--backend", "mock"), "--failure: got 5:locked@3 with --backend mock"),
         (("--heal", "5@8", "--backend", "zenoh"), "--heal: got 5@8 with --backend zenoh"),
         (("--heal", "5@31"), "--heal: got 5@31; allowed: before 30 s"),
-        (("--heal", "5@5"), "--heal: got 5@5, when leg 5 is whole; allowed: after its failure, as --failure"),
+        (
+            ("--heal", "5@5"),
+            "--heal: got 5@5, when leg 5 is whole; allowed: after it failed, such as --failure",
+        ),
         (("--policy", "hope"), "walk-on, stop, glide"),
         (("--policy", ""), "--policy: got ''; allowed: walk-on, stop, glide"),
         (("--policy", "stop", "--recover"), "one or the other"),
