@@ -56,8 +56,8 @@ class RobotOptions(LinkOptions):
 
     failure: Annotated[AskedFailures, Typed(words="failures"), FAILURE] = ()
     """How a leg has failed: LEG:KIND, such as 5:limp, 5:limp:femur, 5:weak:0.3, 5:missing, 5:locked,
-    5:stuck:coxa:30 (jammed at 30 degrees) or 5:unknown. With run and drive also LEG:KIND@SECONDS: a simulated
-    leg fails during the walk, such as 5:stuck:coxa@8. Repeatable. (default: none)
+    5:stuck:coxa:30 (jammed at 30 degrees) or 5:unknown; several with commas. With run and drive also
+    LEG:KIND@SECONDS: a simulated leg fails during the walk, such as 5:stuck:coxa@8. (default: none)
 
     In Python texts, Failures and FailureEvents.
     """

@@ -72,12 +72,16 @@ def _processor(checkup: "Checkup") -> str:
     return f"{machine.processor}, {machine.cores} cores{load}{governor}"
 
 
+#: Where settings would be.
+NO_SETTINGS = "none: no hexctl.toml here, above, or in ~/.config/hexctl"
+
+
 def _settings(checkup: "Checkup") -> str:
     """What is in force, by file."""
     by_origin: dict[str, list[str]] = {}
     for one in checkup.settings.values:
         by_origin.setdefault(one.origin, []).append(f"{one.key} = {one.value}")
-    return "; ".join(f"{origin}: {', '.join(said)}" for origin, said in by_origin.items()) or "none"
+    return "; ".join(f"{origin}: {', '.join(said)}" for origin, said in by_origin.items()) or NO_SETTINGS
 
 
 def _devices(devices: "tuple[Device, ...]") -> str:

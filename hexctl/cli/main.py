@@ -168,6 +168,8 @@ app = Commands(
     name="hexctl",
     cls=_Commands,
     help="Walk a six-legged robot, simulated or real, at 50 Hz.",
+    epilog="Defaults are read from hexctl.toml in the working folder or ~/.config/hexctl, such as "
+    'robot = "phantomx".',
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )

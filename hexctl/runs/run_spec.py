@@ -245,8 +245,8 @@ class RunSpec(RecordedOptions):
             )
         if arc and self.hold in ("heading", "line"):
             raise InputError(
-                f"{argument('hold')}: got {self.hold} with {argument('turn_rate_rad_s')}; "
-                "allowed: auto or none, because a turn holds neither"
+                f"{argument('hold')}: got {self.hold} with {argument('turn_rate_rad_s')}; allowed: in a "
+                "straight walk; with a turn auto or none"
             )
         if len(self.failures) > 1 and self.self_rotation not in (AUTO_ROTATION, "none"):
             raise InputError(

@@ -28,7 +28,7 @@ from hexctl.cli.settings import runs_folder
 from hexctl.cli.signature import with_options
 from hexctl.cli.values import given, rare
 from hexctl.cli.walk.diagnose_command import found_failure
-from hexctl.cli.walk.recovery_option import RecoverOption, recovery_policy
+from hexctl.cli.walk.recovery_option import TrialRecoverOption, recovery_policy
 from hexctl.errors import HexctlError, InputError, RecordingError, argument
 from hexctl.robot.failure_grammar import AUTO_LEG, read_failures_before
 
@@ -55,7 +55,7 @@ def adapt(
             )
         ),
     ] = False,
-    recover: RecoverOption = False,
+    recover: TrialRecoverOption = False,
     arena: ArenaOption = None,
     resume: Annotated[
         str | None,

@@ -1,18 +1,21 @@
 """The option `--recover`, a short form of `--policy glide`."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from hexctl.errors import InputError
 
+
+def _recover(text: str) -> Any:
+    return typer.Option("--recover", rich_help_panel="Failure", help=f"{text}: --policy glide.")
+
+
 RecoverOption = Annotated[
-    bool,
-    typer.Option(
-        "--recover",
-        rich_help_panel="Failure",
-        help="Walk on without a leg that fails, on the same line: --policy glide, the default in simulation.",
-    ),
+    bool, _recover("Walk on without a leg that fails, on the same line, the default in simulation")
+]
+TrialRecoverOption = Annotated[
+    bool, _recover("If another leg fails during a trial, walk the trial to its end without it")
 ]
 
 
