@@ -24,8 +24,9 @@ def checked(parse: Callable[[str], Any]) -> Callable[[str], Any]:
 
 
 def number(flag: str, allowed: Range, text: str) -> Any:
-    """Option that takes a number of a range."""
-    return typer.Option(flag, parser=checked(allowed.parse), autocompletion=allowed.complete, help=text)
+    """Option that takes a number; `{}` in the help text stands for its range."""
+    shown = text.replace("{}", str(allowed))
+    return typer.Option(flag, parser=checked(allowed.parse), autocompletion=allowed.complete, help=shown)
 
 
 def choice(flag: str, literal: Any, text: str) -> Any:

@@ -471,7 +471,7 @@ def test_legs_without_which_a_robot_hardly_walks_are_said_before_it_moves() -> N
 @pytest.mark.parametrize("heading_rad", [None, 0.0])
 def test_a_trim_with_a_turn_is_refused(heading_rad: float | None) -> None:
     spec = RunSpec(hold="heading", trim_rad=0.1, turn_rate_rad_s=0.1, heading_rad=heading_rad)
-    with pytest.raises(InputError, match="trim: got it with a turn"):
+    with pytest.raises(InputError, match="trim_rad: got it with a turn"):
         spec.check()
     replace(spec, turn_rate_rad_s=0.0, heading_rad=0.0).check()
 
