@@ -13,7 +13,7 @@ import ast
 import inspect
 import math
 import textwrap
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import MISSING, Field, dataclass, fields
 from itertools import pairwise
 from types import NoneType, UnionType
@@ -196,6 +196,14 @@ def _option(field: "Field[Any]", hint: Any, text: str, panel: str) -> Option | N
         rare=RARE in marks,
         panel=next((mark.name for mark in marks if isinstance(mark, Panel)), panel),
     )
+
+
+def check_names(call: str, given: Iterable[str], spec: type, *further: str) -> None:
+    """Raise InputError for keywords of a call that are neither fields of its options nor among `further`."""
+    known = [field.name for field in fields(spec)]
+    if unknown := [name for name in given if name not in known]:
+        allowed = ", ".join((*known, *further))
+        raise InputError(f"{call}: got {', '.join(unknown)}; allowed: {allowed}")
 
 
 def check_fields(spec: Any) -> None:

@@ -1,7 +1,7 @@
 """One diagnosis at rest on any backend, recorded: what `hexctl diagnose` does, as a library call."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from hexctl.control.loop import run_controller
 from hexctl.control.preparation import StopRequested, WalkStart, never, ticks_of
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import CommandRefusedError, EStopError, InputError, argument
+from hexctl.options import check_names
 from hexctl.robot.failure_grammar import option_of, read_failures_before
 from hexctl.runs.run import Run
 from hexctl.runs.run_spec import RunSpec
@@ -174,10 +175,7 @@ def diagnose(
 
     Raises InputError before anything moves, RobotFaultError for a robot or a link that fails.
     """
-    known = [field.name for field in fields(RecordedOptions)]
-    unknown = [name for name in where if name not in known]
-    if unknown:
-        raise InputError(f"diagnose: got {', '.join(unknown)}; allowed: {', '.join(known)}")
+    check_names("diagnose", where, RecordedOptions)
     spec = RunSpec(**where)
     with DiagnosisRun(spec) as connected:
         return connected.diagnose(ask=ask, stop_requested=stop_requested)

@@ -1,7 +1,7 @@
 """What a run does: its options, checked, and the plan of its trial."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from types import NoneType
@@ -43,7 +43,7 @@ from hexctl.gait.gait import (
     parse_slots,
 )
 from hexctl.gait.posture import POSTURE, Posture
-from hexctl.options import RARE, UNTYPED, Typed
+from hexctl.options import RARE, UNTYPED, Typed, check_names
 from hexctl.recording.rrd import probe_file
 from hexctl.robot.failure import Failure, FailureEvent
 from hexctl.robot.failure_grammar import (
@@ -271,11 +271,7 @@ def spec_of(options: Mapping[str, Any]) -> RunSpec:
     given = dict(options)
     if given.get("record") is False:
         given["record"] = given["record_folder"] = None
-    names = [field.name for field in fields(RunSpec)]
-    unknown = [name for name in given if name not in names]
-    if unknown:
-        allowed = (*names, "controller", "recorders", "stop_requested")
-        raise InputError(f"run: got {', '.join(unknown)}; allowed: {', '.join(allowed)}")
+    check_names("run", given, RunSpec, "controller", "recorders", "stop_requested")
     return RunSpec(**given)
 
 

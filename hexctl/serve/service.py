@@ -5,14 +5,14 @@ Nothing here prints or handles signals: callers pass callbacks.
 
 import resource
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.port_servos import PortServos
 from hexctl.backends.registry import BackendOptions, make_servos
-from hexctl.errors import InputError
+from hexctl.options import check_names
 from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
 from hexctl.serve.serve_options import ServeOptions
 from hexctl.serve.server import RobotServer
@@ -246,8 +246,5 @@ def serve(
 
     Raises what `RobotService.run` raises.
     """
-    known = [field.name for field in fields(RobotService)]
-    unknown = [name for name in options if name not in known]
-    if unknown:
-        raise InputError(f"serve: got {', '.join(unknown)}; allowed: {', '.join(known)}")
+    check_names("serve", options, RobotService)
     RobotService(**options).run(stop_requested, on_started=on_started, on_event=on_event)
