@@ -245,11 +245,12 @@ def _check_value(what: str, value: Any, kind: Any, marks: Sequence[Any]) -> None
     words = next((get_args(one) for one in kinds if get_origin(one) is Literal), ())
     if words and value not in words:
         raise InputError(f"{what}: got {value}; allowed: {', '.join(words)}")
-    if not words and Any not in kinds and all(isinstance(one, type) for one in kinds):
-        check_type(value, kinds, what)
     allowed = next((mark for mark in marks if isinstance(mark, Range)), None)
     if allowed is not None:
-        allowed.check(what, math.degrees(value) if allowed.degrees else value)
+        number = isinstance(value, float | int) and not isinstance(value, bool)
+        allowed.check(what, math.degrees(value) if allowed.degrees and number else value)
+    elif not words and Any not in kinds and all(isinstance(one, type) for one in kinds):
+        check_type(value, kinds, what)
 
 
 def _docstrings(spec: type) -> dict[str, str]:

@@ -4,12 +4,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from types import NoneType
 from typing import Annotated, Any, ClassVar
 
 from hexctl.backends.registry import check_options, option_values
 from hexctl.backends.robot_options import FAILURE, RecordedOptions
-from hexctl.backends.sim.world import World
 from hexctl.control.assessment.crawl import auto_gait
 from hexctl.control.assessment.leg_sets import doubt, leg_set
 from hexctl.control.assessment.static_stability import check_tucked, stable_slots_of
@@ -26,7 +24,7 @@ from hexctl.control.trial_plan import (
     TrialPlan,
     suited_rotation,
 )
-from hexctl.errors import InputError, argument, check_type
+from hexctl.errors import InputError, argument
 from hexctl.gait.encoding import code_count
 from hexctl.gait.gait import (
     AUTO,
@@ -43,7 +41,7 @@ from hexctl.gait.gait import (
     parse_slots,
 )
 from hexctl.gait.posture import POSTURE, Posture
-from hexctl.options import RARE, UNTYPED, Typed, check_names
+from hexctl.options import RARE, UNTYPED, Typed, check_fields, check_names
 from hexctl.recording.rrd import probe_file
 from hexctl.robot.failure import Failure, FailureEvent
 from hexctl.robot.failure_grammar import (
@@ -157,23 +155,13 @@ class RunSpec(RecordedOptions):
     """
 
     def __post_init__(self) -> None:
-        path = (str, Path, NoneType)
-        check_type(self.backend, str, "backend", "a name or package.module:Class; run_trial takes servos")
-        check_type(self.world, (*path, World), "world")
         legs = None if self.failed_leg == AUTO_LEG else self.failed_leg
         failures, events = read_failures(self.failure, legs)
         object.__setattr__(self, "failure", (*failures, *events))
         if self.failed_leg != AUTO_LEG:
             object.__setattr__(self, "failed_leg", None)
         object.__setattr__(self, "heal", read_healings(self.heal))
-        check_type(self.seed, int, "seed", "a whole number, 0 or more")
-        check_type(self.policy, (str, RecoveryPolicy, NoneType), "policy", "a name, or a RecoveryPolicy")
-        for name in ("chosen_gait", "realtime", "insecure"):
-            check_type(getattr(self, name), bool, name)
-        for name in ("record", "record_folder", "credentials"):
-            check_type(getattr(self, name), path, name)
-        for name in ("connect", "link"):
-            check_type(getattr(self, name), (str, NoneType), name)
+        check_fields(self)
 
     @property
     def failures(self) -> tuple[Failure, ...]:
@@ -223,8 +211,6 @@ class RunSpec(RecordedOptions):
 
     def check(self) -> None:
         """Raise InputError for options that the backend would ignore, and for a recording that cannot be."""
-        if self.seed < 0:
-            raise InputError(f"seed: got {self.seed}; allowed: 0 or more")
         # A failure is the plan's too: on a robot that is not simulated it tells the controller.
         check_options(self.backend, **option_values(self, but=("robot", "failure", "events")))
         for event in self.events:
