@@ -78,7 +78,8 @@ class Range:
 
     def check(self, what: str, value: float) -> None:
         """Raise InputError for a value outside the range, and for one that is no number; `what` names it."""
-        check_type(value, int if self.whole else float, what, f"a number, {self._allowed}")
+        kind = "a whole number" if self.whole else "a number"
+        check_type(value, int if self.whole else float, what, f"{kind}, {self._allowed}")
         if value not in self:
             raise InputError(f"{what}: got {value:g}; allowed: {self._allowed}")
 
@@ -200,10 +201,9 @@ def _option(field: "Field[Any]", hint: Any, text: str, panel: str) -> Option | N
 
 def check_names(call: str, given: Iterable[str], spec: type, *further: str) -> None:
     """Raise InputError for keywords of a call that are neither fields of its options nor among `further`."""
-    known = [field.name for field in fields(spec)]
+    known = [*(field.name for field in fields(spec)), *further]
     if unknown := [name for name in given if name not in known]:
-        allowed = ", ".join((*known, *further))
-        raise InputError(f"{call}: got {', '.join(unknown)}; allowed: {allowed}")
+        raise InputError(f"{call}: got {', '.join(unknown)}; allowed: {', '.join(known)}")
 
 
 def check_fields(spec: Any) -> None:
