@@ -37,13 +37,18 @@ def with_options(
         @wraps(command)
         def called(**values: Any) -> None:
             values.pop(_HELP_ALL.name, None)
-            command({option.name: values.pop(option.name) for option in options}, **values)
+            command({option.name: _frozen(values.pop(option.name)) for option in options}, **values)
 
         vars(called)["__signature__"] = inspect.Signature(parameters)
         called.__annotations__ = {one.name: one.annotation for one in parameters}
         return called
 
     return decorate
+
+
+def _frozen(value: Any) -> Any:
+    """A value as the defaults of dataclasses have it: a list is a tuple."""
+    return tuple(value) if isinstance(value, list) else value
 
 
 def _help_all(context: typer.Context, wanted: bool) -> None:

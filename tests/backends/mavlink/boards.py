@@ -67,7 +67,7 @@ class BoardProcess:
 
     def __init__(self, *arguments: str, pty: bool = False) -> None:
         number = free_port()
-        where = ["--pty"] if pty else ["--port", f"udpin:127.0.0.1:{number}"]
+        where = ["--pty"] if pty else ["--connect", f"udpin:127.0.0.1:{number}"]
         where = [] if "--bus" in arguments else where
         self.process = subprocess.Popen(
             [sys.executable, "-m", "hexctl", "board", *where, "--json", *arguments],

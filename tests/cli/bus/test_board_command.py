@@ -17,9 +17,9 @@ from tests.backends.mavlink.boards import PATIENCE_S, board, free_port
     ("arguments", "message"),
     [
         (["--backend", "zenoh"], "--backend: got zenoh; allowed: sim, mock"),
-        (["--port", "COM3"], "port: got 'COM3'; allowed: udpin:HOST:PORT"),
-        (["--port", "udpin:127.0.0.1:1", "--pty"], "--pty: got --port udpin:127.0.0.1:1 too"),
-        (["--port", "udpin:192.168.1.2:14550"], "anybody on the network could move the servos"),
+        (["--connect", "COM3"], "--connect: got 'COM3'; allowed: udpin:HOST:PORT"),
+        (["--connect", "udpin:127.0.0.1:1", "--pty"], "--pty: got --connect udpin:127.0.0.1:1 too"),
+        (["--connect", "udpin:192.168.1.2:14550"], "anybody on the network could move the servos"),
         (["--expiry", "0"], "--expiry: got 0; allowed: 0.05 to 1 s"),
         (["--expiry", "nan"], "--expiry: got nan; allowed"),
         (["--release-after", "0.5"], "--release-after: got 0.5; allowed: 1 to 3600 s"),
@@ -32,8 +32,11 @@ from tests.backends.mavlink.boards import PATIENCE_S, board, free_port
         (["--keys", "no-such-folder"], "no-such-folder/mavlink.key: cannot be read"),
         (["--robot", "elephant"], "unknown robot 'elephant'"),
         (["--bus", "hitec"], "got hitec; allowed: dynamixel, feetech, lx16a, servo2040, pca9685"),
-        (["--bus", "feetech", "--port", "udpin:127.0.0.1:1"], "--port: got it with --bus feetech"),
-        (["--fault", "echo"], "--fault: got it without --bus; allowed: with --bus"),
+        (
+            ["--bus", "feetech", "--connect", "udpin:127.0.0.1:1"],
+            "--connect: got udpin:127.0.0.1:1; allowed: without --bus",
+        ),
+        (["--fault", "echo"], "--fault: got echo; allowed: with --bus"),
         (["--bus", "feetech", "--fault", "noise"], "--fault: got 'noise'; allowed: mute:LEG:JOINT"),
         (["--bus", "feetech", "--model", "ax12a"], "got ax12a with feetech; allowed: models of feetech"),
         (["--bus", "servo2040", "--model", "ax12a"], "got ax12a; allowed: stock, fork with servo2040"),
@@ -57,7 +60,7 @@ def test_bad_input_is_one_line(
 def test_a_port_in_use_is_a_fault(capsys: pytest.CaptureFixture[str]) -> None:
     with board("--backend", "mock") as running:
         port = running.port.replace("udpout", "udpin")
-        assert exit_code(["board", "--backend", "mock", "--port", port]) == 3
+        assert exit_code(["board", "--backend", "mock", "--connect", port]) == 3
         assert "cannot be opened" in capsys.readouterr().err
         report = running.end()
     assert report["ticks"] > 0
@@ -73,7 +76,7 @@ def test_it_says_where_it_is_and_ends_with_ctrl_c(tmp_path: Path) -> None:
             "board",
             "--backend",
             "mock",
-            "--port",
+            "--connect",
             f"udpin:127.0.0.1:{free_port()}",
         ],
         stdout=subprocess.PIPE,
