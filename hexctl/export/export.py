@@ -110,10 +110,13 @@ def _silent(done: int, total: int) -> None:
 def _format(to: str | None, output: str | Path | None) -> str:
     by_name = None if output is None else SUFFIXES.get(Path(output).suffix)
     if to is None and by_name is None:
-        allowed = ", ".join(FORMATS)
-        raise InputError(f"{argument('to')}: got none, and no output whose name tells; allowed: {allowed}")
+        recorded = ", ".join(name for name in FORMATS if name not in ROBOT_FORMATS)
+        allowed = f"{recorded} for recordings, {', '.join(ROBOT_FORMATS)} for robots"
+        raise InputError(
+            f"{argument('to')}: got none; allowed: {allowed}, or {argument('output')} FILE.FORMAT"
+        )
     if to is not None and by_name not in (None, to):
-        raise InputError(f"{argument('output')}: got {output} for {to}; allowed: a name of another ending")
+        raise InputError(f"{argument('output')}: got {output} for {to}; allowed: a name that ends in .{to}")
     return to or str(by_name)
 
 

@@ -9,6 +9,7 @@ from rich.text import Text
 
 from hexctl.cli.render.stop_reasons import clearing_in_words, link_in_words, why_in_words
 from hexctl.cli.render.tables import label_table
+from hexctl.gait.gait import AUTO
 from hexctl.wire.links import CLEAR_COMMAND
 
 #: Misses of a self-rotation up to this are usual.
@@ -47,9 +48,11 @@ def summary(outcome: dict[str, Any], clear: str = CLEAR_COMMAND) -> list[Rendera
 
 
 def _next_command(outcome: dict[str, Any], clear: str) -> list[str]:
-    """The command to type next: ends the stop of a robot, or shows the recording."""
+    """The command to type next: ends the stop of a robot, walks another gait, or shows the recording."""
     if clearing := clearing_in_words(outcome["stopped"], clear=clear):
         return [f"next: {clearing}"]
+    if outcome["status"] == "no_progress" and outcome["failed_leg"] and outcome["gait"]["name"] != AUTO:
+        return [f"next: the same with --gait {AUTO}, the most stable gait for the other legs"]
     return [f"next: hexctl view {shlex.quote(outcome['recording'])}"] if outcome["recording"] else []
 
 

@@ -40,7 +40,7 @@ def test_what_is_wrong_is_told_in_one_line_with_flags(
     monkeypatch.chdir(tmp_path)
     walk = str(recording)
     for arguments, told in (
-        ([walk], "--to: got none, and no output whose name tells; allowed: urdf, mjcf, mcap"),
+        ([walk], "--to: got none; allowed: mcap"),
         ([walk, "--to", "xlsx"], "--to: got xlsx; allowed: urdf"),
         ([walk, "--to", "csv", "--camera", "top"], "--camera: got it for csv; allowed: for gif and mp4"),
         ([walk, "--to", "csv", "--width", "100"], "--width: got it for csv"),

@@ -620,3 +620,13 @@ def test_a_failure_or_policy_that_cannot_be_is_one_line(
 ) -> None:
     assert exit_code(["run", "--no-record", *arguments]) == 2
     assert message in _one_line(capsys.readouterr().err)
+
+
+def test_a_walk_that_came_nowhere_without_a_leg_proposes_the_stable_gait(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    asked = ["--failure", "2:limp,5:locked", "--duration", "4", "--no-record"]
+    assert exit_code(["run", *asked]) == 0
+    assert "next: the same with --gait auto" in capsys.readouterr().out
+    assert exit_code(["run", *asked, "--gait", "auto"]) == 0
+    assert "--gait auto" not in capsys.readouterr().out
