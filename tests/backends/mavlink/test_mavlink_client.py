@@ -385,7 +385,7 @@ class TestConnecting:
         assert " 0 runs" not in message
 
     def test_a_port_that_is_none(self, tmp_path: Path) -> None:
-        with pytest.raises(InputError, match="port: got 'COM3'"):
+        with pytest.raises(InputError, match="connect: got 'COM3'"):
             MavlinkServos(shipped(), servo_map=fitting_map(tmp_path), port="COM3")
 
 

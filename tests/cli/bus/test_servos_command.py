@@ -189,7 +189,7 @@ def _says(monkeypatch: pytest.MonkeyPatch, text: str) -> None:
         ),
         (["scan", "--connect", "x"], "--driver: got none; allowed: dynamixel, feetech, lx16a"),
         (["scan", "--driver", "feetech"], "--connect: got none; allowed: the port of the bus"),
-        (["scan", "--driver", "feetech", "--connect", "x", "--baud", "9"], "9600 to 4500000 baud, or all"),
+        (["scan", "--driver", "feetech", "--connect", "x", "--baud", "9"], "1200 to 4500000 baud, or all"),
         (["scan", "--driver", "feetech", "--connect", "/dev/nothing"], "there is no port"),
         (["set-id", "300", "--driver", "feetech", "--connect", "x"], "got 300; allowed: 0..252"),
         (["adopt", "--robot", "phantomx", "--connect", "x"], "--driver: got none"),

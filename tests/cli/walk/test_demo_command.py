@@ -64,7 +64,7 @@ def test_ctrl_c_ends_it(capsys: Any, monkeypatch: Any) -> None:
 def test_with_a_screen_the_walks_are_shown_in_a_window(monkeypatch: Any) -> None:
     monkeypatch.setenv("DISPLAY", ":0")
     assert _view_command() == "hexctl view"
-    assert _another_walk() == ["  hexctl run --failure 2:limp@4 --recover --realtime --view"]
+    assert _another_walk() == ["  hexctl run --failure 2:limp@4 --realtime --view"]
 
 
 def test_ctrl_c_in_the_search_names_the_session(capsys: Any, monkeypatch: Any) -> None:
