@@ -17,7 +17,7 @@ from hexctl.backends.base import connection_notes
 from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import Floor, make_floor
-from hexctl.backends.sim.world import World, load_world
+from hexctl.backends.sim.world import DEFAULT_WORLD, World, load_world
 from hexctl.control.assessment.leg_sets import doubt, drag, leg_set
 from hexctl.control.custom_controller import check_controller, controller_name
 from hexctl.control.guard import Guard
@@ -119,7 +119,7 @@ class Run:
         self.plan = plan_of(spec, self.robot)
         self._meshes = self._file.meshes if self._file is not None and spec.records else {}
         check_plan(self.robot, self.plan)
-        world = "flat" if spec.world is None else spec.world
+        world = DEFAULT_WORLD if spec.world is None else spec.world
         self._world = world if isinstance(world, World) else load_world(world)
         self._policy = spec.made_policy(failures_come=bool(spec.events or self._world.events))
         # A robot that stands ready must not wait for it.
@@ -406,7 +406,7 @@ class Run:
         if not self.spec.simulated:
             return None
         world = self.spec.world
-        return "custom" if isinstance(world, World) else shipped_text("worlds", world or "flat")
+        return "custom" if isinstance(world, World) else shipped_text("worlds", world or DEFAULT_WORLD)
 
 
 def _events_told(log: TickLog) -> list[FailureEvent]:

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from hexctl.backends.registry import BackendOptions, check_options
 from hexctl.backends.robot_options import RobotOptions, lower_case
+from hexctl.backends.sim.world import DEFAULT_WORLD
 from hexctl.errors import InputError, argument, check_type
-from hexctl.options import RARE, Panel, Range, Typed, check_fields
+from hexctl.options import RARE, Panel, Range, Typed, check_fields, check_used
 from hexctl.robot.failure import Failure, failure_text
 from hexctl.robot.failure_grammar import option_of, read_failures_before
 from hexctl.robot.loader import load_robot_file
@@ -19,13 +20,15 @@ from hexctl.wire.ros.ros_names import MAX_DOMAIN
 if TYPE_CHECKING:
     from hexctl.backends.sim.world import World
 
-DEFAULT_WORLD = "flat"
 SERVED_BACKENDS = ("sim", "mavlink", *BUS_DRIVERS, *PWM_DRIVERS, "mock")
 
 SIT_AFTER_S = Range(low=1, high=3600, unit="s")
 ROS_DOMAIN = Range(low=0, high=MAX_DOMAIN, whole=True)
 
 ROS, CONNECTION = Panel("ROS"), Panel("Connection")
+
+#: Options that only a node of ROS 2 uses.
+OF_ROS = ("ros_domain", "ros_namespace", "ros_drive", "ros_humble")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,13 +164,7 @@ class ServeOptions(ServedOptions):
             credentials=self.device_keys,
         )
         if self.ros_options is None:
-            self._check_no_ros()
-
-    def _check_no_ros(self) -> None:
-        for name in ("ros_domain", "ros_namespace", "ros_drive", "ros_humble"):
-            if value := getattr(self, name):
-                got = "it" if value is True else value
-                raise InputError(f"{argument(name)}: got {got} without --ros; allowed: with --ros")
+            check_used(self, OF_ROS, f"with {argument('ros')}")
 
     @property
     def servo_options(self) -> BackendOptions:

@@ -9,7 +9,7 @@ from typing import Any
 
 from hexctl.adapt.prior.prior import Prior, load_prior
 from hexctl.adapt.prior.prior_files import prior_folders
-from hexctl.backends.sim.world import DomainRandomization, load_randomization, load_world
+from hexctl.backends.sim.world import DEFAULT_WORLD, DomainRandomization, load_randomization, load_world
 from hexctl.errors import InputError, argument, check_type
 from hexctl.options import listed
 from hexctl.robot.loader import load_robot
@@ -60,7 +60,7 @@ def planned_study(options: StudyOptions, *, runs: Path | None = None) -> Planned
 def _paper(options: StudyOptions, folder: Path, _runs: Path) -> Planned:
     plan = StudyPlan(
         robot=load_robot(options.robot or "ant"),
-        world=load_world(options.world or "flat"),
+        world=load_world(options.world or DEFAULT_WORLD),
         **_values(options, StudyPlan),
     )
     begin = partial(run_study, plan, folder=folder, jobs=options.jobs, dask=options.dask)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar
 
+from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.robot_options import SEED
 from hexctl.control.trial_plan import DURATION_S, SelfRotation
 from hexctl.errors import InputError, argument
@@ -22,7 +23,7 @@ WORLDS = Range(low=1, high=1000, whole=True)
 TIME_STEP_MS = Range(low=0.5, high=5, unit="ms")
 
 #: Length of a tick, of which steps of the physics are whole parts.
-TICK_MS = 20
+TICK_MS = round(1000 * PERIOD_S)
 
 #: Kinds of studies by the option that asks for each; the paper's experiments are what no option asks for.
 PAPER, TRANSFER, MATRIX, HOLD, RECOVERY = "paper", "transfer", "matrix", "hold", "recovery"

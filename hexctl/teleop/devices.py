@@ -60,8 +60,9 @@ def open_devices(
 
 
 def _page(stack: ExitStack, session: "DriveSession", address: str, options: DriveOptions) -> "DrivePage":
-    from hexctl.teleop.drive_page import DrivePage, PageAddress
+    from hexctl.teleop.drive_page import DrivePage
     from hexctl.teleop.picture_relay import PictureRelay
+    from hexctl.wire.page_address import PageAddress
 
     view, folder = options.page_view, options.page_keys
     return DrivePage(

@@ -80,7 +80,7 @@ class DriveOptions(RobotOptions):
 
             PictureRelay(self.page_view)
         if self.page is not None:
-            from hexctl.teleop.drive_page import PageAddress
+            from hexctl.wire.page_address import PageAddress
 
             PageAddress.parse(self.page).check(secured=self.page_keys is not None)
         if self.pad is not None:

@@ -41,7 +41,7 @@ from hexctl.teleop.keyboard import Share
 from hexctl.teleop.page_connection import Addresses, LimitedConnection, least_needed
 from hexctl.teleop.picture_relay import PERIOD_S, Picture, PictureRelay
 from hexctl.wire.certificates import Credentials, hosts_of_this_computer
-from hexctl.wire.page_address import PageAddress as PageAddress
+from hexctl.wire.page_address import PageAddress
 
 #: Path of the socket, and how the protocol on it is called. A token travels beside it, in a header that
 #: logs do not have.

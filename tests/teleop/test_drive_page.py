@@ -16,11 +16,12 @@ from websockets.typing import Origin, Subprotocol
 
 from hexctl.control.drive.arbiter import Arbiter, Decision, Velocity
 from hexctl.errors import InputError
-from hexctl.teleop.drive_page import MOST_CLIENTS, MOST_VIEWERS, PROTOCOL, DrivePage, PageAddress, new_token
+from hexctl.teleop.drive_page import MOST_CLIENTS, MOST_VIEWERS, PROTOCOL, DrivePage, new_token
 from hexctl.teleop.picture_relay import Picture, PictureRelay
 from hexctl.waiting import wait_for
 from hexctl.wire.certificates import find_credentials, make_certificates
 from hexctl.wire.links import Role
+from hexctl.wire.page_address import PageAddress
 
 #: What clients have to know, where they have to.
 TOKEN = new_token()

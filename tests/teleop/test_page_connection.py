@@ -18,7 +18,7 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin, Subprotocol
 
 from hexctl.control.drive.drive import Drive
-from hexctl.teleop.drive_page import PROTOCOL, DrivePage, PageAddress
+from hexctl.teleop.drive_page import PROTOCOL, DrivePage
 from hexctl.teleop.drive_session import DriveSession
 from hexctl.teleop.page_connection import (
     CONNECTIONS_S,
@@ -30,6 +30,7 @@ from hexctl.teleop.page_connection import (
     least_needed,
 )
 from hexctl.waiting import wait_for
+from hexctl.wire.page_address import PageAddress
 
 #: How long a stop may take until the tick that obeys it.
 STOP_S = 0.3

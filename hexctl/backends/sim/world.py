@@ -390,7 +390,11 @@ def load_randomization(name_or_path: str | Path) -> DomainRandomization:
     return validate(DomainRandomization, content, path)
 
 
-def load_world(name_or_path: str | Path = "flat") -> World:
+#: World of a simulation that names none.
+DEFAULT_WORLD = "flat"
+
+
+def load_world(name_or_path: str | Path = DEFAULT_WORLD) -> World:
     """The world of a shipped name, of a YAML file, or a member of a family, such as `randomised:7`.
 
     A file may set one key only; the rest is the flat world's. Raises InputError in one line.

@@ -166,7 +166,7 @@ def _recorders(
     if not view and record is None:
         return []
     from hexctl.backends.sim.terrain import make_floor
-    from hexctl.backends.sim.world import load_world
+    from hexctl.backends.sim.world import DEFAULT_WORLD, load_world
     from hexctl.control.trial_plan import TrialPlan
     from hexctl.gait.gait import make_gait
     from hexctl.recording.live import open_window
@@ -174,7 +174,7 @@ def _recorders(
     from hexctl.robot.loader import load_robot_file
 
     loaded = load_robot_file(str(options.robot))
-    floor = make_floor(load_world(str(options.world or "flat")), options.seed) if simulated else None
+    floor = make_floor(load_world(str(options.world or DEFAULT_WORLD)), options.seed) if simulated else None
     plan = TrialPlan(
         gait=make_gait(loaded.robot, options.gait),
         belief=next(iter(failures), None),

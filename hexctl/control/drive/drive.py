@@ -12,7 +12,7 @@ import numpy as np
 from hexctl.backends.base import LegServos, as_robot, connection_notes, failures_in_force
 from hexctl.backends.clock import Tick
 from hexctl.backends.registry import BackendOptions, check_options, make_servos
-from hexctl.backends.sim.world import World, load_world
+from hexctl.backends.sim.world import DEFAULT_WORLD, World, load_world
 from hexctl.control.controllers import Controller
 from hexctl.control.drive.arbiter import Arbiter, Decision, Velocity
 from hexctl.control.drive.drive_controller import DriveController
@@ -357,7 +357,7 @@ class Drive:
             robot = self._robot_file.robot
         check_options(backend, **options)
         if not isinstance(world := options.pop("world", None), World):
-            world = load_world("flat" if world is None else world)
+            world = load_world(DEFAULT_WORLD if world is None else world)
         return make_servos(
             backend,
             BackendOptions(
