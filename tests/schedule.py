@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 REALTIME = (
     "tests/docs/test_commands.py::test_the_commands_of_a_page",
     "tests/cli/bus/test_servos_command.py",
-    "tests/cli/bus/test_board_command.py",
+    "tests/cli/sim/test_board_command.py",
     "tests/serve/test_keeper.py",
     "tests/serve/test_link_faults.py",
     "tests/serve/test_standstill.py",
@@ -81,7 +81,7 @@ REALTIME = (
     "tests/vision/test_latency_trial.py::test_ctrl_c",
     "tests/vision/test_latency_trial.py::test_a_robot",
     "tests/cli/see/test_see_command.py",
-    "tests/cli/see/test_see_twin_command.py",
+    "tests/cli/sim/test_camera_command.py",
     # Renders pictures for minutes, beside which others get no time.
     "tests/cli/see/test_see_command_unattended.py",
 )

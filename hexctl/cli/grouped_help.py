@@ -1,6 +1,10 @@
-"""Options of a command in groups, where it has many."""
+"""Help texts: options and commands in groups, as plain text."""
 
+from collections.abc import Iterable, Sequence
+from itertools import groupby
 from typing import Any
+
+from typer.core import TyperGroup
 
 #: A command with more options than this shows them in groups.
 MOST_UNGROUPED = 8
@@ -8,22 +12,78 @@ MOST_UNGROUPED = 8
 #: Group of options that have none: what is printed, and help.
 LAST = "Output"
 
+#: Widest line of a help text, in characters; a narrower terminal makes it narrower.
+WIDTH = 100
 
 #: What stands for a value in the help, by what Typer writes.
 METAVARS = {"<int>": "N", "<float>": "N", "<path>": "FILE"}
 
 
 class GroupedHelp:
-    """A command that shows its options in groups where there are many."""
+    """A command that shows its options in groups."""
 
-    def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Write the help text."""
-        options = [one for one in self.get_params(ctx) if one.opts[0].startswith("--")]  # type: ignore[attr-defined]
-        grouped = len(options) - 1 > MOST_UNGROUPED  # without --help
-        for option in options:
-            option.rich_help_panel = (option.rich_help_panel or LAST) if grouped else None
-            if option.metavar is None:  # Typer would write <bool> and <list[str]>
-                option.metavar = (
-                    "" if option.is_flag else METAVARS.get(option.display_type_rich(ctx=ctx), "TEXT")
-                )
-        super().format_help(ctx, formatter)  # type: ignore[misc]
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write arguments, then options."""
+        every = self.get_params(ctx)  # type: ignore[attr-defined]
+        params = [one for one in every if not getattr(one, "hidden", False)]
+        options = [one for one in params if one.opts[0].startswith("--")]
+        arguments = [one for one in params if one not in options and one.help]
+        _write(
+            "Arguments", [(one.metavar or one.name.upper(), _text(one, ctx)) for one in arguments], formatter
+        )
+        for title, members in _grouped(options).items():
+            _write(title, [(_flags(one, ctx), _text(one, ctx)) for one in members], formatter)
+        if len(every) > len(params) + 1:  # --help-all
+            formatter.write_paragraph()
+            formatter.write_text(
+                f"{len(every) - len(params) - 1} more options: {ctx.command_path} --help-all"
+            )
+
+
+class HelpGroup(GroupedHelp, TyperGroup):
+    """A group that shows its commands in groups."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write commands, then options."""
+        commands: list[Any] = [self.get_command(ctx, name) for name in self.list_commands(ctx)]
+        for panel, members in groupby(commands, lambda one: str(one.rich_help_panel or "Commands")):
+            _write(panel, [(one.name, _first_paragraph(one.help or "")) for one in members], formatter)
+        super().format_options(ctx, formatter)
+
+
+def _write(title: str, rows: Iterable[tuple[str, str]], formatter: Any) -> None:
+    rows = list(rows)
+    if rows:
+        with formatter.section(title):
+            formatter.write_dl(rows)
+
+
+def _first_paragraph(text: str) -> str:
+    return text.partition("\n\n")[0]
+
+
+def _grouped(options: Sequence[Any]) -> dict[str, list[Any]]:
+    """Options by their group, in the order of their first options; what is printed comes last."""
+    if len(options) - 1 <= MOST_UNGROUPED:  # without --help
+        return {"Options": list(options)}
+    groups: dict[str, list[Any]] = {}
+    for option in options:
+        groups.setdefault(str(option.rich_help_panel or LAST), []).append(option)
+    return {**{title: groups[title] for title in groups if title != LAST}, LAST: groups[LAST]}
+
+
+def _flags(option: Any, ctx: Any) -> str:
+    """An option as it is typed, with what stands for its value."""
+    flags = ", ".join((*option.opts, *option.secondary_opts))
+    metavar = option.metavar
+    if metavar is None:
+        metavar = "" if option.is_flag else METAVARS.get(option.display_type_rich(ctx=ctx), "TEXT")
+    return f"{flags} {metavar}".rstrip()
+
+
+def _text(param: Any, ctx: Any) -> str:
+    """Help of an option or an argument, with its default where the text does not name it."""
+    text, default = param.help or "", param.get_default(ctx, call=False)
+    if not isinstance(default, str | float) or isinstance(default, bool) or not text or "(default: " in text:
+        return str(text)
+    return f"{text} (default: {f'{default:g}' if isinstance(default, float) else default})"

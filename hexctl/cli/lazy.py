@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperCommand
 from typer.main import get_group
 
+from hexctl.cli.grouped_help import HelpGroup
 from hexctl.cli.settings import Commands
 
 
@@ -53,7 +54,7 @@ class _Loaded(MutableMapping[str, Any]):
         raise TypeError(f"commands are declared, {name} is kept")
 
 
-class LazyCommands(TyperGroup):
+class LazyCommands(HelpGroup):
     """A group that imports the module of a command when the command is called."""
 
     def __init__(self, declared: Mapping[str, Command], **attributes: Any) -> None:

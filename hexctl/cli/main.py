@@ -94,11 +94,6 @@ COMMANDS = {
         ROBOT,
         "Find direction, offset and limits of each servo, and write them to the robot file.",
     ),
-    "board": Command(
-        "hexctl.cli.bus.board_command",
-        ROBOT,
-        "Be a servo board that speaks MAVLink 2, or servos on a bus, to try things without one.",
-    ),
     "ports": Command(
         "hexctl.cli.bus.ports_command", ROBOT, "List serial ports that have a device, with their adapters."
     ),
@@ -111,6 +106,11 @@ COMMANDS = {
         "hexctl.cli.bus.servos_command",
         ROBOT,
         "Look at servos on a serial bus, one by one, before there is a robot file and after.",
+    ),
+    "sim": Command(
+        "hexctl.cli.sim.sim_group",
+        ROBOT,
+        "Simulate servo boards, servo buses and a camera, and let simulated legs fail.",
     ),
     "serve": Command(
         "hexctl.cli.network.serve_command",
@@ -127,9 +127,6 @@ COMMANDS = {
         "hexctl.cli.network.estop_command",
         NETWORK,
         "Stop a robot on the network from anywhere, whichever client commands it.",
-    ),
-    "twin": Command(
-        "hexctl.cli.network.twin_command", NETWORK, "Let legs of a simulation on the network fail and heal."
     ),
     "keys": Command(
         "hexctl.cli.network.keys_command",

@@ -12,7 +12,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from hexctl.cli.console import in_flags, print_note
-from hexctl.cli.grouped_help import GroupedHelp
+from hexctl.cli.grouped_help import WIDTH, GroupedHelp, HelpGroup
 from hexctl.errors import InputError, shown
 from hexctl.robot.servos.drivers import PWM_DRIVERS
 from hexctl.typed_names import nearest
@@ -34,7 +34,7 @@ UNSTOPPABLE = (("estop",), ("doctor",))
 #: Commands that follow each setting of robot and connection; None: all that have the option.
 FOLLOWERS: Mapping[str, tuple[tuple[str, ...], ...] | None] = {
     "robot": (
-        *(("run",), ("adapt",), ("drive",), ("diagnose",), ("serve",), ("board",), ("check",)),
+        *(("run",), ("adapt",), ("drive",), ("diagnose",), ("serve",), ("sim", "board"), ("check",)),
         ("prior", "build"),
     ),
     "backend": (("run",), ("adapt",), ("drive",), ("diagnose",), ("serve",)),
@@ -91,12 +91,17 @@ class SettingsCommand(GroupedHelp, _FollowsSettings, TyperCommand):
     """A command that follows the settings."""
 
 
-class SettingsGroup(GroupedHelp, _FollowsSettings, TyperGroup):
+class SettingsGroup(_FollowsSettings, HelpGroup):
     """A group of commands with options of its own, which follow the settings."""
 
 
 class Commands(typer.Typer):
     """A group of commands that follow the settings."""
+
+    def __init__(self, **more: Any) -> None:
+        """Make a group; help texts are plain, so that `--help` need not import what draws boxes."""
+        more.setdefault("cls", HelpGroup)
+        super().__init__(rich_markup_mode=None, context_settings={"max_content_width": WIDTH}, **more)
 
     def command(self, *arguments: Any, **more: Any) -> Callable[[FunctionT], FunctionT]:
         """Register a command, as Typer does."""
@@ -194,7 +199,7 @@ class _Following:
         if option == "connect" and on_port:
             return option if self._has_port else None
         on_link = not on_port or self._path == ("serve",)
-        return option if self._path != ("board",) and self._useful(option, on_link=on_link) else None
+        return option if self._path != ("sim", "board") and self._useful(option, on_link=on_link) else None
 
     @property
     def _has_port(self) -> bool:

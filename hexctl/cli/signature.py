@@ -2,6 +2,7 @@
 
 import inspect
 from collections.abc import Callable, Container, Sequence
+from dataclasses import replace
 from functools import wraps
 from pathlib import Path
 from types import UnionType
@@ -16,15 +17,20 @@ from hexctl.options import Option, options_of
 
 
 def with_options(
-    spec: type, *, but: Container[str] = ()
+    spec: type, *, but: Container[str] = (), rare: Container[str] = ()
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command the options of a dataclass. It gets their values by field, as its first argument.
 
     Args:
         spec: the dataclass.
         but: fields that are not options of this command.
+        rare: fields that few people need here, besides those that are rare everywhere.
     """
-    options = [option for option in options_of(spec) if option.name not in but]
+    options = [
+        replace(option, rare=option.rare or option.name in rare)
+        for option in options_of(spec)
+        if option.name not in but
+    ]
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         _, *own = inspect.signature(command).parameters.values()
@@ -56,7 +62,7 @@ def _help_all(context: typer.Context, wanted: bool) -> None:
     if not wanted:
         return
     for parameter in context.command.params:
-        vars(parameter)["hidden"] = False
+        vars(parameter)["hidden"] = parameter.name == _HELP_ALL.name
     typer.echo(context.get_help())
     raise typer.Exit
 
@@ -70,6 +76,7 @@ _HELP_ALL = inspect.Parameter(
         typer.Option(
             "--help-all",
             is_eager=True,
+            hidden=True,
             callback=_help_all,
             help="Show all options.",
         ),

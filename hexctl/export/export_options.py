@@ -45,7 +45,7 @@ class PictureOptions:
     duration_s: Annotated[float | None, LENGTH_S] = None
     """Seconds of the recording that it shows, {}. (default: all)"""
 
-    captions: Annotated[Sequence[str], Typed(flag="caption")] = ()
+    captions: Annotated[Sequence[str], Typed(flag="caption"), RARE] = ()
     """Line below a run, or the name of each in a race, repeatable. (default: gait and failure in a race)"""
 
     def __post_init__(self) -> None:

@@ -60,7 +60,7 @@ class ServedOptions(RobotOptions):
     @property
     def failures(self) -> tuple[Failure, ...]:
         """Failures of the simulation, by leg; raises InputError for what is not allowed."""
-        instead = "one from the start, such as 5:limp; hexctl twin fail lets a leg fail later"
+        instead = "one from the start, such as 5:limp; hexctl sim fail lets a leg fail later"
         return read_failures_before(self.failure, self.failed_leg, instead)
 
     @property

@@ -24,7 +24,7 @@ class DriveOptions(RobotOptions):
 
     PANEL: ClassVar = "Driving"
 
-    keyboard: bool = True
+    keyboard: Annotated[bool, RARE] = True
     """Drive with the keys of this terminal."""
 
     gamepad: Annotated[str | None, Typed(words="gamepads")] = None
@@ -37,7 +37,7 @@ class DriveOptions(RobotOptions):
     --page-keys are needed, and the token that is printed. (default: none)
     """
 
-    page_keys: Path | None = None
+    page_keys: Annotated[Path | None, RARE] = None
     """Folder of certificates that hexctl keys new made, for a page beyond this computer. (default: none)"""
 
     page_view: Annotated[str | None, RARE] = None

@@ -77,7 +77,7 @@ class VideoOptions:
     none, required)
     """
 
-    size_px: Annotated[tuple[int, int] | None, Typed(flag="size", parse=parse_size)] = None
+    size_px: Annotated[tuple[int, int] | None, Typed(flag="size", parse=parse_size), RARE] = None
     """Size of pictures in px to ask a camera for, such as 1280x720. (default: the camera's own)"""
 
     fps: Annotated[float | None, FPS, RARE] = None
@@ -231,7 +231,7 @@ class LensOptions(VideoOptions):
     output: Annotated[str | Path, Typed(short="o")] = Path("lens.yaml")
     """New YAML file, as ROS's camera_info; nothing is replaced."""
 
-    fisheye: bool = False
+    fisheye: Annotated[bool, RARE] = False
     """Calibrate a lens that sees more than about 110 degrees."""
 
     def __post_init__(self) -> None:

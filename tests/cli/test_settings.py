@@ -80,7 +80,7 @@ def test_options_of_a_command_are_parsed_as_if_typed() -> None:
     }
     assert defaults("prior", "build") == {"worlds": 50}
     assert defaults("see", "--camera", "0") == {"fps": 10.0}
-    assert defaults("see", "twin") == {"size": (640, 480)}
+    assert defaults("sim", "camera") == {"size": (640, 480)}
     assert defaults("adapt") == {}
 
 
@@ -123,14 +123,14 @@ ON_PORT = 'backend = "dynamixel"\nconnect = "/dev/ttyUSB0:1000000"\nlisten = "tl
         (ON_NETWORK, "estop", LINKED),
         (ON_NETWORK, "see --camera 0", LINKED),
         (ON_NETWORK, "see --camera 0 --no-link", {}),
-        (ON_NETWORK, "twin heal 5", LINKED),
+        (ON_NETWORK, "sim heal 5", LINKED),
         (ON_NETWORK, "run --backend sim", {}),
         (ON_NETWORK, "run --backend mavlink", {}),
         (ON_NETWORK, "run --connect tcp/127.0.0.1:7447", {"backend": "zenoh"}),
         (ON_NETWORK, "run --connect tls/other:7447", {"backend": "zenoh", "keys": Path("keys")}),
         (ON_NETWORK, "status --link lab.yaml", {"keys": Path("keys")}),
         (ON_NETWORK, "serve", {}),
-        (ON_NETWORK, "board", {}),
+        (ON_NETWORK, "sim board", {}),
         (ON_NETWORK, "view", {}),
         (ON_NETWORK, "view --connect tls/other:7447", {"keys": Path("keys")}),
         (ON_NETWORK, "adapt --resume x", {}),
@@ -155,7 +155,7 @@ ON_PORT = 'backend = "dynamixel"\nconnect = "/dev/ttyUSB0:1000000"\nlisten = "tl
         ('connect = "/dev/ttyUSB0"\n', "servos test 3", {"connect": "/dev/ttyUSB0"}),
         ('connect = "/dev/i2c-1"\nbackend = "pca9685"\n', "servos identify", {}),
         ('connect = "udpin:127.0.0.1:14550"\nbackend = "mavlink"\n', "servos scan", {}),
-        (ON_PORT, "board", {}),
+        (ON_PORT, "sim board", {}),
         (ON_PORT, "status", {}),
         (ON_PORT, "estop", {}),
         (ON_NETWORK, "servos scan", {}),

@@ -184,7 +184,7 @@ class Shell:
         if name in ("serve", "board"):
             {"serve": self._serve, "board": self._start_board}[name](arguments)
             return
-        if arguments[:2] == ["see", "twin"]:
+        if arguments[:2] == ["sim", "camera"]:
             self._start_camera(arguments)
             return
         if arguments[0] == "see" and "--camera" in arguments:

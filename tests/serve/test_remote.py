@@ -63,7 +63,7 @@ def test_legs_of_a_served_simulation_fail_and_heal_on_request(tmp_path: Path) ->
     with served(tmp_path, backend="sim") as robot:
         here = ("--connect", robot.endpoint)
         told = [
-            hexctl("twin", *change, *here)
+            hexctl("sim", *change, *here)
             for change in (
                 *(("fail", "5:limp"), ("fail", "2:stuck:femur"), ("heal", "5"), ("fail", "7:limp")),
                 *(("heal", "5"), ("fail", "limp")),
@@ -89,7 +89,7 @@ def test_legs_of_a_served_simulation_fail_and_heal_on_request(tmp_path: Path) ->
 def test_the_log_of_a_robot_tells_what_was_broken_and_who_lost_it(tmp_path: Path) -> None:
     with served(tmp_path, backend="sim") as robot:
         for words in (("fail", "5:limp"), ("heal", "5")):
-            assert hexctl("twin", *words, "--connect", robot.endpoint).returncode == 0
+            assert hexctl("sim", *words, "--connect", robot.endpoint).returncode == 0
         robot.wait_for("told to break legs: now leg 5 limp")
         robot.wait_for("told to break legs: now all are whole")
         with controlling(tmp_path, robot.endpoint):
@@ -102,7 +102,7 @@ def test_the_log_of_a_robot_tells_what_was_broken_and_who_lost_it(tmp_path: Path
 
 def test_a_real_robot_lets_no_leg_fail(tmp_path: Path) -> None:
     with served(tmp_path, backend="mock") as robot:
-        done = hexctl("twin", "fail", "5:limp", "--connect", robot.endpoint)
+        done = hexctl("sim", "fail", "5:limp", "--connect", robot.endpoint)
     assert done.returncode == 3
     assert "not simulated" in done.stderr
     assert done.stderr.count("\n") == 1

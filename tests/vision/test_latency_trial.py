@@ -46,7 +46,7 @@ def watched(folder: Path) -> Iterator[Watched]:
     save_lens(WEBCAM, folder / "lens.yaml")
     with served(folder, backend="sim") as robot:
         twin = (
-            "hexctl", "see", "twin", "--connect", robot.endpoint, "--fps", "15", "--size", "960x540",
+            "hexctl", "sim", "camera", "--connect", robot.endpoint, "--fps", "15", "--size", "960x540",
             "--latency-ms", str(LATENCY_MS),
         )  # fmt: skip
         with program(folder, "twin", *twin) as camera:

@@ -55,7 +55,7 @@ class BusOptions:
     connect: str | None = None
     """Serial device of the bus, such as /dev/ttyUSB0. (default: that of --robot, else required)"""
 
-    baud: Annotated[int | None, BAUD] = None
+    baud: Annotated[int | None, BAUD, RARE] = None
     """Bits per second, {}. (default: that of --robot, else 1000000, with lx16a 115200)"""
 
     robot: str | None = None

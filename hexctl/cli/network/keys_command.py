@@ -63,7 +63,9 @@ def mavlink(folder: FolderArgument = Path("keys")) -> None:
     from hexctl.cli.console import print_result
 
     path = write_signing_key(folder)
-    print_result(f"{path}  to both ends: hexctl serve --device-keys {folder}, hexctl board --keys {folder}")
+    print_result(
+        f"{path}  to both ends: hexctl serve --device-keys {folder}, hexctl sim board --keys {folder}"
+    )
 
 
 @keys.command()

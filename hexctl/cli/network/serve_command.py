@@ -34,7 +34,7 @@ class ServeCommand(SettingsCommand):
         return super().parse_args(ctx, full)
 
 
-@with_options(ServeOptions)
+@with_options(ServeOptions, rare=("failed_leg",))
 def serve(
     asked: dict[str, Any],
     context: typer.Context,

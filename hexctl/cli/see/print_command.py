@@ -10,7 +10,7 @@ from hexctl.cli.signature import with_options
 from hexctl.vision.sheet import Sheet, save_sheet
 
 
-@with_options(Sheet)
+@with_options(Sheet, rare=("robot_edge_mm", "home_edge_mm", "floor_edge_mm"))
 def print_(
     sheet: dict[str, Any],
     output: Annotated[

@@ -4,7 +4,6 @@ from hexctl.cli.see.latency_command import latency
 from hexctl.cli.see.print_command import print_
 from hexctl.cli.see.see_calibrate_command import calibrate
 from hexctl.cli.see.see_command import look
-from hexctl.cli.see.see_twin_command import twin
 from hexctl.cli.settings import Commands, SettingsGroup
 
 see = Commands(cls=SettingsGroup, no_args_is_help=True, invoke_without_command=True)
@@ -12,4 +11,3 @@ see.callback()(look)
 see.command("print")(print_)
 see.command()(calibrate)
 see.command()(latency)
-see.command()(twin)

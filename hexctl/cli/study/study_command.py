@@ -12,7 +12,7 @@ from hexctl.cli.signature import with_options
 from hexctl.study.study_options import MATRIX, PAPER, StudyOptions
 
 
-@with_options(StudyOptions)
+@with_options(StudyOptions, rare=("optimizers", "runs"))
 def study(asked: dict[str, Any], as_json: JsonOption = False) -> None:
     """Repeat the paper's experiments: all gaits of each failed leg, all optimizers, one report.
 

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 WITH_RESUME = ("--resume", "--budget", "--trust", "--view", "--no-record", "--quiet", "--json")
 
 
-@with_options(AdaptOptions)
+@with_options(AdaptOptions, rare=("objective", "ask", "hold"))
 def adapt(
     search: dict[str, Any],
     context: typer.Context,
@@ -68,7 +68,7 @@ def adapt(
     ] = None,
     trust: Annotated[
         bool,
-        typer.Option("--trust", help="With --resume: import custom code that the session names."),
+        rare(typer.Option("--trust", help="With --resume: import custom code that the session names.")),
     ] = False,
     view: Annotated[
         bool,

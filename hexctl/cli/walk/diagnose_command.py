@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from hexctl.runs.run_spec import RunSpec
 
 
-@with_options(RecordedOptions)
+@with_options(RecordedOptions, rare=("record",))
 def diagnose(
     where: dict[str, Any],
     no_record: NoRecordOption = False,

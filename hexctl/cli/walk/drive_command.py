@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from hexctl.serve.stop_sender import StopSender
 
 
-@with_options(DriveOptions)
+@with_options(DriveOptions, rare=("failed_leg", "failure"))
 def drive(
     asked: dict[str, Any],
     view: Annotated[bool, typer.Option("--view", help="Show the drive in the Rerun viewer.")] = False,

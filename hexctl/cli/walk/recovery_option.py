@@ -7,15 +7,16 @@ import typer
 from hexctl.errors import InputError
 
 
-def _recover(text: str) -> Any:
-    return typer.Option("--recover", rich_help_panel="Failure", help=f"{text}: --policy glide.")
+def _recover(text: str, *, rare: bool) -> Any:
+    return typer.Option("--recover", rich_help_panel="Failure", hidden=rare, help=f"{text}: --policy glide.")
 
 
 RecoverOption = Annotated[
-    bool, _recover("Walk on without a leg that fails, on the same line, the default in simulation")
+    bool,
+    _recover("Walk on without a leg that fails, on the same line, the default in simulation", rare=False),
 ]
 TrialRecoverOption = Annotated[
-    bool, _recover("If another leg fails during a trial, walk the trial to its end without it")
+    bool, _recover("If another leg fails during a trial, walk the trial to its end without it", rare=True)
 ]
 
 

@@ -23,7 +23,7 @@ OF_BUS = ("model", "baud", "fault", "link")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoardOptions(ServedOptions):
-    """Options of `hexctl board`.
+    """Options of `hexctl sim board`.
 
     Raises InputError for a value that is not allowed.
     """

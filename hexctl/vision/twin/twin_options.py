@@ -47,16 +47,16 @@ class TwinOptions(LinkedRobotOptions):
     http_port: Annotated[int, PORT] = 0
     """Port of this computer for the pictures, a whole number, {}; 0: any free."""
 
-    fps: Annotated[float, FPS] = 30.0
+    fps: Annotated[float, FPS, RARE] = 30.0
     """Pictures that the camera takes per second, {}; fewer if drawing is slow."""
 
-    latency_ms: Annotated[float, LATENCY_MS] = 80.0
+    latency_ms: Annotated[float, LATENCY_MS, RARE] = 80.0
     """Milliseconds from what it sees to its picture's arrival, {}.
 
     Never less than drawing takes.
     """
 
-    size_px: Annotated[tuple[int, int] | None, Typed(flag="size", parse=parse_size)] = None
+    size_px: Annotated[tuple[int, int] | None, Typed(flag="size", parse=parse_size), RARE] = None
     """Size of the pictures in px, such as 640x480. (default: that of the lens, 1280x720)"""
 
     lens: Annotated[str | Path | None, RARE] = None

@@ -1,4 +1,4 @@
-"""Servo boards for tests: `hexctl board` in a process of its own, and one that says what a test wants."""
+"""Servo boards for tests: `hexctl sim board` in a process of its own, and one that says what a test wants."""
 
 import json
 import os
@@ -58,7 +58,7 @@ def fast_clock(speed: float = 4.0) -> WallClock:
 
 
 class BoardProcess:
-    """`hexctl board` in a process of its own.
+    """`hexctl sim board` in a process of its own.
 
     Attributes:
         process: the process; tests may signal it.
@@ -70,7 +70,7 @@ class BoardProcess:
         where = ["--pty"] if pty else ["--connect", f"udpin:127.0.0.1:{number}"]
         where = [] if "--bus" in arguments else where
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "hexctl", "board", *where, "--json", *arguments],
+            [sys.executable, "-m", "hexctl", "sim", "board", *where, "--json", *arguments],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             env={**os.environ, "MUJOCO_GL": "disable"},

@@ -24,7 +24,7 @@ REFUSED = [
     (["serve", "--backend", "mock", "--failed-leg", "5"], ["--failed-leg", "mock", "sim"]),
     (["serve", "--failed-leg", "9"], ["--failed-leg", "9", "1..6"]),
     (["serve", "--failure", "limp"], ["--failure", "5:limp"]),
-    (["serve", "--failure", "5:limp@8"], ["--failure", "5:limp@8", "hexctl twin fail"]),
+    (["serve", "--failure", "5:limp@8"], ["--failure", "5:limp@8", "hexctl sim fail"]),
     (["serve", "--connect", "/dev/null"], ["--connect", "sim", "mavlink"]),
     (["serve", "--backend", "mavlink", "--seed", "5"], ["--seed", "5", "mavlink"]),
     (["serve", "--seed", "-1"], ["--seed", "-1"]),

@@ -117,7 +117,7 @@ def test_a_robot_walks_by_the_pose_that_a_camera_sees(tmp_path: Path) -> None:
     save_lens(WEBCAM, tmp_path / "lens.yaml")
     with served(tmp_path, backend="sim") as robot:
         link = ("--connect", robot.endpoint)
-        twin = ("hexctl", "see", "twin", *link, "--fps", "12", "--size", "960x540", "--latency-ms", "120")
+        twin = ("hexctl", "sim", "camera", *link, "--fps", "12", "--size", "960x540", "--latency-ms", "120")
         with program(tmp_path, "twin", *twin) as camera:
             camera.wait_for("Ctrl-C ends it")
             url = camera.said().partition(" at ")[2].split()[0]

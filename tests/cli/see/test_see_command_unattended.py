@@ -51,7 +51,7 @@ def searched(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, S
     save_lens(WEBCAM, folder / "lens.yaml")
     with served(folder, "--failed-leg", "5", backend="sim") as robot:
         link = ("--connect", robot.endpoint)
-        with program(folder, "twin", "hexctl", "see", "twin", *link, *CAMERA, MUJOCO_GL="egl") as camera:
+        with program(folder, "twin", "hexctl", "sim", "camera", *link, *CAMERA, MUJOCO_GL="egl") as camera:
             camera.wait_for("Ctrl-C ends it")
             url = camera.said().partition(" at ")[2].split()[0]
             look = (

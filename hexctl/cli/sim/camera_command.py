@@ -1,4 +1,4 @@
-"""`hexctl see twin`: a rendered camera over a simulated robot."""
+"""`hexctl sim camera`: a rendered camera over a simulated robot."""
 
 import json
 import shlex
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 
 @with_options(TwinOptions)
-def twin(options: dict[str, Any], as_json: JsonOption = False) -> None:
-    """Be a network camera that looks at the robot of hexctl serve --backend sim, until Ctrl-C.
+def camera(options: dict[str, Any], as_json: JsonOption = False) -> None:
+    """Simulate a network camera that looks at the robot of hexctl serve --backend sim, until Ctrl-C.
 
     Its pictures are drawn by MuJoCo, with tag 10 on the robot (edge 10 cm) and tags 0 to 3 on the floor, and
     have the flaws of a real camera. hexctl see --camera URL takes them like those of any other. Its lens is
@@ -26,17 +26,17 @@ def twin(options: dict[str, Any], as_json: JsonOption = False) -> None:
     from hexctl.cli.console import StopOnInterrupt, print_note, print_result
     from hexctl.vision.twin.twin_camera import TwinCamera, TwinStarted
 
-    camera = TwinCamera(**options)
+    service = TwinCamera(**options)
 
     def on_started(started: TwinStarted) -> None:
         print_note(
             f"camera over {started.robot} at {started.url} (in a browser {started.page_url}); Ctrl-C ends it"
         )
-        lens_file = options["lens"] or _written(camera.camera().lens)
+        lens_file = options["lens"] or _written(service.camera().lens)
         print_note(f"look  hexctl see --camera {started.url} --lens {shlex.quote(str(lens_file))}")
 
     with StopOnInterrupt(plain=True) as interrupt:
-        report = camera.run(
+        report = service.run(
             interrupt.requested, on_started=on_started, on_event=lambda text: print_note(f"hexctl: {text}")
         )
     if as_json:

@@ -1,4 +1,4 @@
-"""`hexctl board` as a user calls it."""
+"""`hexctl sim board` as a user calls it."""
 
 import json
 import os
@@ -51,7 +51,7 @@ from tests.backends.mavlink.boards import PATIENCE_S, board, free_port
 def test_bad_input_is_one_line(
     arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert exit_code(["board", *arguments]) == 2
+    assert exit_code(["sim", "board", *arguments]) == 2
     err = capsys.readouterr().err
     assert message in err
     assert err.count("\n") == 1
@@ -60,7 +60,7 @@ def test_bad_input_is_one_line(
 def test_a_port_in_use_is_a_fault(capsys: pytest.CaptureFixture[str]) -> None:
     with board("--backend", "mock") as running:
         port = running.port.replace("udpout", "udpin")
-        assert exit_code(["board", "--backend", "mock", "--connect", port]) == 3
+        assert exit_code(["sim", "board", "--backend", "mock", "--connect", port]) == 3
         assert "cannot be opened" in capsys.readouterr().err
         report = running.end()
     assert report["ticks"] > 0
@@ -73,6 +73,7 @@ def test_it_says_where_it_is_and_ends_with_ctrl_c(tmp_path: Path) -> None:
             sys.executable,
             "-m",
             "hexctl",
+            "sim",
             "board",
             "--backend",
             "mock",

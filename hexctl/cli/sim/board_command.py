@@ -1,4 +1,4 @@
-"""`hexctl board`: a servo board that speaks MAVLink, with a simulated robot on it."""
+"""`hexctl sim board`: a servo board that speaks MAVLink, with a simulated robot on it."""
 
 import json
 from typing import TYPE_CHECKING, Any
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from hexctl.serve.service import ServiceStarted
 
 
-@with_options(BoardOptions, but=("link",))
+@with_options(BoardOptions, but=("link",), rare=("world", "failed_leg", "pty"))
 def board(asked: dict[str, Any], as_json: JsonOption = False) -> None:
     """Simulate a servo board that speaks MAVLink 2, or servos on a bus.
 

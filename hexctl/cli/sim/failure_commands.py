@@ -1,4 +1,4 @@
-"""`hexctl twin`: let legs of a served simulation fail and heal, while something else walks it."""
+"""`hexctl sim fail` and `heal`: let legs of a served simulation fail and heal, while something else walks it."""
 
 import json
 from collections.abc import Callable
@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hexctl.cli.output_options import JsonOption
-from hexctl.cli.settings import Commands
 from hexctl.cli.signature import with_options
 from hexctl.cli.values import checked
 from hexctl.robot.failure_grammar import parse_leg
@@ -16,10 +15,7 @@ from hexctl.wire.links import LinkOptions
 if TYPE_CHECKING:
     from hexctl.serve.remote import RemoteRobots
 
-twin = Commands(help="Let legs of a simulation on the network fail and heal.", no_args_is_help=True)
 
-
-@twin.command()
 @with_options(LinkOptions)
 def fail(
     place: dict[str, Any],
@@ -34,11 +30,10 @@ def fail(
     ],
     as_json: JsonOption = False,
 ) -> None:
-    """Let a leg of a simulated robot fail now, untold to whatever walks it."""
+    """Let a leg of a simulated robot fail now; what walks it is not told."""
     _change(lambda robots: robots.fail(failure), place, as_json=as_json)
 
 
-@twin.command()
 @with_options(LinkOptions)
 def heal(
     place: dict[str, Any],
@@ -50,7 +45,7 @@ def heal(
     ],
     as_json: JsonOption = False,
 ) -> None:
-    """Let a leg of a simulated robot be whole again."""
+    """Let a leg of a simulated robot work again."""
     _change(lambda robots: robots.heal(leg), place, as_json=as_json)
 
 

@@ -1,4 +1,4 @@
-"""`hexctl see twin` as a user calls it."""
+"""`hexctl sim camera` as a user calls it."""
 
 import json
 import signal
@@ -31,20 +31,20 @@ from tests.serve.processes import free_port, program, served
 def test_bad_input_is_one_line(
     arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert exit_code(["see", "twin", *arguments]) == 2
+    assert exit_code(["sim", "camera", *arguments]) == 2
     err = capsys.readouterr().err
     assert message in err
     assert err.count("\n") == 1
 
 
 def test_without_a_robot_it_is_a_fault(capsys: pytest.CaptureFixture[str]) -> None:
-    assert exit_code(["see", "twin", "--connect", f"tcp/127.0.0.1:{free_port()}"]) == 3
+    assert exit_code(["sim", "camera", "--connect", f"tcp/127.0.0.1:{free_port()}"]) == 3
     assert "nothing listens" in capsys.readouterr().err
 
 
 def test_ctrl_c_ends_it_with_what_it_managed(tmp_path: Path) -> None:
     with served(tmp_path, backend="sim") as robot:
-        arguments = ("hexctl", "see", "twin", "--connect", robot.endpoint, "--fps", "10", "--json")
+        arguments = ("hexctl", "sim", "camera", "--connect", robot.endpoint, "--fps", "10", "--json")
         with program(tmp_path, "camera", *arguments) as camera:
             camera.wait_for("Ctrl-C ends it")
             url = camera.said().partition(" at ")[2].split()[0]

@@ -1,0 +1,1 @@
+"""Simulated hardware: servo boards, buses, a camera, and legs that fail."""
