@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from hexctl.control.assessment.feasibility import RobotCheck
 
 
-@with_options(CheckOptions)
+@with_options(CheckOptions, rare=("leg_sets",))
 def check(
     asked: dict[str, Any],
     context: typer.Context,

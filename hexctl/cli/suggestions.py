@@ -10,7 +10,8 @@ from typer.exceptions import TyperException
 SYNONYMS = {
     "walk": "run",
     "simulate": "run",
-    "sim": "run",
+    "board": "sim board",
+    "twin": "sim",
     "gait": "gaits",
     "world": "worlds",
     "search": "adapt",

@@ -68,7 +68,7 @@ def test_options_of_a_command_are_parsed_as_if_typed() -> None:
     write(
         "[run]\nduration = 20\nrealtime = true\nthen = ['wave@10', 'tripod@15']\nfailed-leg = 5\n"
         "gait = [5, 1, 2, 4, 3, 6]\nfailure = '5:weak:0.5'\n[prior.build]\nworlds = 50\n[see]\nfps = 10\n"
-        "[see.twin]\nsize = '640x480'\n"
+        "[sim.camera]\nsize = '640x480'\n"
     )
     assert defaults("run") == {
         "duration": 20.0,

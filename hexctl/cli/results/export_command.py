@@ -13,7 +13,7 @@ from hexctl.cli.signature import with_options
 from hexctl.export.export_options import ExportOptions
 
 
-@with_options(ExportOptions)
+@with_options(ExportOptions, rare=("from_s", "duration_s"))
 def export(
     options: dict[str, Any],
     sources: Annotated[

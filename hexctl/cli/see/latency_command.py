@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from hexctl.vision.latency_trial import LatencyTrial, TwistAhead
 
 
-@with_options(CameraOptions)
+@with_options(CameraOptions, rare=("place",))
 def latency(options: dict[str, Any], as_json: JsonOption = False) -> None:
     """Measure how late a camera's pictures come: the standing robot twists once and is watched.
 

@@ -1,4 +1,4 @@
-"""`hexctl sim fail` and `heal`: let legs of a served simulation fail and heal, while something else walks it."""
+"""`hexctl sim fail` and `heal`: let legs of a served simulation fail and heal in mid-walk."""
 
 import json
 from collections.abc import Callable

@@ -21,7 +21,7 @@ prior = Commands(
 
 
 @prior.command()
-@with_options(PriorOptions)
+@with_options(PriorOptions, rare=("duration_s",))
 def build(asked: dict[str, Any], context: typer.Context, as_json: JsonOption = False) -> None:
     """Walk all 120 gaits of each failed leg in many plausible worlds, and keep the outcomes.
 
