@@ -82,6 +82,19 @@ class InputError(HexctlError, ValueError):
     """A value from the user (option, file, argument) that is not allowed."""
 
 
+class UnusedError(InputError):
+    """An option that nothing would use. Typed it is refused; that a file of settings has it does no harm.
+
+    Attributes:
+        field: name of the option's field.
+    """
+
+    def __init__(self, field: str, message: str) -> None:
+        """Note which option is about nothing."""
+        super().__init__(message)
+        self.field = field
+
+
 class WrongTypeError(InputError, TypeError):
     """A value of a type that is not allowed."""
 

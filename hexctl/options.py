@@ -19,7 +19,7 @@ from itertools import pairwise
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from hexctl.errors import InputError, argument, check_type
+from hexctl.errors import InputError, UnusedError, argument, check_type
 
 #: A range with no more whole numbers than this is offered by the Tab key.
 MAX_OFFERED = 10
@@ -219,7 +219,7 @@ def check_fields(spec: Any) -> None:
 
 
 def check_used(spec: Any, names: Container[str], where: str) -> None:
-    """Raise InputError for the first of some options that is not its default, as nothing would use it.
+    """Raise UnusedError for the first of some options that is not its default, as nothing would use it.
 
     Args:
         spec: the options.
@@ -229,7 +229,8 @@ def check_used(spec: Any, names: Container[str], where: str) -> None:
     for field in fields(spec):
         value = getattr(spec, field.name)
         if field.name in names and value != field.default:
-            raise InputError(f"{argument(field.name)}: got {_typed_text(value)}; allowed: {where}")
+            message = f"{argument(field.name)}: got {_typed_text(value)}; allowed: {where}"
+            raise UnusedError(field.name, message)
 
 
 def _typed_text(value: Any) -> str:

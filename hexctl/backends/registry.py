@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
 
 from hexctl.backends.base import LegServos
-from hexctl.errors import InputError, MissingExtraError, argument
+from hexctl.errors import InputError, MissingExtraError, UnusedError, argument
 from hexctl.robot.failure import Failure, FailureEvent
 from hexctl.robot.loader import RobotFile
 from hexctl.robot.model import Robot
@@ -122,7 +122,7 @@ def check_options(
     offered: Container[str] | None = None,
     **given: object,
 ) -> None:
-    """Raise InputError for an option that was given and that the backend would ignore.
+    """Raise UnusedError for an option that was given and that the backend would ignore.
 
     Args:
         name: the backend, as for `make_servos`.
@@ -137,10 +137,11 @@ def check_options(
         takers = [known for known, backend in BACKENDS.items() if field in backend.takes]
         allowed = _joined([known for known in takers if offered is None or known in offered])
         own = name not in BACKENDS
-        raise InputError(
+        raise UnusedError(
+            names.get(field, field),
             f"{argument(names.get(field, field))}: got {'it' if value is True else value} "
             f"with {argument('backend')} {name}{f', whose class takes no `{field}`' if own else ''}; "
-            f"allowed: with {allowed}{f', or a class that takes `{field}`' if own else ''}"
+            f"allowed: with {allowed}{f', or a class that takes `{field}`' if own else ''}",
         )
 
 

@@ -71,7 +71,9 @@ class _FollowsSettings:
                 said = _said(ctx, {name: value for name, value in typed.items() if value is not None})
                 ctx.meta[_ORIGINS] = {name: setting.origin for name, (setting, _) in said.items()}
                 ctx.default_map = {name: value for name, (_, value) in said.items()}
-        return super().parse_args(ctx, args)  # type: ignore[misc,no-any-return]
+        rest = super().parse_args(ctx, args)  # type: ignore[misc]
+        _drop_unused(ctx)
+        return rest  # type: ignore[no-any-return]
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command; say which settings it follows, and name their place in errors about them."""
@@ -153,6 +155,15 @@ def _said(ctx: Any, typed: Mapping[str, Any]) -> "dict[str, tuple[Setting, Any]]
     return said
 
 
+def _drop_unused(ctx: Any) -> None:
+    """Take back settings that nothing would use with what was typed: in a file they do no harm."""
+    origins, unused = ctx.meta.get(_ORIGINS), getattr(ctx.command.callback, "unused", None)
+    for name, default in unused(ctx.params, origins).items() if origins and unused else ():
+        ctx.params[name] = default
+        ctx.set_parameter_source(name, type(ctx.get_parameter_source(name)).DEFAULT)
+        del origins[name]
+
+
 def _path(ctx: Any) -> tuple[str, ...]:
     """Names of a command, from outside, without the program's."""
     return () if ctx.parent is None else (*_path(ctx.parent), ctx.info_name)
@@ -220,7 +231,7 @@ class _Following:
         if option == "backend":
             return self._path != ("serve",) or self._any("backend") != "zenoh"
         if option == "world":
-            return self._backend == "sim"
+            return True  # dropped where the backend has none
         if option == "connect" and is_port(self._any("connect")):
             return False
         return on_link and self._link_follows(option)

@@ -1,9 +1,9 @@
 """The options of a dataclass as options of a command."""
 
 import inspect
-from collections.abc import Callable, Container, Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
 from dataclasses import replace
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
@@ -13,6 +13,7 @@ import typer
 from hexctl.cli import completion
 from hexctl.cli.console import FLAGS
 from hexctl.cli.values import checked, choice, number
+from hexctl.errors import HexctlError, UnusedError
 from hexctl.options import Option, options_of
 
 
@@ -45,11 +46,38 @@ def with_options(
             values.pop(_HELP_ALL.name, None)
             command({option.name: _frozen(values.pop(option.name)) for option in options}, **values)
 
+        vars(called)["unused"] = partial(_unused, spec, options)
         vars(called)["__signature__"] = inspect.Signature(parameters)
         called.__annotations__ = {one.name: one.annotation for one in parameters}
         return called
 
     return decorate
+
+
+def _unused(
+    spec: type, options: Sequence[Option], values: Mapping[str, Any], said: Container[str]
+) -> dict[str, Any]:
+    """Defaults of options that settings say and that nothing would use, by field.
+
+    Args:
+        spec: dataclass of the options.
+        options: of the command.
+        values: of the options, by field.
+        said: fields that settings say.
+    """
+    asked = {option.name: _frozen(values[option.name]) for option in options}
+    defaults: dict[str, Any] = {}
+    while True:
+        try:
+            getattr(spec(**asked | defaults), "check", bool)()
+        except UnusedError as error:
+            if error.field not in said or error.field in defaults:
+                return defaults  # typed: the command refuses it
+            defaults[error.field] = next(one.default for one in options if one.name == error.field)
+        except (HexctlError, TypeError):
+            return defaults  # of something else, which the command tells
+        else:
+            return defaults
 
 
 def _frozen(value: Any) -> Any:

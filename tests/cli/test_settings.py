@@ -263,11 +263,17 @@ def test_an_error_of_the_library_names_the_place_too(capsys: pytest.CaptureFixtu
     said, error = capsys.readouterr().err.splitlines()
     assert said == "hexctl: hexctl.toml sets --robot bob"
     assert "'bob'" in error
-    write("[run]\nworld = 'rough'")
-    assert exit_code(["run", "--backend", "mock"]) == 2
-    assert (
-        capsys.readouterr().err.splitlines()[1].startswith("hexctl: hexctl.toml: run.world: got rough with")
-    )
+
+
+def test_what_is_typed_and_useless_is_refused_and_skipped_in_a_file(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    write("[run]\nworld = 'rough'\nrealtime = true\n[study]\nseed = 3\ngaits = 'demo'")
+    assert defaults("run", "--backend", "mock") == {}
+    assert defaults("run") == {"world": "rough", "realtime": True}
+    assert defaults("study") == {"seed": 3}
+    write("")
+    assert refused(["run", "--backend", "mock", "--world", "rough"], capsys).startswith("--world: got rough")
 
 
 def test_help_is_there_whatever_is_wrong(capsys: pytest.CaptureFixture[str]) -> None:
