@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from hexctl.control.assessment.feasibility import RobotCheck
 
 
-@with_options(CheckOptions, rare=("leg_sets",))
+@with_options(CheckOptions, rare=("leg_sets", "turn_rate_rad_s"))
 def check(
     asked: dict[str, Any],
     context: typer.Context,
@@ -26,7 +26,7 @@ def check(
         str | None,
         typer.Argument(
             autocompletion=completion.robots,
-            metavar="[ROBOT]",
+            metavar="ROBOT",
             help="Robot: a name that hexctl robot list prints, or a YAML file. (default: ant)",
         ),
     ] = None,

@@ -218,7 +218,7 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
 
 
 #: Commands that print what an argument may be, by its name in the help text.
-LISTED_BY = dict.fromkeys(("SESSION", "SESSION SESSION..."), "hexctl sessions list")
+LISTED_BY = {"SESSION": "hexctl sessions list"}
 
 
 def _bad_value(error: typer.BadParameter) -> str:

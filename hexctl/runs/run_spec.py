@@ -17,21 +17,19 @@ from hexctl.control.trial_plan import (
     DURATION_S,
     HEADING_DEG,
     TRIM_DEG,
-    TURN_DEG_S,
     AskedRotation,
     GaitChange,
     Hold,
     TrialPlan,
     suited_rotation,
 )
+from hexctl.control.walk_options import WalkOptions
 from hexctl.errors import InputError, argument
 from hexctl.gait.encoding import code_count
 from hexctl.gait.gait import (
     AUTO,
     BEST,
     DEFAULT_GAIT,
-    PACE_HZ,
-    STEP,
     SWING,
     SWING_SHARE,
     Gait,
@@ -63,7 +61,7 @@ def _shift(text: str) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RunSpec(RecordedOptions):
+class RunSpec(RecordedOptions, WalkOptions):
     """What a run does: which robot, where, and how it walks. Its fields are the options of `hexctl run`."""
 
     PANEL: ClassVar = "Walk"
@@ -87,24 +85,8 @@ class RunSpec(RecordedOptions):
     In Python in rad. None is forward, or no travel in a turn in place.
     """
 
-    turn_rate_rad_s: Annotated[float | None, TURN_DEG_S, Typed(flag="turn")] = None
-    """Turn rate in degrees per second, {}, counter-clockwise. Without --heading the robot turns in place.
-    (default: 0)
-
-    In Python in rad/s.
-    """
-
     duration_s: Annotated[float, DURATION_S] = 30.0
     """Seconds to walk, {}."""
-
-    pace_hz: Annotated[float | None, PACE_HZ] = None
-    """Gait cycles per second, {}. (default: the robot's)"""
-
-    amplitude: Annotated[float | None, STEP, RARE] = None
-    """Length of a step as a fraction of the robot's size, {}. (default: the robot's)"""
-
-    height: Annotated[float | None, STEP, RARE] = None
-    """Height of a step as a fraction of the robot's size, {}. (default: the robot's)"""
 
     body_raise: Annotated[float | None, POSTURE, RARE] = None
     """How much higher the body stands, as a fraction of the robot's size, {}. (default: 0; with --gait auto

@@ -19,7 +19,7 @@ def export(
     sources: Annotated[
         list[str],
         typer.Argument(
-            metavar="ROBOT|RECORDING|SESSION...",
+            metavar="ROBOT|RECORDING|SESSION",
             autocompletion=completion.exportable,
             help="A robot (a name of hexctl robot list, or a YAML file), recordings (.rrd), or the name of a "
             "session. Two recordings race in a GIF or MP4; several make one LeRobot dataset.",

@@ -101,7 +101,7 @@ def compare(
         list[str],
         typer.Argument(
             autocompletion=completion.sessions,
-            metavar="SESSION SESSION...",
+            metavar="SESSION",
             help="Names of two or more sessions, as hexctl sessions list has them.",
         ),
     ],

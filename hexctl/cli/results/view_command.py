@@ -19,7 +19,7 @@ def view(
     names: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[RECORDING|SESSION]...",
+            metavar="RECORDING|SESSION",
             autocompletion=completion.viewable,
             help="Recordings (.rrd) or names of sessions. (default: the newest under runs/)",
         ),

@@ -20,7 +20,7 @@ def calibrate(
     pictures: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="[PICTURE]...",
+            metavar="PICTURE",
             help="Pictures of the board on the last page of the sheet. (default: those of --camera)",
             show_default=False,
         ),

@@ -3,9 +3,10 @@
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from hexctl.control.trial_plan import DURATION_S, HEADING_DEG, TURN_DEG_S
+from hexctl.control.trial_plan import DURATION_S, HEADING_DEG
+from hexctl.control.walk_options import WalkOptions
 from hexctl.errors import argument
-from hexctl.gait.gait import DEFAULT_GAIT, PACE_HZ, STEP, gait_text
+from hexctl.gait.gait import DEFAULT_GAIT, gait_text
 from hexctl.options import RARE, Panel, Typed, check_fields, check_used
 
 #: Options that only a measurement of the simulation takes.
@@ -15,7 +16,7 @@ FINDINGS, SIMULATION = Panel("Findings"), Panel("Simulation")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CheckOptions:
+class CheckOptions(WalkOptions):
     """What a check of a robot is asked for. Its fields are the options of `hexctl check`.
 
     Raises InputError for a value that is not allowed, and for options that nothing would use.
@@ -36,22 +37,6 @@ class CheckOptions:
 
     In Python in rad.
     """
-
-    turn_rate_rad_s: Annotated[float | None, TURN_DEG_S, Typed(flag="turn"), RARE] = None
-    """Turn rate in degrees per second, {}, counter-clockwise. Without --heading the robot turns in place.
-    (default: 0)
-
-    In Python in rad/s.
-    """
-
-    pace_hz: Annotated[float | None, PACE_HZ] = None
-    """Gait cycles per second, {}. (default: the robot's)"""
-
-    amplitude: Annotated[float | None, STEP, RARE] = None
-    """Length of a step as a fraction of the robot's size, {}. (default: the robot's)"""
-
-    height: Annotated[float | None, STEP, RARE] = None
-    """Height of a step as a fraction of the robot's size, {}. (default: the robot's)"""
 
     envelope: Annotated[bool, FINDINGS] = False
     """Print the maximum velocities by direction, and the static margins with and without each leg."""

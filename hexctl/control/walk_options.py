@@ -1,0 +1,31 @@
+"""Options of a walk that several commands have."""
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+from hexctl.control.trial_plan import TURN_DEG_S
+from hexctl.gait.gait import PACE_HZ, STEP
+from hexctl.options import RARE, Typed
+
+
+@dataclass(frozen=True, kw_only=True)
+class WalkOptions:
+    """How a robot steps and turns; what is None is the robot's own."""
+
+    PANEL: ClassVar = "Walk"
+
+    turn_rate_rad_s: Annotated[float | None, TURN_DEG_S, Typed(flag="turn")] = None
+    """Turn rate in degrees per second, {}, counter-clockwise. Without --heading the robot turns in place.
+    (default: 0)
+
+    In Python in rad/s.
+    """
+
+    pace_hz: Annotated[float | None, PACE_HZ] = None
+    """Gait cycles per second, {}. (default: the robot's)"""
+
+    amplitude: Annotated[float | None, STEP, RARE] = None
+    """Length of a step as a fraction of the robot's size, {}. (default: the robot's)"""
+
+    height: Annotated[float | None, STEP, RARE] = None
+    """Height of a step as a fraction of the robot's size, {}. (default: the robot's)"""
