@@ -2,6 +2,7 @@
 
 import json
 import math
+import shlex
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -53,7 +54,7 @@ def copy_robot(
     from hexctl.robot.configs import find_config
 
     _write_new(file, find_config("robots", name).read_text(encoding="utf-8"), "FILE")
-    print_result(f"{file}", f"next: change its name and values, then hexctl check --robot {file}")
+    print_result(f"{file}", f"next: change its name and values, then hexctl check {shlex.quote(str(file))}")
 
 
 @robot.command("import")

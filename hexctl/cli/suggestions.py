@@ -6,7 +6,7 @@ from typing import Any
 
 from typer.exceptions import TyperException
 
-#: Commands by other words that people type for them.
+#: Commands by other words that people type for them, of the program or of a group.
 SYNONYMS = {
     "walk": "run",
     "simulate": "run",
@@ -29,6 +29,10 @@ SYNONYMS = {
     "import": "robot import",
     "camera": "see",
     "scan": "servos scan",
+    "ls": "list",
+    "rm": "delete",
+    "remove": "delete",
+    "new": "copy",
 }
 
 _NO_COMMAND = re.compile(r"No such command '(.*)'")
@@ -39,12 +43,12 @@ def usage_text(error: TyperException) -> str:
     """Message about a command line that is not understood, with what may have been meant."""
     if near := getattr(error, "possibilities", None):
         vars(error)["possibilities"] = near[:1]  # best first; the message would sort them by name
-    text = error.format_message()
+    text, context = error.format_message(), getattr(error, "ctx", None)
     if (found := _NO_COMMAND.match(text)) is not None:
-        meant = SYNONYMS.get(found[1].lower())
-        return text if meant is None or "did you mean" in text.lower() else f"{text} Did you mean {meant!r}?"
-    context: Any = getattr(error, "ctx", None)
-    if _EXTRA.match(text) and context is not None:
+        meant = SYNONYMS.get(found[1].lower(), "")
+        known = meant.split(" ")[0] in getattr(context.command, "commands", ())
+        return f"{text} Did you mean {meant!r}?" if known and "did you mean" not in text.lower() else text
+    if _EXTRA.match(text):
         return text + _as_option(context, text.rpartition("(")[2].rstrip(")"))
     return text
 

@@ -104,12 +104,13 @@ def posture_in_words(posture: Posture, swing_share: float, size_m: float | None 
     Args:
         posture: of the gait.
         swing_share: of the gait.
-        size_m: of the robot; None gives lengths as multiples of that, E.
+        size_m: of the robot; None gives lengths as shares of it.
     """
-    size, unit = (1.0, "E") if size_m is None else (size_m, "m")
+    size, unit = (100.0, "% of its size") if size_m is None else (size_m, "m")
     forward, left = (f"{size * share:+g} {unit}" for share in posture.shift)
+    above = "higher" if posture.body_raise > 0 else "lower"
     parts = [
-        (posture.body_raise, f"{size * posture.body_raise:+g} {unit} higher"),
+        (posture.body_raise, f"body {size * abs(posture.body_raise):g} {unit} {above}"),
         (any(posture.shift), f"over its feet {forward} forward, {left} to the left"),
         (posture.tucked_legs, f"tucked legs: {', '.join(map(str, posture.tucked_legs))}"),
         (swing_share != SWING_SHARE, f"feet in the air for {100 * swing_share:.3g} % of a cycle"),

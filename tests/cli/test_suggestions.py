@@ -17,6 +17,7 @@ from hexctl.cli.suggestions import SYNONYMS
         (["drive", "wave"], "--gait wave"),
         (["run", "57"], "--gait 57"),
         (["run", "--recovery"], "--recover"),
+        (["sessions", "rm", "x"], "'delete'"),
     ],
 )
 def test_what_may_have_been_meant_is_proposed(
@@ -26,7 +27,7 @@ def test_what_may_have_been_meant_is_proposed(
     assert meant in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("words", [["xyzzy"], ["run", "xyzzy"], ["estop", "phantomx"]])
+@pytest.mark.parametrize("words", [["xyzzy"], ["rm"], ["run", "xyzzy"], ["estop", "phantomx"]])
 def test_nothing_is_proposed_for_what_means_nothing(
     words: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -35,5 +36,6 @@ def test_nothing_is_proposed_for_what_means_nothing(
 
 
 def test_proposed_commands_exist() -> None:
-    assert {command.split()[0] for command in SYNONYMS.values()} <= COMMANDS.keys()
+    meant = {command.split()[0] for command in SYNONYMS.values()}
+    assert meant <= COMMANDS.keys() | {"list", "delete", "copy"}
     assert not SYNONYMS.keys() & COMMANDS.keys()

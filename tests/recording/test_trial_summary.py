@@ -66,7 +66,7 @@ def test_changes_of_gait_and_posture_are_said_where_there_are_any(trial: Trial) 
     assert told["then"].startswith(slots)
     assert told["then"].endswith("at 1.5 s")
     assert told["posture"] == (
-        "+0.012 m higher; over its feet +0.02 m forward, -0.01 m to the left; tucked legs: 5; "
+        "body 0.012 m higher; over its feet +0.02 m forward, -0.01 m to the left; tucked legs: 5; "
         "feet in the air for 25 % of a cycle"
     )
     properties = make_properties("a walk", trial.robot, plan, trial.result, None, {})

@@ -140,7 +140,7 @@ def _distance_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
     """Distance, deviation and turn, as far as the robot knows them."""
     ideal, turn = outcome["ideal_distance_m"], outcome["ideal_yaw_change_deg"]
     turned_deg = outcome["yaw_change_deg"]
-    of_turn = f" of {turn:.1f} asked for" if turn else ""
+    of_turn = f", {100 * turned_deg / turn:.0f} % of ideal ({turn:.1f})" if turn and turned_deg else ""
     turned = [] if turned_deg is None else [("turned", f"{turned_deg:z.1f} degrees{of_turn}")]
     if turn and ideal:
         return [*_turn_rows(outcome), *turned, *_hold_rows(outcome)]

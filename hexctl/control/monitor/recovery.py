@@ -53,7 +53,11 @@ class Response:
         if self.gait is None or self.stays:
             return "walked on"
         slots = f"slots {','.join(map(str, self.gait.slots))}"
-        return f"glided to {slots}" if self.gait.phases is None else f"glided to a crawl, {slots}"
+        return (
+            f"changed in stride to {slots}"
+            if self.gait.phases is None
+            else f"changed in stride to a crawl, {slots}"
+        )
 
 
 class RecoveryPolicy(ABC):

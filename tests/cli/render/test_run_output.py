@@ -128,7 +128,7 @@ def test_a_turn_on_the_spot_is_not_measured_by_a_line(capsys: pytest.CaptureFixt
     }
     lines = shown(capsys, ideal_distance_m=0.0, ideal_yaw_change_deg=50.0, yaw_change_deg=37.4, **spot)
     assert "walked     10.0 s on the spot, ended 0.5 cm from the start" in lines
-    assert "turned     37.4 degrees of 50.0 asked for" in lines
+    assert "turned     37.4 degrees, 75 % of ideal (50.0)" in lines
     assert not any(line.startswith("off line") for line in lines)
 
 
