@@ -3,21 +3,18 @@
 import time
 from collections.abc import Iterator
 
-import numpy as np
-
 from hexctl.backends.facets import TruePose
 from hexctl.robot.rotations import xyzw
 from hexctl.types import FloatArray
+from hexctl.wire.pose import encode_pose
 from hexctl.wire.ros import telemetry
-
-_NO_TWIST = np.zeros(6)
 
 
 class OwnPoses:
     """Encodes the messages of the kinds `imu` and `truth`."""
 
     def __init__(self) -> None:
-        self._imu, self._truth = telemetry.imu(), telemetry.odometry()
+        self._imu = telemetry.imu()
 
     def messages(self, orientation: FloatArray | None, truth: TruePose | None) -> Iterator[tuple[str, bytes]]:
         """Kind and payload of each message that there is.
@@ -30,6 +27,4 @@ class OwnPoses:
         if orientation is not None:
             yield "imu", self._imu.encode(stamp_ns, xyzw(orientation))
         if truth is not None:
-            position, quaternion = truth
-            numbers = np.concatenate([position, xyzw(quaternion), _NO_TWIST])
-            yield "truth", self._truth.encode(stamp_ns, numbers)
+            yield "truth", encode_pose(*truth, stamp_ns=stamp_ns)

@@ -19,8 +19,7 @@ from hexctl.types import ArrayFields, BoolArray, FloatArray
 from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.wire.description import robot_of
 from hexctl.wire.links import KeyMap, Link, Role
-from hexctl.wire.orientation import decode_orientation
-from hexctl.wire.pose import encode_pose
+from hexctl.wire.pose import decode_orientation, encode_pose
 from hexctl.wire.zenoh_messages import StateTag, contacts_of, decode_joints
 from hexctl.wire.zenoh_session import open_session
 

@@ -1,12 +1,11 @@
 """Read link files: YAML that says where a robot is, its certificates and the names of its messages."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from hexctl.robot.configs import find_config, read_mapping, validate
-from hexctl.wire.links import DEFAULT_ENDPOINT, Link
 
 
 class LinkSchema(BaseModel):
@@ -14,25 +13,20 @@ class LinkSchema(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    endpoint: str = DEFAULT_ENDPOINT
+    endpoint: str = ""
     credentials: str | None = None
     insecure: Annotated[bool, Field(strict=True)] = False
     plain: Annotated[bool, Field(strict=True)] = False
     names: dict[str, str] = {}
 
 
-def read_link(name_or_path: str) -> Link:
-    """Return the link of a file; a relative folder of credentials starts at the file's folder.
+def read_link_file(name_or_path: str) -> dict[str, Any]:
+    """Return the fields of a `Link` that a file says; relative credentials start at the file's folder.
 
     Raises InputError that says file, key, value and what is allowed.
     """
     path = find_config("links", name_or_path)
-    schema = validate(LinkSchema, read_mapping(path), path)
-    credentials = None if schema.credentials is None else path.parent / Path(schema.credentials).expanduser()
-    return Link(
-        endpoint=schema.endpoint,
-        credentials=credentials,
-        insecure=schema.insecure,
-        names=schema.names,
-        plain=schema.plain,
-    )
+    said = validate(LinkSchema, read_mapping(path), path).model_dump(exclude_unset=True)
+    if said.get("credentials") is not None:
+        said["credentials"] = path.parent / Path(said["credentials"]).expanduser()
+    return said

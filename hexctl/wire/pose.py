@@ -1,22 +1,29 @@
-"""Poses on the wire: nav_msgs/Odometry, of which either half may be unknown."""
+"""Poses and orientations on the wire: nav_msgs/Odometry, of which either half may be unknown, and Imu."""
 
 import math
 import time
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from hexctl.errors import InputError, MessageError, argument
+from hexctl.robot.rotations import xyzw
 from hexctl.types import FloatArray
 from hexctl.wire import ros_cdr
+from hexctl.wire.fixed_message import FixedMessage
 
 WORLD_FRAME = "odom"
 BODY_FRAME = "base_link"
 
-_NO_COVARIANCE = np.zeros(36)
+#: Covariance of a pose or a twist that does not say it.
+NO_COVARIANCE = np.zeros(36)
 
 #: Places of the variances of position and orientation on the diagonal of a pose's covariance.
 _OF_POSITION, _OF_ORIENTATION = (0, 7, 14), (21, 28, 35)
+
+#: First covariance of what an Imu does not measure (REP 145).
+NOT_MEASURED = -1.0
 
 #: Variance of each coordinate that is not measured, in m^2 or rad^2.
 UNKNOWN_VARIANCE = 1e6
@@ -27,6 +34,37 @@ MOST_VARIANCE = 1e3
 #: Places of the variances by which a half counts as measured: x and y, and the yaw. Planar odometry, as ROS
 #: robots have it, knows neither z nor roll nor pitch.
 _JUDGED_POSITION, _JUDGED_ORIENTATION = [0, 7], [35]
+
+
+@cache
+def odometry() -> FixedMessage:
+    """Encoder of a nav_msgs/Odometry: a pose in `odom`, and a twist in `base_link`.
+
+    Its numbers, (49,): position in m, quaternion (x, y, z, w), velocity in m/s, angular velocity in rad/s,
+    and the covariance of the pose, row by row (`NO_COVARIANCE` does not say).
+    """
+
+    def make(stamp_ns: int, numbers: FloatArray) -> Any:
+        pose = ros_cdr.make(
+            "geometry_msgs/msg/Pose",
+            position=ros_cdr.point(numbers[:3]),
+            orientation=ros_cdr.quaternion(numbers[3:7]),
+        )
+        twist = ros_cdr.make(
+            "geometry_msgs/msg/Twist",
+            linear=ros_cdr.vector(numbers[7:10]),
+            angular=ros_cdr.vector(numbers[10:13]),
+        )
+        kind = "geometry_msgs/msg"
+        return ros_cdr.make(
+            ros_cdr.ODOMETRY,
+            header=ros_cdr.header(stamp_ns, WORLD_FRAME),
+            child_frame_id=BODY_FRAME,
+            pose=ros_cdr.make(f"{kind}/PoseWithCovariance", pose=pose, covariance=numbers[13:]),
+            twist=ros_cdr.make(f"{kind}/TwistWithCovariance", twist=twist, covariance=NO_COVARIANCE),
+        )
+
+    return FixedMessage(make, 13 + len(NO_COVARIANCE))
 
 
 def encode_pose(
@@ -54,26 +92,15 @@ def encode_pose(
     variances = _variances(
         position_world is not None, quaternion_world is not None, position_variance_m2, yaw_variance_rad2
     )
-    x, y, z = (0.0, 0.0, 0.0) if position_world is None else position_world.tolist()
-    w, i, j, k = (1.0, 0.0, 0.0, 0.0) if quaternion_world is None else quaternion_world.tolist()
-    none = ros_cdr.make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0)
-    pose = ros_cdr.make(
-        "geometry_msgs/msg/Pose",
-        position=ros_cdr.make("geometry_msgs/msg/Point", x=x, y=y, z=z),
-        orientation=ros_cdr.make("geometry_msgs/msg/Quaternion", x=i, y=j, z=k, w=w),
+    numbers = np.concatenate(
+        [
+            np.zeros(3) if position_world is None else position_world,
+            np.array([0.0, 0.0, 0.0, 1.0]) if quaternion_world is None else xyzw(quaternion_world),
+            np.zeros(6),
+            variances,
+        ]
     )
-    twist = ros_cdr.make("geometry_msgs/msg/Twist", linear=none, angular=none)
-    return ros_cdr.encode(
-        ros_cdr.make(
-            ros_cdr.ODOMETRY,
-            header=ros_cdr.header(time.time_ns() if stamp_ns is None else stamp_ns, WORLD_FRAME),
-            child_frame_id=BODY_FRAME,
-            pose=ros_cdr.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=variances),
-            twist=ros_cdr.make(
-                "geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=_NO_COVARIANCE
-            ),
-        )
-    )
+    return odometry().encode(time.time_ns() if stamp_ns is None else stamp_ns, numbers)
 
 
 def _variances(positioned: bool, oriented: bool, position_m2: float, yaw_rad2: float | None) -> FloatArray:
@@ -103,8 +130,19 @@ def decode_pose(payload: bytes) -> tuple[FloatArray | None, FloatArray | None]:
     if not (variances[_JUDGED_POSITION] > MOST_VARIANCE).any():
         position = _checked_position(pose.position)
     if not (variances[_JUDGED_ORIENTATION] > MOST_VARIANCE).any():
-        quaternion = checked_quaternion(pose.orientation)
+        quaternion = _checked_quaternion(pose.orientation)
     return position, quaternion
+
+
+def decode_orientation(payload: bytes) -> FloatArray | None:
+    """Unit quaternion (w, x, y, z) of a sensor_msgs/Imu, or None where it measures no orientation.
+
+    Raises MessageError for anything else.
+    """
+    message = ros_cdr.decode(ros_cdr.IMU, payload)
+    if float(message.orientation_covariance[0]) == NOT_MEASURED:
+        return None
+    return _checked_quaternion(message.orientation)
 
 
 def _checked_position(point: Any) -> FloatArray:
@@ -115,7 +153,7 @@ def _checked_position(point: Any) -> FloatArray:
     return position
 
 
-def checked_quaternion(turned: Any) -> FloatArray:
+def _checked_quaternion(turned: Any) -> FloatArray:
     """Unit quaternion (w, x, y, z) of a geometry_msgs/Quaternion, which may be off by its rounding.
 
     Raises MessageError for anything else.

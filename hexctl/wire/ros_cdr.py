@@ -5,11 +5,13 @@ from functools import cache
 from typing import Any
 
 from hexctl.errors import MessageError
+from hexctl.types import FloatArray
 from hexctl.wire import MAX_PAYLOAD_BYTES
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 ODOMETRY = "nav_msgs/msg/Odometry"
 BATTERY_STATE = "sensor_msgs/msg/BatteryState"
+IMU = "sensor_msgs/msg/Imu"
 
 NANOSECONDS = 1_000_000_000
 
@@ -36,6 +38,21 @@ def header(stamp_ns: int, frame: str = "") -> Any:
     seconds, rest = divmod(stamp_ns, NANOSECONDS)
     stamp = make("builtin_interfaces/msg/Time", sec=seconds & 0x7FFFFFFF, nanosec=rest)
     return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+
+
+def point(numbers: FloatArray) -> Any:
+    """A geometry_msgs/Point of (3,)."""
+    return make("geometry_msgs/msg/Point", **dict(zip("xyz", numbers.tolist(), strict=True)))
+
+
+def vector(numbers: FloatArray) -> Any:
+    """A geometry_msgs/Vector3 of (3,)."""
+    return make("geometry_msgs/msg/Vector3", **dict(zip("xyz", numbers.tolist(), strict=True)))
+
+
+def quaternion(numbers: FloatArray) -> Any:
+    """A geometry_msgs/Quaternion of (4,): x, y, z, w."""
+    return make("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", numbers.tolist(), strict=True)))
 
 
 @cache

@@ -16,6 +16,7 @@ import numpy as np
 from hexctl.errors import MessageError
 from hexctl.types import JOINT_NAMES, N_JOINTS, N_LEGS, ArrayFields, BoolArray, FloatArray, RobotState
 from hexctl.wire import PROTOCOL_VERSION, ros_cdr
+from hexctl.wire.fixed_message import FixedMessage
 from hexctl.wire.pose import decode_pose, encode_pose
 
 LEASE_ID_BYTES = 16
@@ -208,16 +209,6 @@ def _read_text(data: bytes) -> tuple[str | None, bytes]:
 _NAMES = list(JOINT_NAMES)
 _NONE = np.zeros(0)
 
-#: Place of the header's stamp in a message, after the encapsulation header.
-_STAMP = slice(4, 12)
-
-#: After the positions: two empty sequences.
-_TAIL_BYTES = 8
-
-#: After the positions of a robot that tells its torques: an empty sequence, and the length of one of efforts.
-_EFFORTS = struct.pack("<II", 0, N_JOINTS)
-_WITH_EFFORTS = len(_EFFORTS) + 8 * N_JOINTS
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Command(ArrayFields):
@@ -233,15 +224,24 @@ class Command(ArrayFields):
 
 
 @cache
-def _template() -> tuple[bytes, bytes, bytes]:
-    """Constant parts of every encoded message: before the stamp, up to the positions, and after them.
+def _joint_message(*, efforts: bool) -> FixedMessage:
+    """A sensor_msgs/JointState of all joints; its numbers are angles, and torques where it has efforts.
 
-    Only stamp and angles change, so a message is assembled from three pieces: at 50 Hz the general
-    encoder, whose code the processor has forgotten after each tick, would be a fifth of a round trip.
+    At 50 Hz the general encoder, whose code the processor has forgotten after each tick, would be a fifth of
+    a round trip.
     """
-    whole = _encode_any(np.zeros(N_JOINTS), 0)
-    positions_at = len(whole) - _TAIL_BYTES - 8 * N_JOINTS
-    return whole[: _STAMP.start], whole[_STAMP.stop : positions_at], whole[-_TAIL_BYTES:]
+
+    def make(stamp_ns: int, numbers: FloatArray) -> Any:
+        return ros_cdr.make(
+            ros_cdr.JOINT_STATE,
+            header=ros_cdr.header(stamp_ns),
+            name=_NAMES,
+            position=numbers[:N_JOINTS],
+            velocity=_NONE,
+            effort=numbers[N_JOINTS:],
+        )
+
+    return FixedMessage(make, 2 * N_JOINTS if efforts else N_JOINTS)
 
 
 @cache
@@ -262,12 +262,10 @@ def encode_positions(
         stamp_ns: of the header, nanoseconds since 1970; now unless given.
         torques_nm: efforts of the message, (18,); None leaves them empty, as a command does.
     """
-    seconds, rest = divmod(time.time_ns() if stamp_ns is None else stamp_ns, ros_cdr.NANOSECONDS)
-    before, middle, tail = _template()
-    stamp = (seconds & 0x7FFFFFFF).to_bytes(4, "little") + rest.to_bytes(4, "little")
-    if torques_nm is not None:
-        tail = _EFFORTS + torques_nm.astype("<f8").tobytes()
-    return before + stamp + middle + joint_positions_rad.astype("<f8").tobytes() + tail
+    stamp_ns = time.time_ns() if stamp_ns is None else stamp_ns
+    if torques_nm is None:
+        return _joint_message(efforts=False).encode(stamp_ns, joint_positions_rad)
+    return _joint_message(efforts=True).encode(stamp_ns, np.concatenate([joint_positions_rad, torques_nm]))
 
 
 def decode_positions(payload: bytes) -> FloatArray:
@@ -284,16 +282,11 @@ def decode_joints(payload: bytes) -> tuple[FloatArray, FloatArray | None]:
     Torques are None where a message has no effort for each joint, or one that is not finite. Raises
     MessageError as `decode_positions` does.
     """
-    before, middle, tail = _template()
-    begin = _STAMP.stop + len(middle)
-    end = begin + 8 * N_JOINTS
     torques: FloatArray | None = None
-    ours = payload[_STAMP.stop : begin] == middle and payload.startswith(before)
-    if ours and payload[end:] == tail:
-        positions = np.frombuffer(payload, "<f8", N_JOINTS, begin).astype(float)
-    elif ours and payload[end : end + len(_EFFORTS)] == _EFFORTS and len(payload) == _WITH_EFFORTS + end:
-        positions = np.frombuffer(payload, "<f8", N_JOINTS, begin).astype(float)
-        torques = np.frombuffer(payload, "<f8", N_JOINTS, end + len(_EFFORTS)).astype(float)
+    if (numbers := _joint_message(efforts=False).decode(payload)) is not None:
+        positions = numbers
+    elif (numbers := _joint_message(efforts=True).decode(payload)) is not None:
+        positions, torques = numbers[:N_JOINTS], numbers[N_JOINTS:]
     else:
         positions, torques = _decode_any(payload)
     if not np.isfinite(positions).all():
@@ -309,19 +302,6 @@ def decode_command(payload: bytes, attachment: bytes | None) -> Command:
     if attachment is None:
         raise MessageError("command: got no attachment; allowed: one with sequence, time to live and lease")
     return Command(decode_positions(payload), CommandTag.unpacked(attachment))
-
-
-def _encode_any(joint_positions_rad: FloatArray, stamp_ns: int) -> bytes:
-    return ros_cdr.encode(
-        ros_cdr.make(
-            ros_cdr.JOINT_STATE,
-            header=ros_cdr.header(stamp_ns),
-            name=_NAMES,
-            position=joint_positions_rad,
-            velocity=_NONE,
-            effort=_NONE,
-        )
-    )
 
 
 def _decode_any(payload: bytes) -> tuple[FloatArray, FloatArray | None]:

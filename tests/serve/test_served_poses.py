@@ -5,8 +5,7 @@ import math
 import numpy as np
 
 from hexctl.serve.served_poses import OwnPoses
-from hexctl.wire.orientation import decode_orientation
-from hexctl.wire.pose import decode_pose
+from hexctl.wire.pose import decode_orientation, decode_pose
 
 TURNED = np.array([math.cos(0.4), 0.0, 0.0, math.sin(0.4)])
 

@@ -21,8 +21,7 @@ from hexctl.serve.server import RobotServer
 from hexctl.serve.stops.stop import UNNAMED
 from hexctl.wire.description import user_name
 from hexctl.wire.links import KeyMap, Link
-from hexctl.wire.orientation import decode_orientation
-from hexctl.wire.pose import decode_pose, encode_pose
+from hexctl.wire.pose import decode_orientation, decode_pose, encode_pose
 from hexctl.wire.zenoh_messages import (
     SERVER_ENDED,
     CommandTag,

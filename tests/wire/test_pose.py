@@ -1,11 +1,15 @@
-"""Poses on the wire, whole and by halves."""
+"""Poses on the wire, whole and by halves, and orientations of a robot's own."""
 
 import numpy as np
 import pytest
 
 from hexctl.errors import InputError, MessageError
 from hexctl.wire import ros_cdr
-from hexctl.wire.pose import decode_pose, encode_pose
+from hexctl.wire.pose import decode_orientation, decode_pose, encode_pose, odometry
+from hexctl.wire.ros.telemetry import imu
+from tests.wire.ros.decoding import decoded
+
+STAMP_NS = 1_700_000_001_000_000_002
 
 
 def test_a_pose_comes_back_as_it_was() -> None:
@@ -108,3 +112,63 @@ def test_a_camera_says_how_sure_it_is_and_that_it_sees_no_tilt() -> None:
 def test_a_variance_that_is_none_is_refused(name: str, variance: float) -> None:
     with pytest.raises(InputError, match="0 to 1000"):
         encode_pose(POSITION, QUATERNION, **{name: variance})  # type: ignore[arg-type]
+
+
+def test_odometry() -> None:
+    numbers = np.linspace(0.5, 48.5, 49)
+    message = decoded(ros_cdr.ODOMETRY, odometry().encode(STAMP_NS, numbers))
+    assert (message.header.frame_id, message.child_frame_id) == ("odom", "base_link")
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (1_700_000_001, 2)
+    place, turned = message.pose.pose.position, message.pose.pose.orientation
+    assert [place.x, place.y, place.z, turned.x, turned.y, turned.z, turned.w] == numbers[:7].tolist()
+    linear, angular = message.twist.twist.linear, message.twist.twist.angular
+    assert [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z] == numbers[7:13].tolist()
+    assert list(message.pose.covariance) == numbers[13:].tolist()
+    assert list(message.twist.covariance) == [0.0] * 36
+
+
+def test_an_encoder_forgets_the_message_before() -> None:
+    encoder = odometry()
+    first = encoder.encode(1, np.zeros(49))
+    encoder.encode(STAMP_NS, np.ones(49))
+    assert encoder.encode(1, np.zeros(49)) == first
+
+
+def test_numbers_are_read_from_a_message_of_the_same_form_only() -> None:
+    numbers = np.linspace(0.5, 48.5, 49)
+    payload = odometry().encode(STAMP_NS, numbers)
+    read = odometry().decode(payload)
+    assert read is not None
+    assert np.array_equal(read, numbers)
+    assert odometry().decode(payload.replace(b"base_link", b"base_lynk")) is None
+    assert odometry().decode(payload[:-1]) is None
+
+
+#: As ROS orders it: x, y, z, w.
+TURNED = np.array([0.1, -0.2, 0.3, np.sqrt(1 - 0.14)])
+
+
+def test_an_orientation_comes_back_as_it_was() -> None:
+    turned = decode_orientation(imu().encode(1, TURNED))
+    assert turned is not None
+    np.testing.assert_allclose(turned, [TURNED[3], *TURNED[:3]], atol=1e-15)
+
+
+def test_an_imu_that_knows_no_orientation_has_none() -> None:
+    message = ros_cdr.decode(ros_cdr.IMU, imu().encode(1, np.zeros(4)))
+    message.orientation_covariance = np.array([-1.0] + 8 * [0.0])
+    assert decode_orientation(ros_cdr.encode(message)) is None
+
+
+@pytest.mark.parametrize("numbers", [[0, 0, 0, 0], [np.nan, 0, 0, 1], [0, 0, 0, 2], [np.inf, 0, 0, 0]])
+def test_what_is_no_orientation_is_refused(numbers: list[float]) -> None:
+    with pytest.raises(MessageError, match="orientation"):
+        decode_orientation(imu().encode(1, np.array(numbers, float)))
+
+
+@pytest.mark.parametrize(
+    "payload", [b"", b"\0\1\0\0", bytes(50), imu().encode(1, TURNED)[:200], bytes(70_000)]
+)
+def test_what_is_no_imu_is_refused(payload: bytes) -> None:
+    with pytest.raises(MessageError):
+        decode_orientation(payload)

@@ -62,7 +62,7 @@ def estop(
         with _told_if_not_confirmed(ready=ready):
             from hexctl.cli.console import note_refusal
             from hexctl.serve.stops.estop import ReadyStop
-            from hexctl.wire.refusal import RefusalWatch
+            from hexctl.wire.connection_diagnosis import RefusalWatch
 
             begun = take_stop(place)
             stop = opened.enter_context(ReadyStop(**place, again=ready) if begun is None else begun)

@@ -52,8 +52,8 @@ def status(
     from hexctl.cli.console import note_refusal, print_result
     from hexctl.errors import InputError
     from hexctl.serve.remote import remote_robots
+    from hexctl.wire.connection_diagnosis import RefusalWatch
     from hexctl.wire.links import Role, link_of
-    from hexctl.wire.refusal import RefusalWatch
 
     if watch and as_json:
         raise InputError("--watch: got --json too; allowed: one or the other")

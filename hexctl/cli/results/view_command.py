@@ -64,7 +64,7 @@ def _watch(place: dict[str, Any], *, web: bool) -> int:
     from hexctl.backends.zenoh.zenoh_client import subscribe_states
     from hexctl.recording.live import LiveView, watch_states
     from hexctl.recording.viewer import check_display
-    from hexctl.wire.refusal import RefusalWatch
+    from hexctl.wire.connection_diagnosis import RefusalWatch
 
     loaded = link_of(**place)
     watch = RefusalWatch(loaded.endpoint, note_refusal)

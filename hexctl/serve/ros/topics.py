@@ -15,7 +15,7 @@ from hexctl.serve.ros.frames import MAP_FRAME, Frames
 from hexctl.serve.ros.snapshot import RobotSnapshot
 from hexctl.types import FloatArray
 from hexctl.wire import ros_cdr
-from hexctl.wire.pose import BODY_FRAME, WORLD_FRAME
+from hexctl.wire.pose import BODY_FRAME, NO_COVARIANCE, WORLD_FRAME, odometry
 from hexctl.wire.ros import telemetry
 from hexctl.wire.ros.endpoints import RosPublisher
 from hexctl.wire.ros.ros_names import Kind, Qos, RosEndpoint, RosNode
@@ -29,7 +29,7 @@ TOPICS = {
     "odom": (ros_cdr.ODOMETRY, Qos()),
     "tf": (telemetry.TRANSFORMS, Qos(depth=100)),
     "tf_static": (telemetry.TRANSFORMS, LATCHED),
-    "imu/data": (telemetry.IMU, Qos()),
+    "imu/data": (ros_cdr.IMU, Qos()),
     "battery_state": (ros_cdr.BATTERY_STATE, Qos()),
     "/diagnostics": (telemetry.DIAGNOSTICS, Qos()),
     "robot_description": (telemetry.STRING, LATCHED),
@@ -69,7 +69,7 @@ class RobotMessages:
         self._links = telemetry.transforms(links)
         self._all_links = telemetry.transforms(((WORLD_FRAME, BODY_FRAME), *links))
         self._on_map = telemetry.transforms(((MAP_FRAME, WORLD_FRAME), (WORLD_FRAME, BODY_FRAME), *links))
-        self._odometry, self._imu = telemetry.odometry(), telemetry.imu()
+        self._imu = telemetry.imu()
         self._twist, self._frames = BodyTwist(), Frames(robot)
 
     def follow(self, snapshot: RobotSnapshot, *, wanted: bool) -> None:
@@ -114,7 +114,7 @@ class RobotMessages:
         if pose is None:
             return None
         twist = self._twist.of(snapshot.state.stamp_s, pose.position_m, pose.quaternion)
-        return self._odometry.encode(measured_ns(snapshot), np.concatenate([pose.numbers, twist]))
+        return odometry().encode(measured_ns(snapshot), np.concatenate([pose.numbers, twist, NO_COVARIANCE]))
 
     def imu(self, snapshot: RobotSnapshot) -> bytes | None:
         """Orientation, or None where it is not known."""

@@ -15,8 +15,8 @@ from hexctl.serve.stops.stop_by_datagram import DatagramWay, Sighting
 from hexctl.serve.stops.stop_by_session import SessionWay
 from hexctl.serve.stops.stop_watch import SILENCE_S, StopWatch
 from hexctl.wire import TIME_TO_LIVE_S
+from hexctl.wire.connection_diagnosis import is_refused
 from hexctl.wire.links import Endpoint, Link, load_link
-from hexctl.wire.refusal import is_refused
 
 #: A robot has to be seen at rest for this long, with no longer pause between two looks.
 RESTS_S, MOST_PAUSE_S = 0.5, 0.4

@@ -10,47 +10,18 @@ import numpy as np
 
 from hexctl.types import FloatArray
 from hexctl.wire import ros_cdr
-from hexctl.wire.pose import BODY_FRAME, WORLD_FRAME
-from hexctl.wire.ros.fixed_message import FixedMessage
+from hexctl.wire.fixed_message import FixedMessage
+from hexctl.wire.pose import BODY_FRAME, NOT_MEASURED
 
 STRING = "std_msgs/msg/String"
-IMU = "sensor_msgs/msg/Imu"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 
 #: Numbers of a transform: x, y, z in m and a quaternion (x, y, z, w), as ROS orders it.
 TRANSFORM_NUMBERS = 7
 
-#: Numbers of an odometry: those of a transform, then velocity (3,) in m/s and angular velocity (3,) in rad/s.
-ODOMETRY_NUMBERS = TRANSFORM_NUMBERS + 6
-
-_NOT_MEASURED = np.array([-1.0] + 8 * [0.0])
+_NOT_MEASURED = np.array([NOT_MEASURED] + 8 * [0.0])
 _UNKNOWN = np.zeros(9)
-
-
-def odometry() -> FixedMessage:
-    """Encoder of a nav_msgs/Odometry: a pose in `odom`, and a twist in `base_link`.
-
-    Its numbers are `ODOMETRY_NUMBERS`; variances are zero, which stands for unknown.
-    """
-
-    def make(stamp_ns: int, numbers: FloatArray) -> Any:
-        pose = ros_cdr.make(
-            "geometry_msgs/msg/Pose", position=_point(numbers[:3]), orientation=_quaternion(numbers[3:7])
-        )
-        twist = ros_cdr.make(
-            "geometry_msgs/msg/Twist", linear=_vector(numbers[7:10]), angular=_vector(numbers[10:13])
-        )
-        none = np.zeros(36)
-        return ros_cdr.make(
-            ros_cdr.ODOMETRY,
-            header=ros_cdr.header(stamp_ns, WORLD_FRAME),
-            child_frame_id=BODY_FRAME,
-            pose=ros_cdr.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=none),
-            twist=ros_cdr.make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=none),
-        )
-
-    return FixedMessage(make, ODOMETRY_NUMBERS)
 
 
 def transforms(frames: Sequence[tuple[str, str]]) -> FixedMessage:
@@ -71,8 +42,8 @@ def transforms(frames: Sequence[tuple[str, str]]) -> FixedMessage:
                     child_frame_id=child,
                     transform=ros_cdr.make(
                         "geometry_msgs/msg/Transform",
-                        translation=_vector(row[:3]),
-                        rotation=_quaternion(row[3:]),
+                        translation=ros_cdr.vector(row[:3]),
+                        rotation=ros_cdr.quaternion(row[3:]),
                     ),
                 )
                 for (parent, child), row in zip(frames, rows, strict=True)
@@ -90,13 +61,13 @@ def imu() -> FixedMessage:
 
     def make(stamp_ns: int, numbers: FloatArray) -> Any:
         return ros_cdr.make(
-            IMU,
+            ros_cdr.IMU,
             header=ros_cdr.header(stamp_ns, BODY_FRAME),
-            orientation=_quaternion(numbers),
+            orientation=ros_cdr.quaternion(numbers),
             orientation_covariance=_UNKNOWN,
-            angular_velocity=_vector(np.zeros(3)),
+            angular_velocity=ros_cdr.vector(np.zeros(3)),
             angular_velocity_covariance=_NOT_MEASURED,
-            linear_acceleration=_vector(np.zeros(3)),
+            linear_acceleration=ros_cdr.vector(np.zeros(3)),
             linear_acceleration_covariance=_NOT_MEASURED,
         )
 
@@ -168,15 +139,3 @@ def encode_trigger_answer(success: bool, message: str) -> bytes:
     """Answer of a std_srvs/Trigger: encapsulation, a flag, and a text that is aligned to 4 bytes."""
     text = message.encode() + b"\0"
     return b"\0\1\0\0" + struct.pack("<B3xI", success, len(text)) + text
-
-
-def _point(numbers: FloatArray) -> Any:
-    return ros_cdr.make("geometry_msgs/msg/Point", **dict(zip("xyz", numbers.tolist(), strict=True)))
-
-
-def _vector(numbers: FloatArray) -> Any:
-    return ros_cdr.make("geometry_msgs/msg/Vector3", **dict(zip("xyz", numbers.tolist(), strict=True)))
-
-
-def _quaternion(numbers: FloatArray) -> Any:
-    return ros_cdr.make("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", numbers.tolist(), strict=True)))

@@ -9,10 +9,8 @@ import numpy as np
 from hexctl.errors import MessageError
 from hexctl.types import N_JOINTS
 from hexctl.wire import ros_cdr
-from hexctl.wire.orientation import decode_orientation
-from hexctl.wire.pose import decode_pose, encode_pose
+from hexctl.wire.pose import decode_orientation, decode_pose, encode_pose
 from hexctl.wire.ros.attachment import Attachment
-from hexctl.wire.ros.telemetry import IMU
 from hexctl.wire.ros.velocity import TWIST, TWIST_STAMPED, decode_velocity
 from hexctl.wire.stop_datagram import DATAGRAM_BYTES, MAC_BYTES, MARK_BYTES, Kind, StopDatagram, mark_of
 from hexctl.wire.zenoh_messages import (
@@ -109,7 +107,7 @@ def _imu() -> bytes:
     turned = ros_cdr.make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0)
     return ros_cdr.encode(
         ros_cdr.make(
-            IMU,
+            ros_cdr.IMU,
             header=ros_cdr.header(0, "imu"),
             orientation=turned,
             orientation_covariance=np.zeros(9),

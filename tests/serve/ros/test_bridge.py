@@ -135,11 +135,11 @@ def test_every_byte_of_an_attachment(network: tuple[Served, Peer]) -> None:
 def test_a_publisher_counts_from_one(network: tuple[Served, Peer]) -> None:
     session = network[1].session
     samples: list[Any] = []
-    subscriber = session.declare_subscriber(data_key("imu/data", telemetry.IMU), samples.append)
+    subscriber = session.declare_subscriber(data_key("imu/data", ros_cdr.IMU), samples.append)
     wait_until(lambda: samples, "an orientation")
     subscriber.undeclare()  # type: ignore[no-untyped-call]
     assert Attachment.unpacked(bytes(samples[0].attachment)).sequence == 1
-    message = decoded(telemetry.IMU, bytes(samples[0].payload))
+    message = decoded(ros_cdr.IMU, bytes(samples[0].payload))
     assert message.orientation.w == pytest.approx(1.0, abs=0.05)
     assert message.angular_velocity_covariance[0] == -1
 

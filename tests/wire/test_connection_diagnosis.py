@@ -6,8 +6,8 @@ import threading
 import pytest
 
 from hexctl.errors import InputError
+from hexctl.wire.connection_diagnosis import RefusalWatch, is_refused
 from hexctl.wire.links import Endpoint
-from hexctl.wire.refusal import RefusalWatch, is_refused
 from tests.serve.processes import free_port
 
 WAIT_S = 60.0
