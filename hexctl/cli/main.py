@@ -72,13 +72,15 @@ COMMANDS = {
         "Write a robot, recordings or a session in a format of other programs.",
     ),
     "check": Command(
-        "hexctl.cli.check_command",
+        "hexctl.cli.robot.check_command",
         ROBOT,
         "Check a robot file: can the robot walk a gait, in reach, angles, speeds, torques and servo pulses.",
     ),
-    "robot": Command("hexctl.cli.robot_command", ROBOT, "List the shipped robots, and make robot files."),
-    "gaits": Command("hexctl.cli.list_commands", ROBOT, "List the gaits that have names."),
-    "worlds": Command("hexctl.cli.list_commands", ROBOT, "List the simulated worlds that are shipped."),
+    "robot": Command(
+        "hexctl.cli.robot.robot_command", ROBOT, "List the shipped robots, and make robot files."
+    ),
+    "gaits": Command("hexctl.cli.robot.list_commands", ROBOT, "List the gaits that have names."),
+    "worlds": Command("hexctl.cli.robot.list_commands", ROBOT, "List the simulated worlds that are shipped."),
     "diagnose": Command(
         "hexctl.cli.walk.diagnose_command",
         ROBOT,

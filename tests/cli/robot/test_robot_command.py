@@ -12,7 +12,7 @@ from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.loader import load_robot
 from tests.robots import shipped
 
-PHANTOMX = Path(__file__).parents[1] / "data" / "phantomx_humarobotics.urdf"
+PHANTOMX = Path(__file__).parents[2] / "data" / "phantomx_humarobotics.urdf"
 
 
 def test_a_robot_file_is_made_and_what_to_measure_is_told(tmp_path: Path, capsys: Any) -> None:

@@ -1,0 +1,1 @@
+"""Commands about a robot file, and what there is to choose from."""
