@@ -20,7 +20,7 @@ from hexctl.vision.observer import Observer
 from hexctl.vision.robot_camera import LEARNING_PICTURES
 from hexctl.vision.robot_link import LegState
 from hexctl.vision.twin.rendering import CameraFlaws, PlacedTag, RobotPosture, SceneRenderer
-from hexctl.vision.twin.twin_scene import tag_on
+from hexctl.vision.twin.twin_camera import tag_on
 
 #: Half of the floor: ahead of the camera, and to its side, in m.
 HALF_FLOOR_M = (1.0, 1.5)

@@ -24,7 +24,7 @@ from hexctl.vision.detection.tags import UNIT_CORNERS, Picture, TagFinder
 from hexctl.vision.observer import Observer
 from hexctl.vision.robot_link import LegState
 from hexctl.vision.twin.rendering import CameraFlaws, PlacedTag, RobotPosture, SceneRenderer
-from hexctl.vision.twin.twin_scene import WEBCAM, tag_on
+from hexctl.vision.twin.twin_camera import WEBCAM, tag_on
 
 #: Pictures per second, how late they come, and the share that never does.
 FPS, LATENCY_S, DROPPED = 30.0, 0.08, 0.02

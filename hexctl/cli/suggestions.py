@@ -43,7 +43,8 @@ def usage_text(error: TyperException) -> str:
     """Message about a command line that is not understood, with what may have been meant."""
     if near := getattr(error, "possibilities", None):
         vars(error)["possibilities"] = near[:1]  # best first; the message would sort them by name
-    text, context = error.format_message(), getattr(error, "ctx", None)
+    text: str = error.format_message()
+    context: Any = getattr(error, "ctx", None)
     if (found := _NO_COMMAND.match(text)) is not None:
         meant = SYNONYMS.get(found[1].lower(), "")
         known = meant.split(" ")[0] in getattr(context.command, "commands", ())

@@ -1,13 +1,18 @@
 """One call for every export: what is given, to which format, where to."""
 
+import csv
+import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from hexctl.adapt.sessions.session_tables import export_session
 from hexctl.adapt.sessions.store import RUNS
-from hexctl.errors import InputError, argument
+from hexctl.control.log import joint_columns, tick_columns
+from hexctl.errors import InputError, MissingExtraError, argument
 from hexctl.export.export_options import (
     FORMATS,
     ROBOT_FORMATS,
@@ -26,6 +31,69 @@ from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.scratch import scratch_folder
+
+#: Columns of readings of single servos: what is before and behind the name of the joint.
+READING_COLUMNS = {
+    "temperatures_c": ("temperature", "c"),
+    "voltages_v": ("voltage", "v"),
+    "currents_a": ("current", "a"),
+    "ages_s": ("age", "s"),
+}
+
+
+def trial_columns(trial: RecordedTrial) -> dict[str, Any]:
+    """Columns of a trial by name, (T,) each; NaN, or an empty text, where nothing was recorded."""
+    ticks = len(trial)
+    columns: dict[str, Any] = {"stamp_ns": trial.stamps_ns}
+    columns |= tick_columns(
+        time_s=trial.time_s,
+        walk_s=trial.walk_s,
+        phases=trial.phases,
+        commanded_rad=trial.commanded_rad,
+        measured_rad=trial.measured_rad,
+        base_position_world=trial.base_position_world,
+        base_quaternion_world=trial.base_quaternion_world,
+        foot_contacts=trial.foot_contacts,
+        torques_nm=trial.torques_nm.at_every_tick(ticks),
+        velocity_body=trial.velocity_body.at_every_tick(ticks),
+        leg_suspicion=trial.leg_suspicion.at_every_tick(ticks),
+    )
+    for name, samples in trial.servos.items():
+        first, unit = READING_COLUMNS[name]
+        columns |= joint_columns(first, unit, samples.at_every_tick(ticks))
+    texts = [""] * ticks
+    for event in trial.events:
+        texts[event.row] = "; ".join(filter(None, (texts[event.row], event.text)))
+    columns["events"] = np.array(texts, dtype=object)
+    return columns
+
+
+def write_csv(trial: RecordedTrial, path: Path) -> None:
+    """Write a trial as CSV; numbers have all their digits, and what is unknown is empty."""
+    columns = trial_columns(trial)
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        writer.writerows(zip(*(_texts(column) for column in columns.values()), strict=True))
+
+
+def write_parquet(trial: RecordedTrial, path: Path) -> None:
+    """Write a trial as Parquet; the plan and the outcome are metadata of the table, as JSON in `hexctl`."""
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("Parquet export", "data") from error
+    arrays = {name: pa.array(column, from_pandas=True) for name, column in trial_columns(trial).items()}
+    table = pa.table(arrays).replace_schema_metadata({"hexctl": json.dumps(trial.properties)})
+    pq.write_table(table, path, compression="zstd")
+
+
+def _texts(column: Any) -> list[Any]:
+    if column.dtype.kind == "b":
+        return [int(value) for value in column.tolist()]
+    return ["" if value != value else value for value in column.tolist()]
+
 
 #: Endings by which a format is recognised.
 SUFFIXES = {".xml": "mjcf", **{f".{name}": name for name in FORMATS if name not in ("mjcf", "lerobot")}}
@@ -185,8 +253,8 @@ def _write_trials(
 
 
 def _writer(kind: str) -> Callable[[RecordedTrial, Path], None]:
+    from hexctl.export.export import write_csv, write_parquet
     from hexctl.export.mcap import write_mcap
-    from hexctl.export.trial_table import write_csv, write_parquet
 
     return {"mcap": write_mcap, "csv": write_csv, "parquet": write_parquet}[kind]
 

@@ -17,7 +17,7 @@ from hexctl.vision.detection.lens import save_lens
 from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.vision.detection.tags import UNIT_CORNERS
 from hexctl.vision.twin.rendering import CameraFlaws, RobotPosture, SceneRenderer
-from hexctl.vision.twin.twin_scene import CAMERA, FLOOR_TAGS, ROBOT_TAG, WEBCAM, tag_on
+from hexctl.vision.twin.twin_camera import CAMERA, FLOOR_TAGS, ROBOT_TAG, WEBCAM, tag_on
 from hexctl.vision.video.video_writer import VideoWriter
 
 __all__ = [

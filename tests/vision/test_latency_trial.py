@@ -18,7 +18,7 @@ from hexctl.vision.latency_trial import CameraLatency, course
 from hexctl.vision.place import load_place, save_place
 from hexctl.vision.robot_camera import RobotCamera
 from hexctl.vision.robot_link import LegState
-from hexctl.vision.twin.twin_scene import WEBCAM
+from hexctl.vision.twin.twin_camera import WEBCAM
 from tests.robots import shipped
 from tests.serve.processes import hexctl_process, program, served
 

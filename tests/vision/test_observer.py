@@ -13,7 +13,7 @@ from hexctl.vision.estimation.pose_filter import PoseEstimate
 from hexctl.vision.observer import Observation, Observer
 from hexctl.vision.robot_link import LegState
 from hexctl.vision.twin.rendering import SceneRenderer
-from hexctl.vision.twin.twin_scene import CAMERA, FLOOR_TAGS, ROBOT_TAG, WEBCAM, tag_on
+from hexctl.vision.twin.twin_camera import CAMERA, FLOOR_TAGS, ROBOT_TAG, WEBCAM, tag_on
 from tests.vision.scenes import FLOOR_CORNERS, standing
 from tests.vision.synthetic import NO_PICTURE, CornerFinder
 

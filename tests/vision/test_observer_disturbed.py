@@ -21,7 +21,7 @@ from hexctl.vision.estimation.pose_filter import PoseEstimate
 from hexctl.vision.observer import Observer
 from hexctl.vision.robot_link import LegState
 from hexctl.vision.twin.rendering import CameraFlaws, RobotPosture, SceneRenderer
-from hexctl.vision.twin.twin_scene import CAMERA, FLOOR_TAGS, ROBOT_TAG, WEBCAM, tag_on
+from hexctl.vision.twin.twin_camera import CAMERA, FLOOR_TAGS, ROBOT_TAG, WEBCAM, tag_on
 from tests.driven import Driven, driven
 from tests.vision.scenes import FLOOR_CORNERS
 

@@ -17,7 +17,7 @@ from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.vision.estimation.pose_filter import PoseEstimate
 from hexctl.vision.pose_stream import CameraStatus
 from hexctl.vision.twin.posture_history import followed_robot
-from hexctl.vision.twin.twin_scene import FLOOR_TAGS, WEBCAM
+from hexctl.vision.twin.twin_camera import FLOOR_TAGS, WEBCAM
 from hexctl.vision.video.mjpeg import MjpegServer
 from hexctl.vision.video.video_writer import VideoWriter
 from hexctl.waiting import wait_for

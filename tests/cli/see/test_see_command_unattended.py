@@ -22,7 +22,7 @@ from hexctl.types import FloatArray
 from hexctl.vision.detection.lens import save_lens
 from hexctl.vision.place import arena_of, load_place
 from hexctl.vision.twin.posture_history import followed_robot
-from hexctl.vision.twin.twin_scene import FLOOR_TAGS, WEBCAM
+from hexctl.vision.twin.twin_camera import FLOOR_TAGS, WEBCAM
 from hexctl.wire.links import Link
 from tests.recording.conftest import ReadBack
 from tests.serve.processes import hexctl, program, served

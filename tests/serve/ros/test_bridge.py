@@ -18,7 +18,7 @@ from hexctl.vision.robot_link import robot_link
 from hexctl.wire import ros_cdr
 from hexctl.wire.links import Link
 from hexctl.wire.ros import telemetry
-from hexctl.wire.ros.attachment import SIZE, Attachment
+from hexctl.wire.ros.endpoints import SIZE, Attachment
 from hexctl.wire.ros.ros_names import Kind, RosEndpoint, RosNode, type_hash
 from tests.serve.processes import Served, free_port, served, wait_until
 from tests.serve.ros.peer import Peer, peer, router

@@ -9,7 +9,7 @@ import pytest
 
 from hexctl.types import JOINT_NAMES
 from hexctl.wire import ros_cdr
-from hexctl.wire.ros.attachment import Attachment
+from hexctl.wire.ros.endpoints import Attachment
 from hexctl.wire.ros.ros_names import Kind, RosEndpoint, RosNode
 from hexctl.wire.ros.velocity import TWIST, TWIST_STAMPED
 from tests.serve.processes import Served, free_port, served, wait_until

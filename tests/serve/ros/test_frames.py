@@ -7,7 +7,7 @@ import pytest
 
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.rotations import about_z, product, turned, yaw_rad
-from hexctl.serve.ros.dead_reckoning import BodyPose
+from hexctl.serve.ros.frames import BodyPose
 from hexctl.serve.ros.snapshot import RobotSnapshot
 from hexctl.serve.ros.topics import RobotMessages
 from hexctl.types import FloatArray, RobotState

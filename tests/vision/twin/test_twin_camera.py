@@ -15,8 +15,16 @@ from hexctl.vision.detection.lens import save_lens
 from hexctl.vision.detection.planar_pose import tag_pose
 from hexctl.vision.detection.tags import SeenTag, TagFinder
 from hexctl.vision.twin.posture_history import followed_robot
-from hexctl.vision.twin.twin_camera import TwinCamera, TwinReport, TwinStarted
-from hexctl.vision.twin.twin_scene import CAMERA, FLOOR_TAGS, ROBOT_TAG, WEBCAM, tag_on
+from hexctl.vision.twin.twin_camera import (
+    CAMERA,
+    FLOOR_TAGS,
+    ROBOT_TAG,
+    WEBCAM,
+    TwinCamera,
+    TwinReport,
+    TwinStarted,
+    tag_on,
+)
 from hexctl.vision.video.video_source import VideoSource, open_video
 from hexctl.waiting import wait_for
 from hexctl.wire.links import Link

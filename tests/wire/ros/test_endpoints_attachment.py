@@ -6,7 +6,7 @@ import pytest
 import zenoh.ext
 
 from hexctl.errors import MessageError
-from hexctl.wire.ros.attachment import SIZE, Attachment
+from hexctl.wire.ros.endpoints import SIZE, Attachment
 
 GID = bytes(range(16))
 ONE = Attachment(1, 1_700_000_000_000_000_002, GID)

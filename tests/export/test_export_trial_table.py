@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from hexctl.control.trace import PHASES
-from hexctl.export.trial_table import trial_columns, write_csv, write_parquet
+from hexctl.export.export import trial_columns, write_csv, write_parquet
 from hexctl.recording.recorded_trial import RecordedTrial
 from hexctl.types import JOINT_NAMES
 

@@ -1,6 +1,6 @@
 """Which of many datagrams are checked: no sender keeps out another, and nothing is checked twice."""
 
-from hexctl.serve.stops.datagram_triage import MOST_NONCES, AnsweredNonces, Waiting, sort_datagrams
+from hexctl.serve.stops.stop_socket import MOST_NONCES, AnsweredNonces, Waiting, sort_datagrams
 from hexctl.wire.stop_datagram import Kind, StopDatagram, mark_of
 
 OPERATOR, STRANGER = ("10.0.0.1", 1), ("10.0.0.2", 2)

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from hexctl.vision.detection.corner_noise import CORNER_PX, CornerNoise
 from hexctl.vision.detection.planar_pose import fitted_pose
+from hexctl.vision.detection.robot_tracker import CORNER_PX, CornerNoise
 from hexctl.vision.detection.tags import UNIT_CORNERS
 
 SQUARE_PX = 30 * UNIT_CORNERS

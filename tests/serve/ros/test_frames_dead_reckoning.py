@@ -6,7 +6,7 @@ import pytest
 from hexctl.ik.leg_odometer import GAP_S
 from hexctl.robot.failure import Failure
 from hexctl.robot.rotations import about_z, product, wrapped_rad, yaw_rad
-from hexctl.serve.ros.dead_reckoning import BodyPose, DeadReckoning
+from hexctl.serve.ros.frames import BodyPose, DeadReckoning
 from hexctl.types import FloatArray, RobotState
 from tests.driven import Command, Driven, driven
 from tests.robots import shipped
