@@ -78,13 +78,13 @@ def doctor(folder: Path | str = RUNS, *, is_option: Callable[[str], bool] = no_o
         packages=packages,
         drawing=drawing,
         connections=connections,
-        variables={name: _told(name, text) for name in VARIABLES if (text := os.environ.get(name))},
+        variables={name: _without_host(name, text) for name in VARIABLES if (text := os.environ.get(name))},
         settings=read_settings_found(is_option),
         works=dict(_works(machine, packages, drawing, connections)),
     )
 
 
-def _told(name: str, text: str) -> str:
+def _without_host(name: str, text: str) -> str:
     """Value of a variable, without the name of the computer that a screen may be at."""
     return f"given:{text.rpartition(':')[2]}" if name == "DISPLAY" and not text.startswith(":") else text
 

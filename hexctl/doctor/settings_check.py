@@ -60,7 +60,7 @@ def read_settings_found(is_option: Callable[[str], bool] = no_option) -> Setting
             if layer.folder is None and key not in COMMON and not is_option(key):
                 unknown.append(key)
             else:
-                found.setdefault(key, SettingFound(key=key, value=_told(key, value), origin=layer.place))
+                found.setdefault(key, SettingFound(key=key, value=_anonymous(key, value), origin=layer.place))
     return SettingsFound(
         values=tuple(found.values()), problems=settings.problems, unknown=tuple(sorted(unknown))
     )
@@ -85,7 +85,7 @@ def _flat(table: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[tuple[str
             yield ".".join((*path, key)), value
 
 
-def _told(key: str, value: Any) -> str:
+def _anonymous(key: str, value: Any) -> str:
     """Text of a value, without the names of persons and of other computers."""
     last = key.lower().replace("_", ".").replace("-", ".").rpartition(".")[2]
     if last in ADDRESSES:

@@ -15,7 +15,7 @@ from hexctl.export.render import (
     add_box,
     add_geom,
     add_line,
-    add_way,
+    add_trail,
     positions_m,
     quaternions,
 )
@@ -95,7 +95,7 @@ class Racer:
         """Put the robot where it was at a tick."""
         self._robot.place(row, self._positions_m[row], product(self._turn, self._quaternions[row]))
 
-    def way_m(self, row: int) -> FloatArray:
+    def trail_m(self, row: int) -> FloatArray:
         """Where the body was until a tick, just above the floor, (N, 3); NaN before its walk began."""
         at = np.arange(0, row + 1, PIECE_TICKS)
         way = self._positions_m[at].copy()
@@ -205,10 +205,10 @@ class RaceRenderer:
         self._draw_shadows()
         self._draw_lanes()
         for racer, row in zip(self.racers, rows, strict=True):
-            add_way(self._scene, racer.way_m(row), racer.trial.robot.foot_radius_m / 2)
+            add_trail(self._scene, racer.trail_m(row), racer.trial.robot.foot_radius_m / 2)
         scene = self._canvas.draw(self._scene)
         walked_m = [racer.distance_m(time_s) - self._course.start_m for racer in self.racers]
-        far, near = (bar.draw(time_s, way_m) for bar, way_m in zip(self._bars, walked_m, strict=True))
+        far, near = (bar.draw(time_s, bar_m) for bar, bar_m in zip(self._bars, walked_m, strict=True))
         return np.vstack([far, scene, near])
 
     def _draw_robots(self, rows: Sequence[int]) -> None:
@@ -302,7 +302,7 @@ class _Course:
         if whole_m <= 0:
             return cls(start_m, end_m, None, None)
         finish_m = start_m + whole_m
-        arrivals = [np.flatnonzero(way_m >= finish_m) for way_m in ways_m]
+        arrivals = [np.flatnonzero(trail_m >= finish_m) for trail_m in ways_m]
         at_s = [times_s[found[0]] if found.size else math.inf for found in arrivals]
         winner = None if at_s[0] == at_s[1] else (racers[int(at_s[1] < at_s[0])], min(at_s))
         return cls(start_m, end_m, finish_m, winner)

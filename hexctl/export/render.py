@@ -150,7 +150,7 @@ class RunRenderer:
         self._robot = PosedRobot(trial, trial.floor_quaternion)
         self.model, self.data = self._robot.model, self._robot.data
         self._positions_m, self._quaternions = positions_m(trial), quaternions(trial)
-        self._way_world = _way_world(trial)
+        self._trail_world = _trail_world(trial)
         self._scene = self._canvas.new_scene(self.model)
         self._look, self._camera = mujoco.MjvOption(), mujoco.MjvCamera()
         self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
@@ -169,7 +169,7 @@ class RunRenderer:
         foot_m = self._trial.robot.foot_radius_m
         if (course := self._trial.course_world) is not None:
             add_line(self._scene, course[0], course[1], foot_m / 2, LINE_COLOR)
-        add_way(self._scene, self._way_world[: row // PIECE_TICKS + 1], foot_m / 2)
+        add_trail(self._scene, self._trail_world[: row // PIECE_TICKS + 1], foot_m / 2)
         return self._canvas.draw(self._scene)
 
     def close(self) -> None:
@@ -177,9 +177,9 @@ class RunRenderer:
         self._canvas.close()
 
 
-def add_way(scene: Any, way_m: FloatArray, radius_m: float) -> None:
+def add_trail(scene: Any, trail_m: FloatArray, radius_m: float) -> None:
     """Add the last pieces of a way through points of the world, (N, 3), to a scene; not through NaN."""
-    for begin, end in pairwise(way_m[-MOST_PIECES:]):
+    for begin, end in pairwise(trail_m[-MOST_PIECES:]):
         if np.isfinite([begin, end]).all():
             add_line(scene, begin, end, radius_m, TRAIL_COLOR)
 
@@ -256,7 +256,7 @@ class _Legs:
                 model.geom_rgba[geoms] = [*(part / 255 for part in colors[kind]), opacity]
 
 
-def _way_world(trial: RecordedTrial) -> FloatArray:
+def _trail_world(trial: RecordedTrial) -> FloatArray:
     """Where the body was above the floor at every `PIECE_TICKS`-th tick, (N, 3), NaN before its walk began.
 
     It lies a little higher above the floor's plane than the line of travel, which it covers.

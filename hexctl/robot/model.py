@@ -104,7 +104,7 @@ class Robot(ArrayFields):
         A field that has a default counts with its name, and only if it differs from the default.
         """
         digest = hashlib.sha256()
-        for name, value in told_fields(self):
+        for name, value in changed_fields(self):
             digest.update(value.tobytes() if isinstance(value, np.ndarray) else _text(value).encode())
             if name in _OPTIONAL_SHAPES:
                 digest.update(name.encode())
@@ -252,7 +252,7 @@ _OPTIONAL_SHAPES = {
 }
 
 
-def told_fields(part: Any) -> list[tuple[str, Any]]:
+def changed_fields(part: Any) -> list[tuple[str, Any]]:
     """Names and values of the fields of a robot or a part of it, without those that are at their defaults."""
     return [
         (field.name, getattr(part, field.name))
@@ -265,7 +265,7 @@ def _text(value: Any) -> str:
     """The `repr` of a value; of a dataclass without the fields that are at their defaults."""
     if not is_dataclass(value):
         return repr(value)
-    content = ", ".join(f"{name}={part!r}" for name, part in told_fields(value))
+    content = ", ".join(f"{name}={part!r}" for name, part in changed_fields(value))
     return f"{type(value).__name__}({content})"
 
 

@@ -35,7 +35,7 @@ AngleDeg = Annotated[Number, Field(ge=-360, le=360, allow_inf_nan=False)]
 Fraction = Annotated[Number, Field(gt=0, le=1, allow_inf_nan=False)]
 
 
-def _whole(value: float) -> int:
+def _checked_whole(value: float) -> int:
     """Refuse fractions where only whole numbers have a meaning."""
     if value != int(value):
         raise ValueError(f"got {value:g}; allowed: a whole number")
@@ -69,21 +69,26 @@ def _pair(value: object) -> object:
 
 
 #: A pulse width in microseconds, within limits far wider than those of any servo.
-PulseUs = Annotated[Number, Field(ge=100, le=5000, allow_inf_nan=False), AfterValidator(_whole)]
-Channel = Annotated[Number, Field(ge=1, le=N_JOINTS, allow_inf_nan=False), AfterValidator(_whole)]
+PulseUs = Annotated[Number, Field(ge=100, le=5000, allow_inf_nan=False), AfterValidator(_checked_whole)]
+Channel = Annotated[Number, Field(ge=1, le=N_JOINTS, allow_inf_nan=False), AfterValidator(_checked_whole)]
 Direction = Annotated[Number, AfterValidator(_direction)]
 
-ServoId = Annotated[Number, Field(ge=0, le=252, allow_inf_nan=False), AfterValidator(_whole)]
-Count = Annotated[Number, Field(ge=0, le=65535, allow_inf_nan=False), AfterValidator(_whole)]
-TouchInput = Annotated[Number, Field(ge=0, lt=N_LEGS, allow_inf_nan=False), AfterValidator(_whole)]
+ServoId = Annotated[Number, Field(ge=0, le=252, allow_inf_nan=False), AfterValidator(_checked_whole)]
+Count = Annotated[Number, Field(ge=0, le=65535, allow_inf_nan=False), AfterValidator(_checked_whole)]
+TouchInput = Annotated[Number, Field(ge=0, lt=N_LEGS, allow_inf_nan=False), AfterValidator(_checked_whole)]
 #: A number is the I2C bus of that number.
 Port = Annotated[str, BeforeValidator(lambda value: str(value) if type(value) is int else value)]
 #: An address of a PCA9685: six pins, but the one at which all answer.
 I2cAddress = Annotated[
-    Number, Field(ge=0x40, le=0x7F, allow_inf_nan=False), AfterValidator(_whole), AfterValidator(_own_address)
+    Number,
+    Field(ge=0x40, le=0x7F, allow_inf_nan=False),
+    AfterValidator(_checked_whole),
+    AfterValidator(_own_address),
 ]
 OscillatorMhz = Annotated[Number, Field(ge=20, le=30, allow_inf_nan=False)]
-Baud = Annotated[Number, Field(ge=BAUD.low, le=BAUD.high, allow_inf_nan=False), AfterValidator(_whole)]
+Baud = Annotated[
+    Number, Field(ge=BAUD.low, le=BAUD.high, allow_inf_nan=False), AfterValidator(_checked_whole)
+]
 
 
 class Section(BaseModel):

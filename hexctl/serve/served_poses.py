@@ -10,7 +10,7 @@ from hexctl.wire.pose import encode_pose
 from hexctl.wire.ros import telemetry
 
 
-class OwnPoses:
+class ServedPoses:
     """Encodes the messages of the kinds `imu` and `truth`."""
 
     def __init__(self) -> None:

@@ -18,7 +18,7 @@ from hexctl.serve.inbox import CAPACITY, Arrival, Inbox
 from hexctl.serve.leases import LeaseManager
 from hexctl.serve.requests import RequestHandler
 from hexctl.serve.ros.snapshot import RobotSnapshot
-from hexctl.serve.served_poses import OwnPoses
+from hexctl.serve.served_poses import ServedPoses
 from hexctl.serve.served_servos import ServedServos
 from hexctl.serve.served_transport import Transport, attachment_of, payload_of
 from hexctl.serve.stops.at_rest import RestWatch
@@ -104,7 +104,7 @@ class RobotServer:
             link, servos.robot.name, self._inbox, self._requests.urgent, self._admits_command
         )
         self._description = describe(servos.robot)
-        self._own_poses = OwnPoses()
+        self._served_poses = ServedPoses()
         self._who = RobotIdentity.of_this_process(servos.robot.name, backend).to_json()
         self._state: RobotState | None = None
         self._sequence = self._ticks = 0
@@ -286,7 +286,7 @@ class RobotServer:
         if self._driver is not None:
             self._driver.tick(index, state)
         self._idle.tick(self._guard.clock.now_s)
-        self._publish_own_poses()
+        self._publish_served_poses()
         self._publish(state)
         self._offer(state)
         self._log_changes()
@@ -345,11 +345,11 @@ class RobotServer:
         joints = encode_positions(state.joint_positions_rad, torques_nm=state.joint_torques_nm)
         self._transport.publish("joint_states", joints, tag)
 
-    def _publish_own_poses(self) -> None:
+    def _publish_served_poses(self) -> None:
         """Publish what no pose from outside replaces."""
         servos, simulation = self._servos, self._servos.simulation
         truth = None if simulation is None else simulation.true_pose
-        for kind, payload in self._own_poses.messages(servos.own_orientation, truth):
+        for kind, payload in self._served_poses.messages(servos.own_orientation, truth):
             self._transport.publish(kind, payload)
 
     def _offer(self, state: RobotState) -> None:

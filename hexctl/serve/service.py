@@ -73,7 +73,7 @@ class RobotService(ServeOptions):
     def resolved_link(self) -> Link:
         """Link that the options describe; raises InputError for a bad link file.
 
-        With ROS, the port of the ROS router is left to it (`RosOptions.link_beside`).
+        With ROS, the port of the ROS router is left to it (`RosOptions.link_beside_router`).
         """
         link = load_link(
             self.link,
@@ -83,7 +83,7 @@ class RobotService(ServeOptions):
             given_as="listen",
         )
         ros = self.ros_options
-        return link if ros is None else ros.link_beside(link)
+        return link if ros is None else ros.link_beside_router(link)
 
     def run(
         self,

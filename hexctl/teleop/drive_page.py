@@ -241,10 +241,12 @@ class DrivePage:
 
     def _make_room(self, newcomer: LimitedConnection) -> None:
         """Close the connection of a client if there are too many, but never of the one that drives."""
-        others = [one for one in _on(newcomer.server, SOCKET_PATH) if not one.gives_way]
+        others = [one for one in _on(newcomer.server, SOCKET_PATH) if not one.closed_for_new_client]
         if len(others) >= MOST_CLIENTS:
             driver = self._driver if self._now_s() - self._driver_at_s <= COMMAND_EXPIRY_S else None
-            least_needed([one for one in others if one is not driver], newcomer.address).give_way()
+            least_needed(
+                [one for one in others if one is not driver], newcomer.address
+            ).close_for_new_client()
 
     def _is_ours(self, host: str) -> bool:
         """Whether a Host header names this computer: by a name of its own, or by an address.

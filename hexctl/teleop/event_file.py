@@ -49,7 +49,7 @@ class EventFile:
                 return
             if not data:
                 raise OSError("the device has gone")
-            yield from self._whole(self._rest + data)
+            yield from self._events(self._rest + data)
             if len(data) < MOST_BYTES:
                 return
 
@@ -57,7 +57,7 @@ class EventFile:
         """Let go of the file."""
         os.close(self.descriptor)
 
-    def _whole(self, data: bytes) -> Iterator[Event]:
+    def _events(self, data: bytes) -> Iterator[Event]:
         end = len(data) - len(data) % EVENT.size
         self._rest = data[end:]
         for _, _, kind, code, value in EVENT.iter_unpack(data[:end]):

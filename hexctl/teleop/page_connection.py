@@ -81,7 +81,7 @@ class LimitedConnection(ServerConnection):
         address: of the client.
         begun_at_s: when it connected, on time.monotonic.
         has_spoken: whether a message has come, as each page sends one at its start.
-        gives_way: whether it was closed for a new client.
+        closed_for_new_client: whether it was closed for a new client.
     """
 
     def __init__(self, *arguments: Any, addresses: Addresses, **options: Any) -> None:
@@ -90,11 +90,11 @@ class LimitedConnection(ServerConnection):
         self._messages, self._bytes = Allowance(MESSAGES_S), Allowance(BYTES_S)
         self._refused = False
         self.address, self.begun_at_s = "", time.monotonic()
-        self.has_spoken = self.gives_way = False
+        self.has_spoken = self.closed_for_new_client = False
 
-    def give_way(self) -> None:
+    def close_for_new_client(self) -> None:
         """Close the connection for a new client."""
-        self.gives_way = True
+        self.closed_for_new_client = True
         self.transport.abort()
 
     def may_send(self) -> bool:

@@ -84,7 +84,7 @@ class PictureRelay:
             try:
                 self._fetch()
             except (OSError, http.client.HTTPException, _PictureError, ValueError) as error:
-                self.newest, self.trouble = None, _words(error)
+                self.newest, self.trouble = None, _reason(error)
                 wait_s = RETRY_S
             self._closing.wait(wait_s)
 
@@ -197,7 +197,7 @@ def jpeg_size(jpeg: bytes) -> tuple[int, int]:
     raise ValueError("what the camera sends is a JPEG without a size")
 
 
-def _words(error: Exception) -> str:
+def _reason(error: Exception) -> str:
     """Why a camera sends no picture."""
     if isinstance(error, OSError) and error.strerror:
         return f"the camera cannot be reached ({error.strerror})"

@@ -199,7 +199,7 @@ class PoseStream:
         self._sighted = self._last.robot or self._sighted
         self._since_believed = 0 if self._last.believed else self._since_believed + 1
         if self._last.change is not None:
-            on_event(_told_change(self._last.change))
+            on_event(_change_text(self._last.change))
 
     def _tell(self, estimate: PoseEstimate, on_event: Callable[[str], None]) -> None:
         """Send the pose to the robot, and tell when it is lost, found or elsewhere."""
@@ -274,7 +274,7 @@ class PoseStream:
         )
 
 
-def _told_change(change: CameraChange) -> str:
+def _change_text(change: CameraChange) -> str:
     if change.tag_id is not None:
         return f"tag {change.tag_id} on the floor was moved; it is no longer used"
     turned_deg = math.degrees(change.turned_rad)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.errors import InputError, MessageError, RobotFaultError, argument, printable_parts, shown
-from hexctl.robot.model import Robot, told_fields
+from hexctl.robot.model import Robot, changed_fields
 from hexctl.robot.schema import Body, GaitDefaults, ServoModel
 from hexctl.types import JOINT_NAMES
 from hexctl.wire import MAX_PAYLOAD_BYTES, PROTOCOL_VERSION
@@ -211,7 +211,7 @@ def _plain(value: object) -> Any:
     if isinstance(value, np.ndarray):
         return value.tolist()
     if is_dataclass(value) and not isinstance(value, type):
-        return {name: _plain(part) for name, part in told_fields(value)}
+        return {name: _plain(part) for name, part in changed_fields(value)}
     return list(value) if isinstance(value, tuple) else value
 
 

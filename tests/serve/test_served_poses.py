@@ -4,19 +4,19 @@ import math
 
 import numpy as np
 
-from hexctl.serve.served_poses import OwnPoses
+from hexctl.serve.served_poses import ServedPoses
 from hexctl.wire.pose import decode_orientation, decode_pose
 
 TURNED = np.array([math.cos(0.4), 0.0, 0.0, math.sin(0.4)])
 
 
 def test_what_is_not_known_is_not_said() -> None:
-    assert list(OwnPoses().messages(None, None)) == []
+    assert list(ServedPoses().messages(None, None)) == []
 
 
 def test_orientation_and_truth_arrive_as_they_are() -> None:
     position = np.array([1.0, -2.0, 0.12])
-    messages = dict(OwnPoses().messages(TURNED, (position, TURNED[[0, 3, 1, 2]])))
+    messages = dict(ServedPoses().messages(TURNED, (position, TURNED[[0, 3, 1, 2]])))
     own = decode_orientation(messages["imu"])
     assert own is not None
     np.testing.assert_allclose(own, TURNED, atol=1e-15)

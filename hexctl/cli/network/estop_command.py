@@ -59,7 +59,7 @@ def estop(
         _clear(place, as_json=as_json)
         return
     with ExitStack() as opened:
-        with _told_if_not_confirmed(ready=ready):
+        with _with_what_to_do(ready=ready):
             from hexctl.cli.console import note_refusal
             from hexctl.serve.stops.estop import ReadyStop
             from hexctl.wire.connection_diagnosis import RefusalWatch
@@ -101,7 +101,7 @@ def _is_known(stop: "ReadyStop") -> bool:
 
 
 @contextmanager
-def _told_if_not_confirmed(*, ready: bool) -> Iterator[None]:
+def _with_what_to_do(*, ready: bool) -> Iterator[None]:
     """Let each way in which a stop fails end with what the operator has to do."""
     from hexctl.cli.console import INTERRUPTED, in_flags, print_note
 

@@ -125,7 +125,7 @@ class Found(NamedTuple):
     broken: "tuple[Failure, ...]"
     result: "DiagnosisResult"
 
-    def told_to(self, spec: "RunSpec") -> "RunSpec":
+    def walk_spec(self, spec: "RunSpec") -> "RunSpec":
         """Spec of the walk, whose controller is told of what was found."""
         told = () if self.failure is None else (self.failure,)
         comes = [event for event in spec.events if event.failure is not None]

@@ -81,7 +81,7 @@ def run(
             spec.check()
             progress.pause()
             found = found_failure(spec)
-            spec = found.told_to(spec)
+            spec = found.walk_spec(spec)
         raise typer.Exit(
             _walk(_with_best(spec), progress, view=view, as_json=as_json, found=found, fence=fence)
         )

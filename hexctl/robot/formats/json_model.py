@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.errors import HexctlError, InputError
-from hexctl.robot.model import Robot, told_fields
+from hexctl.robot.model import Robot, changed_fields
 from hexctl.robot.schema import Body, GaitDefaults, ServoModel
 
 #: Version of the format.
@@ -42,7 +42,7 @@ def robot_from_json(text: str) -> Robot:
 def _content(part: Any) -> dict[str, Any]:
     """Fields of a robot or a part of it that are not at their defaults."""
     content: dict[str, Any] = {}
-    for name, value in told_fields(part):
+    for name, value in changed_fields(part):
         if isinstance(value, np.ndarray):
             content[name] = value.tolist()
         elif isinstance(value, (Body, ServoModel, GaitDefaults)):

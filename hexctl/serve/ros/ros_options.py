@@ -50,7 +50,7 @@ class RosOptions:
         """Names of the node."""
         return RosNode(domain=self.domain, namespace=self.namespace, humble=self.humble)
 
-    def link_beside(self, link: Link) -> Link:
+    def link_beside_router(self, link: Link) -> Link:
         """Link of a robot that leaves the router its port.
 
         The default port of both is the same: a robot that was told no other then listens at

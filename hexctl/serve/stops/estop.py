@@ -11,8 +11,8 @@ from typing import Any, Self
 
 from hexctl.errors import HexctlError, RobotFaultError, argument
 from hexctl.serve.stops.clear_keys import NewClaim
-from hexctl.serve.stops.stop_by_datagram import DatagramWay, Sighting
-from hexctl.serve.stops.stop_by_session import SessionWay
+from hexctl.serve.stops.stop_by_datagram import DatagramStop, Sighting
+from hexctl.serve.stops.stop_by_session import SessionStop
 from hexctl.serve.stops.stop_watch import SILENCE_S, StopWatch
 from hexctl.wire import TIME_TO_LIVE_S
 from hexctl.wire.connection_diagnosis import is_refused
@@ -128,9 +128,9 @@ class ReadyStop:
         self._seen: dict[str, Sighting] = {}
         self._rested: dict[str, float] = {}
         self._first_stop_s: float | None = None
-        self._datagrams = DatagramWay(self._link, request, self._pressed, partial(self._see, "datagram"))
+        self._datagrams = DatagramStop(self._link, request, self._pressed, partial(self._see, "datagram"))
         see = partial(self._see, "session")
-        self._session = SessionWay(self._link, request, self._pressed, see, again=again)
+        self._session = SessionStop(self._link, request, self._pressed, see, again=again)
 
     def __enter__(self) -> Self:
         """Begin to reach the robot; returns at once."""

@@ -57,7 +57,7 @@ class Sighting:
     cleared: tuple[str, str] | None = None
 
 
-class DatagramWay:
+class DatagramStop:
     """Asks a robot by datagram, and stops it once it is told to; a thread of its own does.
 
     Args:

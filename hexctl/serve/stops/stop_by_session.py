@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 WATCH_PERIOD_S, ASK_PERIOD_S = 0.1, 0.5
 
 
-class SessionWay:
+class SessionStop:
     """Asks the robots on a link over a session, and stops them once it is told to; a thread of its own does.
 
     Args:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from hexctl.serve.stops import stop_by_datagram
-from hexctl.serve.stops.stop_by_datagram import DatagramWay, Sighting
+from hexctl.serve.stops.stop_by_datagram import DatagramStop, Sighting
 from hexctl.waiting import comes_true
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import Link
@@ -19,8 +19,8 @@ from tests.serve.processes import free_port
 from tests.serve.stops.test_stop_socket import Bench
 
 
-def began(link: Link) -> DatagramWay:
-    way = DatagramWay(link, b"mine    ", threading.Event(), lambda _: None)
+def began(link: Link) -> DatagramStop:
+    way = DatagramStop(link, b"mine    ", threading.Event(), lambda _: None)
     way.begin()
     return way
 
@@ -48,7 +48,7 @@ def test_a_robot_that_has_another_address_now_is_found_again(monkeypatch: pytest
     with bench.stop_socket:
         monkeypatch.setattr(stop_by_datagram, "LOOK_UP_AGAIN_S", 0.2)
         monkeypatch.setattr("socket.getaddrinfo", look_up)
-        way = DatagramWay(bench.link, b"mine    ", pressed, seen.append)
+        way = DatagramStop(bench.link, b"mine    ", pressed, seen.append)
         way.begin()
         try:
             assert comes_true(lambda: bool(seen), 10.0)
@@ -87,7 +87,7 @@ def test_an_error_of_any_kind_is_trouble_and_the_robot_is_asked_again() -> None:
             raise RuntimeError("can't start new thread")
 
     with bench.stop_socket:
-        way = DatagramWay(bench.link, b"mine    ", pressed, see)
+        way = DatagramStop(bench.link, b"mine    ", pressed, see)
         way.begin()
         try:
             assert comes_true(lambda: bool(seen), 10.0)
@@ -103,7 +103,7 @@ def test_a_program_with_many_open_files_stops_a_robot() -> None:
     bench, pressed = Bench(), threading.Event()
     pressed.set()
     with many_open_files(), bench.stop_socket:
-        way = DatagramWay(bench.link, b"mine    ", pressed, lambda _: None)
+        way = DatagramStop(bench.link, b"mine    ", pressed, lambda _: None)
         way.begin()
         try:
             assert comes_true(lambda: way.obeyed, 10.0)

@@ -14,7 +14,7 @@ import zenoh
 import hexctl.serve.remote  # noqa: F401  it keeps the session's opener that it finds when it is first imported
 from hexctl.serve.stops import stop_by_session
 from hexctl.serve.stops.stop_by_datagram import Sighting
-from hexctl.serve.stops.stop_by_session import SessionWay
+from hexctl.serve.stops.stop_by_session import SessionStop
 from hexctl.waiting import comes_true
 from hexctl.wire.links import Link
 
@@ -42,7 +42,7 @@ def test_an_error_of_the_library_is_told_and_a_session_is_opened_again(
     monkeypatch.setattr("hexctl.wire.zenoh_session.open_session", opened)
     monkeypatch.setattr(stop_by_session, "ASK_PERIOD_S", 0.2)
     seen: list[Sighting] = []
-    way = SessionWay(Link(), b"mine    ", threading.Event(), seen.append, again=True)
+    way = SessionStop(Link(), b"mine    ", threading.Event(), seen.append, again=True)
     way.begin()
     try:
         assert comes_true(lambda: "closed" in str(way.error), 10.0)
@@ -95,7 +95,7 @@ class SharedSession:
 @contextmanager
 def asking(
     monkeypatch: pytest.MonkeyPatch, *robots: OnTheLink
-) -> Iterator[tuple[SessionWay, threading.Event, list[Sighting]]]:
+) -> Iterator[tuple[SessionStop, threading.Event, list[Sighting]]]:
     """A session way to robots, what tells it to stop them, and what it has seen."""
 
     @contextmanager
@@ -107,7 +107,7 @@ def asking(
     monkeypatch.setattr(stop_by_session, "WATCH_PERIOD_S", 0.01)
     seen: list[Sighting] = []
     pressed = threading.Event()
-    way = SessionWay(Link(), b"mine    ", pressed, seen.append, again=False)
+    way = SessionStop(Link(), b"mine    ", pressed, seen.append, again=False)
     way.begin()
     try:
         assert comes_true(lambda: bool(seen), 10.0)
