@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.adapt.sessions.search_session import SessionSpec
+from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.store import load_session
 from hexctl.cli.main import exit_code
 from hexctl.cli.render.adapt_output import resume_command

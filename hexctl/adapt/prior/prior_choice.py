@@ -9,7 +9,7 @@ from hexctl.adapt.optimizers.shipped import BAYES
 from hexctl.adapt.prior.prior import SCORES, read_head
 from hexctl.adapt.prior.prior_files import check_prior, find_prior, named_prior
 from hexctl.adapt.prior.samples import covering
-from hexctl.adapt.sessions.search_session import SessionSpec
+from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.setting import Note, Setting
 from hexctl.errors import InputError, argument
 

@@ -35,7 +35,8 @@ from hexctl.robot.failure_grammar import AUTO_LEG, read_failures_before
 if TYPE_CHECKING:
     from hexctl.adapt.adaptation import Adaptation
     from hexctl.adapt.adaptation_result import AdaptationResult
-    from hexctl.adapt.sessions.search_session import Session, SessionSpec
+    from hexctl.adapt.sessions.search_session import Session
+    from hexctl.adapt.sessions.session_spec import SessionSpec
     from hexctl.recording.live import LiveView
 
 #: Options that go with --resume.
@@ -169,7 +170,7 @@ def _search(
 ) -> "AdaptationResult | int":
     """Run an adaptation; its result, or the exit code where there is none."""
     from hexctl.adapt.runner import NotBegunError, RobotStoppedError
-    from hexctl.adapt.sessions.stored_rows import StoreError
+    from hexctl.adapt.sessions.store import StoreError
     from hexctl.cli.prompts import TrialPrompt
     from hexctl.cli.render.adapt_output import SessionTable, after_stop
 
