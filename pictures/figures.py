@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from hexctl.adapt.session_viewing import write_overview
+from hexctl.adapt.sessions.session_viewing import write_overview
 from hexctl.adapt.sessions.store import list_sessions
 from hexctl.cli.main import exit_code
 from pictures.picture import Picture

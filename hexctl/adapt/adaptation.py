@@ -307,7 +307,7 @@ class Adaptation:
         """Write the overview beside the trials; `hexctl view` makes it too, so that trouble is a note."""
         if not self._record or not session.trials:
             return None
-        from hexctl.adapt.session_viewing import write_overview
+        from hexctl.adapt.sessions.session_viewing import write_overview
 
         try:
             return write_overview(session, store.folder_of(session.name))

@@ -458,7 +458,7 @@ def test_an_overview_that_cannot_be_drawn_costs_no_result(monkeypatch: pytest.Mo
     def broken(*_: object, **__: object) -> None:
         raise ValueError("no picture")
 
-    monkeypatch.setattr("hexctl.adapt.session_viewing.write_overview_file", broken)
+    monkeypatch.setattr("hexctl.adapt.sessions.session_viewing.write_overview_file", broken)
     notes: list[str] = []
     result = adapt(5, budget=2, prior="none", note=notes.append)
     assert (result.ended, result.overview, notes[-1]) == ("budget", None, "no overview: no picture")

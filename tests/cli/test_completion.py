@@ -130,8 +130,7 @@ def test_nothing_is_made_and_nothing_complains(tmp_path: Path, monkeypatch: pyte
     assert not list(tmp_path.iterdir())
     (tmp_path / "runs" / "mine").mkdir(parents=True)
     (tmp_path / "runs" / "mine" / "session.jsonl").write_text("not a session")
-    assert completion.sessions("") == ["mine"]
-    assert completion.viewable("") == []
+    assert completion.sessions("") == completion.viewable("") == ["mine"]
 
 
 BASH = """

@@ -169,7 +169,7 @@ def _hostile(value: Any) -> Any:
 def test_a_foreign_session_prints_nothing_but_text(
     command: str, kind: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hexctl.adapt.session_viewing.open_viewer", lambda _: 0)
+    monkeypatch.setattr("hexctl.adapt.sessions.session_viewing.open_viewer", lambda _: 0)
     name = walking.stored_session(Path("runs"), 0.2, tripod=0.3, auto=0.4)
     path = Path("runs", name, "session.jsonl")
     lines = path.read_text().splitlines()

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hexctl.adapt.session_viewing import recordings_of, write_overview
 from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.session_viewing import recordings_of, write_overview
 from hexctl.adapt.sessions.store import SessionStore
 from hexctl.adapt.sessions.walk_records import TrialRecord
 from pictures.window import Window

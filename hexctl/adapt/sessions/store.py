@@ -5,7 +5,6 @@ was writing, which the next one replaces. A damaged line is left out, the others
 """
 
 import fcntl
-import json
 import logging
 import os
 import re
@@ -13,20 +12,24 @@ import shutil
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, fields
 from datetime import datetime
 from itertools import count
 from pathlib import Path
-from typing import Any, ClassVar
-
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from typing import Any
 
 from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.session_lines import (
+    DAMAGE,
+    Walk,
+    damage_text,
+    read_session,
+    standing_line,
+    take_in,
+    walk_line,
+)
 from hexctl.adapt.sessions.session_spec import SessionSpec
-from hexctl.adapt.sessions.walk_records import BaselineRecord, ConfirmationRecord, Settled, TrialRecord
-from hexctl.adapt.space import GaitSpace
-from hexctl.errors import HexctlError, InputError, argument, check_type, printable, printable_parts
-from hexctl.files import ALLOWED_FOLDER, atomic_write, check_writable, folder_trouble, read_file
+from hexctl.errors import HexctlError, InputError, argument, check_type, printable
+from hexctl.files import ALLOWED_FOLDER, atomic_write, check_writable, folder_trouble, read_file, sync
 
 _LOG = logging.getLogger(__name__)
 
@@ -49,46 +52,9 @@ _CREATED = re.compile(rb'\{"session": \{"created": "([^"]+)"')
 #: Names that `SessionStore.create` gives. Only of those a deletion removes everything in the folder.
 _MADE = re.compile(r"\d{8}-\d{6}-leg[1-6]-[\w.-]+")
 
-#: What is raised for a line that is none of a session.
-DAMAGE = (ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError)
-
 
 class StoreError(HexctlError, OSError):
     """A session cannot be read or written."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Standing:
-    """How a session stands, apart from its walks; its fields are those of `Session`."""
-
-    created: str
-    spec: SessionSpec
-    ended: str | None
-    settled_on: Settled | None
-
-    def __post_init__(self) -> None:
-        datetime.fromisoformat(self.created)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Line:
-    """A line of a session's file: how the session stands now, or a walk."""
-
-    __pydantic_config__: ClassVar = ConfigDict(extra="forbid", allow_inf_nan=False)
-
-    session: Standing | None = None
-    trial: TrialRecord | None = None
-    state: dict[str, Any] | None = None
-    baseline: BaselineRecord | None = None
-    confirmation: ConfirmationRecord | None = None
-
-
-_LINE = TypeAdapter(_Line)
-
-_SPEC_FIELDS = {field.name for field in fields(SessionSpec)}
-
-#: Names of walks in a line, by their class.
-_KINDS = {TrialRecord: "trial", BaselineRecord: "baseline", ConfirmationRecord: "confirmation"}
 
 
 class SessionStore:
@@ -118,8 +84,9 @@ class SessionStore:
         try:
             name = self._made_folder(stem)
             session = Session(name=name, spec=spec, created=now.isoformat(timespec="seconds"))
-            line = _text({"session": _standing(session)})
+            line = standing_line(session)
             atomic_write(self.folder / name / FILE_NAME, line)
+            sync(self.folder)
         except OSError as error:
             raise StoreError(f"session {stem}: cannot be stored: {error.strerror}") from error
         session.stored_bytes = len(line)
@@ -128,25 +95,22 @@ class SessionStore:
     def add(
         self,
         session: Session,
-        walk: TrialRecord | BaselineRecord | ConfirmationRecord,
+        walk: Walk,
         optimizer_state: dict[str, Any] | None = None,
     ) -> None:
         """Add a walk, with the state of the optimizer after a trial, on the disk when this returns.
 
         Raises StoreError when the disk refuses or another process has added to the session.
         """
-        line = {_KINDS[type(walk)]: asdict(walk)}
-        if optimizer_state is not None:
-            line["state"] = optimizer_state
-        self._append(session, walk.name, line)
-        _take_in(session, walk, optimizer_state)
+        self._append(session, walk.name, walk_line(walk, optimizer_state))
+        take_in(session, walk, optimizer_state)
 
     def keep(self, session: Session) -> None:
         """Store the spec of a session and how it ended, on the disk when this returns.
 
         Raises StoreError as `add` does.
         """
-        self._append(session, "its end", {"session": _standing(session)})
+        self._append(session, "its end", standing_line(session))
 
     def folder_of(self, name: str) -> Path:
         """Folder of a session and its recordings.
@@ -162,7 +126,8 @@ class SessionStore:
     def check_there(self, session: Session) -> None:
         """Raise StoreError if the file of a session was deleted, moved or replaced meanwhile."""
         with _opened(self.folder / session.name / FILE_NAME, session.name) as file:
-            _check_same(os.fstat(file).st_size >= session.stored_bytes, session.name)
+            if os.fstat(file).st_size < session.stored_bytes:
+                raise _moved(session.name)
 
     def _made_folder(self, stem: str) -> str:
         """Name of a new folder."""
@@ -173,36 +138,26 @@ class SessionStore:
                 return name
         raise AssertionError("unreachable")
 
-    def _append(self, session: Session, what: str, line: dict[str, Any]) -> None:
+    def _append(self, session: Session, what: str, line: bytes) -> None:
         """Add a line to what a session has stored, in place of a line that was cut off."""
-        data, name = _text(line), session.name
+        name = session.name
         with _opened(self.folder / name / FILE_NAME, name) as file:
-            rest = os.pread(file, MOST_BYTES, session.stored_bytes)
-            _check_same(os.fstat(file).st_size >= session.stored_bytes, name)
+            size = os.fstat(file).st_size
+            rest = os.pread(file, max(0, size - session.stored_bytes), session.stored_bytes)
+            if size < session.stored_bytes:
+                raise _moved(name)
             if b"\n" in rest:
                 raise StoreError(f"session {name}: {what} cannot be stored: another process has added to it")
             if rest:
                 _LOG.warning("session %s: its last line was cut off and is replaced", name)
             try:
                 os.ftruncate(file, session.stored_bytes)
-                _write(file, data)
+                _write(file, line)
             except OSError as error:
                 with suppress(OSError):
                     os.ftruncate(file, session.stored_bytes)
                 raise StoreError(f"session {name}: {what} cannot be stored: {error.strerror}") from error
-        session.stored_bytes += len(data)
-
-
-def _standing(session: Session) -> dict[str, Any]:
-    return asdict(
-        Standing(
-            created=session.created, spec=session.spec, ended=session.ended, settled_on=session.settled_on
-        )
-    )
-
-
-def _text(line: dict[str, Any]) -> bytes:
-    return json.dumps(line, default=str).encode() + b"\n"
+        session.stored_bytes += len(line)
 
 
 def _write(file: int, data: bytes) -> None:
@@ -218,7 +173,7 @@ def _opened(path: Path, name: str) -> Iterator[int]:
     try:
         file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_NOFOLLOW | os.O_NONBLOCK)
     except FileNotFoundError:
-        _check_same(False, name)
+        raise _moved(name) from None
     except OSError as error:
         raise StoreError(f"session {name}: {path} cannot be used ({error.strerror})") from error
     try:
@@ -229,13 +184,12 @@ def _opened(path: Path, name: str) -> Iterator[int]:
         os.close(file)
 
 
-def _check_same(same: bool, name: str) -> None:
-    """Raise StoreError unless a session's file is the one that was written to."""
-    if not same:
-        raise StoreError(
-            f"session {name}: its file {FILE_NAME} was deleted, moved or replaced; move it back and resume "
-            "the session, or begin a new one"
-        )
+def _moved(name: str) -> StoreError:
+    """Error for a session whose file is not the one that was written to."""
+    return StoreError(
+        f"session {name}: its file {FILE_NAME} was deleted, moved or replaced; move it back and resume the "
+        "session, or begin a new one"
+    )
 
 
 def is_folder_name(name: str) -> bool:
@@ -356,94 +310,17 @@ def _loaded(name: str, folder: Path, on_damage: OnDamage) -> Session:
     try:
         if not is_folder_name(name):
             raise ValueError("its name cannot be typed; rename its folder")
-        session, damaged = _session_of(name, read_file(folder / name / FILE_NAME, MOST_BYTES))
+        session, damaged = read_session(name, read_file(folder / name / FILE_NAME, MOST_BYTES))
     except (OSError, *DAMAGE) as error:
         raise StoreError(
-            f"session {name}: is damaged ({_reason(error)}); its recordings can be opened one by one, and "
-            "hexctl sessions delete removes it"
+            f"session {name}: is damaged ({damage_text(error)}); its recordings can be opened one by one, "
+            "and hexctl sessions delete removes it"
         ) from error
     if damaged:
         lines = f"line{'s' * (len(damaged) > 1)} {', '.join(map(str, damaged))}"
         first = next(iter(damaged.values()))
         on_damage(StoreError(f"session {name}: {lines} of {FILE_NAME} left out as damaged ({first})"))
     return session
-
-
-def _session_of(name: str, content: bytes) -> tuple[Session, dict[int, str]]:
-    """Session of a file's content, and what is wrong with its damaged lines, by their numbers.
-
-    A line without an end was cut off, and is left out without a word. Raises ValueError without any line that
-    says what was searched.
-    """
-    *texts, cut_off = content.split(b"\n")
-    lines: dict[int, _Line] = {}
-    damaged: dict[int, str] = {}
-    for number, text in enumerate(texts, start=1):
-        try:
-            lines[number] = _read_line(text)
-        except DAMAGE as error:
-            damaged[number] = _reason(error)
-    standings = [line.session for line in lines.values() if line.session is not None]
-    if not standings:
-        raise ValueError(next(iter(damaged.values()), "it is empty"))
-    last = {field.name: getattr(standings[-1], field.name) for field in fields(Standing)}
-    session = Session(name=name, stored_bytes=len(content) - len(cut_off), **last)
-    for number, line in lines.items():
-        try:
-            _take_in_line(session, line)
-        except DAMAGE as error:
-            damaged[number] = _reason(error)
-    return session, dict(sorted(damaged.items()))
-
-
-def _read_line(text: bytes) -> _Line:
-    """A line; raises one of `DAMAGE` for another text."""
-    values = json.loads(text)
-    state = values.pop("state", None)  # its optimizer checks it
-    line = _LINE.validate_python({**printable_parts(values), "state": state})
-    if line.session is not None and (missing := _SPEC_FIELDS - set(values["session"]["spec"])):
-        raise ValueError(f"spec: {min(missing)} is missing")
-    return line
-
-
-def _take_in_line(session: Session, line: _Line) -> None:
-    """Add the walk of a line to a session; raises InputError for one that does not belong to it."""
-    space = GaitSpace((session.spec.broken.leg,))
-    for walk in (line.trial, line.baseline, line.confirmation):
-        if walk is None:
-            continue
-        # A gait that is not in the space, such as a tripod, has no code.
-        if walk.code is not None and space.slots_of(walk.code) != walk.slots:
-            raise InputError(f"code: {walk.code} is another gait than the slots {walk.slots}")
-        if isinstance(walk, TrialRecord) and session.trials and walk.index <= session.trials[-1].index:
-            raise InputError(f"trial {walk.index} comes after trial {session.trials[-1].index}")
-        walk.as_json(), walk.result
-        _take_in(session, walk, line.state)
-
-
-def _take_in(
-    session: Session,
-    walk: TrialRecord | BaselineRecord | ConfirmationRecord,
-    optimizer_state: dict[str, Any] | None,
-) -> None:
-    """Add a walk that is stored to its session."""
-    match walk:
-        case TrialRecord():
-            session.trials.append(walk)
-            session.optimizer_state = optimizer_state
-        case BaselineRecord():
-            session.baseline.append(walk)
-        case ConfirmationRecord():
-            session.confirmations.append(walk)
-
-
-def _reason(error: BaseException) -> str:
-    """What is wrong with a line, or a file."""
-    if isinstance(error, ValidationError):
-        problem = error.errors(include_url=False)[0]
-        return f"{'.'.join(map(str, problem['loc']))}: {problem['msg']}"
-    text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-    return " ".join(text.split()) or type(error).__name__
 
 
 def delete_session(name: str, folder: Path | str = RUNS) -> None:

@@ -258,7 +258,7 @@ def _open_window() -> "LiveView | None":
 
 def _show(name: str) -> None:
     """Open a session in the viewer; a missing screen does not make the search a failure."""
-    from hexctl.adapt.session_viewing import view_runs
+    from hexctl.adapt.sessions.session_viewing import view_runs
 
     try:
         view_runs([name], runs_folder())

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import rerun as rr
 
-from hexctl.adapt import session_viewing
+from hexctl.adapt.sessions import session_viewing
 from hexctl.adapt.sessions.store import SessionStore
 from hexctl.adapt.sessions.walk_records import TrialRecord
 from hexctl.adapt.space import GaitSpace

