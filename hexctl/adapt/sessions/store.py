@@ -351,5 +351,7 @@ def _remove(place: Path) -> None:
             shutil.rmtree(place)
         else:
             (place / FILE_NAME).unlink()
+            with suppress(OSError):  # it holds something else
+                place.rmdir()
     except OSError as error:
         raise StoreError(f"session {place.name}: cannot be deleted ({error.strerror})") from error
