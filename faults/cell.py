@@ -18,7 +18,7 @@ from faults.measurement import (
 from faults.phase import PHASES
 from faults.process import Program
 from faults.rig import Rig
-from hexctl.adapt.sessions.store import SessionStore
+from hexctl.adapt.sessions.store import list_sessions
 from hexctl.robot.loader import load_robot_file
 
 #: How long a robot is watched after a fault is over.
@@ -111,9 +111,8 @@ def _trials(rig: Rig, fault: Fault) -> tuple[int, int, bool]:
                 break
             time.sleep(0.05)
     said = len(re.findall(r"^stored \d+$", program.said(), re.MULTILINE))
-    with SessionStore(rig.store) as store:
-        (name,) = store.names()
-        stored = len(store.load(name).trials)
+    (session,) = list_sessions(rig.store)
+    stored = len(session.trials)
     return said, max(0, said - stored), not awaited or said > 1
 
 

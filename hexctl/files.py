@@ -188,12 +188,12 @@ def replacing(path: Path) -> Iterator[Path]:
         yield draft
         if path.is_file():
             shutil.copymode(path, draft)
-        _sync(draft)
+        sync(draft)
         draft.replace(path)
-        _sync(path.parent)
+        sync(path.parent)
 
 
-def _sync(path: Path) -> None:
+def sync(path: Path) -> None:
     """Make sure that a file, or the names in a folder, are on the disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:

@@ -3,8 +3,8 @@
 import os
 from pathlib import Path
 
-from hexctl.adapt.session_viewing import write_overview
-from hexctl.adapt.sessions.store import SessionStore
+from hexctl.adapt.sessions.session_viewing import write_overview
+from hexctl.adapt.sessions.store import list_sessions
 from hexctl.cli.main import exit_code
 from pictures.picture import Picture
 from pictures.window import BAR, SIZE, opened
@@ -39,9 +39,8 @@ def draw_session(folder: Path) -> Picture:
         os.chdir(before)
     if code != 0:
         raise RuntimeError(f"hexctl adapt ended with {code}")
-    with SessionStore(folder / "runs") as store:
-        (name,) = store.names()
-        overview = write_overview(store.load(name), store.folder_of(name))
+    (session,) = list_sessions(folder / "runs")
+    overview = write_overview(session, folder / "runs" / session.name)
     with opened(overview) as window:
         window.show_trial(SHOWN_TRIAL)
         return window.picture().cut(0, BAR, SIZE[0], SIZE[1] - BAR)

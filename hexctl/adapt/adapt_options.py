@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar
 
 from hexctl.backends.robot_options import FAILURE, RobotOptions
 from hexctl.control.guard import TOO_HOT_C
-from hexctl.control.trial_plan import DURATION_S, Hold, SelfRotation
+from hexctl.control.trial_plan import DURATION_S, HEADING_DEG, Hold, SelfRotation
 from hexctl.errors import InputError, argument
 from hexctl.options import RARE, UNTYPED, Panel, Range, Typed, check_fields
 from hexctl.robot.failure import Failure
@@ -70,7 +70,7 @@ class AdaptOptions(RobotOptions):
     90 % sure. (default: 0.025 with bayes and trim, else none)
     """
 
-    target_m: Annotated[float | None, UNTYPED] = None
+    target_m: Annotated[float | None, Range(low=0, above=True), UNTYPED] = None
     """The target as a number, in the unit of the objective."""
 
     worth_m: Annotated[float | None, GAIN_M, RARE] = None
@@ -98,8 +98,11 @@ class AdaptOptions(RobotOptions):
     duration_s: Annotated[float, DURATION_S, WALK] = 30.0
     """Seconds that each trial walks, {}."""
 
-    heading_deg: Annotated[float, Range(), WALK, RARE] = 0.0
-    """Direction of travel in degrees, {}, counter-clockwise from forward."""
+    heading_rad: Annotated[float, HEADING_DEG, WALK, RARE] = 0.0
+    """Direction of travel in degrees, {}, counter-clockwise from forward.
+
+    In Python in rad.
+    """
 
     self_rotation: Annotated[SelfRotation | None, RARE, WALK] = None
     """Turn before the walk until the failed leg points to the rear or the front of the way, or none: no turn.

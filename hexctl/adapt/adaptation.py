@@ -23,9 +23,10 @@ from hexctl.adapt.runner import TrialRunner, at_finer_step, check_not_interrupte
 from hexctl.adapt.search import check_parts, extended, new_spec
 from hexctl.adapt.search_progress import SearchBar
 from hexctl.adapt.sessions.code_trust import check_trusted
-from hexctl.adapt.sessions.search_session import Session, SessionSpec
+from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_optimizer import make_search
-from hexctl.adapt.sessions.store import RUNS, SessionStore, load_session
+from hexctl.adapt.sessions.session_spec import SessionSpec
+from hexctl.adapt.sessions.store import RUNS, SessionStore, held, load_session
 from hexctl.adapt.sessions.unfinished import remove_unfinished
 from hexctl.adapt.setting import (
     Note,
@@ -171,8 +172,8 @@ class Adaptation:
         checked = self._checked(self.spec) if self._resumed is None else None  # before anything is written
         if self._resumed is None:
             check_not_interrupted(stop_requested)
+        store = SessionStore(self._folder)
         with ExitStack() as stack:
-            store = stack.enter_context(SessionStore(self._folder))
             session, setting, servos = self._begin(store, stack, stop_requested, checked)
             before = len(session.trials)
             if on_begin is not None:
@@ -235,7 +236,7 @@ class Adaptation:
             spec = with_stance(spec, setting, servos, stop_requested, self._note)
             check_not_interrupted(stop_requested)
             session = store.create(spec)
-            stack.enter_context(store.held(session.name))
+            stack.enter_context(held(session.name, store.folder))
         return session, setting, servos
 
     def _tell(self, *notes: str | None) -> None:
@@ -253,8 +254,8 @@ class Adaptation:
 
     def _held_again(self, name: str, store: SessionStore, stack: ExitStack) -> Session:
         """Session to be continued, as it stands now that no other process adds to it."""
-        stack.enter_context(store.held(name))
-        session = self._resumed = store.load(name)
+        stack.enter_context(held(name, store.folder))
+        session = self._resumed = load_session(name, store.folder)
         check_trusted(session.spec, self._given, trust=self._trust)  # it may have changed since
         left = remove_unfinished(store.folder_of(name), session)
         self._tell(None if left is None else f"removed {left}: its trial was killed and is walked again")
@@ -299,14 +300,14 @@ class Adaptation:
         try:
             return loop.run(), None
         except (RobotFaultError, RecordingError) as error:
-            store.check_there()  # what is reported as stored must be on the disk
+            store.check_there(session)  # what is reported as stored must be on the disk
             return "stopped", error
 
     def _write_overview(self, session: Session, store: SessionStore) -> Path | None:
         """Write the overview beside the trials; `hexctl view` makes it too, so that trouble is a note."""
         if not self._record or not session.trials:
             return None
-        from hexctl.adapt.session_viewing import write_overview
+        from hexctl.adapt.sessions.session_viewing import write_overview
 
         try:
             return write_overview(session, store.folder_of(session.name))

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.adapt.sessions.search_session import BaselineRecord, Session, TrialRecord, trials_text
+from hexctl.adapt.sessions.search_session import Session, trials_text
+from hexctl.adapt.sessions.walk_records import BaselineRecord, TrialRecord
 from hexctl.control.trial_result import path_axes
 from hexctl.errors import RecordingError, RobotFaultError
 

@@ -10,8 +10,9 @@ from hexctl.adapt.optimizers.shipped import TRIM
 from hexctl.adapt.prior.prior import PriorKey, open_prior
 from hexctl.adapt.prior.prior_files import find_prior, prior_folders
 from hexctl.adapt.prior.samples import covering, ranked_codes
-from hexctl.adapt.sessions.search_session import BaselineRecord, Session
+from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.store import RUNS, load_session
+from hexctl.adapt.sessions.walk_records import BaselineRecord
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.base import as_robot
 from hexctl.control.assessment.static_stability import in_posture, usual_posture
@@ -139,9 +140,9 @@ def _of_session(
     own, best, what = session.spec, session.best_walk, f"{argument('gait')}: got best:{session.name}"
     if own.robot_fingerprint != robot.fingerprint:
         raise InputError(f"{what}, a session of {own.robot}; allowed: of {robot.name} as it is described now")
-    if (own.failed_leg, own.failure) != (failure.leg, str(failure)):
+    if (own.broken.leg, str(own.broken)) != (failure.leg, str(failure)):
         raise InputError(
-            f"{what}, a session with leg {own.failed_leg} {own.failure}; allowed: with leg {failure.leg} "
+            f"{what}, a session with leg {own.broken.leg} {own.broken}; allowed: with leg {failure.leg} "
             f"{failure}"
         )
     if best is None:
@@ -170,7 +171,7 @@ def _with_trim(found: BestGait, slots: Sequence[int], session: Session) -> BestG
         return BestGait(spec=replace(spec, trim_rad=trim_rad), source=text)
     if spec.hold == "none" and spec.turn_rate_rad_s is None and turn_rad_s is not None:
         text = f"{found.source}, with its turn of {math.degrees(turn_rad_s):.3f} degrees/s"
-        heading_rad = math.radians(session.spec.heading_deg) if spec.heading_rad is None else spec.heading_rad
+        heading_rad = session.spec.heading_rad if spec.heading_rad is None else spec.heading_rad
         turned = replace(spec, turn_rate_rad_s=turn_rad_s, heading_rad=heading_rad)
         return BestGait(spec=turned, source=text)
     return found

@@ -10,7 +10,7 @@ from hexctl.adapt.measurement import Operator, measured, not_walked
 from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.optimizers.shipped import TRIM
 from hexctl.adapt.runner import TrialRunner, WalkedTrial, check_not_stopped
-from hexctl.adapt.sessions.search_session import SessionSpec
+from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.setting import Note, Setting
 from hexctl.backends.base import LegServos, connection_notes
 from hexctl.backends.registry import BackendOptions, make_servos

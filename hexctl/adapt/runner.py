@@ -6,8 +6,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from hexctl.adapt.sessions.search_session import BASELINE_INDEX, UNWATCHED, SessionSpec
+from hexctl.adapt.sessions.session_spec import UNWATCHED, SessionSpec
 from hexctl.adapt.sessions.unfinished import note_created, unfinished
+from hexctl.adapt.sessions.walk_records import BASELINE_INDEX
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import make_floor
 from hexctl.backends.sim.world import World
@@ -219,6 +220,7 @@ class TrialRunner:
             "backend": spec.backend,
             "world": spec.world,
             "seed": spec.seed,
+            "options": spec.as_json(),
         }
 
 

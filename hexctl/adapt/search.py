@@ -3,10 +3,11 @@
 import math
 from collections.abc import Container
 from dataclasses import fields, replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, cast
 
-from hexctl.adapt.adapt_options import BUDGET, AdaptOptions
+from hexctl.adapt.adapt_options import AdaptOptions
 from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import OBJECTIVES, Objective, ObjectiveChoice, as_objective
 from hexctl.adapt.optimizer import OptimizerChoice
@@ -14,8 +15,10 @@ from hexctl.adapt.optimizers.optimizer_registry import make_optimizer, name_of
 from hexctl.adapt.optimizers.shipped import BAYES, OPTIMIZERS, TRIM
 from hexctl.adapt.prior.prior_choice import DEFAULT_TARGET_M, Advice, choose_prior, no_advice
 from hexctl.adapt.prior.prior_files import prior_folders
-from hexctl.adapt.sessions.search_session import BASELINE_GAITS, UNWATCHED, Session, SessionSpec
+from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.session_spec import UNWATCHED, SessionSpec
 from hexctl.adapt.sessions.store import RUNS
+from hexctl.adapt.sessions.walk_records import BASELINE_GAITS
 from hexctl.adapt.setting import Note, Setting, load_setting, log_note, start_note, with_known_uncertainty
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.base import LegServos
@@ -27,6 +30,9 @@ from hexctl.errors import InputError, argument, check_type
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.robot.configs import shipped_text
 from hexctl.robot.loader import load_robot
+
+#: Packages that decide how trials end.
+PACKAGES = ("hexctl", "mujoco", "numpy")
 
 #: Shortest walk of which lean and steadiness are measured: its soft start and two cycles or so.
 LEAST_S = RAMP_DURATION_S + 2.0
@@ -51,7 +57,7 @@ def new_spec(
     check_numbers(spec)
     _check_options(spec, measure)
     if spec.optimizer not in (BAYES, TRIM):
-        make_optimizer(options.optimizer or spec.optimizer, GaitSpace((spec.failed_leg,)), spec.seed)
+        make_optimizer(options.optimizer or spec.optimizer, GaitSpace((spec.broken.leg,)), spec.seed)
     spec, setting = _in_its_setting(spec, options.body_raise)
     if options.uncertainty_m is None:
         spec = with_known_uncertainty(spec, setting, folder, note)
@@ -82,21 +88,16 @@ def _in_its_setting(spec: SessionSpec, body_raise: float | None) -> tuple[Sessio
     return spec, setting
 
 
-#: Fields of a spec that are stored as they were asked for.
-_STORED = {field.name for field in fields(SessionSpec)} & {field.name for field in fields(AdaptOptions)}
-
-
 def _spec_of(options: AdaptOptions, measure: Objective) -> SessionSpec:
     """Spec of what was asked for, with what its objective and its robot file add."""
     hold, credentials, home_m = options.hold or measure.hold, options.credentials, options.home_m
     robot = _named("robot", options.robot)
     world = None if options.world is None else _named("world", options.world)
+    asked = {field.name: getattr(options, field.name) for field in fields(options)}
     return SessionSpec(
-        **{name: getattr(options, name) for name in _STORED}
+        **asked
         | {
             "robot": shipped_text("robots", robot),
-            "failed_leg": options.broken.leg,
-            "failure": str(options.broken),
             "robot_fingerprint": load_robot(robot).fingerprint,
             "world": _world_of(options.backend, world),
             "credentials": None if credentials is None else str(credentials),
@@ -112,6 +113,7 @@ def _spec_of(options: AdaptOptions, measure: Objective) -> SessionSpec:
             "prior": None,
             "policy": options.policy or UNWATCHED,
             "baseline_gaits": list(BASELINE_GAITS) if options.baseline else [],
+            "versions": {package: version(package) for package in PACKAGES},
         }
     )
 
@@ -147,14 +149,10 @@ def extended(session: Session, budget: int) -> SessionSpec:
 
 def check_numbers(spec: SessionSpec) -> None:
     """Raise InputError for a number of a spec that is not allowed."""
-    BUDGET.check(argument("budget"), spec.budget)
     if not 0 <= spec.confirm < spec.budget:
         raise InputError(
             f"{argument('confirm')}: got {spec.confirm}; allowed: 0 to less than the budget of {spec.budget}"
         )
-    if spec.target_m is not None and not (math.isfinite(spec.target_m) and spec.target_m > 0):
-        unit = f" {spec.objective_unit}".rstrip()
-        raise InputError(f"{argument('target_m')}: got {spec.target_m:g}; allowed: above 0{unit}")
     if spec.uncertainty_m and not spec.simulated:
         raise InputError(
             f"uncertainty_m: got {spec.uncertainty_m} with {argument('backend')} {spec.backend}; allowed: "
@@ -183,7 +181,7 @@ def _with_target(spec: SessionSpec, target: float | str | None) -> SessionSpec:
             f"{argument('target')}: got {target} with the objective {spec.objective}, which is not in "
             f"metres; allowed: {f'a number, in {unit}' if (unit := spec.objective_unit) else 'a number'}"
         )
-    return replace(spec, target_share=value / 100)
+    return spec
 
 
 def _with_trim(spec: SessionSpec, prior: Path | str | None, *, free: bool) -> SessionSpec:
@@ -238,9 +236,9 @@ def _check_options(spec: SessionSpec, objective: Objective) -> None:
     _check_home(spec)
     if spec.cool_down_c is not None:
         _check_cooling(spec)
-    if (spec.arena_m is not None or spec.ask) and spec.heading_deg and spec.self_rotation != "none":
+    if (spec.arena_m is not None or spec.ask) and spec.heading_rad and spec.self_rotation != "none":
         raise InputError(
-            f"{argument('heading_deg')}: got {spec.heading_deg:g} with "
+            f"{argument('heading_rad')}: got {math.degrees(spec.heading_rad):g} with "
             f"{argument('ask' if spec.ask else 'arena_m')}, where the line is "
             f"wherever it fits; allowed: with {argument('self_rotation')} none, as seen from the body"
         )

@@ -9,7 +9,8 @@ from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
 from rich.text import Text
 
 from hexctl.adapt.sessions.recommendation import next_to_confirm
-from hexctl.adapt.sessions.search_session import Session, TrialRecord, WalkRecord
+from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.walk_records import TrialRecord, WalkRecord
 from hexctl.adapt.trial_loop import OnTrial
 
 #: Walks at the usual time step that take as long as one that confirms a gait.

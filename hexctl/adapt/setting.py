@@ -1,7 +1,6 @@
 """What a session spec names, loaded: robot, world, plan and prior; and the notes that follow from it."""
 
 import logging
-import math
 import shlex
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -12,7 +11,8 @@ from hexctl.adapt.optimizers.shipped import BAYES, TRIM
 from hexctl.adapt.prior.prior import Prior, PriorKey, ScorePrior, load_prior, load_score_prior
 from hexctl.adapt.prior.prior_files import check_prior
 from hexctl.adapt.prior.samples import covering
-from hexctl.adapt.sessions.search_session import Session, SessionSpec
+from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World, load_world
 from hexctl.control.assessment.score import progress_floor_m
@@ -109,7 +109,7 @@ def load_setting(spec: SessionSpec) -> Setting:
     world = load_world(spec.world) if spec.world is not None else None
     plan = TrialPlan(
         gait=replace(make_gait(robot, "demo"), posture=Posture(body_raise=spec.body_raise)),
-        heading_rad=math.radians(spec.heading_deg),
+        heading_rad=spec.heading_rad,
         duration_s=spec.duration_s,
         belief=spec.broken,
         self_rotation=spec.self_rotation,
@@ -173,7 +173,7 @@ def baseline_note(spec: SessionSpec) -> str | None:
 
 def budget_note(spec: SessionSpec) -> str | None:
     """That a budget is greater than the number of gaits that are walked once each, or None."""
-    gaits = GaitSpace((spec.failed_leg,)).size
+    gaits = GaitSpace((spec.broken.leg,)).size
     if spec.optimizer in (BAYES, TRIM) or spec.count_repeats or spec.budget - spec.confirm <= gaits:
         return None
     confirming = f" and {spec.confirm} to confirm" if spec.confirm else ""
@@ -200,7 +200,7 @@ def with_known_uncertainty(spec: SessionSpec, setting: Setting, folder: Path, no
         return replace(
             spec,
             uncertainty_m=round(found.numerical_m, 4),
-            uncertainty_caveat=found.caveat(spec.failure),
+            uncertainty_caveat=found.caveat(str(spec.broken)),
             confirmed_uncertainty_m=_confirmed_m(spec, setting.world, found),
         )
     if spec.duration_s >= MEASURED_S:

@@ -8,7 +8,7 @@ import numpy as np
 
 from hexctl.adapt.prior.prior import Prior
 from hexctl.adapt.runner import check_not_stopped
-from hexctl.adapt.sessions.search_session import SessionSpec
+from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.setting import Note, Setting
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.world import World

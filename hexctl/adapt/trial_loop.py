@@ -12,14 +12,9 @@ from hexctl.adapt.optimizer import Observation, Optimizer, Prediction
 from hexctl.adapt.optimizers.trim import wanted_trim_rad, wanted_turn_trim_rad_s
 from hexctl.adapt.runner import LegFailedError, RobotStoppedError, WalkedTrial, noticed_legs
 from hexctl.adapt.sessions.recommendation import Contender, next_to_confirm
-from hexctl.adapt.sessions.search_session import (
-    BASELINE_INDEX,
-    BaselineRecord,
-    ConfirmationRecord,
-    Session,
-    TrialRecord,
-)
+from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.store import SessionStore
+from hexctl.adapt.sessions.walk_records import BASELINE_INDEX, BaselineRecord, ConfirmationRecord, TrialRecord
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.assessment.uncertainty_store import CONFIRM_STEP_S
 from hexctl.control.preparation import StopRequested, never
@@ -113,7 +108,8 @@ class AdaptLoop:
     @property
     def _index(self) -> int:
         """Index of the next trial."""
-        return len(self._session.trials) + 1
+        trials = self._session.trials
+        return trials[-1].index + 1 if trials else 1
 
     def _store_end(self, ended: str | None) -> None:
         self._session.ended = ended
@@ -146,7 +142,7 @@ class AdaptLoop:
                 margin_m=self._margin_m(slots),
                 **_stored(one),
             )
-            self._store.add_baseline(session, record)
+            self._store.add(session, record)
             if self._on_baseline is not None:
                 self._on_baseline(session, record)
             _check_recording(one, f"{what} is done")
@@ -232,7 +228,7 @@ class AdaptLoop:
             time_step_s=CONFIRM_STEP_S,
             **_stored(one),
         )
-        self._store.add_confirmation(self._session, record)
+        self._store.add(self._session, record)
         if self._on_confirmation is not None:
             self._on_confirmation(self._session, record)
         return True
@@ -300,7 +296,7 @@ class AdaptLoop:
             confirms=confirms,
             expected=None if predicted is None else predicted.as_json(),
         )
-        self._store.add_trial(self._session, trial, self._optimizer.state())
+        self._store.add(self._session, trial, self._optimizer.state())
         if self._on_trial is not None:
             self._on_trial(self._session, trial)
         _check_recording(walked, f"trial {trial.index} is done")

@@ -1,12 +1,14 @@
 """Prompts for the operator beside the robot, of trials and of a calibration: on stderr, answers on stdin."""
 
+import math
 import os
 import select
 import stat
 import sys
 
 from hexctl.adapt.measurement import Answer
-from hexctl.adapt.sessions.search_session import BASELINE_INDEX, SessionSpec
+from hexctl.adapt.sessions.session_spec import SessionSpec
+from hexctl.adapt.sessions.walk_records import BASELINE_INDEX
 from hexctl.cli.console import print_note, print_question
 from hexctl.control.calibration import EndedError
 from hexctl.control.preparation import StopRequested
@@ -61,9 +63,9 @@ class TrialPrompt:
         """Ask to place the robot on its mark; return False to end instead."""
         spec = self._spec
         facing = {
-            "rear": f"leg {spec.failed_leg} pointing back along the line",
-            "front": f"leg {spec.failed_leg} pointing ahead along the line",
-            "none": _front(spec.heading_deg),
+            "rear": f"leg {spec.broken.leg} pointing back along the line",
+            "front": f"leg {spec.broken.leg} pointing ahead along the line",
+            "none": _front(math.degrees(spec.heading_rad)),
         }
         question = (
             f"{_walk_name(index, f', gait {code}')}: put the robot on the mark with "

@@ -13,7 +13,7 @@ from hexctl.study.compute_options import ComputeOptions
 from hexctl.study.study_options import ALL_LEGS
 
 if TYPE_CHECKING:
-    from hexctl.adapt.sessions.search_session import SessionSpec
+    from hexctl.adapt.sessions.session_spec import SessionSpec
 
 PriorHold = Literal["none", "heading", "line"]
 
@@ -117,11 +117,11 @@ def how_to_build_prior(spec: "SessionSpec") -> str:
 
     hold = "line" if spec.hold == "auto" else spec.hold
     objectives = ("final",) if hold == "none" else SCORES
-    if spec.objective not in objectives or spec.heading_deg or not _can_be_built(spec, hold):
+    if spec.objective not in objectives or spec.heading_rad or not _can_be_built(spec, hold):
         return ""
     values = {
         "robot": spec.robot,
-        "failure": spec.failure,
+        "failure": str(spec.broken),
         "hold": hold,
         "self_rotation": spec.self_rotation,
         "duration_s": spec.duration_s,
@@ -146,7 +146,7 @@ def _can_be_built(spec: "SessionSpec", hold: str) -> bool:
     plan = PriorPlan(
         robot=load_robot(spec.robot),
         family=load_randomization("randomised"),
-        failure=spec.failure,
+        failure=str(spec.broken),
         self_rotation=spec.self_rotation,
         duration_s=spec.duration_s,
         hold=hold,

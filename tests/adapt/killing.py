@@ -13,8 +13,9 @@ from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.trim import TrimSearch
 from hexctl.adapt.runner import WalkedTrial
-from hexctl.adapt.sessions.search_session import Session, SessionSpec
-from hexctl.adapt.sessions.store import SessionStore
+from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.session_spec import SessionSpec
+from hexctl.adapt.sessions.store import SessionStore, held, load_session
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.trial_loop import AdaptLoop, Walk
 from hexctl.control.trial import Enough
@@ -29,12 +30,12 @@ TRIAL_S = 0.002
 def optimizer_of(spec: SessionSpec) -> Optimizer:
     """The optimizer that `hexctl adapt` makes for a spec; `bayes` with a made-up prior."""
     if spec.optimizer == "trim":
-        return TrimSearch(GaitSpace((spec.failed_leg,)), spec.seed)
+        return TrimSearch(GaitSpace((spec.broken.leg,)), spec.seed)
     if spec.optimizer == "bayes":
         search = made_up_bayes(standing_samples(MadeUpModel(), 12), target_m=1e-6)
         search.observe_stance(np.array(spec.sag_rad))
         return search
-    inner = make_optimizer(spec.optimizer, GaitSpace((spec.failed_leg,)), spec.seed)
+    inner = make_optimizer(spec.optimizer, GaitSpace((spec.broken.leg,)), spec.seed)
     return Deduplication(inner, spec.seed, paper_count=spec.count_repeats)
 
 
@@ -68,14 +69,12 @@ class Slow:
 
 def main(say: Callable[[str], None], folder: str, optimizer: str, name: str | None = None) -> None:
     """Run a session, or continue one, and say when it begins to walk and after each trial."""
-    with SessionStore(Path(folder)) as store:
-        session = store.create(SPECS_TO_KILL[optimizer]) if name is None else store.load(name)
-        with store.held(session.name):
-            say("walking")
-            search = optimizer_of(session.spec)
-            AdaptLoop(
-                session, store, search, Slow(landscape_of(session)), on_trial=lambda *_: say("trial")
-            ).run()
+    store = SessionStore(Path(folder))
+    session = store.create(SPECS_TO_KILL[optimizer]) if name is None else load_session(name, store.folder)
+    with held(session.name, store.folder):
+        say("walking")
+        search = optimizer_of(session.spec)
+        AdaptLoop(session, store, search, Slow(landscape_of(session)), on_trial=lambda *_: say("trial")).run()
 
 
 SPECS_TO_KILL = {

@@ -10,7 +10,7 @@ from hexctl.adapt.optimizers.bayes import Bayes
 from hexctl.adapt.prior.prior import CHECKPOINTS, SCORES, Prior, PriorKey, ScorePrior
 from hexctl.adapt.prior.samples import DISTANCE, FINAL, N_FEATURES, YAW, Samples
 from hexctl.adapt.runner import WalkedTrial
-from hexctl.adapt.sessions.search_session import SessionSpec
+from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.trial import LOOK_TICKS, Enough

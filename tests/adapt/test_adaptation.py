@@ -26,10 +26,10 @@ from hexctl.adapt.runner import (
     WalkedTrial,
 )
 from hexctl.adapt.search import new_spec
-from hexctl.adapt.sessions.search_session import Session, TrialRecord
+from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_tables import export_session
-from hexctl.adapt.sessions.store import delete_session, list_sessions, load_session
-from hexctl.adapt.sessions.stored_rows import SessionRows, StoreError
+from hexctl.adapt.sessions.store import StoreError, delete_session, list_sessions, load_session
+from hexctl.adapt.sessions.walk_records import TrialRecord
 from hexctl.backends.sim.world import load_world
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError, RecordingError, RobotFaultError, WrongTypeError
@@ -136,7 +136,7 @@ def test_what_an_unknown_failure_breaks_is_noted_and_not_told() -> None:
         note=notes.append,
         record=False,
     )
-    assert result.session.spec.failure == "unknown"
+    assert result.session.spec.broken.kind == "unknown"
     assert "the simulation breaks leg 5 limp; the controller is told leg 5 unknown" in notes
 
 
@@ -171,13 +171,12 @@ def test_a_finished_session_is_continued_without_writing(monkeypatch: pytest.Mon
 def test_a_session_is_loaded_when_it_is_resumed_and_when_it_is_held(monkeypatch: pytest.MonkeyPatch) -> None:
     name = adapt(5, budget=2, optimizer="random", record=False).session.name
     loads: list[str] = []
-    load = SessionRows.load
 
-    def counted(rows: SessionRows, named: str) -> Session:
+    def counted(named: str, folder: Path | str) -> Session:
         loads.append(named)
-        return load(rows, named)
+        return load_session(named, folder)
 
-    monkeypatch.setattr(SessionRows, "load", counted)
+    monkeypatch.setattr("hexctl.adapt.adaptation.load_session", counted)
     assert Adaptation.resume(name, budget=3, record=False).run().walked == 1
     assert loads == [name] * 2
     finished = load_session(name)
@@ -459,7 +458,7 @@ def test_an_overview_that_cannot_be_drawn_costs_no_result(monkeypatch: pytest.Mo
     def broken(*_: object, **__: object) -> None:
         raise ValueError("no picture")
 
-    monkeypatch.setattr("hexctl.adapt.session_viewing.write_overview_file", broken)
+    monkeypatch.setattr("hexctl.adapt.sessions.session_viewing.write_overview_file", broken)
     notes: list[str] = []
     result = adapt(5, budget=2, prior="none", note=notes.append)
     assert (result.ended, result.overview, notes[-1]) == ("budget", None, "no overview: no picture")

@@ -1,5 +1,6 @@
 """The best gait that is known for a walk."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -173,7 +174,7 @@ def test_by_a_session_that_learned_a_trim_it_walks_with_the_trim(tmp_path: Path)
 
 def test_by_a_session_that_learned_a_turn_it_walks_in_open_loop_with_the_turn(tmp_path: Path) -> None:
     session = short_session(
-        tmp_path, budget=2, hold="none", heading_deg=90.0, optimizer="trim", target_m=1e-9
+        tmp_path, budget=2, hold="none", heading_rad=math.pi / 2, optimizer="trim", target_m=1e-9
     )
     assert session.best is not None
     turn_rad_s = session.turn_trim_rad_s(session.best.slots)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hexctl.adapt.sessions.store import SessionStore
+from hexctl.adapt.sessions.store import SessionStore, held, load_session, stored_names
 from hexctl.adapt.trial_loop import AdaptLoop
 from tests.adapt import killing
 from tests.adapt.killing import SPECS_TO_KILL, landscape_of, optimizer_of
@@ -48,9 +48,9 @@ def _killed_after(trials: int, delay_s: float, *arguments: str) -> None:
 @pytest.mark.parametrize("optimizer", SESSIONS)
 def test_kill_9_at_random_moments_never_changes_the_result(optimizer: str, tmp_path: Path) -> None:
     spec = SPECS_TO_KILL[optimizer]
-    with SessionStore(tmp_path / "whole") as store:
-        whole = store.create(spec)
-        AdaptLoop(whole, store, optimizer_of(spec), landscape_of(whole)).run()
+    store = SessionStore(tmp_path / "whole")
+    whole = store.create(spec)
+    AdaptLoop(whole, store, optimizer_of(spec), landscape_of(whole)).run()
     random = np.random.default_rng(11)
     cut_inside = 0
     for number in range(SESSIONS[optimizer]):
@@ -59,11 +59,12 @@ def test_kill_9_at_random_moments_never_changes_the_result(optimizer: str, tmp_p
         for _ in range(KILLS):
             trials, delay_s = int(random.integers(MOST_TRIALS)), float(random.uniform(0.0, WITHIN_S))
             _killed_after(trials, delay_s, str(folder), optimizer, *name)
-            with SessionStore(folder) as store:
-                name = store.names()
-                cut_inside += 0 < len(store.load(name[0]).trials) < spec.budget
-        with SessionStore(folder) as store, store.held(name[0]):
-            session = store.load(name[0])
+            store = SessionStore(folder)
+            name = stored_names(store.folder)
+            cut_inside += 0 < len(load_session(name[0], store.folder).trials) < spec.budget
+        store = SessionStore(folder)
+        with held(name[0], store.folder):
+            session = load_session(name[0], store.folder)
             AdaptLoop(session, store, optimizer_of(spec), landscape_of(session)).run()
-            assert store.load(name[0]).trials == whole.trials
+            assert load_session(name[0], store.folder).trials == whole.trials
     assert cut_inside >= SESSIONS[optimizer] * KILLS / 2, "most kills came while it walked"

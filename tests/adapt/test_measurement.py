@@ -11,7 +11,6 @@ from hexctl.adapt.measurement import Answer, measured, not_walked
 from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES
 from hexctl.adapt.optimizer import Observation
 from hexctl.adapt.prior.samples import DISTANCE, FINAL, features_of
-from hexctl.adapt.sessions.search_session import Session, SessionSpec
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
 from hexctl.gait.gait import make_gait
@@ -67,11 +66,3 @@ def test_what_counts_for_nothing(result: TrialResult, status: str, stopped: str 
 @pytest.mark.parametrize("result", [told("quit"), not_walked(ROBOT, PLAN)])
 def test_what_is_not_kept(result: TrialResult) -> None:
     assert (result.status, result.stopped) == ("aborted", "requested")
-
-
-def test_a_session_from_before_there_were_robots_is_still_read() -> None:
-    spec = SessionSpec(backend="sim").as_json()
-    for name in ("connect", "credentials", "insecure", "link", "arena_m", "home_m", "ask"):
-        del spec[name]
-    assert SessionSpec(**spec) == SessionSpec()
-    Session(name="old", spec=SessionSpec(**spec), created="then").as_json()

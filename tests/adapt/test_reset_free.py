@@ -13,7 +13,7 @@ from hexctl.adapt import runner as runner_module
 from hexctl.adapt.arena import Arena
 from hexctl.adapt.reset_free import ResetFreeRunner, await_ready, cool_down
 from hexctl.adapt.runner import RobotStoppedError, TrialRunner
-from hexctl.adapt.sessions.search_session import SessionSpec
+from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.controllers import sitting_angles_rad
@@ -54,7 +54,7 @@ def plan_for(slots: Slots) -> TrialPlan:
 
 
 def runner_of(servos: Guard, plan: TrialPlan = PLAN, **more: Any) -> ResetFreeRunner:
-    spec = SessionSpec(backend="tests.adapt.staying:StayingSim", duration_s=plan.duration_s)
+    spec = SessionSpec(failed_leg=5, backend="tests.adapt.staying:StayingSim", duration_s=plan.duration_s)
     runner = TrialRunner(
         spec=spec,
         robot=ROBOT,

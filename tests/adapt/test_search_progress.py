@@ -9,7 +9,8 @@ from rich.progress import ProgressColumn
 from hexctl.adapt.adaptation import adapt
 from hexctl.adapt.runner import TrialRunner
 from hexctl.adapt.search_progress import CONFIRMATION_WALKS, SearchBar
-from hexctl.adapt.sessions.search_session import Session, SessionSpec
+from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.store import load_session
 from tests.adapt.walking import Landscape, stored_session
 
@@ -44,7 +45,7 @@ def test_elsewhere_nothing_is_printed(
 def test_the_time_left_is_known_from_the_first_walk_on(tmp_path: Path) -> None:
     bar = SearchBar(hidden=True)
     walked = load_session(stored_session(tmp_path, 0.1, tripod=0.2), tmp_path)
-    spec = SessionSpec(budget=3, baseline_gaits=["tripod"], confirmed_uncertainty_m=0.01)
+    spec = SessionSpec(failed_leg=5, budget=3, baseline_gaits=["tripod"], confirmed_uncertainty_m=0.01)
     session = Session(name="s", spec=spec, created="2026-01-01")
     bar.begin(session)
     (task,) = bar._progress.tasks

@@ -9,7 +9,7 @@ import yaml
 from hexctl.adapt.optimizers.bayes import REAL_NOISE_M, SIMULATED_NOISE_M
 from hexctl.adapt.prior.prior_choice import noise_m
 from hexctl.adapt.search import new_spec
-from hexctl.adapt.sessions.search_session import SessionSpec
+from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.backends.sim.world import World, load_world
 from hexctl.control.assessment.uncertainty_store import SimulationUncertainty, keep_uncertainty
 from hexctl.robot.configs import config_root
@@ -84,8 +84,8 @@ def test_there_is_none_on_a_robot_of_other_scores_and_of_short_walks(
 
 
 def test_a_session_from_before_goes_on_without() -> None:
-    assert SessionSpec().uncertainty_m == 0
-    assert SessionSpec(target_m=0.025).greatest_chance is None
+    assert SessionSpec(failed_leg=5).uncertainty_m == 0
+    assert SessionSpec(failed_leg=5, target_m=0.025).greatest_chance is None
 
 
 def test_what_noise_is_believed_is_stored() -> None:
@@ -96,6 +96,6 @@ def test_what_noise_is_believed_is_stored() -> None:
 
 
 def test_the_greatest_chance_is_that_of_a_walk_which_ends_on_the_line() -> None:
-    spec = SessionSpec(target_m=0.025, uncertainty_m=0.025)
+    spec = SessionSpec(failed_leg=5, target_m=0.025, uncertainty_m=0.025)
     assert spec.greatest_chance == pytest.approx(0.6827, abs=1e-4)
-    assert SessionSpec(uncertainty_m=0.025).greatest_chance is None
+    assert SessionSpec(failed_leg=5, uncertainty_m=0.025).greatest_chance is None

@@ -14,8 +14,9 @@ from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.prior.samples import FINAL
 from hexctl.adapt.runner import WalkedTrial
-from hexctl.adapt.sessions.search_session import Session, SessionSpec
-from hexctl.adapt.sessions.store import SessionStore
+from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.session_spec import SessionSpec
+from hexctl.adapt.sessions.store import SessionStore, load_session, stored_names
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.trial_loop import AdaptLoop
 from hexctl.control.trial import Enough
@@ -37,7 +38,7 @@ NAMES = ("pso", "psosp", "dps", "debest", "derand", "random", "exhaustive")
 
 
 def optimizer_of(spec: SessionSpec) -> Optimizer:
-    inner = make_optimizer(spec.optimizer, GaitSpace((spec.failed_leg,)), spec.seed)
+    inner = make_optimizer(spec.optimizer, GaitSpace((spec.broken.leg,)), spec.seed)
     return Deduplication(inner, spec.seed, paper_count=spec.count_repeats)
 
 
@@ -49,7 +50,7 @@ def run(store: SessionStore, spec: SessionSpec, walk: Landscape | None = None) -
 
 def run_on(store: SessionStore, name: str) -> tuple[Session, str]:
     """Continue a session and return it, and why it ended."""
-    session = store.load(name)
+    session = load_session(name, store.folder)
     loop = AdaptLoop(session, store, optimizer_of(session.spec), Landscape())
     return session, loop.run()
 
@@ -90,7 +91,7 @@ def test_an_objective_that_fails_is_named_with_its_trial_and_nothing_before_it_i
         f"objective mine:ratio: failed on trial 5, gait {code} (ZeroDivisionError: float division by zero); "
         f"the trials before it are stored: once it is mended, resume {session.name} walks it again"
     )
-    assert len(store.load(session.name).trials) == 4
+    assert len(load_session(session.name, store.folder).trials) == 4
     resumed, ended = run_on(store, session.name)
     assert (ended, [trial.code for trial in resumed.trials]) == (
         "budget",
@@ -135,17 +136,17 @@ def test_a_session_that_was_cut_ends_as_if_it_had_not_been(name: str, cut: int, 
     session, ended = run(store, spec, Landscape(cut_after=cut))
     assert ended == "interrupted"
     assert len(session.trials) == cut
-    resumed = store.load(session.name)
+    resumed = load_session(session.name, store.folder)
     assert AdaptLoop(resumed, store, optimizer_of(spec), Landscape()).run() == "budget"
     assert resumed.trials == whole.trials
-    assert store.load(session.name).trials == whole.trials
+    assert load_session(session.name, store.folder).trials == whole.trials
 
 
 def with_budget(session: Session, budget: int, store: SessionStore) -> Session:
     """A session from the disk after it got another budget."""
     session.spec = replace(session.spec, budget=budget)
     store.keep(session)
-    return store.load(session.name)
+    return load_session(session.name, store.folder)
 
 
 def test_a_greater_budget_has_the_best_confirmed_again(store: SessionStore) -> None:
@@ -173,7 +174,7 @@ def test_a_session_that_gets_a_greater_budget_ends_as_if_it_had_had_it(
 def test_an_aborted_trial_is_not_kept(store: SessionStore) -> None:
     session, ended = run(store, SPEC, Landscape(cut_after=3))
     assert ended == "interrupted"
-    assert len(store.load(session.name).trials) == 3
+    assert len(load_session(session.name, store.folder).trials) == 3
 
 
 def test_each_trial_is_on_disk_before_the_next_begins(store: SessionStore, tmp_path: Path) -> None:
@@ -183,8 +184,8 @@ def test_each_trial_is_on_disk_before_the_next_begins(store: SessionStore, tmp_p
         def __call__(  # type: ignore[override]
             self, index: int, code: int, slots: tuple[int, ...], enough: object = None
         ) -> object:
-            with SessionStore(tmp_path) as other:
-                seen.append(len(other.load(other.names()[-1]).trials))
+            other = SessionStore(tmp_path)
+            seen.append(len(load_session(stored_names(other.folder)[-1], other.folder).trials))
             return super().__call__(index, code, slots)
 
     run(store, SPEC, Watching())
@@ -229,7 +230,7 @@ def test_a_search_ends_when_another_trial_is_not_worth_it(store: SessionStore) -
 
 def test_what_was_expected_is_kept_with_each_trial(store: SessionStore) -> None:
     session, _ = walked_by_bayes(store, MadeUpWorld(KIND))
-    kept = store.load(session.name).trials
+    kept = load_session(session.name, store.folder).trials
     assert kept == session.trials
     fresh = believing()
     for trial in kept:
@@ -349,7 +350,7 @@ def test_a_session_that_believes_and_was_cut_ends_as_if_it_had_not_been(
     whole, ended = walked_by_bayes(store, MadeUpWorld(HARD), spec)
     session = store.create(spec)
     assert AdaptLoop(session, store, believing(), CutOff(HARD, cut)).run() == "interrupted"
-    resumed = store.load(session.name)
+    resumed = load_session(session.name, store.folder)
     assert len(resumed.trials) == cut
     assert AdaptLoop(resumed, store, believing(), MadeUpWorld(HARD)).run() == ended
     assert resumed.trials == whole.trials
@@ -358,7 +359,7 @@ def test_a_session_that_believes_and_was_cut_ends_as_if_it_had_not_been(
 
 def test_a_session_that_was_sure_ends_at_once_when_it_is_continued(store: SessionStore) -> None:
     session, _ = walked_by_bayes(store, MadeUpWorld(KIND))
-    again, world = store.load(session.name), MadeUpWorld(KIND)
+    again, world = load_session(session.name, store.folder), MadeUpWorld(KIND)
     assert AdaptLoop(again, store, believing(), world).run() == "confirmed"
     assert world.walked == []
     assert again.settled_on == session.settled_on
@@ -367,8 +368,8 @@ def test_a_session_that_was_sure_ends_at_once_when_it_is_continued(store: Sessio
 def test_what_the_optimizer_settled_on_is_stored(store: SessionStore) -> None:
     session, _ = walked_by_bayes(store, MadeUpWorld(KIND))
     assert session.settled_on is not None
-    assert store.load(session.name).settled_on == session.settled_on
-    assert store.load(session.name).as_json() == session.as_json()
+    assert load_session(session.name, store.folder).settled_on == session.settled_on
+    assert load_session(session.name, store.folder).as_json() == session.as_json()
 
 
 def test_a_recording_that_is_not_whole_costs_no_trial_and_is_reported(store: SessionStore) -> None:
@@ -383,7 +384,7 @@ def test_a_recording_that_is_not_whole_costs_no_trial_and_is_reported(store: Ses
     optimizer = Deduplication(make_optimizer(SPEC.optimizer, GaitSpace((5,)), SPEC.seed), SPEC.seed)
     with pytest.raises(RecordingError, match="trial 2 is done, its recording is not whole: disk full"):
         AdaptLoop(session, store, optimizer, NoRoom()).run()
-    assert [trial.index for trial in store.load(session.name).trials] == [1, 2]
+    assert [trial.index for trial in load_session(session.name, store.folder).trials] == [1, 2]
     whole, ended = run(store, SPEC)
     resumed, ended_later = run_on(store, session.name)
     assert (resumed.trials, ended_later) == (whole.trials, ended)
@@ -404,7 +405,7 @@ def test_an_interrupted_trial_whose_recording_is_not_whole_is_reported(
     optimizer = Deduplication(make_optimizer(SPEC.optimizer, GaitSpace((5,)), SPEC.seed), SPEC.seed)
     with pytest.raises(RecordingError, match="trial 3 was interrupted, its recording is not whole: disk"):
         AdaptLoop(session, store, optimizer, NoRoom(cut_after=2)).run()
-    assert [trial.index for trial in store.load(session.name).trials] == [1, 2]
+    assert [trial.index for trial in load_session(session.name, store.folder).trials] == [1, 2]
 
 
 def test_an_objective_of_ones_own_decides(store: SessionStore) -> None:
@@ -428,21 +429,23 @@ def test_a_baseline_comes_before_the_trials_and_changes_none_of_them(store: Sess
     assert (ended, [one.gait for one in session.baseline]) == ("budget", ["demo", "tripod"])
     assert walk.walked[:2] == [0, 0]
     assert [trial.code for trial in session.trials] == [trial.code for trial in plain.trials]
-    assert store.load(session.name) == session
+    assert load_session(session.name, store.folder) == session
     assert session.best == plain.best
 
 
 def test_a_baseline_is_walked_once_whenever_the_session_was_cut_off(store: SessionStore) -> None:
     session = store.create(BASELINE_SPEC)
     for cut, gaits in ((1, ["demo"]), (1, ["demo", "tripod"]), (3, ["demo", "tripod"])):
-        session = store.load(session.name)
+        session = load_session(session.name, store.folder)
         loop = AdaptLoop(session, store, optimizer_of(session.spec), Landscape(cut_after=cut))
         assert loop.run() == "interrupted"
         assert [one.gait for one in session.baseline] == gaits
     assert len(session.trials) == 3
     ended, whole = run_on(store, session.name)[1], run(store, SPEC)[0]
     assert ended == "budget"
-    assert [trial.code for trial in store.load(session.name).trials] == [one.code for one in whole.trials]
+    assert [trial.code for trial in load_session(session.name, store.folder).trials] == [
+        one.code for one in whole.trials
+    ]
 
 
 def test_a_session_without_baseline_gaits_walks_no_baseline(store: SessionStore) -> None:

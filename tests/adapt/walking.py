@@ -7,8 +7,9 @@ import numpy as np
 
 from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.runner import WalkedTrial
-from hexctl.adapt.sessions.search_session import BaselineRecord, SessionSpec, TrialRecord
+from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.store import SessionStore
+from hexctl.adapt.sessions.walk_records import BaselineRecord, TrialRecord
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.trial import Enough
 from hexctl.control.trial_result import Deviation, TrialResult
@@ -54,14 +55,14 @@ def stored_session(folder: Path, trial_m: float, optimizer: str = "random", /, *
             "recording": None,
         }
 
-    with SessionStore(folder) as store:
-        session = store.create(spec)
-        for gait, off_m in baseline_m.items():
-            slots = NAMED_SLOTS.get(gait, space.slots_of(42))
-            code = 42 if gait == "auto" else None
-            store.add_baseline(session, BaselineRecord(gait=gait, code=code, slots=slots, **walked(off_m)))
-        trial = TrialRecord(index=1, code=17, slots=space.slots_of(17), **walked(trial_m))
-        store.add_trial(session, trial, {})
+    store = SessionStore(folder)
+    session = store.create(spec)
+    for gait, off_m in baseline_m.items():
+        slots = NAMED_SLOTS.get(gait, space.slots_of(42))
+        code = 42 if gait == "auto" else None
+        store.add(session, BaselineRecord(gait=gait, code=code, slots=slots, **walked(off_m)))
+    trial = TrialRecord(index=1, code=17, slots=space.slots_of(17), **walked(trial_m))
+    store.add(session, trial, {})
     return session.name
 
 

@@ -91,15 +91,15 @@ def test_all_shells_are_answered(shell: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("line", ["hexctl adapt --resume ", "hexctl sessions show ", "hexctl view "])
 def test_sessions_are_offered(line: str, tmp_path: Path) -> None:
-    with SessionStore(tmp_path / "runs") as store:
-        name = store.create(SPEC).name
+    store = SessionStore(tmp_path / "runs")
+    name = store.create(SPEC).name
     assert asked("bash", line, tmp_path) == [name]
 
 
 def test_what_is_offered_is_that_of_the_folder_of_runs(tmp_path: Path) -> None:
     (tmp_path / "hexctl.toml").write_text('runs = "out"\nrobot = "pexod"\n')
-    with SessionStore(tmp_path / "out") as store:
-        name = store.create(SPEC).name
+    store = SessionStore(tmp_path / "out")
+    name = store.create(SPEC).name
     assert asked("bash", "hexctl sessions show ", tmp_path) == [name]
     (tmp_path / "hexctl.toml").write_text("runs = [")
     assert asked("bash", "hexctl sessions show ", tmp_path) == []
@@ -128,10 +128,9 @@ def test_nothing_is_made_and_nothing_complains(tmp_path: Path, monkeypatch: pyte
     monkeypatch.chdir(tmp_path)
     assert completion.sessions("") == []
     assert not list(tmp_path.iterdir())
-    (tmp_path / "runs").mkdir()
-    (tmp_path / "runs" / "sessions.sqlite").write_text("not a database")
-    assert completion.sessions("") == []
-    assert completion.viewable("") == []
+    (tmp_path / "runs" / "mine").mkdir(parents=True)
+    (tmp_path / "runs" / "mine" / "session.jsonl").write_text("not a session")
+    assert completion.sessions("") == completion.viewable("") == ["mine"]
 
 
 BASH = """

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.adapt.sessions.search_session import SessionSpec
+from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.store import load_session
 from hexctl.cli.main import exit_code
 from hexctl.cli.render.adapt_output import resume_command
@@ -73,7 +73,7 @@ COMMANDS = [
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_foreign_session_runs_no_code(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hexctl.adapt.session_viewing.open_viewer", lambda _: 0)
+    monkeypatch.setattr("hexctl.adapt.sessions.session_viewing.open_viewer", lambda _: 0)
     every = {"optimizer": NAMED, "objective": NAMED, "backend": NAMED, "policy": NAMED}
     name = foreign_session(monkeypatch, **every)
     other = foreign_session(monkeypatch, **every)

@@ -1,7 +1,6 @@
 """Texts of robots, clients, sessions and files of another person print nothing but text."""
 
 import json
-import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from hexctl.adapt.sessions.search_session import SessionSpec
+from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.cli.main import exit_code
 from hexctl.wire.description import describe
 from hexctl.wire.links import KeyMap
@@ -150,13 +149,9 @@ SESSION_COMMANDS = [
 ]
 
 
-def rewritten(text: Any) -> Any:
-    """A value of a store with hostile texts in all places that take any text."""
-    try:
-        values = json.loads(text)
-    except (TypeError, ValueError):
-        return text
-    return json.dumps(_hostile(values))
+def rewritten(text: str) -> str:
+    """A line of a session with hostile texts in all places that take any text."""
+    return json.dumps(_hostile(json.loads(text)))
 
 
 def _hostile(value: Any) -> Any:
@@ -169,21 +164,18 @@ def _hostile(value: Any) -> Any:
     return value
 
 
-@pytest.mark.parametrize("table", ["sessions", "trials", "baselines"])
+@pytest.mark.parametrize("kind", ["session", "trial", "baseline"])
 @pytest.mark.parametrize("command", SESSION_COMMANDS)
 def test_a_foreign_session_prints_nothing_but_text(
-    command: str, table: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    command: str, kind: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hexctl.adapt.session_viewing.open_viewer", lambda _: 0)
+    monkeypatch.setattr("hexctl.adapt.sessions.session_viewing.open_viewer", lambda _: 0)
     name = walking.stored_session(Path("runs"), 0.2, tripod=0.3, auto=0.4)
-    with sqlite3.connect(next(Path("runs").glob("*.sqlite*"))) as store:
-        tables = [row[0] for row in store.execute("select name from sqlite_master where type = 'table'")]
-        assert table in tables
-        store.create_function("rewritten", 1, rewritten)
-        for _, column, kind, *_ in store.execute(f"pragma table_info({table})").fetchall():
-            if kind.upper() == "TEXT":
-                rewrite = f"update {table} set {column} = rewritten({column})"  # noqa: S608  its own names
-                store.execute(rewrite)
+    path = Path("runs", name, "session.jsonl")
+    lines = path.read_text().splitlines()
+    hostile = [rewritten(line) if line.startswith(f'{{"{kind}"') else line for line in lines]
+    assert hostile != lines
+    path.write_text("\n".join(hostile) + "\n")
     code, _ = printed([word.replace("NAME", name) for word in command.split()], capsys)
     assert code in (0, 2, 3)
 

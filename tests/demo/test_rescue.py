@@ -10,6 +10,7 @@ import pytest
 from hexctl.demo import rescue
 from hexctl.errors import InputError
 from hexctl.recording.recorded_trial import LEG_CONDITIONS, read_trial
+from hexctl.robot.failure import Failure
 from hexctl.runs.run import RunResult
 
 
@@ -48,7 +49,7 @@ def test_both_walks_are_recorded_and_told(result: rescue.DemoResult, told: list[
 def test_the_search_is_that_of_the_leg_in_the_same_world(result: rescue.DemoResult) -> None:
     assert result.adaptation is not None
     spec = result.adaptation.session.spec
-    assert (spec.failed_leg, spec.failure, spec.world, spec.budget) == (5, "locked", result.world, 1)
+    assert (spec.broken, spec.world, spec.budget) == (Failure(leg=5), result.world, 1)
     assert len(result.adaptation.trials) == 1
     assert not result.interrupted
 

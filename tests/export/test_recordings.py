@@ -18,10 +18,10 @@ def test_recordings_of_a_session_are_those_in_its_folder_wherever_they_were_writ
     old = tmp_path / "old" / "trial-001.rrd"
     old.parent.mkdir()
     old.write_bytes(b"of another copy")
-    with SessionStore(tmp_path / "runs") as store:
-        session = store.create(SPEC)
-        store.add_trial(session, replace(record(1), recording=str(old)), {})
-        store.add_trial(session, replace(record(2), recording="runs/before/trial-002.rrd"), {})
+    store = SessionStore(tmp_path / "runs")
+    session = store.create(SPEC)
+    store.add(session, replace(record(1), recording=str(old)), {})
+    store.add(session, replace(record(2), recording="runs/before/trial-002.rrd"), {})
     with pytest.raises(InputError, match="has no recordings to export"):
         recordings_to_export([session.name], tmp_path / "runs")
     folder = tmp_path / "runs" / session.name

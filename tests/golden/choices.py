@@ -10,8 +10,8 @@ from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.optimizer import Observation, Optimizer
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.prior.prior import load_prior
-from hexctl.adapt.sessions.search_session import SessionSpec
 from hexctl.adapt.sessions.session_optimizer import make_search
+from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.robot.configs import config_root
 
@@ -84,7 +84,9 @@ def asked(name: str, seed: int, trials: int = 40) -> list[int]:
     """The first choices of a heuristic as a session asks it: no gait twice."""
     robot = load_robot("ant")
     plan = TrialPlan(gait=make_gait(robot, "1", failed_legs=(5,)), belief=Failure(leg=5))
-    return _told(make_search(SessionSpec(optimizer=name, seed=seed), robot, plan, None), seed, trials)
+    return _told(
+        make_search(SessionSpec(failed_leg=5, optimizer=name, seed=seed), robot, plan, None), seed, trials
+    )
 
 
 def _told(search: Optimizer, seed: int, trials: int) -> list[int]:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -39,12 +40,11 @@ def hexctl(folder: Path, line: str, *, json_: bool = True) -> Any:
 def make_sessions(folder: Path) -> None:
     """Walk sessions and keep them; only for sessions of another form."""
     sessions.place_prior(folder)
-    sessions.STORE.unlink(missing_ok=True)
+    shutil.rmtree(sessions.STORE, ignore_errors=True)
     for name, (options, trials_kept) in sessions.BEGUN.items():
         prior = f"--prior {sessions.PRIOR}" if "bayes" in name else ""
         whole = hexctl(folder, f"adapt {options} {prior} --no-record")
-        store = folder / "runs" / "sessions.sqlite"
-        sessions.keep(store, whole["session"], sessions.STORE, name, trials_kept)
+        sessions.keep(folder / "runs" / whole["session"], sessions.STORE / name, trials_kept)
 
 
 def continue_sessions(folder: Path) -> dict[str, Any]:

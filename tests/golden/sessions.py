@@ -1,13 +1,11 @@
 """Stored sessions of `hexctl adapt`, whole and cut off, and how they are continued."""
 
 import shutil
-import sqlite3
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-#: The store of before, as it lies in `runs/`.
-STORE = Path(__file__).parents[1] / "data" / "sessions.sqlite"
+#: The sessions of before, as they lie in `runs/`.
+STORE = Path(__file__).parents[1] / "data" / "sessions"
 
 #: What was asked for: name in the store, options, and how many trials were kept of it.
 BEGUN = {
@@ -33,8 +31,7 @@ PRIOR = "priors/ant-locked-rear-30s.npz"
 
 def unpack(folder: Path) -> None:
     """Put the store of before and the prior its sessions believe into a folder."""
-    (folder / "runs").mkdir()
-    shutil.copy(STORE, folder / "runs" / "sessions.sqlite")
+    shutil.copytree(STORE, folder / "runs")
     place_prior(folder)
 
 
@@ -44,35 +41,16 @@ def place_prior(folder: Path) -> None:
     shutil.copy(STORE.parent / Path(PRIOR).name, folder / PRIOR)
 
 
-def keep(source: Path, name: str, target: Path, new_name: str, trials: int) -> None:
-    """Copy a session from a store into another, under another name and as if cut off after some trials."""
-    if not target.exists():
-        shutil.copy(source, target)
-        with closing(sqlite3.connect(target)) as store:
-            for table in ("confirmations", "baselines", "trials", "sessions"):
-                store.execute(f"DELETE FROM {table}")  # noqa: S608  a name of ours
-            store.commit()
-    with closing(sqlite3.connect(source)) as old, closing(sqlite3.connect(target)) as new:
-
-        def copy(table: str, of: str, also: str = "", *, changed: dict[str, None] | None = None) -> None:
-            cursor = old.execute(f"SELECT * FROM {table} WHERE {of} = ? {also}", (name,))  # noqa: S608
-            columns = [column for column, *_ in cursor.description]
-            kept = {of: new_name, **(changed or {})}
-            rows = [{**dict(zip(columns, row, strict=True)), **kept} for row in cursor]
-            places = ", ".join(f":{column}" for column in columns)
-            new.executemany(f"INSERT INTO {table} VALUES ({places})", rows)  # noqa: S608
-
-        ((budget,),) = old.execute("SELECT spec ->> 'budget' FROM sessions WHERE name = ?", (name,))
-        whole = trials >= budget
-        copy("sessions", "name", changed=None if whole else {"ended": None, "settled_on": None})
-        copy("trials", "session", f"AND number <= {trials}")
-        copy("baselines", "session")
-        if whole:
-            copy("confirmations", "session")
-        new.commit()
-        new.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-        new.execute("PRAGMA journal_mode = DELETE")
-        new.execute("VACUUM")
+def keep(source: Path, target: Path, trials: int) -> None:
+    """Copy the folder of a session, as if it had been cut off after some trials unless it has no more."""
+    *lines, end = (source / "session.jsonl").read_text(encoding="utf-8").splitlines(keepends=True)
+    walks = [line for line in lines if line.startswith('{"trial"')]
+    if trials < len(walks):
+        lines = lines[: lines.index(walks[trials])]
+    target.mkdir(parents=True)
+    (target / "session.jsonl").write_text(
+        "".join(lines if trials < len(walks) else [*lines, end]), encoding="utf-8"
+    )
 
 
 def course(session: dict[str, Any]) -> dict[str, Any]:

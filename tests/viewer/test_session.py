@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hexctl.adapt.session_viewing import recordings_of, write_overview
-from hexctl.adapt.sessions.search_session import Session, TrialRecord
+from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.session_viewing import recordings_of, write_overview
 from hexctl.adapt.sessions.store import SessionStore
+from hexctl.adapt.sessions.walk_records import TrialRecord
 from pictures.window import Window
 from tests.adapt.walking import SPEC, result_of
 from tests.viewer.checks import check_robot, check_session, check_trial, of_kind
@@ -21,25 +22,25 @@ DEVIATIONS_M = (0.8, -0.5, 0.2, 1.2)
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory, trial: Path) -> tuple[Session, Path]:
     """A session and the folder of its recordings, whose name is one that URLs must quote."""
-    with SessionStore(tmp_path_factory.mktemp("a session") / "übung 1%") as store:
-        session = store.create(SPEC)
-        folder = store.folder_of(session.name)
-        folder.mkdir()
-        for index, off_m in enumerate(DEVIATIONS_M, start=1):
-            result = result_of(off_m)
-            recording = folder / f"trial-{index:03d}.rrd"
-            recording.hardlink_to(trial)
-            record = TrialRecord(
-                index=index,
-                code=index,
-                slots=(1, 2, 3, 4, 5, 6),
-                score=abs(off_m),
-                outcome=result.to_dict(),
-                path_m=np.round(result.path_m[::10], 4).tolist(),
-                recording=str(recording),
-            )
-            store.add_trial(session, record, {})
-        return session, folder
+    store = SessionStore(tmp_path_factory.mktemp("a session") / "übung 1%")
+    session = store.create(SPEC)
+    folder = store.folder_of(session.name)
+    folder.mkdir()
+    for index, off_m in enumerate(DEVIATIONS_M, start=1):
+        result = result_of(off_m)
+        recording = folder / f"trial-{index:03d}.rrd"
+        recording.hardlink_to(trial)
+        record = TrialRecord(
+            index=index,
+            code=index,
+            slots=(1, 2, 3, 4, 5, 6),
+            score=abs(off_m),
+            outcome=result.to_dict(),
+            path_m=np.round(result.path_m[::10], 4).tolist(),
+            recording=str(recording),
+        )
+        store.add(session, record, {})
+    return session, folder
 
 
 @pytest.fixture(scope="module")

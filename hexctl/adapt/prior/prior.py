@@ -1,8 +1,5 @@
 """A prior: the outcome of every gait of each failed leg in many simulated worlds, its key and its file."""
 
-import hashlib
-import io
-import json
 import math
 import os
 from abc import ABC, abstractmethod
@@ -15,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.adapt.space import GaitSpace
+from hexctl.archive import ArchiveFileError, ArchiveKind, content_digest
 from hexctl.control.assessment.static_stability import stood_up
 from hexctl.control.trial_plan import TrialPlan
-from hexctl.errors import HexctlError, InputError, check_type
-from hexctl.files import ARCHIVE_DAMAGE, atomic_write, damage_reason, open_archive
 from hexctl.gait.posture import STANCE
 from hexctl.robot.model import Robot
 from hexctl.types import N_JOINTS, BoolArray, FloatArray
@@ -112,8 +108,6 @@ def _short(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-FORMAT = "hexctl prior"
-
 #: Points of a walk that are kept, evenly spread, the last one at its end.
 CHECKPOINTS = 10
 
@@ -125,10 +119,6 @@ _STANDING = "sag_rad"
 
 #: Half precision is 2 mm at 4 m and finer nearer to the line: below what a simulation is good for.
 STORED = np.float16
-
-
-class PriorFileError(HexctlError, OSError):
-    """A prior cannot be written."""
 
 
 #: What steered walks differ in, by the objectives of these names; row k of a score prior's last axis is the
@@ -174,10 +164,7 @@ class Outcomes(ABC):
 
     @cached_property
     def _digest(self) -> str:
-        digest = hashlib.sha256(json.dumps(self.head, sort_keys=True).encode())
-        for array in self.arrays.values():
-            digest.update(array.tobytes())
-        return digest.hexdigest()[:32]
+        return content_digest(self.head, self.arrays)
 
     def _check_shapes(self, **last: tuple[int, ...]) -> None:
         """Raise ValueError unless arrays have the shape (legs, worlds, gaits) and some more."""
@@ -246,30 +233,27 @@ class ScorePrior(Outcomes):
         return {"log_scores": self.log_scores.astype(np.float32), "valid": self.valid.astype(np.uint8)}
 
 
+#: How priors are stored.
+KIND = ArchiveKind(name="prior", versions=(Prior.version, ScorePrior.version), command="hexctl prior build")
+
+
 def save_prior(prior: Outcomes, path: Path) -> None:
     """Write a prior; the file is the old one or the new one at any moment.
 
-    Raises PriorFileError when the disk refuses.
+    Raises ArchiveFileError when the disk refuses.
     """
-    head = {"format": FORMAT, "version": prior.version, "digest": prior.digest(), **prior.head}
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, allow_pickle=False, head=np.array(json.dumps(head)), **prior.arrays)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        atomic_write(path, buffer.getvalue())
-    except OSError as error:
-        raise PriorFileError(f"prior: {path} cannot be written: {error.strerror}") from error
+    KIND.save(path, prior.version, prior.head, prior.arrays)
 
 
 def check_place(path: Path) -> None:
-    """Raise PriorFileError, before hours are spent, unless a prior can be written there."""
+    """Raise ArchiveFileError, before hours are spent, unless a prior can be written there."""
     probe = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         probe.touch()
         probe.unlink()
     except OSError as error:
-        raise PriorFileError(f"prior: {path} cannot be written: {error.strerror}") from error
+        raise ArchiveFileError(f"prior: {path} cannot be written: {error.strerror}") from error
 
 
 def load_prior(path: Path | str) -> Prior:
@@ -279,7 +263,7 @@ def load_prior(path: Path | str) -> Prior:
     """
     prior = open_prior(path)
     if not isinstance(prior, Prior):
-        raise _refused(Path(path), f"it is of steered walks (hold {prior.key.hold}), not of where they end")
+        raise KIND.refused(path, f"it is of steered walks (hold {prior.key.hold}), not of where they end")
     return prior
 
 
@@ -287,24 +271,13 @@ def load_score_prior(path: Path | str) -> ScorePrior:
     """Prior of a file, of how steered walks are; raises InputError as `load_prior` does."""
     prior = open_prior(path)
     if not isinstance(prior, ScorePrior):
-        raise _refused(Path(path), "it is of where open-loop walks end, not of steered walks")
+        raise KIND.refused(path, "it is of where open-loop walks end, not of steered walks")
     return prior
 
 
 def open_prior(path: Path | str) -> Prior | ScorePrior:
     """Prior of a file, of either kind; raises InputError as `load_prior` does."""
-    check_type(path, (str, Path), "prior", "the path of a file")
-    path = Path(path)
-    head = read_head(path)
-    try:
-        with open_archive(path) as file:
-            arrays = {name: file[name] for name in file.files if name != "head"}
-        prior = _made(head, arrays)
-    except ARCHIVE_DAMAGE as error:
-        raise _refused(path, f"it is damaged ({damage_reason(error)})") from error
-    if prior.digest() != head.get("digest"):
-        raise _refused(path, "it was altered after it was built")
-    return prior
+    return KIND.load(path, _made)
 
 
 def _made(head: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Prior | ScorePrior:
@@ -317,33 +290,3 @@ def _made(head: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Prior | Scor
     names = (*_ARRAYS, _STANDING) if _STANDING in arrays else _ARRAYS
     what |= {name: arrays[name].astype(float) for name in names}
     return Prior(**what)
-
-
-def read_head(path: Path) -> dict[str, Any]:
-    """Head of a prior's file, with its key.
-
-    Raises InputError for a file that is not a prior of this version.
-    """
-    try:
-        with open_archive(path) as file:
-            head = json.loads(str(file["head"]))
-    except FileNotFoundError:
-        raise InputError(
-            f"prior: no file at {str(path)!r}; allowed: a file of hexctl prior build, or one that "
-            "hexctl prior show names"
-        ) from None
-    except ARCHIVE_DAMAGE as error:
-        raise _refused(path, f"it is not a prior, or cut off ({damage_reason(error)})") from error
-    if not isinstance(head, dict) or head.get("format") != FORMAT:
-        raise _refused(path, "it is not a prior")
-    if head.get("version") not in _VERSIONS:
-        known = " and ".join(map(str, _VERSIONS))
-        raise _refused(path, f"it has version {head.get('version')}, this hexctl reads {known}")
-    return head
-
-
-_VERSIONS = (Prior.version, ScorePrior.version)
-
-
-def _refused(path: Path, why: str) -> InputError:
-    return InputError(f"prior {path}: {why}; allowed: a prior as hexctl prior build writes it")

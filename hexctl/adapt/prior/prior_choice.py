@@ -6,10 +6,10 @@ from pathlib import Path
 
 from hexctl.adapt.optimizers.bayes import REAL_NOISE_M, SIMULATED_NOISE_M
 from hexctl.adapt.optimizers.shipped import BAYES
-from hexctl.adapt.prior.prior import SCORES, read_head
+from hexctl.adapt.prior.prior import KIND, SCORES
 from hexctl.adapt.prior.prior_files import check_prior, find_prior, named_prior
 from hexctl.adapt.prior.samples import covering
-from hexctl.adapt.sessions.search_session import SessionSpec
+from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.setting import Note, Setting
 from hexctl.errors import InputError, argument
 
@@ -113,7 +113,7 @@ def _wants_prior(spec: SessionSpec, wanted: str | None, free: bool) -> bool:
 
 def _with_bayes(spec: SessionSpec, path: Path) -> SessionSpec:
     """Spec of a session with `bayes` and a prior, whose content is checked when the session loads it."""
-    digest = str(read_head(path).get("digest", ""))
+    digest = str(KIND.read_head(path).get("digest", ""))
     kept = replace(spec, optimizer=BAYES, prior=str(path), prior_digest=digest)
     if spec.hold != "none":
         _check_scored(spec)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from hexctl.adapt.prior.prior import SCORES, PriorKey, ScorePrior, open_prior, read_head
+from hexctl.adapt.prior.prior import KIND, SCORES, PriorKey, ScorePrior, open_prior
 from hexctl.errors import InputError
 from hexctl.robot.configs import config_root
 
@@ -88,7 +88,7 @@ def check_prior(path: Path, key: PriorKey, *, covers: Covers = any_legs) -> None
 
 def _differences(path: Path, key: PriorKey, covers: Covers, *, any_duration: bool = False) -> list[str]:
     """Differences between a prior's file and a key; raises InputError for a file that is not a prior."""
-    head = read_head(path)
+    head = KIND.read_head(path)
     try:
         own = PriorKey(**head["question"])
         differences = own.differences(replace(key, duration_s=own.duration_s) if any_duration else key)

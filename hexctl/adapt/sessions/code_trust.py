@@ -2,7 +2,7 @@
 
 from collections.abc import Collection
 
-from hexctl.adapt.sessions.search_session import SessionSpec
+from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.errors import InputError, argument
 
 #: Fields of a spec that may name code, with the argument that gives such a part instead.

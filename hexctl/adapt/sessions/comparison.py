@@ -7,7 +7,8 @@ from typing import Any
 
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.sessions.recommendation import contenders
-from hexctl.adapt.sessions.search_session import BaselineRecord, Session
+from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.walk_records import BaselineRecord
 from hexctl.errors import InputError, MissingExtraError, argument
 
 

@@ -7,19 +7,31 @@ own uncertainty. A trial needs a search, a walk of the baseline needs none.
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import Protocol
 
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.optimizers.shipped import TRIM
+from hexctl.adapt.sessions.session_spec import SessionSpec
+from hexctl.adapt.sessions.walk_records import BaselineRecord, ConfirmationRecord, TrialRecord
 from hexctl.control.assessment.uncertainty_store import DISTINCT
+from hexctl.gait.encoding import Slots
 
-if TYPE_CHECKING:
-    from hexctl.adapt.sessions.search_session import BaselineRecord, ConfirmationRecord, Session, TrialRecord
-
-    Walk: TypeAlias = TrialRecord | BaselineRecord
+#: Walks that may be recommended.
+Walk = TrialRecord | BaselineRecord
 
 #: Most trials of a session whose ends are confirmed; each confirmation takes some seconds.
 MOST_CONFIRMED = 3
+
+
+class Walks(Protocol):
+    """The walks of a session."""
+
+    spec: SessionSpec
+    trials: list[TrialRecord]
+    baseline: list[BaselineRecord]
+
+    def confirmation_of(self, slots: Slots) -> ConfirmationRecord | None:
+        """The walk of a gait at a finer time step, or None."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,11 +46,11 @@ class Contender:
         confirmation: its walk at a finer time step, or None.
     """
 
-    walk: "Walk"
+    walk: Walk
     searched: bool
     score: float
     uncertainty_m: float
-    confirmation: "ConfirmationRecord | None"
+    confirmation: ConfirmationRecord | None
 
     @property
     def preference(self) -> tuple[bool, float, float]:
@@ -56,7 +68,7 @@ def resolution_m(one: Contender, other: Contender) -> float:
     return DISTINCT * math.hypot(one.uncertainty_m, other.uncertainty_m) / math.sqrt(2.0)
 
 
-def recommended(session: "Session") -> Contender | None:
+def recommended(session: Walks) -> Contender | None:
     """The walk to recommend; None before the first valid trial and baseline.
 
     It is the straightest one. Of those that are not resolved from it, walks that need no search come first,
@@ -65,7 +77,7 @@ def recommended(session: "Session") -> Contender | None:
     return min(_unresolved(session), key=lambda one: one.preference, default=None)
 
 
-def next_to_confirm(session: "Session") -> Contender | None:
+def next_to_confirm(session: Walks) -> Contender | None:
     """The straightest walk that may be recommended and is not confirmed; None if all are.
 
     At a coarse time step a walk of the baseline may end elsewhere by more than was measured on the flat
@@ -80,7 +92,7 @@ def _unconfirmed(found: Iterable[Contender]) -> Contender | None:
     return _straightest(one for one in found if one.confirmation is None)
 
 
-def _baseline_to_beat(session: "Session") -> list[Contender]:
+def _baseline_to_beat(session: Walks) -> list[Contender]:
     """Walks of the baseline, if one may end nearer to the line than what is recommended; else none."""
     found = recommended(session)
     if found is None or not found.uncertainty_m or found.score <= resolution_m(found, found):
@@ -88,12 +100,12 @@ def _baseline_to_beat(session: "Session") -> list[Contender]:
     return [one for one in contenders(session) if not one.searched]
 
 
-def straightest_baseline(session: "Session") -> Contender | None:
+def straightest_baseline(session: Walks) -> Contender | None:
     """The straightest walk of the baseline; None without a valid one."""
     return _straightest(one for one in contenders(session) if not one.searched)
 
 
-def contenders(session: "Session") -> list[Contender]:
+def contenders(session: Walks) -> list[Contender]:
     """Valid walks of the baseline, and the straightest trial; none before the first trial."""
     if not session.trials:
         return []
@@ -102,7 +114,7 @@ def contenders(session: "Session") -> list[Contender]:
     return baseline if best is None else [*baseline, best]
 
 
-def _trials(session: "Session") -> list[Contender]:
+def _trials(session: Walks) -> list[Contender]:
     """Valid trials; once enough of them are confirmed, those that are."""
     trials = _valid(_contender(session, trial, searched=True) for trial in session.trials)
     confirmed = [trial for trial in trials if trial.confirmation is not None]
@@ -110,14 +122,14 @@ def _trials(session: "Session") -> list[Contender]:
     return confirmed if len(known) >= MOST_CONFIRMED else trials
 
 
-def _unresolved(session: "Session") -> list[Contender]:
+def _unresolved(session: Walks) -> list[Contender]:
     """The straightest contender, and those that are not resolved from it."""
     found = contenders(session)
     lowest = _straightest(found)
     return [one for one in found if lowest is not None and not one.resolved_from(lowest)]
 
 
-def _contender(session: "Session", walk: "Walk", *, searched: bool) -> Contender:
+def _contender(session: Walks, walk: Walk, *, searched: bool) -> Contender:
     spec, confirmation = session.spec, session.confirmation_of(walk.slots)
     uncertainty_m = spec.uncertainty_m if confirmation is None else spec.confirmed_uncertainty_m
     return Contender(

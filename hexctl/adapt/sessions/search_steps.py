@@ -16,9 +16,11 @@ import numpy as np
 from hexctl.adapt.optimizer import NINETY_PERCENT, Prediction
 from hexctl.adapt.optimizers.bayes import Bayes
 from hexctl.adapt.optimizers.shipped import BAYES, OPTIMIZERS, TRIM
-from hexctl.adapt.sessions.search_session import Session, SessionSpec, TrialRecord, trials_text
+from hexctl.adapt.sessions.search_session import Session, trials_text
+from hexctl.adapt.sessions.session_lines import DAMAGE
 from hexctl.adapt.sessions.session_optimizer import make_search
-from hexctl.adapt.sessions.stored import DAMAGE
+from hexctl.adapt.sessions.session_spec import SessionSpec
+from hexctl.adapt.sessions.walk_records import TrialRecord
 from hexctl.adapt.setting import load_setting
 from hexctl.errors import HexctlError, InputError
 from hexctl.recording.sessions.session_overview import GaitBeliefs, SearchStep, deviation_text, mark_text

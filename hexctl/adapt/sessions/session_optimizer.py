@@ -13,7 +13,7 @@ from hexctl.adapt.optimizers.trim import TrimSearch
 from hexctl.adapt.prior.prior import Prior, ScorePrior
 from hexctl.adapt.prior.prior_choice import DEFAULT_TARGET_M, noise_m
 from hexctl.adapt.prior.samples import samples_of, score_samples_of
-from hexctl.adapt.sessions.search_session import SessionSpec
+from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.assessment.score import progress_floor_m
 from hexctl.control.assessment.static_stability import slots_by_stability
@@ -37,7 +37,7 @@ def make_search(
         prior: of the session, None where it has none.
         optimizer: class of the optimizer, where it cannot be imported by the name in the spec.
     """
-    space = GaitSpace((spec.failed_leg,))
+    space = GaitSpace((spec.broken.leg,))
     if spec.optimizer == TRIM:
         heading_rad = body_heading_rad(plan, robot)
         ranked = slots_by_stability(robot, heading_rad=heading_rad, failure=plan.belief)
@@ -55,7 +55,7 @@ def _score_search(spec: SessionSpec, robot: Robot, space: GaitSpace, prior: Scor
     return ScoreBayes(
         space,
         spec.seed,
-        samples=score_samples_of(prior, robot, spec.failed_leg, spec.objective),
+        samples=score_samples_of(prior, robot, spec.broken.leg, spec.objective),
         noise=SIMULATED_NOISE if spec.simulated else REAL_NOISE,
         worth=WORTH if spec.worth_m is None else spec.worth_m,
         budget=spec.budget - spec.confirm,
@@ -69,7 +69,7 @@ def _end_search(
     search = Bayes(
         space,
         spec.seed,
-        samples=samples_of(prior, robot, spec.failed_leg),
+        samples=samples_of(prior, robot, spec.broken.leg),
         target_m=DEFAULT_TARGET_M if spec.target_m is None else spec.target_m,
         duration_s=spec.duration_s,
         floor_m=progress_floor_m(robot, plan, plan.duration_s),

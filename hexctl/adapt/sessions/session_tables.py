@@ -4,8 +4,9 @@ import csv
 from pathlib import Path
 from typing import Any
 
-from hexctl.adapt.sessions.search_session import BASELINE_GAITS, Session
+from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.store import RUNS, list_sessions, load_session
+from hexctl.adapt.sessions.walk_records import BASELINE_GAITS
 from hexctl.control.trial_result import QUALITIES
 from hexctl.errors import InputError, MissingExtraError
 
@@ -48,7 +49,7 @@ def flat_rows(session: Session) -> list[dict[str, Any]]:
     The baseline is in columns of its own, the same in every row: a row of its own would be taken for a trial.
     """
     rows = []
-    baseline = _baseline_columns(session)
+    baseline, spec = _baseline_columns(session), session.spec.as_json()
     for trial in session.trials:
         values = trial.as_json()
         deviation = values.pop("deviation_m")
@@ -56,11 +57,10 @@ def flat_rows(session: Session) -> list[dict[str, Any]]:
         values |= {f"expected_{name}": expected.get(name) for name in EXPECTED}
         values["slots"] = " ".join(str(slot) for slot in trial.slots)
         values |= {f"deviation_{name}_m": value for name, value in deviation.items()}
-        spec = session.spec
-        head = {"session": session.name, "optimizer": spec.optimizer, "failed_leg": spec.failed_leg}
-        asked = {name: getattr(spec, name) for name in ASKED_COLUMNS}
+        head = {"session": session.name, "optimizer": spec["optimizer"], "failed_leg": spec["failed_leg"]}
+        asked = {name: spec[name] for name in ASKED_COLUMNS}
         later, last = ({name: values.pop(name) for name in names} for names in (LATER_COLUMNS, LAST_COLUMNS))
-        rows.append({**head, "seed": spec.seed, **values, **later, **baseline, **last, **asked})
+        rows.append({**head, "seed": spec["seed"], **values, **later, **baseline, **last, **asked})
     return rows
 
 

@@ -1,227 +1,119 @@
-"""Sessions on disk: one SQLite file (write-ahead log), every trial durable before the next begins."""
+"""Sessions on disk: a folder each, with a file to which every event adds a line.
+
+A line is on the disk before the next trial begins. A process that is killed loses at most the line that it
+was writing, which the next one replaces. A damaged line is left out, the others are read.
+"""
 
 import fcntl
-import json
 import logging
 import os
 import re
 import shutil
-import sqlite3
+import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import asdict
 from datetime import datetime
+from itertools import count
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
-from hexctl.adapt.sessions.search_session import (
-    BaselineRecord,
-    ConfirmationRecord,
-    Session,
-    SessionSpec,
-    TrialRecord,
+from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.session_lines import (
+    DAMAGE,
+    Walk,
+    damage_text,
+    read_session,
+    standing_line,
+    take_in,
+    walk_line,
 )
-from hexctl.adapt.sessions.stored import is_folder_name, is_made_by_hexctl
-from hexctl.adapt.sessions.stored_rows import (
-    FILE_NAME,
-    SCHEMA_VERSION,
-    SessionRows,
-    StoreError,
-    is_store,
-    reading,
-)
-from hexctl.errors import InputError, argument, check_type
-from hexctl.files import ALLOWED_FOLDER, check_writable, folder_trouble
+from hexctl.adapt.sessions.session_spec import SessionSpec
+from hexctl.errors import HexctlError, InputError, argument, check_type, printable
+from hexctl.files import ALLOWED_FOLDER, atomic_write, check_writable, folder_trouble, read_file, sync
 
 _LOG = logging.getLogger(__name__)
 
-#: Time that a process waits for another one that writes to the same store.
-BUSY_TIMEOUT_S = 30.0
-
-_TABLES = """
-CREATE TABLE IF NOT EXISTS sessions (
-    name TEXT PRIMARY KEY,
-    created TEXT NOT NULL,
-    spec TEXT NOT NULL,
-    ended TEXT,
-    settled_on TEXT
-);
-CREATE TABLE IF NOT EXISTS trials (
-    session TEXT NOT NULL REFERENCES sessions(name) ON DELETE CASCADE,
-    number INTEGER NOT NULL,
-    record TEXT NOT NULL,
-    optimizer_state TEXT NOT NULL,
-    PRIMARY KEY (session, number)
-);
-CREATE TABLE IF NOT EXISTS baselines (
-    session TEXT NOT NULL REFERENCES sessions(name) ON DELETE CASCADE,
-    gait TEXT NOT NULL,
-    record TEXT NOT NULL,
-    PRIMARY KEY (session, gait)
-);
-CREATE TABLE IF NOT EXISTS confirmations (
-    session TEXT NOT NULL REFERENCES sessions(name) ON DELETE CASCADE,
-    slots TEXT NOT NULL,
-    record TEXT NOT NULL,
-    PRIMARY KEY (session, slots)
-);
-"""
-
+#: File of a session in its folder.
+FILE_NAME = "session.jsonl"
 
 #: Folder of sessions and their recordings unless told otherwise.
 RUNS = Path("runs")
 
+#: Largest file of a session that is read.
+MOST_BYTES = 1_000_000_000
 
-def stored_names(folder: Path) -> list[str]:
-    """Names of all sessions in a folder, newest last, without making or writing anything.
+#: Longest name of a folder, in bytes.
+MOST_NAME_BYTES = 255
 
-    Raises StoreError for a store that cannot be read now.
-    """
-    if not is_store(folder):
-        return []
-    with reading(folder) as rows:
-        return rows.names()
+#: Bytes of a file that hold when its session was created.
+_HEAD_BYTES = 100
+_CREATED = re.compile(rb'\{"session": \{"created": "([^"]+)"')
+
+#: Names that `SessionStore.create` gives. Only of those a deletion removes everything in the folder.
+_MADE = re.compile(r"\d{8}-\d{6}-leg[1-6]-[\w.-]+")
 
 
-class SessionStore(SessionRows):
-    """The sessions under one folder; a session's recordings lie in a folder of its name beside the store."""
+class StoreError(HexctlError, OSError):
+    """A session cannot be read or written."""
+
+
+class SessionStore:
+    """Writes the sessions of a folder; the recordings of a session lie in its folder too."""
 
     def __init__(self, folder: Path) -> None:
-        """Open or make the store `sessions.sqlite` in a folder.
+        """Open a folder, which is made if there is none.
 
-        Raises InputError for a folder that cannot be used, StoreError for the file.
+        Raises InputError for a folder that cannot be used.
         """
         self.folder = folder
-        path = folder / FILE_NAME
         check_writable(folder)
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(f"sessions: {folder_trouble(folder, error)}; {ALLOWED_FOLDER}") from error
-        is_store(folder)
-        try:
-            connection = sqlite3.connect(path, timeout=BUSY_TIMEOUT_S, isolation_level=None)
-        except sqlite3.Error as error:
-            raise StoreError(f"session store: {path} cannot be used: {error}") from error
-        try:
-            super().__init__(connection, path)
-            self._prepare()
-        except BaseException:
-            connection.close()
-            raise
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._connection.close()
-
-    def check_there(self) -> None:
-        """Raise StoreError if the file was deleted or moved: SQLite would go on writing to it."""
-        try:
-            same = os.path.samestat(self.path.stat(), self._file)
-        except OSError:
-            same = False
-        if not same:
-            raise StoreError(
-                f"session store: {self.path} was deleted or moved during the session; move it back and "
-                "resume the session, or begin a new one"
-            )
 
     def create(self, spec: SessionSpec) -> Session:
-        """Add a session with a new name."""
+        """Add a session with a new name, on the disk when this returns.
+
+        Raises StoreError when the disk refuses.
+        """
         now = datetime.now().astimezone()
-        # The name of an optimizer of one's own has a colon, which tools that copy folders take for a host.
+        # The name of a custom optimizer has a colon, which tools that copy folders take for a host.
         optimizer = re.sub(r"[^\w.-]+", "-", spec.optimizer)
-        stem = f"{now:%Y%m%d-%H%M%S}-leg{spec.failed_leg}-{optimizer}"
-        with self._transaction():
-            name, number = stem, 2
-            while self._exists(name):
-                name, number = f"{stem}-{number}", number + 1
-            created = now.isoformat(timespec="seconds")
-            values = (name, created, json.dumps(spec.as_json()))
-            self._connection.execute("INSERT INTO sessions (name, created, spec) VALUES (?, ?, ?)", values)
-        return Session(name=name, spec=spec, created=created)
-
-    def add_trial(self, session: Session, trial: TrialRecord, optimizer_state: dict[str, Any]) -> None:
-        """Add a trial and the optimizer's state after it, on the disk when this returns.
-
-        Raises StoreError when the disk refuses or another process has added this trial already.
-        """
-        values = (session.name, trial.index, json.dumps(asdict(trial)), json.dumps(optimizer_state))
+        stem = f"{now:%Y%m%d-%H%M%S}-leg{spec.broken.leg}-{optimizer}"
         try:
-            with self._transaction():
-                self._connection.execute("INSERT INTO trials VALUES (?, ?, ?, ?)", values)
-        except StoreError as error:
-            raise _not_stored(session, f"trial {trial.index}", error) from error
-        session.trials.append(trial)
-        session.optimizer_state = optimizer_state
+            name = self._made_folder(stem)
+            session = Session(name=name, spec=spec, created=now.isoformat(timespec="seconds"))
+            line = standing_line(session)
+            atomic_write(self.folder / name / FILE_NAME, line)
+            sync(self.folder)
+        except OSError as error:
+            raise StoreError(f"session {stem}: cannot be stored: {error.strerror}") from error
+        session.stored_bytes = len(line)
+        return session
 
-    def add_baseline(self, session: Session, walk: BaselineRecord) -> None:
-        """Add a walk with a gait that the robot would use anyway, on the disk when this returns.
+    def add(
+        self,
+        session: Session,
+        walk: Walk,
+        optimizer_state: dict[str, Any] | None = None,
+    ) -> None:
+        """Add a walk, with the state of the optimizer after a trial, on the disk when this returns.
 
-        Raises StoreError when the disk refuses or another process has added it already.
+        Raises StoreError when the disk refuses or another process has added to the session.
         """
-        values = (session.name, walk.gait, json.dumps(asdict(walk)))
-        try:
-            with self._transaction():
-                self._connection.execute("INSERT INTO baselines VALUES (?, ?, ?)", values)
-        except StoreError as error:
-            raise _not_stored(session, f"the baseline {walk.gait}", error) from error
-        session.baseline.append(walk)
-
-    def add_confirmation(self, session: Session, walk: ConfirmationRecord) -> None:
-        """Add a walk at a finer time step, on the disk when this returns.
-
-        Raises StoreError when the disk refuses or another process has added it already.
-        """
-        values = (session.name, json.dumps(walk.slots), json.dumps(asdict(walk)))
-        try:
-            with self._transaction():
-                self._connection.execute("INSERT INTO confirmations VALUES (?, ?, ?)", values)
-        except StoreError as error:
-            raise _not_stored(session, f"the confirmation of gait {walk.code}", error) from error
-        session.confirmations.append(walk)
+        self._append(session, walk.name, walk_line(walk, optimizer_state))
+        take_in(session, walk, optimizer_state)
 
     def keep(self, session: Session) -> None:
         """Store the spec of a session and how it ended, on the disk when this returns.
 
-        Raises StoreError when the disk refuses.
+        Raises StoreError as `add` does.
         """
-        settled_on = None if session.settled_on is None else json.dumps(session.settled_on)
-        values = (json.dumps(session.spec.as_json()), session.ended, settled_on, session.name)
-        try:
-            with self._transaction():
-                self._connection.execute(
-                    "UPDATE sessions SET spec = ?, ended = ?, settled_on = ? WHERE name = ?", values
-                )
-        except StoreError as error:
-            raise _not_stored(session, "its end", error) from error
-
-    def delete(self, name: str) -> None:
-        """Remove a session from the store; its recordings are left to the caller.
-
-        Raises InputError for a name that is not in the store, StoreError when the disk refuses.
-        """
-        row = self._row(name)
-        with self._transaction():
-            for table in (
-                "trials",
-                "baselines",
-                "confirmations",
-            ):  # also where the store was made without its links
-                self._connection.execute(
-                    f"DELETE FROM {table} WHERE session = (SELECT name FROM sessions WHERE rowid = ?)",  # noqa: S608
-                    (row,),
-                )
-            self._connection.execute("DELETE FROM sessions WHERE rowid = ?", (row,))
+        self._append(session, "its end", standing_line(session))
 
     def folder_of(self, name: str) -> Path:
-        """Folder of a session's recordings.
+        """Folder of a session and its recordings.
 
         Raises InputError for a name that leads anywhere else.
         """
@@ -231,154 +123,235 @@ class SessionStore(SessionRows):
             )
         return self.folder / name
 
-    @contextmanager
-    def held(self, name: str) -> Iterator[None]:
-        """Keep other processes from continuing a session meanwhile; the lock of a killed holder is released.
+    def check_there(self, session: Session) -> None:
+        """Raise StoreError if the file of a session was deleted, moved or replaced meanwhile."""
+        with _opened(self.folder / session.name / FILE_NAME, session.name) as file:
+            if os.fstat(file).st_size < session.stored_bytes:
+                raise _moved(session.name)
 
-        Raises InputError for a name that is not in the store, or when another process holds it.
-        """
-        self._row(name)
-        folder = self.folder_of(name)
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            # A lock that is a link would make a file anywhere.
-            lock = os.open(folder / "lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK, 0o644)
-        except OSError as error:
-            raise StoreError(f"session {name}: {folder}/lock cannot be used ({error.strerror})") from error
-        try:
-            _take(lock, name)
-            yield
-            with suppress(OSError):
-                if os.listdir(folder) == ["lock"]:  # of a session that records nothing
-                    (folder / "lock").unlink()
-                    folder.rmdir()
-        finally:
-            os.close(lock)
+    def _made_folder(self, stem: str) -> str:
+        """Name of a new folder."""
+        for number in count(1):
+            name = stem if number == 1 else f"{stem}-{number}"
+            with suppress(FileExistsError):
+                (self.folder / name).mkdir()
+                return name
+        raise AssertionError("unreachable")
 
-    def _prepare(self) -> None:
-        connection = self._connection
-        with self._reading():
-            connection.execute("PRAGMA journal_mode = WAL")
-            # FULL: when its transaction ends, a trial is on the disk and not only in the cache of the kernel.
-            connection.execute("PRAGMA synchronous = FULL")
-            connection.execute("PRAGMA foreign_keys = ON")
-        self._file = self.path.stat()
-        with self._transaction():
-            for statement in filter(str.strip, _TABLES.split(";")):
-                connection.execute(statement)
-            connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
-            self._tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master")}
-
-    def check_idle(self, name: str) -> None:
-        """Raise InputError where another process is running a session; nothing is made or followed."""
-        if not is_folder_name(name):
-            return
-        try:
-            lock = os.open(self.folder / name / "lock", os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
-        except OSError:
-            return
-        try:
-            _take(lock, name)
-        finally:
-            os.close(lock)
-
-    def _row(self, name: str) -> int:
-        """Row of a session; raises InputError for a name that is not in the store."""
-        row = self.row_of(name)
-        if row is None:
-            raise self._unknown(name)
-        return row
-
-    def _exists(self, name: str) -> bool:
-        query = "SELECT 1 FROM sessions WHERE name = ?"
-        return self._connection.execute(query, (name,)).fetchone() is not None
-
-    @contextmanager
-    def _transaction(self) -> Iterator[None]:
-        """All or nothing of what a block writes; raises StoreError when the disk refuses."""
-        self._limit_steps()
-        try:
-            self._connection.execute("BEGIN IMMEDIATE")
-            yield
-            self._connection.execute("COMMIT")
-        except BaseException as error:
-            with suppress(sqlite3.Error):
-                if self._connection.in_transaction:
-                    self._connection.execute("ROLLBACK")
-            if isinstance(error, sqlite3.Error):
-                raise StoreError(f"session store: {self.path} cannot be written: {error}") from error
-            raise
-        self.check_there()
+    def _append(self, session: Session, what: str, line: bytes) -> None:
+        """Add a line to what a session has stored, in place of a line that was cut off."""
+        name = session.name
+        with _opened(self.folder / name / FILE_NAME, name) as file:
+            size = os.fstat(file).st_size
+            rest = os.pread(file, max(0, size - session.stored_bytes), session.stored_bytes)
+            if size < session.stored_bytes:
+                raise _moved(name)
+            if b"\n" in rest:
+                raise StoreError(f"session {name}: {what} cannot be stored: another process has added to it")
+            if rest:
+                _LOG.warning("session %s: its last line was cut off and is replaced", name)
+            try:
+                os.ftruncate(file, session.stored_bytes)
+                _write(file, line)
+            except OSError as error:
+                with suppress(OSError):
+                    os.ftruncate(file, session.stored_bytes)
+                raise StoreError(f"session {name}: {what} cannot be stored: {error.strerror}") from error
+        session.stored_bytes += len(line)
 
 
-def _not_stored(session: Session, what: str, error: StoreError) -> StoreError:
-    """Error for a part of a session that did not get to the disk."""
-    return StoreError(f"session {session.name}: {what} cannot be stored: {error.__cause__ or error}")
+def _write(file: int, data: bytes) -> None:
+    """Write bytes at the end of a file, on the disk when this returns."""
+    while data:
+        data = data[os.write(file, data) :]
+    os.fsync(file)
 
 
-def _take(lock: int, name: str) -> None:
-    """Take the lock of a session; raises InputError when another process holds it."""
+@contextmanager
+def _opened(path: Path, name: str) -> Iterator[int]:
+    """Descriptor of a session's file, which is no link and no pipe; raises StoreError without one."""
     try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        if not os.fstat(lock).st_nlink:
-            raise OSError("its holder has just removed it")
+        file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_NOFOLLOW | os.O_NONBLOCK)
+    except FileNotFoundError:
+        raise _moved(name) from None
+    except OSError as error:
+        raise StoreError(f"session {name}: {path} cannot be used ({error.strerror})") from error
+    try:
+        if not stat.S_ISREG(os.fstat(file).st_mode):
+            raise StoreError(f"session {name}: {path} is not a file; `hexctl sessions delete` removes it")
+        yield file
+    finally:
+        os.close(file)
+
+
+def _moved(name: str) -> StoreError:
+    """Error for a session whose file is not the one that was written to."""
+    return StoreError(
+        f"session {name}: its file {FILE_NAME} was deleted, moved or replaced; move it back and resume the "
+        "session, or begin a new one"
+    )
+
+
+def is_folder_name(name: str) -> bool:
+    """Whether a name is that of one folder beside others: it leads nowhere else."""
+    one = name not in ("", ".", "..") and not set("/\\") & set(name) and printable(name) == name
+    return one and len(name.encode("utf-8")) <= MOST_NAME_BYTES
+
+
+def stored_names(folder: Path) -> list[str]:
+    """Names of all sessions in a folder, newest last, without making or writing anything.
+
+    Raises StoreError for a folder that cannot be read.
+    """
+    return [name for name in _found(folder) if is_folder_name(name)]
+
+
+def _found(folder: Path) -> list[str]:
+    """Names of folders with the file of a session, also those that cannot be typed, newest last."""
+    try:
+        names = os.listdir(folder)
+    except (FileNotFoundError, NotADirectoryError):
+        return []
+    except OSError as error:
+        raise StoreError(f"sessions: {folder}/ cannot be read ({error.strerror})") from error
+    found = [name for name in names if os.path.lexists(folder / name / FILE_NAME)]
+    return sorted(found, key=lambda name: _age(folder, name))
+
+
+def _age(folder: Path, name: str) -> tuple[str, list[str | int]]:
+    """Order of sessions: when they were created, then their names, with numbers as such."""
+    try:
+        head = _CREATED.match(_first_bytes(folder / name / FILE_NAME))
     except OSError:
-        raise InputError(f"session {name}: another process is running it; wait for it or stop it") from None
+        head = None
+    parts = [int(part) if number % 2 else part for number, part in enumerate(re.split("([0-9]+)", name))]
+    return "" if head is None else head[1].decode("ascii", "replace"), parts
+
+
+def _first_bytes(path: Path) -> bytes:
+    file = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        return os.read(file, _HEAD_BYTES)
+    finally:
+        os.close(file)
+
+
+@contextmanager
+def held(name: str, folder: Path) -> Iterator[None]:
+    """Keep other processes from continuing a session meanwhile; the lock of a killed holder is released.
+
+    Raises InputError for a name that is not in the folder, or when another process holds it.
+    """
+    _check_there(name, folder)
+    with _opened(folder / name / FILE_NAME, name) as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise InputError(
+                f"session {name}: another process is running it; wait for it or stop it"
+            ) from None
+        yield
 
 
 def _log_damage(error: StoreError) -> None:
     _LOG.warning("%s", error)
 
 
-def list_sessions(
-    folder: Path | str = RUNS, *, on_damage: Callable[[StoreError], object] = _log_damage
-) -> list[Session]:
-    """All sessions of a folder with their trials, newest last; empty where there is no store.
+#: Is told of damage, which is left out.
+OnDamage = Callable[[StoreError], object]
+
+
+def list_sessions(folder: Path | str = RUNS, *, on_damage: OnDamage = _log_damage) -> list[Session]:
+    """All sessions of a folder with their trials, newest last; empty if there are none.
 
     Args:
         folder: where the sessions lie; nothing is written to it.
-        on_damage: is told of each session that is damaged, which is left out. By default it is logged.
+        on_damage: is called for each session that cannot be read, which is left out, and for damaged lines
+            of the others. By default it is logged.
 
-    Raises StoreError for a store that cannot be read at all.
+    Raises StoreError for a folder that cannot be read.
     """
-    folder = Path(folder)
-    if not is_store(folder):
-        return []
-    with reading(folder) as rows:
-        return rows.sessions(on_damage)
+    folder, sessions = Path(folder), []
+    for name in _found(folder):
+        try:
+            sessions.append(_loaded(name, folder, on_damage))
+        except StoreError as error:
+            on_damage(error)
+    return sessions
 
 
-def load_session(name: str, folder: Path | str = RUNS) -> Session:
-    """Session of a folder with its trials.
+def load_session(name: str, folder: Path | str = RUNS, *, on_damage: OnDamage = _log_damage) -> Session:
+    """Session of a folder with its trials; `on_damage` is called for damaged lines, which are left out.
 
-    Raises InputError for a name that is not there, StoreError for a session that is damaged.
+    Raises InputError for a name that is not there, StoreError for a session that cannot be read.
     """
     check_type(name, str, "session", "the name of a session")
-    _check_there(Path(folder), name)
-    with reading(Path(folder)) as rows:
-        return rows.load(name)
+    _check_there(name, Path(folder))
+    return _loaded(name, Path(folder), on_damage)
+
+
+def _check_there(name: str, folder: Path) -> None:
+    """Raise InputError for a name that is not among the sessions of a folder."""
+    names = stored_names(folder)
+    if name in names:
+        return
+    if not names:
+        raise InputError(
+            f"{argument('session')}: got {name!r}; allowed: none yet, hexctl adapt makes one under {folder}/"
+        )
+    earlier = f"{len(names) - 5} earlier ones, " if len(names) > 5 else ""
+    raise InputError(
+        f"{argument('session')}: got {name!r}; allowed, of {folder}/: {earlier}{', '.join(names[-5:])}"
+    )
+
+
+def _loaded(name: str, folder: Path, on_damage: OnDamage) -> Session:
+    """Session of a folder; raises StoreError for one that cannot be read."""
+    try:
+        if not is_folder_name(name):
+            raise ValueError("its name cannot be typed; rename its folder")
+        session, damaged = read_session(name, read_file(folder / name / FILE_NAME, MOST_BYTES))
+    except (OSError, *DAMAGE) as error:
+        raise StoreError(
+            f"session {name}: is damaged ({damage_text(error)}); its recordings can be opened one by one, "
+            "and hexctl sessions delete removes it"
+        ) from error
+    if damaged:
+        lines = f"line{'s' * (len(damaged) > 1)} {', '.join(map(str, damaged))}"
+        first = next(iter(damaged.values()))
+        on_damage(StoreError(f"session {name}: {lines} of {FILE_NAME} left out as damaged ({first})"))
+    return session
 
 
 def delete_session(name: str, folder: Path | str = RUNS) -> None:
     """Delete a session, damaged or not, and its recordings.
 
-    Nothing outside of the session's own folder is deleted: of a session whose name hexctl has not made, or
-    whose folder is a link to another one, the recordings stay.
+    Nothing outside of the session's own folder is deleted: if hexctl has not made its name, or its folder is
+    a link to another one, the recordings stay.
 
-    Raises InputError for a name that is not there, or a session that another process is running.
+    Raises InputError for a name that is not there, or a session that another process is running, StoreError
+    when the disk refuses.
     """
-    _check_there(Path(folder), name)
-    with SessionStore(Path(folder)) as store:
-        store.check_idle(name)
-        store.delete(name)
-        if is_made_by_hexctl(name):
-            place = store.folder_of(name)
-            place.unlink() if place.is_symlink() else shutil.rmtree(place, ignore_errors=True)
+    folder = Path(folder)
+    _check_there(name, folder)
+    place = folder / name
+    try:
+        with held(name, folder):
+            _remove(place)
+    except StoreError:  # its file cannot be held
+        _remove(place)
 
 
-def _check_there(folder: Path, name: str) -> None:
-    """Raise InputError where there is no store, which is not made for that."""
-    if not is_store(folder):
-        raise InputError(
-            f"{argument('session')}: got {name!r}; allowed: none yet, hexctl adapt makes one under {folder}/"
-        )
+def _remove(place: Path) -> None:
+    """Remove a session's folder, as `delete_session` says; raises StoreError when the disk refuses."""
+    try:
+        if place.is_symlink():
+            place.unlink()
+        elif _MADE.fullmatch(place.name):
+            shutil.rmtree(place)
+        else:
+            (place / FILE_NAME).unlink()
+            with suppress(OSError):  # it holds something else
+                place.rmdir()
+    except OSError as error:
+        raise StoreError(f"session {place.name}: cannot be deleted ({error.strerror})") from error

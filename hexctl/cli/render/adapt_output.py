@@ -4,6 +4,7 @@ import math
 import shlex
 import sys
 from collections.abc import Sequence
+from dataclasses import fields
 from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
@@ -20,15 +21,14 @@ from hexctl.adapt.search_progress import CONFIRMATION_WALKS, SearchBar
 from hexctl.adapt.sessions.code_trust import foreign_parts
 from hexctl.adapt.sessions.comparison import scores_without_search
 from hexctl.adapt.sessions.recommendation import Contender, recommended, straightest_baseline
-from hexctl.adapt.sessions.search_session import (
+from hexctl.adapt.sessions.search_session import Session, trials_text
+from hexctl.adapt.sessions.session_spec import SessionSpec
+from hexctl.adapt.sessions.walk_records import (
     BASELINE_INDEX,
     BaselineRecord,
     ConfirmationRecord,
-    Session,
-    SessionSpec,
     TrialRecord,
     WalkRecord,
-    trials_text,
 )
 from hexctl.adapt.trial_loop import NOT_WORTH
 from hexctl.cli.console import FAULT, code_of_stop, print_result
@@ -171,7 +171,7 @@ def _target(spec: SessionSpec) -> str:
 def subject(spec: SessionSpec) -> str:
     """Robot, world or backend, and failure."""
     where = f"in {spec.world}" if spec.world is not None else f"over {spec.backend}"
-    return f"{robot_name(spec.robot)} {where}, leg {spec.failed_leg} {spec.failure}"
+    return f"{robot_name(spec.robot)} {where}, leg {spec.broken.leg} {spec.broken}"
 
 
 def _hold(spec: SessionSpec) -> str:
@@ -194,7 +194,7 @@ def robot_name(file: str) -> str:
 
 def trial_line(session: Session, trial: TrialRecord) -> Text:
     """Line of a trial in the table; green if it is the best so far, red if it does not count."""
-    before = session.trials[: trial.index - 1]
+    before = [one for one in session.trials if one.index < trial.index]
     again = any((other.code, _trim(other)) == (trial.code, _trim(trial)) for other in before)
     note = ", repeat" if again and not session.spec.count_repeats else ""
     best = trial.valid and all(trial.score < other.score for other in before)
@@ -287,7 +287,7 @@ def after_stop(spec: SessionSpec, error: HexctlError) -> str:
     if reason is None or code_of_stop(reason) == FAULT:
         return ""
     if isinstance(error, LegFailedError):
-        legs = ",".join(map(str, sorted({spec.failed_leg, *error.legs})))
+        legs = ",".join(map(str, sorted({spec.broken.leg, *error.legs})))
         return f"repair the leg, or walk without it (hexctl run --failed-leg {legs}), "
     at = f" --connect {shlex.quote(spec.connect)}" if spec.connect else ""
     at += f" --keys {shlex.quote(str(spec.credentials))}" if spec.credentials else ""
@@ -442,7 +442,7 @@ def _gait_option(walk: TrialRecord | BaselineRecord) -> str:
 
 def _walking(session: Session, walk: TrialRecord | BaselineRecord) -> str:
     """Command that walks with the gait of a walk, and its trim where it has one."""
-    spec, usual = session.spec, SessionSpec()
+    spec, usual = session.spec, {field.name: field.default for field in fields(SessionSpec)}
     asked, failure = option_of(spec.broken)
     chosen = {
         asked.replace("_", "-"): failure,
@@ -450,7 +450,7 @@ def _walking(session: Session, walk: TrialRecord | BaselineRecord) -> str:
         **_course_options(session, walk),
     }
     where = ("backend", "robot", "world", "seed", "connect", "link")
-    unusual = {name: getattr(spec, name) for name in where if getattr(spec, name) != getattr(usual, name)}
+    unusual = {name: getattr(spec, name) for name in where if getattr(spec, name) != usual[name]}
     options = {
         **chosen,
         "body-raise": f"{spec.body_raise:g}" if spec.body_raise else None,
@@ -465,11 +465,11 @@ def _walking(session: Session, walk: TrialRecord | BaselineRecord) -> str:
 
 def _course_options(session: Session, walk: WalkRecord) -> dict[str, str]:
     """Options of the hold and the trim of a gait; a turn with a heading goes with the walk."""
-    heading, hold = f"{session.spec.heading_deg:g}", session.spec.hold
+    heading, hold = f"{math.degrees(session.spec.heading_rad):g}", session.spec.hold
     trim_rad, turn_rad_s = session.trim_rad(walk.slots), session.turn_trim_rad_s(walk.slots)
     if turn_rad_s is not None:
         return {"hold": "none", "heading": heading, "turn": f"{math.degrees(turn_rad_s):.3f}"}
-    options = {} if hold == RunSpec().hold else {"hold": hold}
+    options: dict[str, str] = {} if hold == RunSpec().hold else {"hold": hold}
     if trim_rad is not None:
         options = {"hold": "heading", "trim": f"{math.degrees(trim_rad):.2f}"}
     return options if heading == "0" else {**options, "heading": heading}

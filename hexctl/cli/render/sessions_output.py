@@ -6,7 +6,8 @@ from rich.table import Table
 
 from hexctl.adapt.sessions.comparison import best_so_far, scores_without_search
 from hexctl.adapt.sessions.recommendation import recommended
-from hexctl.adapt.sessions.search_session import BaselineRecord, Session
+from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.walk_records import BaselineRecord
 from hexctl.adapt.trial_loop import NOT_WORTH
 from hexctl.cli.render.adapt_output import in_cm, robot_name
 from hexctl.cli.render.tables import plain_table
@@ -32,7 +33,7 @@ def sessions_table(sessions: Sequence[Session]) -> Table:
             session.name,
             robot_name(spec.robot),
             spec.world or spec.backend,
-            spec.failure,
+            str(spec.broken),
             f"{len(session.trials)}/{spec.budget}",
             _found(session),
             "unfinished" if session.ended is None else ENDED.get(session.ended, session.ended),

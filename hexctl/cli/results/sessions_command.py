@@ -15,7 +15,7 @@ from hexctl.options import listed
 
 if TYPE_CHECKING:
     from hexctl.adapt.sessions.search_session import Session
-    from hexctl.adapt.sessions.stored_rows import StoreError
+    from hexctl.adapt.sessions.store import StoreError
 
 sessions = Commands(help="List, compare, export and delete sessions of hexctl adapt.", no_args_is_help=True)
 
@@ -159,8 +159,7 @@ def delete(
 ) -> None:
     """Delete a session and its recordings."""
     from hexctl.adapt.sessions.search_session import trials_text
-    from hexctl.adapt.sessions.store import delete_session, load_session
-    from hexctl.adapt.sessions.stored_rows import StoreError
+    from hexctl.adapt.sessions.store import StoreError, delete_session, load_session
 
     try:
         trials = trials_text(len(load_session(name, runs_folder()).trials))

@@ -43,7 +43,7 @@ def view(
 
 def _view_runs(names: list[str], *, web: bool) -> int:
     """Open recordings and sessions; return the exit code."""
-    from hexctl.adapt.session_viewing import serve_runs, view_runs
+    from hexctl.adapt.sessions.session_viewing import serve_runs, view_runs
 
     left_out = LeftOut()
     if not web:

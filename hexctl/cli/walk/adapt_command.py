@@ -35,7 +35,8 @@ from hexctl.robot.failure_grammar import AUTO_LEG, read_failures_before
 if TYPE_CHECKING:
     from hexctl.adapt.adaptation import Adaptation
     from hexctl.adapt.adaptation_result import AdaptationResult
-    from hexctl.adapt.sessions.search_session import Session, SessionSpec
+    from hexctl.adapt.sessions.search_session import Session
+    from hexctl.adapt.sessions.session_spec import SessionSpec
     from hexctl.recording.live import LiveView
 
 #: Options that go with --resume.
@@ -169,7 +170,7 @@ def _search(
 ) -> "AdaptationResult | int":
     """Run an adaptation; its result, or the exit code where there is none."""
     from hexctl.adapt.runner import NotBegunError, RobotStoppedError
-    from hexctl.adapt.sessions.stored_rows import StoreError
+    from hexctl.adapt.sessions.store import StoreError
     from hexctl.cli.prompts import TrialPrompt
     from hexctl.cli.render.adapt_output import SessionTable, after_stop
 
@@ -257,7 +258,7 @@ def _open_window() -> "LiveView | None":
 
 def _show(name: str) -> None:
     """Open a session in the viewer; a missing screen does not make the search a failure."""
-    from hexctl.adapt.session_viewing import view_runs
+    from hexctl.adapt.sessions.session_viewing import view_runs
 
     try:
         view_runs([name], runs_folder())

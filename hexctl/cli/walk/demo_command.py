@@ -212,7 +212,7 @@ def _activate() -> str | None:
 
 def _show(result: "DemoResult") -> int:
     """Open walks and session where there is a screen; a missing one does not make the demo a failure."""
-    from hexctl.adapt.session_viewing import view_runs
+    from hexctl.adapt.sessions.session_viewing import view_runs
     from hexctl.errors import RecordingError
 
     search = result.adaptation

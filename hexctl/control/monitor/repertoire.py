@@ -5,8 +5,6 @@ robot one is walked. In each a few candidates walk in the same worlds. The gait 
 first, and another is better where it was faster by more than the noise of the worlds, and fell no more often.
 """
 
-import hashlib
-import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -15,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from hexctl.archive import content_digest
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import NAMED_SLOTS, SWING_SHARE, Gait
@@ -387,10 +386,7 @@ class Repertoire:
 
     @cached_property
     def _digest(self) -> str:
-        digest = hashlib.sha256(json.dumps(self.head, sort_keys=True).encode())
-        for array in self.arrays.values():
-            digest.update(array.tobytes())
-        return digest.hexdigest()[:32]
+        return content_digest(self.head, self.arrays)
 
 
 def _best_of(situation: Situation, place: int, sure: Mapping[tuple[int, str], float]) -> int:

@@ -1,23 +1,23 @@
 """Repertoires on disk: built ones and shipped ones, saved, checked when they are read, and found."""
 
-import io
-import json
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+from numpy.typing import NDArray
 
+from hexctl.archive import ArchiveKind
 from hexctl.control.monitor.repertoire import BodySymmetry, Candidate, Repertoire, Situation
 from hexctl.control.trial_plan import TrialPlan
-from hexctl.errors import HexctlError, InputError, check_type
-from hexctl.files import ARCHIVE_DAMAGE, atomic_write, damage_reason, open_archive
+from hexctl.errors import InputError
 from hexctl.robot.configs import config_root
 from hexctl.robot.model import Robot
-from hexctl.types import FloatArray
 
-FORMAT, VERSION = "hexctl repertoire", 1
+VERSION = 1
+
+#: How repertoires are stored.
+KIND = ArchiveKind(name="repertoire", versions=(VERSION,), command="hexctl prior build --repertoire")
 
 SUFFIX = ".npz"
 
@@ -25,26 +25,12 @@ SUFFIX = ".npz"
 REPERTOIRES = "repertoires"
 
 
-class RepertoireFileError(HexctlError, OSError):
-    """A repertoire cannot be written."""
-
-
 def save_repertoire(repertoire: Repertoire, path: Path) -> None:
     """Write a repertoire; the file is the old one or the new one at any moment.
 
-    Raises RepertoireFileError when the disk refuses.
+    Raises ArchiveFileError when the disk refuses.
     """
-    head = {"format": FORMAT, "version": VERSION, "digest": repertoire.digest(), **repertoire.head}
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, allow_pickle=False, head=np.array(json.dumps(head)), **repertoire.arrays)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        atomic_write(path, buffer.getvalue())
-    except OSError as error:
-        raise RepertoireFileError(f"repertoire: {path} cannot be written: {error.strerror}") from error
-
-
-_DAMAGE: tuple[type[Exception], ...] = (*ARCHIVE_DAMAGE, AttributeError)
+    KIND.save(path, VERSION, repertoire.head, repertoire.arrays)
 
 
 def load_repertoire(path: Path | str) -> Repertoire:
@@ -52,33 +38,12 @@ def load_repertoire(path: Path | str) -> Repertoire:
 
     Raises InputError for a file that is not one, is of another version, is cut off or was altered.
     """
-    check_type(path, (str, Path), "repertoire", "the path of a file")
-    try:
-        with open_archive(path) as file:
-            head = json.loads(str(file["head"]))
-            arrays = {name: file[name].astype(float) for name in ("speeds", "costs") if name in file.files}
-    except FileNotFoundError:
-        raise InputError(
-            f"repertoire: no file at {str(path)!r}; allowed: a file of hexctl prior build --repertoire"
-        ) from None
-    except _DAMAGE as error:
-        raise _refused(path, f"it is not a repertoire, or cut off ({damage_reason(error)})") from error
-    if not isinstance(head, dict) or head.get("format") != FORMAT:
-        raise _refused(path, "it is not a repertoire")
-    if head.get("version") != VERSION:
-        raise _refused(path, f"it has version {head.get('version')}, this hexctl reads {VERSION}")
-    try:
-        repertoire = _made(head, arrays)
-        intact = repertoire.digest() == head["digest"]
-    except _DAMAGE as error:
-        raise _refused(path, f"it is damaged ({damage_reason(error)})") from error
-    if not intact:
-        raise _refused(path, "it was altered after it was built")
-    return repertoire
+    return KIND.load(path, _made)
 
 
-def _made(head: dict[str, Any], arrays: dict[str, FloatArray]) -> Repertoire:
+def _made(head: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Repertoire:
     """Repertoire of what its file holds."""
+    speeds, costs = arrays["speeds"].astype(float), arrays["costs"].astype(float)
     situations, first = [], 0
     for values in head["situations"]:
         candidates = tuple(Candidate.from_dict(one) for one in values["candidates"])
@@ -89,8 +54,8 @@ def _made(head: dict[str, Any], arrays: dict[str, FloatArray]) -> Repertoire:
                 failed=tuple((leg, kind, joint) for leg, kind, joint in values["failed"]),
                 heading_deg=values["heading_deg"],
                 candidates=candidates,
-                speeds=arrays["speeds"][first:last].reshape(shape),
-                costs=arrays["costs"][first:last].reshape(shape),
+                speeds=speeds[first:last].reshape(shape),
+                costs=costs[first:last].reshape(shape),
             )
         )
         first = last
@@ -98,12 +63,6 @@ def _made(head: dict[str, Any], arrays: dict[str, FloatArray]) -> Repertoire:
     symmetries = [BodySymmetry(**one | {"legs": tuple(one["legs"])}) for one in head["symmetries"]]
     return Repertoire(
         **{name: head[name] for name in names}, symmetries=tuple(symmetries), situations=tuple(situations)
-    )
-
-
-def _refused(path: Path | str, why: str) -> InputError:
-    return InputError(
-        f"repertoire {path}: {why}; allowed: a repertoire as hexctl prior build --repertoire writes it"
     )
 
 

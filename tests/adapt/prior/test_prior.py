@@ -13,16 +13,16 @@ import pytest
 
 from hexctl.adapt.prior.prior import (
     CHECKPOINTS,
+    KIND,
     Prior,
-    PriorFileError,
     ScorePrior,
     check_place,
     load_prior,
     load_score_prior,
     open_prior,
-    read_head,
     save_prior,
 )
+from hexctl.archive import ArchiveFileError
 from hexctl.errors import HexctlError, InputError
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_grammar import parse_kind
@@ -126,7 +126,7 @@ def test_a_prior_that_knows_no_stances_is_one_too(tmp_path: Path) -> None:
 
 
 def test_the_head_says_what_it_is_for(path: Path) -> None:
-    head = read_head(path)
+    head = KIND.read_head(path)
     assert head["question"] == key_of().as_json()
     assert head["legs"] == [2, 5]
 
@@ -288,7 +288,7 @@ def test_a_disk_that_refuses_keeps_the_old_prior(path: Path, monkeypatch: pytest
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "write_bytes", full)
-    with pytest.raises(PriorFileError, match=r"some\.npz cannot be written: No space left on device"):
+    with pytest.raises(ArchiveFileError, match=r"some\.npz cannot be written: No space left on device"):
         save_prior(small_prior(), path)
     assert path.read_bytes() == before
     assert list(path.parent.iterdir()) == [path]
@@ -303,7 +303,7 @@ def test_a_disk_that_fails_half_way_leaves_no_part_of_a_prior(
         raise OSError(5, "Input/output error")
 
     monkeypatch.setattr(Path, "replace", breaks)
-    with pytest.raises(PriorFileError, match="cannot be written"):
+    with pytest.raises(ArchiveFileError, match="cannot be written"):
         save_prior(small_prior(), path)
     assert path.read_bytes() == before
     assert list(path.parent.iterdir()) == [path]
@@ -312,7 +312,7 @@ def test_a_disk_that_fails_half_way_leaves_no_part_of_a_prior(
 @pytest.mark.parametrize("write_there", [check_place, lambda path: save_prior(small_prior(), path)])
 def test_a_place_that_is_none_is_refused_in_one_line(write_there: Any, tmp_path: Path) -> None:
     (tmp_path / "a-file").touch()
-    with pytest.raises(PriorFileError) as refused:
+    with pytest.raises(ArchiveFileError) as refused:
         write_there(tmp_path / "a-file" / "new.npz")
     assert isinstance(refused.value, HexctlError)
     assert "cannot be written" in str(refused.value)
@@ -322,7 +322,7 @@ def test_a_place_that_is_none_is_refused_in_one_line(write_there: Any, tmp_path:
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
 def test_a_folder_that_may_not_be_written_is_refused(tmp_path: Path) -> None:
     tmp_path.chmod(0o500)
-    with pytest.raises(PriorFileError, match="Permission denied"):
+    with pytest.raises(ArchiveFileError, match="Permission denied"):
         save_prior(small_prior(), tmp_path / "new.npz")
 
 

@@ -31,8 +31,8 @@ def test_resuming_a_foreign_session_runs_none_of_its_code(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "planted_score.py").write_text("open('ran', 'w').close()\ndef score(result): return 1.0\n")
     foreign = replace(new_spec(failed_leg=5, budget=2), objective="planted_score:score")
-    with SessionStore(tmp_path / "runs") as store:
-        name = store.create(foreign).name
+    store = SessionStore(tmp_path / "runs")
+    name = store.create(foreign).name
     for session in (name, load_session(name, tmp_path / "runs")):
         with pytest.raises(InputError, match="trust"):
             Adaptation.resume(session, folder=tmp_path / "runs", record=False)

@@ -7,7 +7,8 @@ import pytest
 from matplotlib.image import imread
 
 from hexctl.adapt.sessions.comparison import best_so_far, check_comparable, draw_comparison
-from hexctl.adapt.sessions.search_session import Session, SessionSpec
+from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.cli.main import exit_code
 from hexctl.errors import InputError
 from tests.adapt.sessions.test_search_session import trial
@@ -16,7 +17,7 @@ from tests.adapt.walking import stored_session
 
 def session(*offs_m: float, name: str = "a", **spec: str) -> Session:
     trials = [trial(index, off_m) for index, off_m in enumerate(offs_m, start=1)]
-    return Session(name=name, spec=SessionSpec(**spec), created="2026-01-01", trials=trials)  # type: ignore[arg-type]
+    return Session(name=name, spec=SessionSpec(failed_leg=5, **spec), created="2026-01-01", trials=trials)  # type: ignore[arg-type]
 
 
 def test_the_best_so_far_never_rises_and_an_invalid_trial_is_none() -> None:

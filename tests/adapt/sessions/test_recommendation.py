@@ -11,9 +11,10 @@ from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.runner import WalkedTrial
 from hexctl.adapt.search import new_spec
-from hexctl.adapt.sessions.search_session import BaselineRecord, Session, SessionSpec
-from hexctl.adapt.sessions.store import SessionStore
-from hexctl.adapt.sessions.stored_rows import StoreError
+from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.session_spec import SessionSpec
+from hexctl.adapt.sessions.store import FILE_NAME, SessionStore, StoreError, load_session
+from hexctl.adapt.sessions.walk_records import BaselineRecord
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.trial_loop import AdaptLoop
 from hexctl.control.trial import Enough
@@ -51,7 +52,7 @@ class Ends:
 
 def search(store: SessionStore, finely: Ends, *, name: str | None = None, **spec: float) -> Session:
     """A session, new or continued, of trials with the ends `ENDS`, confirmed by walks with other ends."""
-    session = store.create(replace(SPEC, **spec)) if name is None else store.load(name)  # type: ignore[arg-type]
+    session = store.create(replace(SPEC, **spec)) if name is None else load_session(name, store.folder)  # type: ignore[arg-type]
     optimizer = make_optimizer("exhaustive", GaitSpace((5,)), 0)
     loop = AdaptLoop(
         session,
@@ -83,7 +84,7 @@ def test_the_candidate_walks_once_more_and_its_own_end_counts(store: SessionStor
     assert (printed["code"], printed["confirmed"]) == (2, True)
     assert (printed["score"], printed["uncertainty_m"]) == (pytest.approx(0.012), 0.008)
     assert session.as_json()["confirmations"][0]["time_step_s"] == 0.0005
-    assert store.load(session.name) == session
+    assert load_session(session.name, store.folder) == session
 
 
 def test_a_target_that_single_trials_cannot_resolve_is_confirmed(store: SessionStore) -> None:
@@ -166,11 +167,12 @@ def test_what_cannot_be_known_better_is_not_walked_again(store: SessionStore) ->
 
 def test_a_damaged_confirmation_is_named(store: SessionStore) -> None:
     name = search(store, Ends({2: 0.01}), target_m=NEVER_M).name
-    store._connection.execute("UPDATE confirmations SET record = replace(record, '0.0005', '-1.0')")
-    with pytest.raises(StoreError, match="confirmation 1"):
-        store.load(name)
-    store.delete(name)
-    assert store._connection.execute("SELECT count(*) FROM confirmations").fetchone() == (0,)
+    path = store.folder / name / FILE_NAME
+    path.write_text(path.read_text().replace('"time_step_s": 0.0005', '"time_step_s": -1.0'))
+    told: list[StoreError] = []
+    session = load_session(name, store.folder, on_damage=told.append)
+    assert session.confirmations == []
+    assert "time_step_s" in str(told[0])
 
 
 def test_a_simulated_search_confirms_in_its_own_world_at_a_finer_step(tmp_path: Path) -> None:

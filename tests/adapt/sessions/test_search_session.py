@@ -5,7 +5,9 @@ from typing import Any
 import pytest
 
 from hexctl.adapt.objectives import INVALID_SCORE
-from hexctl.adapt.sessions.search_session import BaselineRecord, Session, SessionSpec, TrialRecord
+from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.session_spec import SessionSpec
+from hexctl.adapt.sessions.walk_records import BaselineRecord, TrialRecord
 from tests.adapt.walking import result_of
 
 
@@ -33,7 +35,7 @@ def recommended(
     """Name of the gait of the baseline, or index of the trial, that a session recommends."""
     session = Session(
         name="s",
-        spec=SessionSpec(uncertainty_m=uncertainty_m, **spec),
+        spec=SessionSpec(failed_leg=5, uncertainty_m=uncertainty_m, **spec),
         created="2026-01-01",
         trials=list(trials),
         baseline=list(baseline),

@@ -14,7 +14,7 @@ from hexctl.adapt.sessions import search_steps as module
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.search_steps import search_steps
 from hexctl.adapt.sessions.session_optimizer import make_search
-from hexctl.adapt.sessions.store import SessionStore
+from hexctl.adapt.sessions.store import SessionStore, load_session
 from hexctl.adapt.setting import load_setting
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.trial_loop import AdaptLoop
@@ -34,13 +34,13 @@ def walked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Session, list[Floa
     search = make_search(spec, setting.robot, setting.plan, setting.prior)
     assert isinstance(search, Bayes)
     expected = [search.forecast().mean_m]
-    with SessionStore(folder) as store:
-        session = store.create(spec)
-        world = MadeUpWorld(MadeUpModel().worlds(1, 7)[0])
-        AdaptLoop(
-            session, store, search, world, on_trial=lambda *_: expected.append(search.forecast().mean_m)
-        ).run()
-        return store.load(session.name), expected
+    store = SessionStore(folder)
+    session = store.create(spec)
+    world = MadeUpWorld(MadeUpModel().worlds(1, 7)[0])
+    AdaptLoop(
+        session, store, search, world, on_trial=lambda *_: expected.append(search.forecast().mean_m)
+    ).run()
+    return load_session(session.name, store.folder), expected
 
 
 def test_beliefs_are_those_of_the_search_after_each_trial(walked: tuple[Session, list[FloatArray]]) -> None:
@@ -124,10 +124,10 @@ def test_beliefs_that_are_not_those_of_the_session_are_not_shown(
     ],
 )
 def test_searches_without_beliefs_say_less(name: str, said: str, tmp_path: Path) -> None:
-    with SessionStore(tmp_path) as store:
-        session = store.create(replace(SPEC, budget=3))
-        search = make_optimizer("random", GaitSpace((5,)), 0)
-        AdaptLoop(session, store, search, Landscape()).run()
+    store = SessionStore(tmp_path)
+    session = store.create(replace(SPEC, budget=3))
+    search = make_optimizer("random", GaitSpace((5,)), 0)
+    AdaptLoop(session, store, search, Landscape()).run()
     session.spec = replace(session.spec, optimizer=name)
     steps = search_steps(session)
     assert [step.beliefs for step in steps] == [None] * 4

@@ -10,9 +10,9 @@ import pytest
 import hexctl
 from hexctl.adapt.adaptation import adapt
 from hexctl.adapt.objectives import OBJECTIVES
-from hexctl.adapt.sessions.search_session import BaselineRecord
 from hexctl.adapt.sessions.session_tables import ASKED_COLUMNS, LAST_COLUMNS, USUAL_COLUMNS, flat_rows
 from hexctl.adapt.sessions.store import SessionStore, list_sessions
+from hexctl.adapt.sessions.walk_records import BaselineRecord
 from tests.adapt.sessions.test_store import record
 from tests.adapt.walking import SPEC, result_of
 
@@ -72,25 +72,25 @@ def test_without_sessions_it_is_empty(tmp_path: Path) -> None:
 
 
 def test_exported_rows_are_trials_alone_and_the_baseline_is_the_last_columns(tmp_path: Path) -> None:
-    with SessionStore(tmp_path) as store:
-        session = store.create(SPEC)
-        store.add_trial(session, record(1), {})
-        store.add_trial(session, record(2), {})
-        without = flat_rows(session)
-        result = result_of(0.0, "no_progress")
-        store.add_baseline(
-            session,
-            BaselineRecord(
-                gait="tripod",
-                code=None,
-                slots=(1, 4, 1, 4, 1, 4),
-                score=OBJECTIVES["final"](result),
-                outcome=result.to_dict(),
-                path_m=[],
-                recording=None,
-            ),
-        )
-        rows = flat_rows(session)
+    store = SessionStore(tmp_path)
+    session = store.create(SPEC)
+    store.add(session, record(1), {})
+    store.add(session, record(2), {})
+    without = flat_rows(session)
+    result = result_of(0.0, "no_progress")
+    store.add(
+        session,
+        BaselineRecord(
+            gait="tripod",
+            code=None,
+            slots=(1, 4, 1, 4, 1, 4),
+            score=OBJECTIVES["final"](result),
+            outcome=result.to_dict(),
+            path_m=[],
+            recording=None,
+        ),
+    )
+    rows = flat_rows(session)
     assert [row["index"] for row in rows] == [1, 2]
     columns = list(rows[0])
     assert columns == list(without[0])

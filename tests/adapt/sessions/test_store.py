@@ -1,29 +1,47 @@
 """Sessions on disk: durable trial by trial, safe under kills and neighbours."""
 
+import errno
 import json
+import math
 import multiprocessing
 import os
 import shutil
 import signal
-import sqlite3
 import subprocess
 import sys
+import tempfile
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from hexctl.adapt.objectives import OBJECTIVES
-from hexctl.adapt.sessions.search_session import Session, SessionSpec, TrialRecord
-from hexctl.adapt.sessions.store import SessionStore, list_sessions
-from hexctl.adapt.sessions.stored_rows import StoreError
+from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.session_spec import SessionSpec
+from hexctl.adapt.sessions.session_tables import export_session
+from hexctl.adapt.sessions.store import (
+    FILE_NAME,
+    SessionStore,
+    StoreError,
+    delete_session,
+    held,
+    list_sessions,
+    load_session,
+    stored_names,
+)
+from hexctl.adapt.sessions.walk_records import TrialRecord
 from hexctl.adapt.space import GaitSpace
+from hexctl.cli.main import exit_code
 from hexctl.errors import InputError
 from tests.adapt.walking import SPEC, result_of
 
 PATIENCE_S = 60.0
 
-SPACE = GaitSpace((SPEC.failed_leg,))
+SPACE = GaitSpace((SPEC.broken.leg,))
 
 
 def record(index: int, deviation_m: float = 0.2) -> TrialRecord:
@@ -40,82 +58,63 @@ def record(index: int, deviation_m: float = 0.2) -> TrialRecord:
 
 
 def test_a_session_comes_back_as_it_was(tmp_path: Path) -> None:
-    with SessionStore(tmp_path) as store:
-        session = store.create(SPEC)
-        for index in (1, 2, 3):
-            store.add_trial(session, record(index), {"after": index})
-    with SessionStore(tmp_path) as store:
-        again = store.load(session.name)
+    store = SessionStore(tmp_path)
+    session = store.create(SPEC)
+    for index in (1, 2, 3):
+        store.add(session, record(index), {"after": index})
+    store = SessionStore(tmp_path)
+    again = load_session(session.name, store.folder)
     assert again == session
     assert again.optimizer_state == {"after": 3}
 
 
 def test_sessions_are_listed_newest_last_and_names_never_collide(tmp_path: Path) -> None:
-    with SessionStore(tmp_path) as store:
-        names = [store.create(SPEC).name for _ in range(4)]
-        assert store.names() == names
-        assert len(set(names)) == 4
+    store = SessionStore(tmp_path)
+    names = [store.create(SPEC).name for _ in range(4)]
+    assert stored_names(store.folder) == names
+    assert len(set(names)) == 4
 
 
 def test_an_unknown_name_is_refused_with_the_known_ones(tmp_path: Path) -> None:
-    with SessionStore(tmp_path) as store:
-        name = store.create(SPEC).name
-        with pytest.raises(InputError, match=name):
-            store.load("nobody")
+    store = SessionStore(tmp_path)
+    name = store.create(SPEC).name
+    with pytest.raises(InputError, match=name):
+        load_session("nobody", store.folder)
 
 
 def test_the_same_trial_is_not_kept_twice(tmp_path: Path) -> None:
-    with SessionStore(tmp_path) as store:
-        session = store.create(SPEC)
-        twin = store.load(session.name)
-        store.add_trial(session, record(1), {})
-        with pytest.raises(StoreError, match="trial 1 cannot be stored"):
-            store.add_trial(twin, record(1), {})
-        assert twin.trials == []
-        assert len(store.load(session.name).trials) == 1
-
-
-def test_deleting_takes_the_trials_along(tmp_path: Path) -> None:
-    with SessionStore(tmp_path) as store:
-        session = store.create(SPEC)
-        store.add_trial(session, record(1), {})
-        store.delete(session.name)
-        assert store.names() == []
-    with sqlite3.connect(tmp_path / "sessions.sqlite") as connection:
-        assert connection.execute("SELECT count(*) FROM trials").fetchone() == (0,)
+    store = SessionStore(tmp_path)
+    session = store.create(SPEC)
+    twin = load_session(session.name, store.folder)
+    store.add(session, record(1), {})
+    with pytest.raises(StoreError, match="trial 1 cannot be stored"):
+        store.add(twin, record(1), {})
+    assert twin.trials == []
+    assert len(load_session(session.name, store.folder).trials) == 1
 
 
 def test_a_session_is_held_by_one_process_at_a_time(tmp_path: Path) -> None:
-    with SessionStore(tmp_path) as store, SessionStore(tmp_path) as other:
-        name = store.create(SPEC).name
-        with store.held(name), pytest.raises(InputError, match="another process"), other.held(name):
-            pass
-        with other.held(name):
-            pass
-        with pytest.raises(InputError, match="session: got 'unknown'"):
-            store.held("unknown").__enter__()
+    store = SessionStore(tmp_path)
+    other = SessionStore(tmp_path)
+    name = store.create(SPEC).name
+    with (
+        held(name, store.folder),
+        pytest.raises(InputError, match="another process"),
+        held(name, other.folder),
+    ):
+        pass
+    with held(name, other.folder):
+        pass
+    with pytest.raises(InputError, match="session: got 'unknown'"):
+        held("unknown", store.folder).__enter__()
     assert not (tmp_path / "unknown").exists()
 
 
-@pytest.mark.parametrize("content", [b"not a database at all, but long enough to look at" * 20])
-def test_a_file_that_is_no_store_is_refused(content: bytes, tmp_path: Path) -> None:
-    (tmp_path / "sessions.sqlite").write_bytes(content)
-    with pytest.raises(StoreError, match=r"sessions\.sqlite is damaged"):
-        SessionStore(tmp_path)
-
-
-def test_a_store_of_another_version_is_refused(tmp_path: Path) -> None:
-    with sqlite3.connect(tmp_path / "sessions.sqlite") as connection:
-        connection.execute("PRAGMA user_version = 99")
-    with pytest.raises(StoreError, match="version 99"):
-        SessionStore(tmp_path)
-
-
 def _write_sessions(folder: str, count: int) -> None:
-    with SessionStore(Path(folder)) as store:
-        session = store.create(SPEC)
-        for index in range(1, count + 1):
-            store.add_trial(session, record(index), {"after": index})
+    store = SessionStore(Path(folder))
+    session = store.create(SPEC)
+    for index in range(1, count + 1):
+        store.add(session, record(index), {"after": index})
 
 
 def test_two_processes_on_one_store(tmp_path: Path) -> None:
@@ -126,10 +125,8 @@ def test_two_processes_on_one_store(tmp_path: Path) -> None:
     for writer in writers:
         writer.join(PATIENCE_S)
         assert writer.exitcode == 0
-    with SessionStore(tmp_path) as store:
-        assert [len(store.load(name).trials) for name in store.names()] == [30, 30]
-    with sqlite3.connect(tmp_path / "sessions.sqlite") as connection:
-        assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+    store = SessionStore(tmp_path)
+    assert [len(load_session(name, store.folder).trials) for name in stored_names(store.folder)] == [30, 30]
 
 
 KILLED = """
@@ -137,11 +134,11 @@ import sys
 from pathlib import Path
 from hexctl.adapt.sessions.store import SessionStore
 from tests.adapt.sessions.test_store import SPEC, record
-with SessionStore(Path(sys.argv[1])) as store:
-    session = store.create(SPEC)
-    for index in range(1, 100_000):
-        store.add_trial(session, record(index), {"after": index})
-        print(index, flush=True)
+store = SessionStore(Path(sys.argv[1]))
+session = store.create(SPEC)
+for index in range(1, 100_000):
+    store.add(session, record(index), {"after": index})
+    print(index, flush=True)
 """
 
 
@@ -163,13 +160,13 @@ def test_kill_9_loses_nothing_that_was_kept(tmp_path: Path) -> None:
     finally:
         process.kill()
         process.wait()
-    with SessionStore(tmp_path) as store:
-        (name,) = store.names()
-        session = store.load(name)
-        assert len(session.trials) in (reported, reported + 1)
-        assert session.optimizer_state == {"after": len(session.trials)}
-        with store.held(name):
-            store.add_trial(session, record(len(session.trials) + 1), {"after": 0})
+    store = SessionStore(tmp_path)
+    (name,) = stored_names(store.folder)
+    session = load_session(name, store.folder)
+    assert len(session.trials) in (reported, reported + 1)
+    assert session.optimizer_state == {"after": len(session.trials)}
+    with held(name, store.folder):
+        store.add(session, record(len(session.trials) + 1), {"after": 0})
 
 
 def test_milestones_and_best() -> None:
@@ -182,34 +179,365 @@ def test_milestones_and_best() -> None:
 
 
 def test_a_stored_trial_gives_its_result_again(tmp_path: Path) -> None:
-    with SessionStore(tmp_path) as store:
-        session = store.create(SPEC)
-        store.add_trial(session, record(1), {})
-        (trial,) = store.load(session.name).trials
+    store = SessionStore(tmp_path)
+    session = store.create(SPEC)
+    store.add(session, record(1), {})
+    (trial,) = load_session(session.name, store.folder).trials
     assert trial.result.to_dict() == trial.outcome
     assert (trial.result.status, trial.result.deviation) == ("ok", result_of(0.2).deviation)
     assert trial.result.path_m[-1].tolist() == pytest.approx([4.0, 0.2])
 
 
 def test_a_session_of_an_optimizer_of_ones_own_has_a_name_that_every_tool_takes(tmp_path: Path) -> None:
-    with SessionStore(tmp_path) as store:
-        name = store.create(SessionSpec(optimizer="my.search:Nearest")).name
-        assert name.endswith("-leg5-my.search-Nearest")
-        assert store.load(name).spec.optimizer == "my.search:Nearest"
+    store = SessionStore(tmp_path)
+    name = store.create(SessionSpec(failed_leg=5, optimizer="my.search:Nearest")).name
+    assert name.endswith("-leg5-my.search-Nearest")
+    assert load_session(name, store.folder).spec.optimizer == "my.search:Nearest"
 
 
-def test_a_store_that_is_deleted_or_replaced_meanwhile_takes_nothing_more(tmp_path: Path) -> None:
-    """SQLite goes on writing to a file without a name, and everything is lost when it is closed."""
+def test_a_session_that_is_moved_or_replaced_meanwhile_takes_nothing_more(tmp_path: Path) -> None:
     runs = tmp_path / "runs"
-    with SessionStore(runs) as store:
-        session = store.create(SPEC)
-        store.add_trial(session, record(1), {})
-        shutil.move(runs, tmp_path / "moved")
-        with pytest.raises(StoreError, match="deleted or moved"):
-            store.add_trial(session, record(2), {})
-        SessionStore(runs).close()
-        with pytest.raises(StoreError, match="deleted or moved"):
-            store.keep(session)
-    assert list_sessions(runs) == []
+    store = SessionStore(runs)
+    session = store.create(SPEC)
+    store.add(session, record(1), {"after": 1})
+    store.check_there(session)
+    shutil.move(runs, tmp_path / "moved")
+    with pytest.raises(StoreError):
+        store.add(session, record(2), {"after": 2})
+    with pytest.raises(StoreError):
+        store.check_there(session)
+    (runs / session.name).mkdir(parents=True)
+    (runs / session.name / FILE_NAME).write_text("{}\n")
+    with pytest.raises(StoreError):
+        store.keep(session)
     (kept,) = list_sessions(tmp_path / "moved")
-    assert kept.trials[0] == record(1)
+    assert kept.trials == [record(1)]
+
+
+def make_sessions(folder: Path, sessions: int = 2, trials: int = 3) -> list[str]:
+    """Sessions of some trials; their names, newest last."""
+    store = SessionStore(folder)
+    for _ in range(sessions):
+        session = store.create(SPEC)
+        store.keep(session)
+        for index in range(1, trials + 1):
+            store.add(session, record(index), {"after": index})
+    return stored_names(folder)
+
+
+#: Where the trials of `make_sessions` begin in a file.
+FIRST = 2
+
+
+def lines_of(folder: Path, name: str) -> list[str]:
+    return (folder / name / FILE_NAME).read_text().splitlines(keepends=True)
+
+
+def test_a_session_cut_off_at_any_byte_has_what_was_stored_before_and_goes_on(tmp_path: Path) -> None:
+    """As if killed, or without power, at any moment of a write."""
+    (name,) = make_sessions(tmp_path, sessions=1)
+    path = tmp_path / name / FILE_NAME
+    content = path.read_bytes()
+    begin = len(content) - len(lines_of(tmp_path, name)[-1])
+    for size in range(begin, len(content)):
+        path.write_bytes(content[:size])
+        told: list[StoreError] = []
+        (session,) = list_sessions(tmp_path, on_damage=told.append)
+        assert (len(session.trials), session.optimizer_state, told) == (2, {"after": 2}, [])
+        SessionStore(tmp_path).add(session, record(3), {"after": 3})
+        assert path.read_bytes() == content
+
+
+def changed(line: str, **parts: Any) -> str:
+    """A line with other values, by paths such as `trial.outcome.status`."""
+    values = json.loads(line)
+    for place, value in parts.items():
+        *path, last = place.split("__")
+        inner = values
+        for key in path:
+            inner = inner[key]
+        inner[last] = value
+    return json.dumps(values) + "\n"
+
+
+#: Lines that are no trial 2, by what is wrong with them.
+BAD_LINES: dict[str, Callable[[str], str]] = {
+    "cut off": lambda line: line[:60] + "\n",
+    "zeros": lambda line: "\0" * len(line) + "\n",
+    "empty": lambda _: "\n",
+    "a list": lambda _: "[]\n",
+    "a word": lambda _: '"trial"\n',
+    "null": lambda _: '{"trial": null, "state": 1}\n',
+    "nested without end": lambda _: '{"trial":' * 20_000 + "\n",
+    "another kind": lambda _: '{"wings": 2}\n',
+    "an earlier trial": lambda line: changed(line, trial__index=1),
+    "trial 0": lambda line: changed(line, trial__index=0),
+    "no score": lambda line: changed(line, trial__score=None),
+    "a score of NaN": lambda line: changed(line, trial__score=math.nan),
+    "slots that are none": lambda line: changed(line, trial__slots=[1, 1, 1, 1, 1, 1]),
+    "code 0": lambda line: changed(line, trial__code=0),
+    "code 121": lambda line: changed(line, trial__code=121),
+    "another gait": lambda line: changed(line, trial__code=3),
+    "unknown keys": lambda line: changed(line, trial__wings=2),
+    "no outcome": lambda line: changed(line, trial__outcome={}),
+    "a status of its own": lambda line: changed(line, trial__outcome__status="flew"),
+    "a distance in words": lambda line: changed(line, trial__outcome__distance_m="far"),
+    "a path of one": lambda line: changed(line, trial__path_m=[[1.0]]),
+    "a number of 400 digits": lambda line: line.replace('"score": ', '"score": 1e400, "old": '),
+    "a number of 5000 digits": lambda line: line.replace('"index": 2', '"index": 1' + "0" * 5000),
+    "an expectation of nothing": lambda line: changed(line, trial__expected={}),
+}
+
+
+@pytest.mark.parametrize("spoil", BAD_LINES.values(), ids=list(BAD_LINES))
+def test_a_damaged_line_costs_that_line_alone(spoil: Callable[[str], str], tmp_path: Path) -> None:
+    bad, good = make_sessions(tmp_path)
+    lines = lines_of(tmp_path, bad)
+    lines[FIRST + 1] = spoil(lines[FIRST + 1])
+    (tmp_path / bad / FILE_NAME).write_text("".join(lines))
+    told: list[StoreError] = []
+    sessions = list_sessions(tmp_path, on_damage=told.append)
+    assert [session.name for session in sessions] == [bad, good]
+    assert [trial.index for trial in sessions[0].trials] == [1, 3]
+    assert sessions[0].optimizer_state == {"after": 3}
+    (error,) = told
+    assert bad in str(error)
+    assert str(FIRST + 2) in str(error)
+    assert len(str(error)) < 1000
+    sessions[0].as_json()
+    SessionStore(tmp_path).add(sessions[0], record(4), {"after": 4})
+    assert len(load_session(bad, tmp_path).trials) == 3
+
+
+def test_a_damaged_first_line_costs_nothing_where_the_search_had_begun(tmp_path: Path) -> None:
+    (name,) = make_sessions(tmp_path, sessions=1)
+    whole = load_session(name, tmp_path)
+    lines = lines_of(tmp_path, name)
+    lines[0] = "\0" * 50 + "\n"
+    (tmp_path / name / FILE_NAME).write_text("".join(lines))
+    told: list[StoreError] = []
+    assert load_session(name, tmp_path, on_damage=told.append) == whole
+    assert len(told) == 1
+
+
+#: Specs that are none, by what is wrong with them.
+BAD_SPECS: dict[str, dict[str, Any]] = {
+    "NaN": {"duration_s": math.nan},
+    "another version": {"wings": 2},
+    "leg 7": {"failure": [{"leg": 7}]},
+    "no leg": {"failure": []},
+    "text for a number": {"budget": "many"},
+    "out of its range": {"budget": 0},
+    "another choice": {"hold": "hands"},
+    "a list for a robot": {"robot": []},
+}
+
+
+@pytest.mark.parametrize("values", BAD_SPECS.values(), ids=list(BAD_SPECS))
+def test_a_session_without_a_spec_is_named_and_the_others_are_listed(
+    values: dict[str, Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    bad, good = make_sessions(Path("runs"))
+    lines = lines_of(Path("runs"), bad)
+    spec = json.loads(lines[0])["session"]["spec"] | values
+    lines[:FIRST] = [changed(lines[0], session__spec=spec)] * FIRST
+    Path("runs", bad, FILE_NAME).write_text("".join(lines))
+    assert exit_code(["sessions", "list"]) == 3
+    printed = capsys.readouterr()
+    assert printed.out.splitlines()[1].startswith(good)
+    (said,) = printed.err.splitlines()
+    assert bad in said
+    for command in (
+        ["sessions", "show", bad],
+        ["adapt", "--resume", bad],
+        ["sessions", "export", bad, "x.csv"],
+    ):
+        assert exit_code(command) == 3
+        assert len(capsys.readouterr().err.splitlines()) == 1
+    assert exit_code(["sessions", "delete", bad, "--yes"]) == 0
+    assert exit_code(["sessions", "list"]) == 0
+    assert stored_names(Path("runs")) == [good]
+
+
+def test_a_stored_spec_has_all_its_options(tmp_path: Path) -> None:
+    """The default of one that is missing may have changed since."""
+    (name,) = make_sessions(tmp_path, sessions=1)
+    lines = lines_of(tmp_path, name)
+    spec = json.loads(lines[0])["session"]["spec"]
+    del spec["seed"]
+    lines[:FIRST] = [changed(lines[0], session__spec=spec)] * FIRST
+    (tmp_path / name / FILE_NAME).write_text("".join(lines))
+    with pytest.raises(StoreError, match="seed"):
+        load_session(name, tmp_path)
+
+
+def _folder(path: Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+def _pipe(path: Path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
+def _link(path: Path) -> None:
+    path.unlink()
+    path.symlink_to("nowhere")
+
+
+BAD_FILES: dict[str, Callable[[Path], object]] = {
+    "empty": lambda path: path.write_bytes(b""),
+    "text": lambda path: path.write_text("my diary, not a session\n" * 50),
+    "zeros": lambda path: path.write_bytes(bytes(100_000)),
+    "a folder": _folder,
+    "a pipe": _pipe,
+    "a link": _link,
+}
+
+
+@pytest.mark.parametrize("spoil", BAD_FILES.values(), ids=list(BAD_FILES))
+def test_a_file_that_is_no_session_costs_no_other(spoil: Callable[[Path], object], tmp_path: Path) -> None:
+    bad, good = make_sessions(tmp_path)
+    spoil(tmp_path / bad / FILE_NAME)
+    told: list[StoreError] = []
+    assert [session.name for session in list_sessions(tmp_path, on_damage=told.append)] == [good]
+    assert len(told) == 1
+    with pytest.raises(StoreError, match=bad):
+        load_session(bad, tmp_path)
+    delete_session(bad, tmp_path)
+    assert stored_names(tmp_path) == [good]
+    assert not (tmp_path / bad).exists()
+
+
+@pytest.mark.parametrize("name", ["my walk", "été", "-x", "a*b", "[red]", "x" * 255])
+def test_a_session_whose_folder_was_renamed_goes_by_its_new_name(name: str, tmp_path: Path) -> None:
+    (made,) = make_sessions(tmp_path, sessions=1)
+    (tmp_path / made).rename(tmp_path / name)
+    (tmp_path / name / "trial-001.rrd").touch()
+    assert stored_names(tmp_path) == [name]
+    session = load_session(name, tmp_path)
+    with held(name, tmp_path):
+        SessionStore(tmp_path).add(session, record(4), {})
+    delete_session(name, tmp_path)
+    assert stored_names(tmp_path) == []
+    assert (tmp_path / name / "trial-001.rrd").exists(), "a folder that hexctl has not made"
+
+
+@pytest.mark.parametrize("name", [b"caf\xe9", b"a\nb", b"a\\b"])
+def test_a_name_that_cannot_be_typed_is_reported(name: bytes, tmp_path: Path) -> None:
+    other, good = make_sessions(tmp_path)
+    os.rename(os.fsencode(tmp_path / other), os.fsencode(tmp_path) + b"/" + name)
+    told: list[StoreError] = []
+    assert [session.name for session in list_sessions(tmp_path, on_damage=told.append)] == [good]
+    assert len(told) == 1
+    assert "\n" not in str(told[0])
+    assert stored_names(tmp_path) == [good]
+
+
+@pytest.mark.parametrize("name", ["../evil", "/tmp/evil", "..", ".", "", "a\\b", "x" * 300, "a\nb"])  # noqa: S108
+def test_a_name_leads_nowhere_else(name: str, tmp_path: Path) -> None:
+    runs, evil = tmp_path / "runs", tmp_path / "evil"
+    make_sessions(runs)
+    evil.mkdir()
+    shutil.copy(runs / stored_names(runs)[0] / FILE_NAME, evil)
+    for act in (load_session, delete_session, lambda name, runs: SessionStore(runs).folder_of(name)):
+        with pytest.raises(InputError):
+            act(name, runs)
+    assert (evil / FILE_NAME).is_file()
+
+
+def test_deleting_follows_no_link(tmp_path: Path) -> None:
+    outside, runs = tmp_path / "outside", tmp_path / "runs"
+    linked, inner = make_sessions(runs)
+    (runs / linked).rename(outside)
+    (outside / "precious").touch()
+    (runs / linked).symlink_to(outside)
+    (runs / inner / "away").symlink_to(outside)
+    for name in (linked, inner):
+        delete_session(name, runs)
+    assert sorted(path.name for path in outside.iterdir()) == ["precious", FILE_NAME]
+    assert list(runs.iterdir()) == []
+
+
+def test_a_running_session_is_not_deleted(tmp_path: Path) -> None:
+    (name,) = make_sessions(tmp_path, sessions=1)
+    with held(name, tmp_path), pytest.raises(InputError, match="another process"):
+        delete_session(name, tmp_path)
+    assert stored_names(tmp_path) == [name]
+
+
+def test_a_write_that_fails_leaves_the_session_as_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = SessionStore(tmp_path)
+    session = store.create(SPEC)
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "fsync", lambda _: (_ for _ in ()).throw(OSError(errno.ENOSPC, "no space left")))
+        with pytest.raises(StoreError, match="no space left"):
+            store.add(session, record(1), {"after": 1})
+    assert session.trials == load_session(session.name, tmp_path).trials == []
+    store.add(session, record(1), {"after": 1})
+    assert load_session(session.name, tmp_path) == session
+
+
+#: A user without the rights of root, who may read what all may.
+NOBODY = 65534
+
+
+@contextmanager
+def read_only_folder() -> Iterator[tuple[Path, str]]:
+    """A folder in which this process may write nothing, and the name of its session."""
+    with tempfile.TemporaryDirectory() as place:
+        runs = Path(place, "runs")
+        (name,) = make_sessions(runs, sessions=1, trials=1)
+        (runs / name / FILE_NAME).chmod(0o444)
+        (runs / name).chmod(0o555)
+        runs.chmod(0o555)
+        Path(place).chmod(0o755)
+        root = os.geteuid() == 0
+        if root:
+            os.seteuid(NOBODY)
+        try:
+            yield runs, name
+        finally:
+            if root:
+                os.seteuid(0)
+            runs.chmod(0o755)
+            (runs / name).chmod(0o755)
+
+
+def test_sessions_that_may_not_be_written_are_listed_and_shown() -> None:
+    with read_only_folder() as (runs, name):
+        with pytest.raises(PermissionError):
+            (runs / "new").touch()
+        (session,) = list_sessions(runs)
+        assert session.name == name
+        assert len(load_session(name, runs).trials) == 1
+        with pytest.raises(StoreError, match="cannot be"):
+            delete_session(name, runs)
+        with pytest.raises(StoreError), held(name, runs):
+            pass
+        assert stored_names(runs) == [name]
+
+
+def test_reading_makes_nothing(tmp_path: Path) -> None:
+    assert list_sessions(tmp_path) == list_sessions(tmp_path / "none") == []
+    assert stored_names(tmp_path) == stored_names(tmp_path / "none") == []
+    with pytest.raises(InputError, match="none yet"):
+        load_session("any", tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_recordings_that_are_missing_cost_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    store = SessionStore(Path("runs"))
+    session = store.create(SPEC)
+    store.add(session, replace(record(1), recording="runs/gone/trial-001.rrd"), {})
+    assert exit_code(["sessions", "show", session.name]) == 0
+    export_session(session.name, "trials.csv", "runs")
+    delete_session(session.name, "runs")

@@ -18,8 +18,8 @@ from tests.adapt.walking import SPEC
 
 @pytest.fixture
 def session(tmp_path: Path) -> Session:
-    with SessionStore(tmp_path / "runs") as store:
-        return store.create(SPEC)
+    store = SessionStore(tmp_path / "runs")
+    return store.create(SPEC)
 
 
 def killed_while_recording(path: Path, *, created: bool = True) -> None:
@@ -82,7 +82,6 @@ def test_the_recording_of_a_trial_that_was_stored_is_kept(session: Session, tmp_
 )
 def test_a_note_of_another_person_removes_nothing(note: str, session: Session, tmp_path: Path) -> None:
     folder = tmp_path / "runs" / session.name
-    folder.mkdir()
     for path in (folder / "walk.rrd", folder / "trial-002.rrd", folder.parent / "trial-002.rrd"):
         path.touch()
     before = sorted(tmp_path.rglob("*.rrd"))

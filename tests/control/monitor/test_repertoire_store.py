@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hexctl.archive import ArchiveFileError
 from hexctl.control.monitor.repertoire import IDENTITY
 from hexctl.control.monitor.repertoire_store import (
-    RepertoireFileError,
     describe_repertoire,
     find_repertoire,
     list_repertoires,
@@ -76,7 +76,7 @@ def test_a_head_that_was_changed_is_refused(change: dict[str, float], said: str,
 
 def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "a-file").touch()
-    with pytest.raises(RepertoireFileError, match="cannot be written"):
+    with pytest.raises(ArchiveFileError, match="cannot be written"):
         save_repertoire(made_up(), tmp_path / "a-file" / "x.npz")
 
 

@@ -2,9 +2,7 @@
 
 import io
 import json
-import sqlite3
 from collections.abc import Callable
-from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,12 +13,12 @@ import numpy as np
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.shipped import OPTIMIZERS
 from hexctl.adapt.prior.prior import open_prior
-from hexctl.adapt.sessions.stored import stored_session
-from hexctl.adapt.sessions.stored_rows import FILE_NAME, reading
+from hexctl.adapt.sessions.store import FILE_NAME, load_session
 from hexctl.adapt.space import GaitSpace
+from hexctl.cli.render.adapt_output import session_lines
 from hexctl.control.monitor.repertoire_store import load_repertoire
 from hexctl.control.trial_result import TrialResult
-from hexctl.errors import HexctlError, InputError
+from hexctl.errors import InputError
 from hexctl.recording.recorded_trial import read_trial
 from hexctl.robot.configs import config_root
 from hexctl.study.default_gaits import _loaded
@@ -77,48 +75,34 @@ def _of_file(name: str, load: Callable[[Path], object]) -> Callable[[bytes], obj
     return read
 
 
-@cache
-def _stored() -> sqlite3.Connection:
-    return sqlite3.connect(
-        f"{(DATA / FILE_NAME).as_uri()}?mode=ro&immutable=1", uri=True, check_same_thread=False
-    )
+def _line(which: str, kind: str) -> str:
+    """First line of a kind in a stored session, short."""
+    text = (DATA / "sessions" / which / FILE_NAME).read_text(encoding="utf-8")
+    line = json.loads(next(line for line in text.splitlines() if line.startswith(f'{{"{kind}"')))
+    if kind != "session":
+        line[kind]["path_m"] = line[kind]["path_m"][:2]
+    if "state" in line:
+        line["state"] = {"name": "random", "search": {}}
+    return json.dumps(line)
 
 
-def _rows(which: str = "whole-bayes") -> tuple[str, ...]:
-    """A stored session with one trial, as `_session` reads it."""
-    head = _stored().execute("SELECT created, spec, ended FROM sessions WHERE name = ?", (which,)).fetchone()
-    record, state = (
-        _stored()
-        .execute("SELECT record, optimizer_state FROM trials WHERE session = ? AND number = 1", (which,))
-        .fetchone()
-    )
-    trial = json.loads(record)
-    trial["path_m"] = trial["path_m"][:2]
-    short = json.dumps({"name": "random", "search": {}}) if len(state) > 1000 else state
-    settled = json.dumps({"code": 5, "chance": 0.5, "target_m": 0.1})
-    return which, head[0], head[1], head[2] or "", settled, json.dumps(trial), short, json.dumps(trial)
+def _file() -> bytes:
+    """A file of a session with one walk of each kind."""
+    lines = [_line("whole-bayes", kind) for kind in ("session", "baseline", "trial", "confirmation")]
+    return "".join(f"{line}\n" for line in lines).encode()
 
 
 def _session(data: bytes) -> None:
-    """Make a session of lines: name, created, spec, why ended, settled, record, state and baseline."""
-    lines: list[Any] = [line or None for line in data.decode("utf-8", "backslashreplace").split("\n")]
-    name, created, about, ended, settled, record, state, baseline = (*lines, *([None] * 8))[:8]
-    trials = [] if record is None else [(1, record, state)]
-    session = stored_session(
-        name or "", (created, about, ended, settled), trials, [] if baseline is None else [baseline]
-    )
+    """Read the file of a session, and show what is in it."""
+    damage: list[str] = []
+    with written("session.jsonl", data) as path:
+        place = path.parent
+        session = load_session(place.name, place.parent, on_damage=lambda error: damage.append(str(error)))
+    assert all("\n" not in text for text in damage)
     json.dumps(session.as_json())
+    session_lines(session)
     for trial in session.trials:
         _ = trial.result, trial.valid
-
-
-def _database(data: bytes) -> None:
-    damage: list[str] = []
-    with written(FILE_NAME, data) as path, reading(path.parent) as rows:
-        for name in rows.names():
-            with suppress(HexctlError):
-                rows.load(name)
-        rows.sessions(lambda error: damage.append(str(error)))
 
 
 def _state(data: bytes) -> None:
@@ -213,28 +197,6 @@ PRIOR_ARRAYS = {
 REPERTOIRE_ARRAYS = {"speeds": np.zeros(400, "f4"), "costs": np.zeros(400, "f4")}
 
 
-def _small_store() -> bytes:
-    """A store with small pages and one session."""
-    name, created, about, ended, settled, record, state, baseline = _rows()
-    path = own_folder() / "seed.sqlite"
-    path.unlink(missing_ok=True)
-    connection = sqlite3.connect(path, isolation_level=None)
-    connection.execute("PRAGMA page_size = 512")
-    connection.executescript(
-        "CREATE TABLE sessions (name TEXT PRIMARY KEY, created TEXT, spec TEXT, ended TEXT, settled_on TEXT);"
-        "CREATE TABLE trials (session TEXT, number INTEGER, record TEXT, optimizer_state TEXT,"
-        " PRIMARY KEY (session, number));"
-        "CREATE TABLE baselines (session TEXT, gait TEXT, record TEXT, PRIMARY KEY (session, gait));"
-        "CREATE TABLE confirmations (session TEXT, slots TEXT, record TEXT, PRIMARY KEY (session, slots));"
-        "PRAGMA user_version = 1"
-    )
-    connection.execute("INSERT INTO sessions VALUES (?, ?, ?, ?, ?)", (name, created, about, ended, settled))
-    connection.execute("INSERT INTO trials VALUES (?, 1, ?, ?)", (name, record, state))
-    connection.execute("INSERT INTO baselines VALUES (?, 'demo', ?)", (name, baseline))
-    connection.close()
-    return path.read_bytes()
-
-
 def _recording() -> bytes:
     """A recording of two ticks of all joints."""
     import rerun as rr
@@ -273,30 +235,19 @@ def _walk_file() -> bytes:
     return json.dumps([default, {**default, "gait": "tripod"}, hold]).encode()
 
 
-ROWS = "\n".join(_rows()).encode()
-
 TARGETS = (
     Target(
         name="session",
         read=_session,
-        seeds=(ROWS,),
-        refusals=(ValueError,),
-        words=NUMBERS,
-        most_bytes=5000,
+        seeds=(_file(),),
+        words=(*NUMBERS, b"\n", b'{"session": ', b'{"trial": '),
+        most_bytes=10_000,
         times=50,
-    ),
-    Target(
-        name="session-store",
-        read=_database,
-        seeds=(_small_store(),),
-        words=(b"SQLite format 3\0", b"\xff" * 4),
-        most_bytes=30_000,
-        times=10,
     ),
     Target(
         name="result",
         read=_result,
-        seeds=(_rows()[5].encode(), json.dumps(json.loads(_rows()[5])["outcome"]).encode()),
+        seeds=(json.dumps(json.loads(_line("whole-bayes", "trial"))["trial"]["outcome"]).encode(),),
         words=NUMBERS,
         most_bytes=2000,
     ),

@@ -8,8 +8,9 @@ import pytest
 import rerun as rr
 
 from hexctl.adapt.objectives import OBJECTIVES
-from hexctl.adapt.session_viewing import make_overview, write_overview
-from hexctl.adapt.sessions.search_session import BaselineRecord, Session, TrialRecord
+from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.session_viewing import make_overview, write_overview
+from hexctl.adapt.sessions.walk_records import BaselineRecord, TrialRecord
 from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError
 from hexctl.recording.sessions.session_overview import make_table

@@ -9,18 +9,10 @@ from types import MappingProxyType
 from typing import Any
 from urllib.parse import quote
 
-from hexctl.adapt.sessions.search_session import (
-    BASELINE_INDEX,
-    MILESTONES_M,
-    BaselineRecord,
-    Session,
-    TrialRecord,
-    WalkRecord,
-    trials_text,
-)
+from hexctl.adapt.sessions.search_session import MILESTONES_M, Session, trials_text
 from hexctl.adapt.sessions.search_steps import search_steps
-from hexctl.adapt.sessions.store import load_session, stored_names
-from hexctl.adapt.sessions.stored_rows import StoreError
+from hexctl.adapt.sessions.store import StoreError, load_session, stored_names
+from hexctl.adapt.sessions.walk_records import BASELINE_INDEX, BaselineRecord, TrialRecord, WalkRecord
 from hexctl.errors import HexctlError, InputError, RecordingError
 from hexctl.recording.rerun_program import OnDamage, log_damage, look_at
 from hexctl.recording.sessions.session_figures import write_overview_file
@@ -112,7 +104,7 @@ def make_overview(
 def _facts(session: Session) -> list[str]:
     """Settings and outcome, a line each."""
     spec, best = session.spec, session.best
-    asked = f"leg {spec.failed_leg} {spec.failure}, {spec.robot}, {spec.backend}"
+    asked = f"leg {spec.broken.leg} {spec.broken}, {spec.robot}, {spec.backend}"
     world = f", world {spec.world}" if spec.world is not None else ""
     lines = [
         f"{asked}{world}",

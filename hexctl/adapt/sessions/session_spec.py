@@ -1,0 +1,126 @@
+"""The spec of a session: the options of its search, resolved, and what was found out when it began."""
+
+import math
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from hexctl.adapt.adapt_options import AdaptOptions
+from hexctl.adapt.objectives import OBJECTIVES
+from hexctl.control.trial_plan import Hold, SelfRotation
+from hexctl.recording.sessions.session_overview import METRES, mark_text, score_text
+from hexctl.robot.failure import Failure
+
+#: The policy of sessions whose trials watch no legs.
+UNWATCHED = "walk-on"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionSpec(AdaptOptions):
+    """The options of a search, and what was found out when it began; stored with the session.
+
+    An option that was left open holds what was chosen for it. Therefore a session continues as it began,
+    whatever defaults and settings are by then. Options with a narrower type are declared again.
+
+    Attributes:
+        robot_fingerprint: of the description that the robot file held when the session began.
+        objective_label: what a custom objective measures; empty for those of hexctl.
+        objective_unit: unit of the score.
+        uncertainty_caveat: how the walks by which the uncertainty was measured differ from those of the
+            session, in words; empty if they do not.
+        confirmed_uncertainty_m: uncertainty of the walks at a finer time step that confirm the end of a gait;
+            0 if it is not known, and nothing is confirmed.
+        noise_m: standard deviation between trials of one gait that `bayes` believes before any repeat; None
+            without `bayes`, and for steered walks.
+        prior_digest: of the content of the prior when the session began.
+        baseline_gaits: named gaits that are walked before the first trial, to compare with.
+        sag_rad: static deflection of each joint in the stance before the first trial, 18 numbers, None for a
+            joint that is not measured; None if the prior or the robot does not know it.
+        versions: of the software that decides how trials end, by package.
+    """
+
+    robot: str = "ant"
+    world: str | None = "flat"
+    failure: tuple[Failure, ...] = ()
+    credentials: str | None = None
+    optimizer: str = "random"
+    objective: str = "final"
+    prior: str | None = None
+    uncertainty_m: float = 0.0
+    self_rotation: SelfRotation = "rear"
+    hold: Hold = "none"
+    body_raise: float = 0.0
+    policy: str = UNWATCHED
+    home_m: list[float] | None = None
+
+    robot_fingerprint: str = ""
+    objective_label: str = ""
+    objective_unit: str = "m"
+    uncertainty_caveat: str = ""
+    confirmed_uncertainty_m: float = 0.0
+    noise_m: float | None = None
+    prior_digest: str = ""
+    baseline_gaits: list[str] = field(default_factory=list)
+    sag_rad: list[float | None] | None = None
+    versions: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def simulated(self) -> bool:
+        """Whether each trial has a simulation of its own, and so begins at the same place."""
+        return self.backend == "sim"
+
+    @property
+    def score_label(self) -> str:
+        """What the score is, in words."""
+        known = OBJECTIVES.get(self.objective)
+        return known.label if known is not None else self.objective_label or self.objective
+
+    @property
+    def target_share(self) -> float | None:
+        """The target as a share of the ideal distance; None if it was not asked for as one."""
+        text = str(self.target).strip()
+        return float(text.removesuffix("%")) / 100 if text.endswith("%") else None
+
+    @property
+    def target_text(self) -> str | None:
+        """The target, for a person; both figures for a share of the distance. None without a target."""
+        if self.target_m is None:
+            return None
+        unit = self.objective_unit
+        rounded = float(f"{self.target_m:.3g}")
+        text = mark_text(rounded) if unit == METRES else f"{rounded:g} {unit}".rstrip()
+        if self.target_share is None:
+            return text
+        share = self.target_share
+        return f"{text} ({100 * share:g} % of {self.target_m / share:.2f} {unit})"
+
+    @property
+    def greatest_chance(self) -> float | None:
+        """Probability that a gait which ends on the line is within the target, by `uncertainty_m` alone.
+
+        No gait can be confirmed with a greater one. None without a target or an uncertainty.
+        """
+        if self.target_m is None or not self.uncertainty_text:
+            return None
+        return math.erf(self.target_m / (math.sqrt(2) * self.uncertainty_m))
+
+    def score_text(self, score: float) -> str:
+        """Score with its unit, for a person; a length in cm."""
+        return score_text(score, self.objective_unit)
+
+    @property
+    def uncertainty_text(self) -> str:
+        """The simulation's own uncertainty of a score; empty if unknown, or if the score is no end."""
+        uncertain = self.uncertainty_m > 0 and self.objective == "final"
+        return score_text(self.uncertainty_m, METRES) if uncertain else ""
+
+    def as_json(self) -> dict[str, Any]:
+        """The spec as `hexctl adapt --json` prints it: leg and kind of the failure, heading in degrees."""
+        values = asdict(self)
+        del values["heading_rad"]
+        return {
+            **values,
+            "failed_leg": self.broken.leg,
+            "failure": str(self.broken),
+            "heading_deg": round(math.degrees(self.heading_rad), 9),
+            "target_share": self.target_share,
+        }

@@ -1,0 +1,257 @@
+"""Walks of a session as they are stored: trials, the baseline, and walks that confirm a gait."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from hexctl.adapt.objectives import INVALID_SCORE
+from hexctl.control.trial_result import QUALITIES, STATUSES, TrialResult
+from hexctl.gait.gait import AUTO
+from hexctl.types import N_LEGS
+
+
+class _Plain(BaseModel):
+    model_config = ConfigDict(allow_inf_nan=False, extra="allow")
+
+
+class _Deviation(_Plain):
+    final: float | None
+    mean: float | None
+    max: float | None
+    signed: float | None
+
+
+class _Outcome(_Plain):
+    """What `TrialResult.to_dict` writes and reports use."""
+
+    status: Annotated[str, Field(pattern=f"^({'|'.join(STATUSES)})$")]
+    duration_s: Annotated[float, Field(ge=0)]
+    distance_m: float | None
+    ideal_distance_m: float
+    deviation_m: _Deviation
+    yaw_change_deg: float | None
+    self_rotation_deg: float
+    clipped_ticks: Annotated[int, Field(ge=0)]
+    stopped: str | None
+    cause: str | None
+    hold: str
+    hold_caveat: str | None
+    energy_j: float | None
+    cost_of_transport: float | None
+    tilt_deg: float | None
+    steadiness: float | None
+    trim_deg: float | None
+    turn_trim_deg_s: float | None
+
+
+class _Expected(_Plain):
+    """What `Prediction.as_json` writes and reports use."""
+
+    signed_m: float
+    low_m: float
+    high_m: float
+    chance: float
+    target_m: float
+
+
+class _Settled(_Expected):
+    code: int
+
+
+def _as(model: type[BaseModel]) -> AfterValidator:
+    """Check for values that a model has to take; they stay as they are."""
+
+    def checked(values: dict[str, Any]) -> dict[str, Any]:
+        model.model_validate(values, strict=True)
+        return values
+
+    return AfterValidator(checked)
+
+
+#: What an optimizer expected of a trial, as `Prediction.as_json` writes it.
+Expected = Annotated[dict[str, Any], _as(_Expected)]
+
+#: The gait that an optimizer settles on and what it expects of it.
+Settled = Annotated[dict[str, Any], _as(_Settled)]
+
+#: Progress and signed deviation; NaN where the pose is not known.
+_Point = Annotated[list[Annotated[float, Field(allow_inf_nan=True)]], Field(min_length=2, max_length=2)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class WalkRecord:
+    """A walk of a session, as it is stored.
+
+    Attributes:
+        slots: of its gait.
+        score: by the session's objective; `INVALID_SCORE` for an invalid walk.
+        outcome: its result, as `TrialResult.to_dict` writes it; `result` reads it.
+        path_m: progress and signed deviation along the walk, five points a second.
+        recording: path of the recording, or None.
+        wanted_trim_deg: trim with which it would have ended on its line; None where it did not hold its
+            heading, or is not valid.
+        wanted_turn_trim_deg_s: likewise the turn that a walk in open loop wants, where it was trimmed.
+        margin_m: smallest static stability margin of its gait over a cycle; None where it is not known.
+    """
+
+    slots: Annotated[tuple[int, ...], Field(min_length=N_LEGS, max_length=N_LEGS)]
+    score: float
+    outcome: Annotated[dict[str, Any], _as(_Outcome)]
+    path_m: list[_Point]
+    recording: str | None
+    wanted_trim_deg: float | None = None
+    wanted_turn_trim_deg_s: float | None = None
+    margin_m: float | None = None
+
+    @property
+    def result(self) -> TrialResult:
+        """Result of the walk as it is stored: with five points of the path a second, and its end."""
+        distance_m, signed_m = self.outcome["distance_m"], self.outcome["deviation_m"]["signed"]
+        points = list(self.path_m)
+        if distance_m is not None and signed_m is not None:
+            points.append([distance_m, signed_m])
+        return TrialResult.from_dict({**self.outcome, "path_m": points})
+
+    @property
+    def valid(self) -> bool:
+        """Whether the walk counts."""
+        return self.score < INVALID_SCORE
+
+    def __repr__(self) -> str:
+        return self._in_words()
+
+    def _in_words(self, *names: str) -> str:
+        """Names of the walk, its gait, and what came of it, on one line."""
+        distance_m = self.outcome.get("distance_m")
+        facts = [
+            *names,
+            f"slots {','.join(map(str, self.slots))}",
+            str(self.outcome.get("status")),
+            *([f"score {self.score:.4g}"] if self.valid else []),
+            *([] if distance_m is None else [f"distance {distance_m:.3f} m"]),
+        ]
+        return f"{type(self).__name__}({', '.join(facts)})"
+
+    def recording_in(self, folder: Path) -> Path | None:
+        """Its recording in the folder of its session, there or not; None where it was not recorded.
+
+        A store may have been moved since, or be another person's: of the stored path only the name counts.
+        """
+        return folder / Path(self.recording).name if self.recording else None
+
+    def _measured_json(self) -> dict[str, Any]:
+        """Outcome, in the order in which tables have it."""
+        outcome = self.outcome
+        return {
+            "slots": list(self.slots),
+            "score": self.score if self.valid else None,
+            **{name: outcome[name] for name in ("deviation_m", "distance_m", "yaw_change_deg", "status")},
+            **{name: outcome[name] for name in ("stopped", "clipped_ticks", "hold", *QUALITIES, "trim_deg")},
+            "wanted_trim_deg": self.wanted_trim_deg,
+            "turn_trim_deg_s": outcome["turn_trim_deg_s"],
+            "wanted_turn_trim_deg_s": self.wanted_turn_trim_deg_s,
+            "margin_m": None if self.margin_m is None else round(self.margin_m, 4),
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class TrialRecord(WalkRecord):
+    """One trial of a session, a `WalkRecord` with more.
+
+    Attributes:
+        index: 1 for the first trial.
+        code: the gait tried.
+        confirms: True for a repeat of the best gait.
+        expected: what the optimizer expected of the trial, as `Prediction.as_json` says, or None.
+    """
+
+    index: Annotated[int, Field(ge=1)]
+    code: int
+    confirms: bool = False
+    expected: Expected | None = None
+
+    @property
+    def name(self) -> str:
+        """What it is called in messages."""
+        return f"trial {self.index}"
+
+    def __repr__(self) -> str:
+        return self._in_words(self.name, f"code {self.code}")
+
+    def as_json(self) -> dict[str, Any]:
+        """The trial as `hexctl adapt --json` prints it."""
+        return {
+            "index": self.index,
+            "code": self.code,
+            **self._measured_json(),
+            "confirms": self.confirms,
+            "walked_s": self.outcome["duration_s"],
+            "expected": self.expected,
+            "recording": self.recording,
+            "cause": self.outcome["cause"],
+        }
+
+
+#: Gaits that a robot would walk with anyway: the one that stands safest with the leg failed, its default one,
+#: and the tripod.
+BASELINE_GAITS = (AUTO, "demo", "tripod")
+
+#: The index of a baseline: it comes before the first trial.
+BASELINE_INDEX = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class BaselineRecord(WalkRecord):
+    """A `WalkRecord` of a gait that the robot would use anyway; no trial, and no optimizer is told of it.
+
+    Attributes:
+        gait: its name, such as `demo`.
+        code: its code; None where it is not one of the session's gaits.
+    """
+
+    gait: str
+    code: int | None
+
+    @property
+    def name(self) -> str:
+        """What it is called in messages."""
+        return f"the baseline {self.gait}"
+
+    def __repr__(self) -> str:
+        return self._in_words(self.gait)
+
+    def as_json(self) -> dict[str, Any]:
+        """The walk as `hexctl adapt --json` prints it."""
+        return {
+            "gait": self.gait,
+            "index": BASELINE_INDEX,
+            "code": self.code,
+            **self._measured_json(),
+            "walked_s": self.outcome["duration_s"],
+            "recording": self.recording,
+            "cause": self.outcome["cause"],
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class ConfirmationRecord(WalkRecord):
+    """A `WalkRecord` of a gait at a finer time step, in the same world; no trial.
+
+    Attributes:
+        code: of the gait; None where it is not one of the session's gaits.
+        time_step_s: of the physics.
+    """
+
+    code: int | None
+    time_step_s: Annotated[float, Field(gt=0)]
+
+    @property
+    def name(self) -> str:
+        """What it is called in messages."""
+        return f"the confirmation of gait {self.code}"
+
+    def as_json(self) -> dict[str, Any]:
+        """The walk as `hexctl adapt --json` prints it."""
+        return {"code": self.code, "time_step_s": self.time_step_s, **self._measured_json()}

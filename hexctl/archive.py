@@ -1,0 +1,128 @@
+"""Archives: a head in JSON and arrays in one file (.npz), with a digest of both.
+
+Priors and repertoires are archives; what is read is checked against the digest.
+"""
+
+import hashlib
+import io
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hexctl.errors import HexctlError, InputError, check_type
+from hexctl.files import ARCHIVE_DAMAGE, atomic_write, damage_reason, open_archive
+
+#: Name of the head among the arrays of a file.
+_HEAD = "head"
+
+#: What the head of a file has besides the content.
+_ADDED = ("format", "version", "digest")
+
+_DAMAGE: tuple[type[Exception], ...] = (*ARCHIVE_DAMAGE, AttributeError)
+
+Arrays = Mapping[str, NDArray[Any]]
+
+Content = TypeVar("Content")
+
+
+class ArchiveFileError(HexctlError, OSError):
+    """An archive cannot be written."""
+
+
+def content_digest(head: Mapping[str, Any], arrays: Arrays) -> str:
+    """Hash of a head and of arrays as they are stored, in their order."""
+    digest = hashlib.sha256(json.dumps(head, sort_keys=True).encode())
+    for array in arrays.values():
+        digest.update(array.tobytes())
+    return digest.hexdigest()[:32]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArchiveKind:
+    """A kind of archive.
+
+    Attributes:
+        name: such as `prior`.
+        versions: versions that can be read.
+        command: the command that writes one.
+    """
+
+    name: str
+    versions: tuple[int, ...]
+    command: str
+
+    @property
+    def format(self) -> str:
+        """Format in the head of a file."""
+        return f"hexctl {self.name}"
+
+    def save(self, path: Path, version: int, head: Mapping[str, Any], arrays: Arrays) -> None:
+        """Write an archive; the file is the old one or the new one at any moment.
+
+        Raises ArchiveFileError when the disk refuses.
+        """
+        added = {"format": self.format, "version": version, "digest": content_digest(head, arrays)}
+        buffer = io.BytesIO()
+        packed = np.array(json.dumps({**added, **head}))
+        np.savez_compressed(buffer, allow_pickle=False, **{_HEAD: packed}, **arrays)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            atomic_write(path, buffer.getvalue())
+        except OSError as error:
+            raise ArchiveFileError(f"{self.name}: {path} cannot be written: {error.strerror}") from error
+
+    def read_head(self, path: Path | str) -> dict[str, Any]:
+        """Head of a file, with its format, version and digest.
+
+        Raises InputError for a file that is not of this kind, or of another version.
+        """
+        return self._read(path, arrays=False)[0]
+
+    def load(
+        self, path: Path | str, make: Callable[[dict[str, Any], dict[str, NDArray[Any]]], Content]
+    ) -> Content:
+        """What `make` makes of the head and the arrays of a file.
+
+        Raises InputError for a file that is not of this kind, is of another version, is cut off or was
+        altered, and for one that `make` cannot use.
+        """
+        head, arrays = self._read(path, arrays=True)
+        content = {name: value for name, value in head.items() if name not in _ADDED}
+        try:
+            made = make(head, arrays)
+            intact = content_digest(content, arrays) == head["digest"]
+        except _DAMAGE as error:
+            raise self.refused(path, f"it is damaged ({damage_reason(error)})") from error
+        if not intact:
+            raise self.refused(path, "it was altered after it was built")
+        return made
+
+    def refused(self, path: Path | str, why: str) -> InputError:
+        """Error for a file that cannot be used."""
+        return InputError(f"{self.name} {path}: {why}; allowed: a {self.name} as {self.command} writes it")
+
+    def _read(self, path: Path | str, *, arrays: bool) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
+        check_type(path, (str, Path), self.name, "the path of a file")
+        try:
+            with open_archive(path) as file:
+                head = json.loads(str(file[_HEAD]))
+                found = {name: file[name] for name in file.files if arrays and name != _HEAD}
+        except FileNotFoundError:
+            raise InputError(
+                f"{self.name}: no file at {str(path)!r}; allowed: a file of {self.command}"
+            ) from None
+        except _DAMAGE as error:
+            raise self.refused(
+                path, f"it is not a {self.name}, or cut off ({damage_reason(error)})"
+            ) from error
+        if not isinstance(head, dict) or head.get("format") != self.format:
+            raise self.refused(path, f"it is not a {self.name}")
+        if head.get("version") not in self.versions:
+            known = " and ".join(map(str, self.versions))
+            raise self.refused(path, f"it has version {head.get('version')}, this hexctl reads {known}")
+        return head, found

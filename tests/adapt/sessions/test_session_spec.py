@@ -1,0 +1,62 @@
+"""The spec of a session: what was asked for, as it was resolved, is what is stored and continued."""
+
+import json
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from hexctl.adapt.adapt_options import AdaptOptions
+from hexctl.adapt.runner import TrialRunner
+from hexctl.adapt.search import new_spec
+from hexctl.adapt.sessions.session_spec import SessionSpec
+from hexctl.adapt.sessions.store import FILE_NAME, SessionStore, list_sessions, load_session
+from hexctl.cli.main import exit_code
+from hexctl.robot.failure import Failure
+from tests.adapt.walking import Landscape
+
+
+def test_every_option_of_a_search_is_stored_and_comes_back(tmp_path: Path) -> None:
+    spec = new_spec(
+        failure=Failure(leg=2, kind="stuck", joint="femur", angle_rad=0.123456789),
+        seed=7,
+        duration_s=12.5,
+        heading_rad=0.1,
+        hold="heading",
+        target="2%",
+        prior="none",
+        baseline=False,
+    )
+    store = SessionStore(tmp_path)
+    session = store.create(spec)
+    assert load_session(session.name, tmp_path).spec == spec
+    stored = json.loads((tmp_path / session.name / FILE_NAME).read_text())["session"]["spec"]
+    assert {field.name for field in fields(AdaptOptions)} < set(stored)
+    assert (spec.target_share, spec.versions["hexctl"] != "") == (0.02, True)
+
+
+def test_json_has_leg_and_kind_and_degrees() -> None:
+    values = SessionSpec(
+        failure=(Failure(leg=3, kind="weak", torque_fraction=0.5),), heading_rad=0.5
+    ).as_json()
+    assert (values["failed_leg"], values["failure"]) == (3, "weak:0.5")
+    assert values["heading_deg"] == pytest.approx(28.6478897565)
+    assert "heading_rad" not in values
+
+
+def test_a_session_continues_as_it_began_whatever_the_settings_say_by_then(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(TrialRunner, "walk", lambda _, *trial: Landscape()(*trial))
+    Path("hexctl.toml").write_text("[adapt]\nduration = 7\noptimizer = 'pso'\n")
+    begun = ["adapt", "--failed-leg", "5", "--budget", "2", "--no-record", "--quiet"]
+    assert exit_code(begun) == 0
+    (session,) = list_sessions()
+    assert (session.spec.duration_s, session.spec.optimizer) == (7.0, "pso")
+    Path("hexctl.toml").write_text("[adapt]\nduration = 9\noptimizer = 'dps'\nseed = 4\n")
+    assert exit_code(["adapt", "--resume", session.name, "--budget", "4", "--no-record", "--quiet"]) == 0
+    again = load_session(session.name)
+    assert len(again.trials) == 4
+    assert (again.spec.duration_s, again.spec.optimizer, again.spec.seed) == (7.0, "pso", 0)
+    capsys.readouterr()
