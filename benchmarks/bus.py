@@ -164,7 +164,7 @@ def _board(folder: Path, driver: str, model: str, *faults: str) -> Iterator[tupl
     }
     file = folder / "robot.yaml"
     file.write_text(yaml.safe_dump(content), encoding="utf-8")
-    command = [sys.executable, "-u", "-m", "hexctl", "board", "--bus", driver, "--backend", "mock"]
+    command = [sys.executable, "-u", "-m", "hexctl", "sim", "board", "--bus", driver, "--backend", "mock"]
     told = [word for fault in faults for word in ("--fault", fault)]
     process = subprocess.Popen([*command, "--robot", str(file), *told], stderr=subprocess.PIPE, text=True)
     try:
@@ -172,7 +172,7 @@ def _board(folder: Path, driver: str, model: str, *faults: str) -> Iterator[tupl
         said = process.stderr.readline()
         found = re.search(r" at (/\S+),", said)
         if found is None:
-            raise RuntimeError(f"hexctl board did not come up: {said}")
+            raise RuntimeError(f"hexctl sim board did not come up: {said}")
         yield file, found[1]
     finally:
         process.terminate()
