@@ -199,6 +199,12 @@ def _option(field: "Field[Any]", hint: Any, text: str, panel: str) -> Option | N
     )
 
 
+def chosen_options(spec: Any) -> dict[str, str]:
+    """Return the options of a dataclass that are not at their defaults, by flag, as they would be typed."""
+    values = ((option, getattr(spec, option.name)) for option in options_of(type(spec)))
+    return {option.flag: _typed_text(value) for option, value in values if value != option.default}
+
+
 def check_names(call: str, given: Iterable[str], spec: type, *further: str) -> None:
     """Raise InputError for keywords of a call that are neither fields of its options nor among `further`."""
     known = [*(field.name for field in fields(spec)), *further]
@@ -236,7 +242,9 @@ def check_used(spec: Any, names: Container[str], where: str) -> None:
 def _typed_text(value: Any) -> str:
     if isinstance(value, tuple | list):
         return ",".join(map(_typed_text, value)) or "none"
-    return "it" if value is True else f"{value:g}" if isinstance(value, float) else str(value)
+    if value is True:
+        return "it"
+    return f"{value:g}" if isinstance(value, float) else str(getattr(value, "typed", value))
 
 
 def _check_value(what: str, value: Any, kind: Any, marks: Sequence[Any]) -> None:

@@ -76,6 +76,11 @@ class Failure:
         joint = (self.joint or JOINT_KINDS[0]) if self.kind == "stuck" else self.joint
         object.__setattr__(self, "joint", joint if self.kind in ("stuck", "limp", "weak") else None)
 
+    @property
+    def typed(self) -> str:
+        """Leg and failure as an option has them: `5:limp`."""
+        return f"{self.leg}:{self}"
+
     def __str__(self) -> str:
         only = "" if self.joint is None else f":{self.joint}"
         detail = {

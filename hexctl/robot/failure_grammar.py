@@ -111,7 +111,7 @@ def read_failures_before(asked: AskedFailures, failed_legs: AskedLegs, instead: 
 def option_of(failure: Failure) -> tuple[str, str]:
     """Option that asks for a failure, and its value: `failed_leg` and `5`, or `failure` and `5:limp`."""
     locked = failure.kind == "locked"
-    return ("failed_leg", str(failure.leg)) if locked else ("failure", f"{failure.leg}:{failure}")
+    return ("failed_leg", str(failure.leg)) if locked else ("failure", failure.typed)
 
 
 def read_legs(asked: AskedLegs) -> tuple[int, ...]:

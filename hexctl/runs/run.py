@@ -38,6 +38,7 @@ from hexctl.control.walks.turning import check_plan, turn_needed_rad
 from hexctl.errors import InputError, MissingExtraError, argument, check_type
 from hexctl.files import folder_trouble, write_trouble
 from hexctl.gait.gait import DEFAULT_GAIT
+from hexctl.options import chosen_options
 from hexctl.robot.configs import shipped_text
 from hexctl.robot.failure import FailureEvent, check_healings
 from hexctl.robot.loader import RobotFile, load_robot_file
@@ -375,6 +376,7 @@ class Run:
             "world": self._world_text(),
             "seed": spec.seed,
             "recording": None if self._recording is None else str(self._recording.path),
+            "options": chosen_options(spec),
         }
 
     def _gait_values(self) -> dict[str, Any]:

@@ -380,7 +380,7 @@ class RobotServer:
         return {
             **self._who,
             "simulated": self._simulated,
-            "failures": None if failures is None else [f"{one.leg}:{one}" for one in failures],
+            "failures": None if failures is None else [one.typed for one in failures],
             "stopped": guard.stopped,
             "stop": self._latch.status(),
             "cleared": None if cleared is None else cleared.to_json(now_s),

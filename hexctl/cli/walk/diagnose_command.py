@@ -136,7 +136,7 @@ def _check_simulated(spec: "RunSpec") -> None:
     """Raise InputError for failures that a robot is to have which is not simulated."""
     for failure in () if spec.simulated else spec.failures:
         raise InputError(
-            f"--failure: got {failure.leg}:{failure} with --failed-leg auto and --backend {spec.backend}; "
+            f"--failure: got {failure.typed} with --failed-leg auto and --backend {spec.backend}; "
             "allowed: with sim, which breaks it"
         )
 
