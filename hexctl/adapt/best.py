@@ -11,7 +11,7 @@ from hexctl.adapt.prior.prior import PriorKey, open_prior
 from hexctl.adapt.prior.prior_files import find_prior, prior_folders
 from hexctl.adapt.prior.samples import covering, ranked_codes
 from hexctl.adapt.sessions.search_session import Session
-from hexctl.adapt.sessions.store import RUNS, load_session
+from hexctl.adapt.sessions.store import RUNS, list_sessions, load_session
 from hexctl.adapt.sessions.walk_records import BaselineRecord
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.base import as_robot
@@ -121,16 +121,27 @@ def _of_prior(spec: RunSpec, robot: Robot, failure: Failure, folder: Path) -> Be
     found = find_prior(
         PriorKey.of(robot, plan), prior_folders(folder), covers=covering(robot, plan), any_duration=True
     )
+    session = _newest_session(robot, failure, folder)
     if found.path is None:
         raise InputError(
             f"{argument('gait')}: got best, and there is no prior for such walks ({found.reason}); allowed: "
-            "auto, which needs none, or best:SESSION"
+            f"auto, which needs none, or best:{session or 'SESSION'}"
         )
     code = ranked_codes(open_prior(found.path), robot, failure.leg)[0]
     walk = _walk_with(
         spec, GaitSpace((failure.leg,)).slots_of(code), plan.gait.posture.body_raise, spec.self_rotation
     )
-    return BestGait(spec=walk, source=f"gait {code}, the best by the prior {found.path.name}")
+    searched = f"; the last search for this leg: best:{session}" if session else ""
+    return BestGait(spec=walk, source=f"gait {code}, the best by the prior {found.path.name}{searched}")
+
+
+def _newest_session(robot: Robot, failure: Failure, folder: Path) -> str | None:
+    """Name of the newest session for a robot with a failure that has a walk to recommend, or None."""
+    for session in reversed(list_sessions(folder, on_damage=lambda _: None)):
+        fits = (session.spec.robot_fingerprint, session.spec.broken) == (robot.fingerprint, failure)
+        if fits and session.best_walk is not None:
+            return session.name
+    return None
 
 
 def _of_session(

@@ -131,6 +131,8 @@ def test_by_a_session_it_is_that_of_its_best_trial(tmp_path: Path) -> None:
     assert (
         found.source == f"gait {session.best.code}, trial {session.best.index} of the session {session.name}"
     )
+    by_prior = best_gait(spec(failure=Failure(leg=2)), tmp_path)
+    assert by_prior.source.endswith(f"; the last search for this leg: {name}")
     with pytest.raises(InputError, match=r"a session with leg 2 locked; allowed: with leg 2 limp"):
         best_gait(spec(gait=name), tmp_path)
     with pytest.raises(InputError, match="a session of ant; allowed: of pexod"):
