@@ -123,7 +123,7 @@ class ScanOptions(BusOptions):
 
     def bauds_at(self, address: BusAddress) -> tuple[int, ...]:
         """Return the baud rates to ask at."""
-        from hexctl.backends.bus.scan import USUAL_BAUDS
+        from hexctl.backends.bus.tools import USUAL_BAUDS
 
         return USUAL_BAUDS[address.driver] if self.bauds == ALL_BAUDS else (address.baud,)
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hexctl.backends.bus.lx16a import lx16a_packets as lx
+from hexctl.backends.bus import lx16a_packets as lx
 from hexctl.backends.bus.packets import BROADCAST
 from hexctl.robot.servos.bus_map import BusMap
 from hexctl.serve.boards.bus_faults import BusFaults

@@ -16,7 +16,7 @@ from hexctl.backends.bus.packets import (
     SYNC_WRITE,
     WRITE,
 )
-from hexctl.backends.bus.register.registers import Register, RegisterTable, table_of
+from hexctl.backends.bus.registers import Register, RegisterTable, table_of
 from hexctl.robot.servos.bus_map import BusMap
 from hexctl.robot.servos.servo_models import ServoType
 from hexctl.serve.boards.bus_faults import BusFaults

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.backends.bus.lx16a.lx16a_packets import LX16A, move
+from hexctl.backends.bus.lx16a_packets import LX16A, move
 from hexctl.backends.bus.packets import PING, PROTOCOLS, READ, REBOOT, SYNC_READ, SYNC_WRITE, WRITE
-from hexctl.backends.bus.register.registers import table_of
+from hexctl.backends.bus.registers import table_of
 from hexctl.backends.mock import MockServos
 from hexctl.backends.pwm.i2c_socket import I2cMessage, encode_transaction, take_transaction
 from hexctl.backends.pwm.servo2040 import get_frame, set_frame

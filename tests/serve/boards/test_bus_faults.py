@@ -5,7 +5,7 @@ import random
 import numpy as np
 import pytest
 
-from hexctl.backends.bus.lx16a.lx16a_packets import LX16A
+from hexctl.backends.bus.lx16a_packets import LX16A
 from hexctl.backends.bus.packets import PROTOCOLS, PacketFormat, PacketStream
 from hexctl.errors import InputError
 from hexctl.serve.boards.bus_faults import BusFault, BusFaults, parse_bus_fault
