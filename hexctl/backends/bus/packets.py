@@ -82,6 +82,12 @@ class PacketFormat(ABC):
         """Parameters that name some bytes of a servo's memory."""
         return address.to_bytes(self.width, "little") + size.to_bytes(self.width, "little")
 
+    def placed(self, parameters: bytes) -> tuple[int, int, bytes]:
+        """Address, size and the rest of parameters that begin as `place` writes them."""
+        rest = 2 * self.width
+        address, size = parameters[: self.width], parameters[self.width : rest]
+        return int.from_bytes(address, "little"), int.from_bytes(size, "little"), parameters[rest:]
+
     @abstractmethod
     def take(self, data: bytes) -> tuple[Packet | None, int]:
         """First packet in bytes, and how many bytes are done with.

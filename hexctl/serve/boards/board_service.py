@@ -22,6 +22,7 @@ from hexctl.serve.service import ServiceStarted
 
 if TYPE_CHECKING:
     from hexctl.backends.mavlink.mavlink_transport import Port, PortAddress
+    from hexctl.serve.boards.board_faults import BoardFault
     from hexctl.serve.boards.simulated_board import SimulatedBoard
 
 
@@ -124,34 +125,32 @@ class BusBoardService(BoardOptions):
 
     def _bus(self, servos: LegServos, section: ServosSection) -> "SimulatedBoard":
         from hexctl.serve.boards.bus_board import BusBoard
-        from hexctl.serve.boards.bus_faults import parse_bus_fault
 
         if self.model is not None:
             section = section.model_copy(update={"model": self.model})
         bus_map = bus_map_of(section, str(self.bus))
-        faults = tuple(parse_bus_fault(text) for text in self.fault)
+        faults = self._faults(BusBoard)
         return BusBoard(servos, bus_map, baud=self.bits_per_s, faults=faults, seed=self.seed)
 
     def _servo2040(self, servos: LegServos, section: ServosSection) -> "SimulatedBoard":
-        from hexctl.serve.boards.servo2040_board import Servo2040Board, parse_servo2040_fault
+        from hexctl.serve.boards.servo2040_board import Servo2040Board
 
-        pwm_map = pwm_map_of(section, str(self.bus))
-        faults = tuple(parse_servo2040_fault(text) for text in self.fault)
-        firmware = self.model or "stock"
+        pwm_map, firmware = pwm_map_of(section, str(self.bus)), self.model or "stock"
+        faults = self._faults(Servo2040Board)
         return Servo2040Board(servos, pwm_map, firmware=firmware, faults=faults, seed=self.seed)
 
     def _pca9685(self, servos: LegServos, section: ServosSection) -> "SimulatedBoard":
-        from hexctl.serve.boards.pca9685_board import Pca9685Board, parse_pca9685_fault
+        from hexctl.serve.boards.pca9685_board import Pca9685Board
 
         if self.model is not None:
             raise InputError(f"{argument('model')}: got {self.model} with pca9685; allowed: without")
-        return Pca9685Board(
-            servos,
-            pwm_map_of(section, str(self.bus)),
-            bits_per_s=self.bits_per_s,
-            faults=tuple(parse_pca9685_fault(text) for text in self.fault),
-            seed=self.seed,
-        )
+        pwm_map, faults = pwm_map_of(section, str(self.bus)), self._faults(Pca9685Board)
+        return Pca9685Board(servos, pwm_map, bits_per_s=self.bits_per_s, faults=faults, seed=self.seed)
+
+    def _faults(self, board: "type[SimulatedBoard]") -> "tuple[BoardFault, ...]":
+        from hexctl.serve.boards.board_faults import parse_fault
+
+        return tuple(parse_fault(text, board.kinds) for text in self.fault)
 
 
 def _start(started: ServiceStarted, on_started: Callable[[ServiceStarted], None]) -> None:

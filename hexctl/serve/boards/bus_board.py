@@ -6,8 +6,10 @@ import time
 import numpy as np
 
 from hexctl.backends.base import LegServos
+from hexctl.backends.bus.tools import FACTORY_ID
 from hexctl.robot.servos.bus_map import BusMap
-from hexctl.serve.boards.bus_faults import FACTORY_ID, BusFault, BusFaults
+from hexctl.serve.boards.board_faults import BoardFault
+from hexctl.serve.boards.bus_faults import BUS_FAULTS, BusFaults
 from hexctl.serve.boards.bus_servos import BusBoardCounters, SimulatedServos
 from hexctl.serve.boards.lx16a_servos import Lx16aServos
 from hexctl.serve.boards.register_servos import RegisterServos
@@ -16,10 +18,6 @@ from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState
 
 #: How long a servo hesitates before it answers, with its return delay at 0.
 HESITATES_S = 0.00005
-
-#: Time that is kept free before a tick.
-SPARE_S = 0.0003
-
 
 #: Bauds by the constants of a terminal.
 _BAUDS = {
@@ -50,7 +48,7 @@ class BusBoard(SimulatedBoard):
         path: the device to open.
     """
 
-    what = "bus"
+    what, kinds = "bus", BUS_FAULTS
 
     def __init__(
         self,
@@ -58,14 +56,14 @@ class BusBoard(SimulatedBoard):
         bus_map: BusMap,
         *,
         baud: int = 1_000_000,
-        faults: tuple[BusFault, ...] = (),
+        faults: tuple[BoardFault, ...] = (),
         seed: int = 0,
     ) -> None:
         self._line, self._counters = PseudoTerminal(), BusBoardCounters()
         super().__init__(servos, self._line, self._counters, seed)
         self._map, self._baud = bus_map, baud
         stance = bus_map.raw(servos.robot.stance_angles_rad)
-        self._faults = BusFaults(faults, bus_map)
+        self._faults = BusFaults(faults)
         self._family = FAMILIES[bus_map.driver](bus_map, stance, self._faults, self._counters)
         self._servos = self._family.servos
         self._free_s = 0.0  # when the line has carried what came so far
@@ -118,11 +116,12 @@ class BusBoard(SimulatedBoard):
         while self._faults.sudden:
             fault = self._faults.sudden.pop(0)
             if fault.joint is None:
-                self._family.restart()
+                for servo in self._servos:
+                    servo.restart()
             elif fault.kind == "overload":
-                self._family.trip(fault.joint)
+                self._servos[fault.joint].trip()
             else:
-                self._family.lose_id(fault.joint, FACTORY_ID)
+                self._servos[fault.joint].lose_id(FACTORY_ID)
 
     def _told(self) -> tuple[BoolArray, FloatArray]:
         holds: BoolArray = self._family.holds() & ~self._faults.dead

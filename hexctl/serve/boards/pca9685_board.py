@@ -11,14 +11,9 @@ import numpy as np
 from hexctl.backends.base import LegServos
 from hexctl.backends.pwm.i2c_socket import I2cMessage, take_transaction
 from hexctl.robot.servos.pwm_map import PwmMap
+from hexctl.serve.boards.board_faults import BoardFault, DueFaults
 from hexctl.serve.boards.pca9685_chips import SimulatedI2c, SimulatedPca9685
-from hexctl.serve.boards.simulated_board import (
-    BoardFault,
-    DueFaults,
-    SimulatedBoard,
-    SocketLine,
-    parse_board_fault,
-)
+from hexctl.serve.boards.simulated_board import SimulatedBoard, SocketLine
 from hexctl.types import BoolArray, FloatArray, RobotState
 
 #: Speed of the bus in bits per second, unless told otherwise.
@@ -27,13 +22,8 @@ BITS_PER_S = 400_000
 #: Bits on the wire of a byte, with its acknowledge.
 BITS = 9
 
-#: Faults by their words, and their numbers.
-FAULTS = {"nack": "[:SHARE]", "unplug": "", "replug": "", "reset": ""}
-
-
-def parse_pca9685_fault(text: str) -> BoardFault:
-    """Fault of a text such as `reset@10` or `nack:0.01`; raises InputError for anything else."""
-    return parse_board_fault(text, FAULTS)
+#: What each word of a fault takes.
+PCA9685_FAULTS = {"nack": "[:SHARE]", "unplug": "", "replug": "", "reset": ""}
 
 
 @dataclass(slots=True)
@@ -67,7 +57,7 @@ class Pca9685Board(SimulatedBoard):
         chips: the boards, by address.
     """
 
-    what = "bus"
+    what, kinds = "bus", PCA9685_FAULTS
 
     def __init__(
         self,

@@ -24,13 +24,8 @@ from hexctl.backends.pwm.servo2040 import (
 )
 from hexctl.errors import InputError
 from hexctl.robot.servos.pwm_map import SERVO2040_US, PwmMap
-from hexctl.serve.boards.simulated_board import (
-    BoardFault,
-    DueFaults,
-    PseudoTerminal,
-    SimulatedBoard,
-    parse_board_fault,
-)
+from hexctl.serve.boards.board_faults import BoardFault, DueFaults
+from hexctl.serve.boards.simulated_board import PseudoTerminal, SimulatedBoard
 from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState
 
 #: The firmwares.
@@ -48,13 +43,8 @@ BYTE_S = 0.005
 #: Counts of a touch input: of a foot on the floor, and of one in the air.
 PRESSED, FREE = 1020, 3
 
-#: Faults by their words, and their numbers.
-FAULTS = {"mute": "", "unplug": "", "replug": "", "garble": "SHARE", "trip": "AMPERES"}
-
-
-def parse_servo2040_fault(text: str) -> BoardFault:
-    """Fault of a text such as `mute@10` or `garble:0.01`; raises InputError for anything else."""
-    return parse_board_fault(text, FAULTS)
+#: What each word of a fault takes.
+SERVO2040_FAULTS = {"mute": "", "unplug": "", "replug": "", "garble": "SHARE", "trip": "AMPERES"}
 
 
 @dataclass(slots=True)
@@ -92,6 +82,8 @@ class Servo2040Board(SimulatedBoard):
         enabled: outputs that give their pulses once the relay is on, (18,).
         relay: whether the servos have power.
     """
+
+    kinds = SERVO2040_FAULTS
 
     def __init__(
         self,

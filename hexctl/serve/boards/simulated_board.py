@@ -3,7 +3,6 @@
 import contextlib
 import os
 import random
-import re
 import select
 import socket
 import termios
@@ -11,14 +10,14 @@ import tty
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
 from hexctl.backends.base import LegServos
 from hexctl.control.guard import StepLimits
-from hexctl.errors import InputError, RobotFaultError, argument
+from hexctl.errors import RobotFaultError
 from hexctl.scratch import scratch_folder
 from hexctl.types import BoolArray, FloatArray, JointTargets, RobotState
 
@@ -139,6 +138,9 @@ class SimulatedBoard(ABC):
     #: What it is, as messages have it.
     what = "board"
 
+    #: What each word of a fault takes, as `parse_fault` reads it.
+    kinds: ClassVar[Mapping[str, str]]
+
     def __init__(self, servos: LegServos, line: Line, counters: "DataclassInstance", seed: int) -> None:
         self._robot, self._counted, self.path = servos, counters, line.path
         self._closed_at_end = line
@@ -207,62 +209,3 @@ class SimulatedBoard(ABC):
         before = state.joint_positions_rad if self._sent_rad is None else self._sent_rad
         self._sent_rad = self._limits.apply(wanted, before)
         self._robot.write(JointTargets(self._sent_rad, self._robot.clock.now_s))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BoardFault:
-    """One fault of a board of hobby servos.
-
-    Attributes:
-        kind: its word.
-        at_s: when it begins, on the clock of the simulated robot.
-        value: of the word's number, or None without one.
-    """
-
-    kind: str
-    at_s: float = 0.0
-    value: float | None = None
-
-
-def parse_board_fault(text: str, kinds: Mapping[str, str]) -> BoardFault:
-    """Fault of a text such as `mute@10` or `garble:0.01`.
-
-    Args:
-        text: the word, `:` and a number where it has one, `@` and seconds where it begins later.
-        kinds: name of the number by word, in brackets where it may be left out, empty for words without one;
-            a number called `SHARE` is up to 1.
-
-    Raises InputError for anything else.
-    """
-    found = re.fullmatch(r"([a-z]+)(?::([0-9]+(?:\.[0-9]+)?))?(?:@([0-9]+(?:\.[0-9]+)?))?", text)
-    number = None if found is None else kinds.get(found[1])
-    if found is None or number is None or (not number and found[2]) or (number.isalpha() and not found[2]):
-        words = [f"{kind}:{name}" if name.isalpha() else f"{kind}{name}" for kind, name in kinds.items()]
-        raise InputError(
-            f"{argument('fault')}: got {text!r}; allowed: {', '.join(words)}, each with @SECONDS"
-        )
-    value = float(found[2]) if found[2] else None
-    if value is not None and "SHARE" in number.upper() and value > 1:
-        raise InputError(f"{argument('fault')}: got {text!r}; allowed: a share up to 1")
-    return BoardFault(kind=found[1], at_s=float(found[3] or 0), value=value)
-
-
-class DueFaults:
-    """Faults that are still to come, in their order.
-
-    Args:
-        faults: all that will.
-    """
-
-    def __init__(self, faults: tuple[BoardFault, ...]) -> None:
-        self._to_come = sorted(faults, key=lambda fault: fault.at_s)
-
-    def add(self, fault: BoardFault) -> None:
-        """Let another fault come, at once where its time is over."""
-        self._to_come = sorted((*self._to_come, fault), key=lambda each: each.at_s)
-
-    def begun(self, now_s: float) -> list[BoardFault]:
-        """Those that have become due since the last time."""
-        due = [fault for fault in self._to_come if fault.at_s <= now_s]
-        self._to_come = self._to_come[len(due) :]
-        return due

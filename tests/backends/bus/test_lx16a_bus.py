@@ -13,7 +13,7 @@ from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.bus.servo_bus import BusCounters
 from hexctl.backends.bus.tools import bus_of
 from hexctl.serve.boards.bus_board import BusBoard
-from hexctl.serve.boards.lx16a_servos import Lx16aServo
+from hexctl.serve.boards.lx16a_servos import SimulatedLx16aServo
 from hexctl.types import FloatArray
 from tests.backends.bus.boards import a_map, bus_board, stance_counts
 from tests.backends.bus.late_servo import LateServo
@@ -53,9 +53,9 @@ def _hold_stance(bus: Lx16aBus) -> None:
         bus.write_goals(stance_counts(MAP))
 
 
-def _servo(board: BusBoard, joint: int) -> Lx16aServo:
+def _servo(board: BusBoard, joint: int) -> SimulatedLx16aServo:
     servo = board._servos[joint]
-    assert isinstance(servo, Lx16aServo)
+    assert isinstance(servo, SimulatedLx16aServo)
     return servo
 
 

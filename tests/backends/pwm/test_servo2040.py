@@ -28,7 +28,8 @@ from hexctl.backends.pwm.servo2040 import (
 )
 from hexctl.control.guard import Guard
 from hexctl.errors import InputError, RobotFaultError
-from hexctl.serve.boards.servo2040_board import Servo2040Board, parse_servo2040_fault
+from hexctl.serve.boards.board_faults import parse_fault
+from hexctl.serve.boards.servo2040_board import Servo2040Board
 from hexctl.testing.servo_conformance import LegServosConformance
 from hexctl.types import JointTargets, RobotState
 from hexctl.waiting import wait_for
@@ -369,4 +370,4 @@ def test_a_port_that_is_none_is_refused(text: str | None) -> None:
 @pytest.mark.parametrize("text", ["echo", "mute:3", "garble", "garble:2", "trip", "mute@x", ""])
 def test_faults_that_are_none_are_refused(text: str) -> None:
     with pytest.raises(InputError, match=r"fault: got .*; allowed: "):
-        parse_servo2040_fault(text)
+        parse_fault(text, Servo2040Board.kinds)

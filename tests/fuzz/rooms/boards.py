@@ -47,7 +47,7 @@ def _made(driver: str, model: str) -> tuple[SimulatedServos, FloatArray, list[di
     """Servos, the counts at which they stand, and their state at first."""
     bus_map = a_map(driver, model)
     counts = stance_counts(bus_map)
-    family = FAMILIES[driver](bus_map, counts, BusFaults((), bus_map), BusBoardCounters())
+    family = FAMILIES[driver](bus_map, counts, BusFaults(), BusBoardCounters())
     return family, counts, [_state(servo) for servo in family.servos]
 
 
