@@ -195,7 +195,6 @@ class PortThread(ABC, Generic[Device]):
                 return
 
     def _is_back(self) -> bool:
-        """Try to open the port; whether that succeeded."""
         try:
             self._device = self._open()
         except Exception:  # noqa: BLE001  it is as gone as before

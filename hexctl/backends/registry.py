@@ -145,7 +145,6 @@ def check_options(
 
 
 def _joined(names: list[str]) -> str:
-    """Names as a sentence has them."""
     return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names) or "none"
 
 
@@ -199,7 +198,6 @@ def _mavlink(options: BackendOptions) -> LegServos:
 
 
 def _bus(driver: str) -> Callable[[BackendOptions], LegServos]:
-    """What makes servos of a driver in `BUS_DRIVERS`."""
 
     def make(options: BackendOptions) -> LegServos:
         from hexctl.backends.bus.servos import BusServos, parse_bus_port
@@ -217,7 +215,7 @@ def _servo2040(options: BackendOptions) -> LegServos:
 
     section = ServosSection() if options.robot_file is None else options.robot_file.content.servos
     port = parse_servo2040_port(options.connect or section.port)
-    return Servo2040Servos(options.robot, pwm_map=pwm_map_of(section, "servo2040"), port=port)
+    return Servo2040Servos(options.robot, pwm_map=pwm_map_of(section, "servo2040"), place=port)
 
 
 def _pca9685(options: BackendOptions) -> LegServos:

@@ -142,7 +142,6 @@ class LineCondition:
         return f"brown-out: {'; '.join(words)}; is the supply strong enough, and the battery full?"
 
     def _damaged(self, mute: BoolArray) -> list[str]:
-        """Joints with damaged answers, or all."""
         shares = np.where(mute, 0.0, self._shares.damaged)
         bad_answers = shares * np.minimum(self._shares.asked, WINDOW)
         begins = (shares >= DAMAGED) & (bad_answers >= LEAST_BAD)

@@ -205,7 +205,6 @@ class Lx16aBus(ServoBus):
         self._sent[chosen], self._sent_at_s[chosen] = goals[chosen], at_s[chosen]
 
     def _ask_reports(self, places: Sequence[int]) -> list[Report]:
-        """Reports of some servos, each asked once."""
         answers = [(place, self._ask(place, lx.READ_POSITION)) for place in places]
         reports = [self._report(place, answer) for place, answer in answers if answer is not None]
         self._count(places, reports)
@@ -226,7 +225,6 @@ class Lx16aBus(ServoBus):
         )
 
     def _read_next_other(self) -> None:
-        """Read voltage, temperature or torque of the next servo."""
         kind, place = divmod(self._next_other, len(self.ids))
         self._next_other = (self._next_other + 1) % (len(OTHERS) * len(self.ids))
         self._read_other(place, OTHERS[kind])

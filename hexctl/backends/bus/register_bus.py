@@ -168,7 +168,6 @@ class RegisterBus(ServoBus):
                 return
 
     def _write_all(self, register: Register, value: float, places: Sequence[int] | None) -> None:
-        """Write one number to a register of some servos, of all by default."""
         self._sync_write(register, np.full(len(self.ids), value), self._every if places is None else places)
 
     def _sync_write(self, register: Register, values: FloatArray, places: Sequence[int]) -> None:

@@ -13,8 +13,8 @@ from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.bus.servo_bus import MANY_MUTE, BusCounters, Report, ServoBus
 from hexctl.backends.bus.tools import BUSES, bus_of, check_no_unexpected_ids, lost_id_notes
 from hexctl.backends.clock import Clock
-from hexctl.backends.port_servos import PortServos
 from hexctl.backends.port_thread import PortThread
+from hexctl.backends.ticked_servos import PortServos
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.model import Robot
 from hexctl.robot.servos.bus_map import BusMap
@@ -263,7 +263,6 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
             raise RobotFaultError(f"servos do not answer on {self._place}: {self._map.names(~found)}")
 
     def _check_models(self, bus: ServoBus, found: BoolArray) -> None:
-        """Raise RobotFaultError for a servo that is another model than the robot file says."""
         for joint in np.flatnonzero(found).tolist():
             model, number = self._map.models[joint], bus.servos[joint].model_number()
             if None not in (model.number, number) and number != model.number:
@@ -320,7 +319,6 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         return np.array([bool(found[joint] and bus.torque(joint) is not False) for joint in range(N_JOINTS)])
 
     def _state(self, thread: BusThread) -> RobotState:
-        """State put together from the newest readings."""
         counts, servos, silences_s = thread.newest()
         age_s = float(servos.ages_s.min())
         heard: BoolArray = np.isfinite(counts)
@@ -344,7 +342,6 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         )
 
     def _fault(self, gone: str | None, silence_s: float) -> str | None:
-        """Why the robot cannot be walked, or why nothing new is heard, or None."""
         if gone is not None:
             return self._gone(gone)
         if silence_s > SILENT_S:

@@ -184,7 +184,6 @@ def scan_bus(
 def _look_at(
     packets: PacketLine, driver: str, protocol: int, servo_id: int, found: dict[int, FoundServo]
 ) -> None:
-    """Put the servo of an id that answers among those found, unless it is."""
     if servo_id not in found and answering_ids(packets, [servo_id]):
         found[servo_id] = servo_with(packets, driver, protocol, servo_id).look()
 
@@ -225,7 +224,6 @@ def set_servo_id(
 
 
 def _give_id(servo: Servo, new_id: int) -> FoundServo:
-    """Give a servo another id, and look at it; raises RobotFaultError if it does not take the id."""
     old_id = servo.servo_id
     if said := servo.set_id(new_id):
         raise RobotFaultError(f"the servo with id {old_id} did not take the id {new_id} ({said})")

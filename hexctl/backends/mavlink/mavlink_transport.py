@@ -223,7 +223,6 @@ class StreamPort(Port):
         self._close()
 
     def _written(self, data: bytes) -> bytes:
-        """Write what fits; the result is the remainder."""
         if not data:
             return data
         try:

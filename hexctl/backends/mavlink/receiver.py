@@ -128,7 +128,6 @@ class Receiver:
         )
 
     def _take(self, arrival: Arrival) -> None:
-        """Keep messages of the board; count everything else."""
         frame = arrival.frame
         if self.peer is None and frame.kind == "HEARTBEAT":
             self._meet(arrival)
@@ -146,7 +145,6 @@ class Receiver:
             self.counters.refused += 1
 
     def _meet(self, arrival: Arrival) -> None:
-        """Take the sender of a heartbeat for the board if its type allows it."""
         frame = arrival.frame
         if frame.system == mavlink_messages.CONTROLLER_SYSTEM:
             return

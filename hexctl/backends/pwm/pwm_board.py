@@ -138,7 +138,6 @@ class BoardThread(PortThread[PwmBoard]):
         return np.where(self.powered, self.told_us, np.nan)
 
     def _power_next_leg(self) -> None:
-        """Let one more leg have its pulses, if the last one has had its time."""
         now_s, waiting = time.monotonic(), np.flatnonzero(~self.powered)
         if len(waiting) and now_s >= self._next_leg_at_s:
             leg = waiting[0] // JOINTS_PER_LEG

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from hexctl.backends.clock import Clock
-from hexctl.backends.port_servos import PortServos
 from hexctl.backends.pwm.pwm_board import BoardReport, BoardThread, PwmBoard, PwmCounters
+from hexctl.backends.ticked_servos import PortServos
 from hexctl.robot.model import Robot
 from hexctl.robot.servos.pwm_map import PwmMap
 from hexctl.types import RobotState
@@ -57,7 +57,6 @@ class PwmServos(PortServos[PwmMap, BoardThread, PwmCounters]):
         return thread
 
     def _state(self, thread: BoardThread) -> RobotState:
-        """Where the board was told to turn the joints, with what it tells."""
         told_us, report = thread.told_us, thread.newest
         told = np.isfinite(told_us)
         told_rad = self._map.angles_rad(np.where(told, told_us, self._map.centre))
@@ -79,7 +78,6 @@ class PwmServos(PortServos[PwmMap, BoardThread, PwmCounters]):
         )
 
     def _fault(self, gone: str | None, report: BoardReport) -> str | None:
-        """Why the robot cannot be walked, or None."""
         if gone is not None:
             return self._gone(gone)
         if time.monotonic() - report.at_s > MUTE_S:

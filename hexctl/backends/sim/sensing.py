@@ -91,7 +91,6 @@ class FaultyPose:
 
 
 def _holding(intervals: Sequence[tuple[float, float]], time_s: float) -> list[tuple[float, float]]:
-    """Intervals that a time lies in."""
     return [(first_s, last_s) for first_s, last_s in intervals if first_s <= time_s < last_s]
 
 
@@ -288,7 +287,6 @@ class Sensors:
         )
 
     def _measured(self) -> Snapshot:
-        """What is measured now, without errors."""
         memory = self.memory
         torques_nm = self.torques.applied(memory.forces_nm, memory.qvel, memory.qpos, memory.asked_rad)
         return Snapshot(memory.qpos.copy(), memory.touch.copy(), torques_nm)

@@ -142,7 +142,6 @@ class _Copies:
 
 
 def _together(states: Sequence[RobotState]) -> RobotState:
-    """States of several simulations as one."""
     first = states[0]
     return RobotState(
         np.concatenate([state.joint_positions_rad for state in states]),

@@ -117,7 +117,6 @@ def _load_trunk(body: Any, robot: Robot, world: World) -> None:
 
 
 def _load_payload(body: Any, world: World) -> None:
-    """Put the payload on the trunk, as a mass without contact."""
     if world.payload_kg:
         trunk = body.find("body", "trunk")
         trunk.add(
@@ -173,7 +172,6 @@ def _measure_forces(root: Any, body: Any, world: World) -> None:
 
 
 def _make_world(world: World, floor: Floor) -> Any:
-    """An mjcf model with the physics options and the floor."""
     root = mjcf.RootElement(model="world")
     root.compiler.angle = "radian"
     root.option.timestep = world.time_step_s
@@ -226,7 +224,6 @@ def _check_order(physics: Any) -> None:
 
 
 def _fill_heights(physics: Any, floor: Floor) -> None:
-    """Write the bumps into the compiled height field, scaled to 0..1."""
     if floor.heights_m is not None:
         spread = floor.heights_m - floor.heights_m.min()
         physics.model.hfield_data[:] = (spread / spread.max()).ravel()
@@ -257,7 +254,6 @@ def _set_start_state(physics: Any, robot: Robot, world: World, floor: Floor, fac
 
 
 def _joint_offsets(world: World, seed: int) -> FloatArray:
-    """Calibration errors of the joints, (18,)."""
     given = world.joint_offset_deg
     if isinstance(given, tuple):
         return np.radians(given)
@@ -373,7 +369,6 @@ def _link_end(robot: Robot, index: int) -> list[float]:
 
 
 def _add_servo(leg: Any, link: Any, robot: Robot, index: int) -> None:
-    """Add a joint and the position servo that drives it."""
     kind = JOINT_KINDS[index]
     low, high = robot.joint_lower_rad[index], robot.joint_upper_rad[index]
     # A negative turn about y lifts what points along x.

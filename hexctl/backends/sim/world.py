@@ -250,7 +250,6 @@ def _can_be_drawn(key: str) -> bool:
 
 
 def _parts(key: str) -> int:
-    """How many values a key of ranges draws."""
     name, dot, _ = key.partition(".")
     return N_LEGS if dot else _PARTS.get(name, 1)
 
@@ -347,7 +346,6 @@ class DomainRandomization(BaseModel):
 
     @cached_property
     def _dimensions(self) -> int:
-        """Dimensions of the design, the spare one included."""
         return sum(_parts(key) for key in self.ranges) + COLUMNS * len(self.failures) + 1
 
     def _shares(self, first: int, count: int) -> FloatArray:

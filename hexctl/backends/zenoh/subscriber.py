@@ -178,7 +178,6 @@ class StateSubscriber:
         return self._failures
 
     def _take_status(self) -> None:
-        """Take what the newest status tells, if there is a new one."""
         sample = self._latest.newest("status")
         if sample is None or sample is self._status_of:
             return

@@ -13,8 +13,9 @@ from typing import Any, Self
 
 import zenoh
 
-from hexctl.backends.base import LegServos, as_robot, check_connected, check_targets
-from hexctl.backends.clock import Clock, CountedClock, WallClock
+from hexctl.backends.base import check_connected, check_targets
+from hexctl.backends.clock import WallClock
+from hexctl.backends.ticked_servos import TickedServos
 from hexctl.backends.zenoh.subscriber import LatestValues, StateSubscriber
 from hexctl.errors import MessageError, RobotFaultError, argument, shown
 from hexctl.robot.failure import Failure
@@ -59,8 +60,6 @@ STOP_REASON_TIMEOUT_S = 0.3
 PHASE = 0.5
 
 NO_LEASE = bytes(LEASE_ID_BYTES)
-
-WHO = "the robot on the network"
 
 
 def ask(
@@ -250,7 +249,7 @@ class LeaseClient:
         return None
 
 
-class ZenohServos(LegServos):
+class ZenohServos(TickedServos):
     """Client of a robot that `hexctl serve` puts on the network.
 
     Connecting compares the robot descriptions of both ends and takes the lease; closing releases it. The
@@ -262,33 +261,24 @@ class ZenohServos(LegServos):
         latest: where received messages are kept; a new one unless given.
     """
 
+    what = "the robot on the network"
+
     def __init__(self, robot: Robot | str | Path, *, link: Link, latest: LatestValues | None = None) -> None:
-        self._robot, self._link = as_robot(robot), link
+        self._wall = WallClock()
+        super().__init__(robot, self._wall)
+        self._link = link
         self.identity: RobotIdentity | None = None
         self.simulated: Mapping[str, str] | None = None
         self._keys = link.keys(self._robot.name)
-        self._wall = WallClock()
-        self._clock = CountedClock(self._wall)
         self._opened: ExitStack | None = None
         self._subscriber = StateSubscriber(self._keys, latest or LatestValues(), plain=link.plain)
         self._lease: LeaseClient | None = None
         self._sequence = 0
-        self._snapshot: tuple[int, RobotState] | None = None
 
     @property
     def link(self) -> Link:
         """Link to the robot."""
         return self._link
-
-    @property
-    def robot(self) -> Robot:
-        """The robot expected at the other end."""
-        return self._robot
-
-    @property
-    def clock(self) -> Clock:
-        """The clock of this end."""
-        return self._clock
 
     @property
     def remote(self) -> Self:
@@ -336,26 +326,24 @@ class ZenohServos(LegServos):
             self._wall.begin(self._subscriber.wait_for_first_s() - self._clock.period_s * PHASE)
             self._opened = opening.pop_all()
 
-    def read(self) -> RobotState:
-        """Newest state; the same one until the next tick.
+    def _newest(self) -> RobotState:
+        """Newest state; raises RobotFaultError when the robot is silent, or when the lease is lost."""
+        try:
+            state = self._subscriber.newest(self._clock.now_s)
+            self._check_ours(state)
+        except RobotFaultError as error:
+            if (why := self._clock.standing_still()) is None:
+                raise
+            raise RobotFaultError(f"{why}, and the robot stopped without its commands") from error
+        return state
 
-        Raises RobotFaultError when not connected, when the robot is silent, or when the lease is lost.
-        """
-        check_connected(self._opened is not None, WHO)
-        if self._snapshot is None or self._snapshot[0] != self._clock.ticks:
-            try:
-                state = self._subscriber.newest(self._clock.now_s)
-                self._check_ours(state)
-            except RobotFaultError as error:
-                if (why := self._clock.standing_still()) is None:
-                    raise
-                raise RobotFaultError(f"{why}, and the robot stopped without its commands") from error
-            self._snapshot = (self._clock.ticks, state)
-        return self._snapshot[1].copy()
+    @property
+    def _connected(self) -> bool:
+        return self._opened is not None
 
     def write(self, targets: JointTargets) -> JointTargets:
         """Send targets to the robot, whose guard has the last word."""
-        check_connected(self._opened is not None, WHO)
+        check_connected(self._connected, self.what)
         check_targets(targets)
         self._sequence += 1
         self._publisher.put(encode_positions(targets.joint_positions_rad), attachment=self._tag())
@@ -373,7 +361,6 @@ class ZenohServos(LegServos):
             opened.close()
 
     def _check_robot(self, session: zenoh.Session) -> None:
-        """Raise RobotFaultError for another robot than the one expected."""
         silence = (
             f"no robot called {self._robot.name} answers at {self._link.endpoint}; "
             f"is hexctl serve running there, with the same {argument('robot')}?"
@@ -402,7 +389,6 @@ class ZenohServos(LegServos):
         self.simulated = simulated if isinstance(simulated, dict) else None
 
     def _others_there(self, session: zenoh.Session) -> list[str]:
-        """Names of the robots that answer at the link, without the one expected."""
         any_robot, names = KeyMap.of("*").renamed(dict(self._link.names)), set()
         for answer in ask(session, any_robot.describe):
             with suppress(RobotFaultError):
@@ -421,7 +407,6 @@ class ZenohServos(LegServos):
             raise RobotFaultError(f"this end no longer commands the robot: {lease.lost}")
 
     def _tag(self) -> bytes:
-        """Attachment of the next command."""
         lease = self._lease
         return CommandTag(
             sequence=self._sequence,

@@ -60,7 +60,6 @@ def _version() -> Any:
 
 
 def _parameters(_message: Any, _system: int, _component: int) -> list[Any]:
-    """The list of all parameters."""
     return [_parameter()]
 
 
@@ -76,7 +75,6 @@ def _one_parameter(message: Any, system: int, component: int) -> list[Any]:
 
 
 def _set_parameter(message: Any, system: int, component: int) -> list[Any]:
-    """The parameter as it stays."""
     if _name_of(message) == PARAMETER:
         return [_parameter()]
     return [_no_parameter(message, BY_NAME, system, component)]

@@ -71,7 +71,6 @@ class BoardService(BoardOptions):
         return board.report()
 
     def _check_port(self) -> "PortAddress | None":
-        """Address of the port, None for a pseudo-terminal."""
         from hexctl.backends.mavlink.mavlink_transport import DEFAULT_BOARD_PORT, check_guarded, parse_port
 
         if self.pty:
@@ -84,7 +83,6 @@ class BoardService(BoardOptions):
         return address
 
     def _open_port(self, address: "PortAddress | None") -> "tuple[Port, str]":
-        """Opened port, and where controllers reach it."""
         from hexctl.backends.mavlink.mavlink_transport import DEFAULT_BOARD_PORT, PtyPort, open_port
 
         if address is None:

@@ -108,7 +108,6 @@ class BusBoard(SimulatedBoard):
         return joints[0] if joints else None
 
     def _occupy(self, count: int) -> None:
-        """Let bytes, of ten bits each, pass on the line behind those before them."""
         self._free_s = max(self._free_s, time.monotonic()) + 10.0 * count / self._baud
 
     def _suffer(self) -> None:
@@ -129,7 +128,6 @@ class BusBoard(SimulatedBoard):
         return holds, self._map.angles_rad(goals)
 
     def _show(self, state: RobotState) -> None:
-        """Let the servos know where their joints are, and their loads."""
         counts = self._map.raw(state.joint_positions_rad)
         limits = self._robot.robot.joint_max_torque_nm
         torques = np.zeros(N_JOINTS) if state.joint_torques_nm is None else state.joint_torques_nm

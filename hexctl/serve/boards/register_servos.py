@@ -262,12 +262,11 @@ class RegisterServos(SimulatedServos):
             called = self._called(ids) if self._table.sync_read else []
             return [self._status(servo, servo.read(address, size)) for servo in called]
         broadcast = servo_id == BROADCAST
-        called = self.servos if broadcast else self._called([servo_id])
-        answers = [self._single(servo, instruction, parameters) for servo in called]
+        chosen = self.servos if broadcast else self._called([servo_id])
+        answers = [self._single(servo, instruction, parameters) for servo in chosen]
         return [] if broadcast and instruction != PING else answers
 
     def _single(self, servo: BusServo, instruction: int, parameters: bytes) -> bytes:
-        """Answer of one servo to an instruction for it, from the id that it had until now."""
         servo_id, data, error = servo.servo_id, b"", 0
         if instruction == READ:
             data = servo.read(*self.packets.placed(parameters)[:2])
@@ -300,7 +299,6 @@ class RegisterServos(SimulatedServos):
         return [self.servos[joint] for joint in self.named(ids)]
 
     def _status(self, servo: BusServo, data: bytes, code: int = 0, *, servo_id: int | None = None) -> bytes:
-        """Answer of a servo: how it is, and what it refuses."""
         table, error = self._table, code
         hot = servo.number(table.temperature) > self._faults.HOT_C
         low = servo.number(table.voltage) < LOW_SHARE * USUAL_V
@@ -314,5 +312,4 @@ class RegisterServos(SimulatedServos):
 
 
 def _covers(table: RegisterTable, address: int, data: bytes) -> bool:
-    """Whether bytes written at an address set the goal as well."""
     return address <= table.goal.address < address + len(data)

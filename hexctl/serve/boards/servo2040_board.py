@@ -111,7 +111,6 @@ class Servo2040Board(SimulatedBoard):
         self._data = bytearray()
 
     def _serve(self, timeout_s: float) -> None:
-        """Obey the commands that come within a time."""
         if not self._receive(timeout_s):
             return
         while self._data:
@@ -202,7 +201,6 @@ class Servo2040Board(SimulatedBoard):
         return powered, self._map.angles_rad(self.pulses_us[self._map.outputs])
 
     def _show(self, state: RobotState) -> None:
-        """Put contacts, current and voltage where they are asked for."""
         if state.foot_contacts is not None:
             for leg, touch in enumerate(self._map.touches.tolist()):
                 self._sensors[touch] = PRESSED if state.foot_contacts[leg] else FREE

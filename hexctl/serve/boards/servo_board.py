@@ -256,7 +256,6 @@ class ServoBoard:
         }
 
     def _listen(self) -> None:
-        """Handle frames until the next tick is due."""
         while (timeout_s := self._guard.clock.due_in_s - SPARE_S) > 0:
             for arrival in self._link.receive(timeout_s):
                 self._handle(arrival)
@@ -285,7 +284,6 @@ class ServoBoard:
                 self._link.send(answer, peer.address)
 
     def _override(self, message: Any, peer: Peer, at_s: float) -> None:
-        """Move the servos if the sender may command."""
         if not self._peers.may_command(peer, at_s):
             self._counters.of_others += 1
             if at_s - peer.refused_at_s > REFUSAL_PERIOD_S:
@@ -346,7 +344,6 @@ class ServoBoard:
         self._commanded = False
 
     def _tick(self) -> None:
-        """One control period: read, check for silence, publish."""
         self._guard.clock.tick()
         expired_before = self._guard.stopped == "expired"
         state = self._guard.read()
@@ -379,12 +376,10 @@ class ServoBoard:
         return sent
 
     def _introduce(self, peer: Peer) -> None:
-        """Send a new peer the introduction without waiting for the next heartbeat."""
         for message in self._introduction(self._guard.peek().measured):
             self._link.send(message, peer.address)
 
     def _system_state(self) -> int:
-        """MAV_STATE: standby, active, or critical while the pose is held."""
         if self._guard.stopped is not None:
             return int(mavlink_messages.CRITICAL)
         return int(mavlink_messages.ACTIVE if self._commanded else mavlink_messages.STANDBY)

@@ -190,7 +190,6 @@ class SimulatedBoard(ABC):
         """Let the board know how its robot is."""
 
     def _tick(self) -> None:
-        """One control period: move the joints, and show the board how they are."""
         self._robot.clock.tick()
         self._counted.ticks += 1  # type: ignore[attr-defined]
         self._suffer()

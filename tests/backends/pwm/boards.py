@@ -75,7 +75,7 @@ def pca9685_board(
 
 def servos_on(board: Servo2040Board, pwm_map: PwmMap | None = None) -> Servo2040Servos:
     """Servos of the controller's end, not connected."""
-    return Servo2040Servos(shipped(), pwm_map=a_map() if pwm_map is None else pwm_map, port=board.path)
+    return Servo2040Servos(shipped(), pwm_map=a_map() if pwm_map is None else pwm_map, place=board.path)
 
 
 def i2c_servos_on(board: Pca9685Board) -> Pca9685Servos:

@@ -308,7 +308,7 @@ def test_a_mute_board_is_a_fault_in_one_line() -> None:
 def test_a_device_that_talks_nonsense_is_no_board(noise: bytes) -> None:
     master, slave = os.openpty()
     tty.setraw(slave)
-    servos = Servo2040Servos(shipped(), pwm_map=a_map(), port=os.ttyname(slave))
+    servos = Servo2040Servos(shipped(), pwm_map=a_map(), place=os.ttyname(slave))
     os.write(master, noise)
     with pytest.raises(RobotFaultError, match="no servo2040 answers"):
         servos.connect()
@@ -322,7 +322,7 @@ def test_a_device_that_goes_is_a_fault_until_it_is_back(tmp_path: Path) -> None:
     device = tmp_path / "ttyACM0"
     with servo2040_board() as board:
         device.symlink_to(board.path)
-        servos = Servo2040Servos(shipped(), pwm_map=a_map(), port=str(device))
+        servos = Servo2040Servos(shipped(), pwm_map=a_map(), place=str(device))
         servos.connect()
         _until(servos, lambda _: board.relay)
     device.unlink()
