@@ -95,11 +95,7 @@ class LegServos(ABC):
 
 
 class ServosWrapper(LegServos):
-    """Servos around servos: forwards everything, so that a subclass overrides only what it changes.
-
-    Attributes:
-        wrapped: the servos that everything is forwarded to.
-    """
+    """Servos around servos: forwards everything, so that a subclass overrides only what it changes."""
 
     def __init__(self, servos: LegServos) -> None:
         check_type(servos, LegServos, "servos", "LegServos, as SimServos('ant') gives")

@@ -30,13 +30,7 @@ def parse_bauds(text: str) -> int | str:
 
 @dataclass(frozen=True, slots=True)
 class BusAddress:
-    """Where servos answer.
-
-    Attributes:
-        driver: whose protocol they speak.
-        path: serial device.
-        baud: bits per second.
-    """
+    """Where servos answer: driver, serial device, and bits per second."""
 
     driver: BusDriver
     path: str

@@ -26,13 +26,7 @@ Packet = tuple[int, int, bytes]
 
 @dataclass(frozen=True, slots=True)
 class StatusPacket:
-    """What a servo answers.
-
-    Attributes:
-        servo_id: of the servo.
-        error: its error byte.
-        parameters: what was asked for.
-    """
+    """What a servo answers, with its error byte."""
 
     servo_id: int
     error: int
@@ -226,9 +220,6 @@ PROTOCOLS: dict[int, PacketFormat] = {1: SumPackets(b"\xff\xff", counted=2), 2: 
 
 class PacketStream:
     """Finds the answers of servos in what comes on a line.
-
-    Args:
-        packets: of the protocol.
 
     Attributes:
         garbled: bytes so far that belonged to no packet.

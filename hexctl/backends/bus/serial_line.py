@@ -28,10 +28,6 @@ UNUSED_ID = 253
 class SerialLine:
     """An open serial device; its adapter may echo what is sent, which is cut out.
 
-    Args:
-        path: of the device.
-        baud: bits per second.
-
     Attributes:
         echoes: whether the adapter sends back what is written, as some half-duplex adapters do.
         free_s: when the wire has carried all that was written, on time.monotonic.
@@ -114,10 +110,6 @@ class SerialLine:
         """Send a packet that no servo answers, and see whether it comes back.
 
         The answer of a servo may be the same bytes as its ping, with an error in place of the instruction.
-
-        Args:
-            ping: the packet.
-            timeout_s: how late it may come back.
         """
         self.echoes = False
         for _ in range(ECHO_TRIES):

@@ -19,16 +19,9 @@ class FoundServo:
     """A servo that answers.
 
     Attributes:
-        servo_id: that it answers to.
-        baud: bits per second at which it answers.
         model: name of its model, or None for one that is not known.
-        model_number: that it reports, or None.
-        protocol: version that it speaks.
         position: in counts, or None.
-        voltage_v: at the servo, or None.
-        temperature_c: of the servo, or None.
         load: share of its greatest effort, signed, or None if it reports none.
-        current_a: or None.
         error: what it complains of; empty for nothing.
     """
 
@@ -89,10 +82,6 @@ class Servo(ABC):
         packets: of its protocol, on an open line.
         servo_id: that it answers to.
         model: its model, or the likely one if it does not say.
-
-    Attributes:
-        servo_id: that it answers to.
-        type: its model.
     """
 
     def __init__(self, packets: PacketLine, servo_id: int, model: ServoType) -> None:

@@ -33,9 +33,6 @@ class Report:
         at_s: when its answer came, on time.monotonic.
         position: in counts.
         effort: share of its greatest, or NaN.
-        current_a: or NaN.
-        voltage_v: at the servo, or NaN.
-        temperature_c: of the servo, or NaN.
         error: what it complains of; empty for nothing.
     """
 
@@ -81,14 +78,11 @@ class ServoBus(ABC):
     Args:
         packets: of the servos' protocol, on an open line.
         models: of the servos, by id.
-        counters: what is counted.
 
     Attributes:
         mute_s: a servo that was not heard for this long is mute.
         stale_s: a servo without a believed position for this long was not measured with the others.
         reports_limp: whether its reports complain of servos that have lost their torque.
-        servos: each by itself.
-        ids: of the servos.
         lowest: limits stored in the servos, at which goals end, in counts, (n,); none before `settings`.
         highest: the others.
         speeds: greatest of the servos, (n,), in counts per second, for goals that are sent with a time; no

@@ -71,10 +71,6 @@ class BusThread(PortThread[ServoBus]):
     """Runs a bus: servos that report where they are, and hold there before they follow.
 
     Args:
-        opened: makes the bus again, when the port has gone and may be back.
-        bus: found and prepared.
-        readings: that are kept.
-        counters: of the bus.
         speeds: greatest of the joints, (18,), in counts per second.
 
     Attributes:

@@ -61,13 +61,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Adoption:
-    """A servo that was given back the id of its joint.
-
-    Attributes:
-        joint: index of the joint, 0..17.
-        angle_deg: where the joint stands, or None if the servo did not say.
-        servo: as it answers now.
-    """
+    """A servo that was given back the id of its joint, 0..17, and where that stands if the servo said."""
 
     joint: int
     angle_deg: float | None
@@ -154,10 +148,8 @@ def scan_bus(
     """Servos that answer on a port, by id. Nothing is switched and nothing moves.
 
     Args:
-        path: of the serial device.
         driver: `dynamixel`, `feetech` or `lx16a`.
         bauds: bits per second, one after the other.
-        ids: that are asked.
         progress: called before each question.
 
     Raises InputError for another driver, RobotFaultError for a port that cannot be opened or goes.

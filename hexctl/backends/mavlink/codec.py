@@ -42,15 +42,7 @@ KEY_FILE = "mavlink.key"
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """A received message.
-
-    Attributes:
-        message: as pymavlink decodes it.
-        kind: its name, such as `HEARTBEAT`.
-        sequence: its number modulo 256.
-        system: identifier of the sending system.
-        component: identifier of its component.
-    """
+    """A received message as pymavlink decodes it; its sequence number counts modulo 256."""
 
     message: Any
     kind: str

@@ -53,14 +53,10 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
     the board is silent, which the guard judges. After `close` the board holds the pose.
 
     Args:
-        robot: the robot that the servos belong to, or the name or path of its file.
         servo_map: conversion between joint angles and pulses.
         port: `udpout:HOST:PORT`, `udpin:HOST:PORT`, or a serial device.
         clock: a wall clock in phase with the board unless given.
         signing_key: 32 bytes that sign all frames, or None.
-
-    Attributes:
-        counters: counters of the link.
     """
 
     what = "the servo board"

@@ -66,8 +66,6 @@ class Receiver:
     Attributes:
         peer: the board, or None before its first heartbeat.
         wrong_type: MAV_TYPE of a system that was received but is not a servo board, or None.
-        error: why the port has gone, or None.
-        counters: what was received.
     """
 
     def __init__(self, link: MavlinkLink, counters: LinkCounters) -> None:

@@ -87,7 +87,6 @@ def channel_bytes(pulse_us: float, count_us: float) -> bytes:
     """Registers of a channel: a pulse from the begin of the period on, or off for NaN.
 
     Args:
-        pulse_us: the pulse.
         count_us: time of a count.
     """
     if np.isnan(pulse_us):
@@ -109,9 +108,6 @@ class Pca9685Chip:
     """One board.
 
     Args:
-        bus: that it is on.
-        address: of the board.
-        oscillator_mhz: frequency of its oscillator.
         channels: that are used, at least one; those between them keep what they have.
     """
 
@@ -221,8 +217,6 @@ class Pca9685:
     """Boards on an open bus, used by one thread.
 
     Args:
-        bus: open.
-        pwm_map: outputs of the joints, addresses and oscillators.
         known: whether the boards were set up before and are to be found as they were; what is not is told
             by `poll`, until `end` sets it up again.
         owned: whether closing the boards closes the bus.
@@ -337,11 +331,9 @@ class Pca9685Servos(PwmServos):
     """Eighteen hobby servos on two PCA9685 boards.
 
     Args:
-        robot: the robot that the servos belong to, or the name or path of its file.
         pwm_map: which output moves which joint, addresses and oscillators.
         place: number of the I2C bus, its device, or the socket of simulated boards.
         i2c: an open bus in place of that; it stays open.
-        clock: a wall clock unless given.
     """
 
     def __init__(

@@ -22,8 +22,6 @@ class BoardReport:
     Attributes:
         at_s: when, on time.monotonic.
         contacts: which feet touch the floor, (6,), or None for a board without inputs.
-        voltage_v: of the supply, or None where unknown.
-        current_a: of all servos together, or None where unknown.
         fault: why the board has switched its servos off, or None.
     """
 
@@ -87,15 +85,9 @@ class BoardThread(PortThread[PwmBoard]):
     hold already, as far as anybody knows, and stay on.
 
     Args:
-        opened: opens the board again, when its port has gone and may be back.
-        board: open.
-        newest: what it has told.
-        counters: of the board.
         speeds: greatest of the joints, (18,), in microseconds of pulse per second.
-        told_us: pulses that the board was last told, (18,), NaN where it was told none.
 
     Attributes:
-        newest: last report.
         told_us: pulses that the board was last told, (18,), NaN where it was told none.
         powered: servos that have pulses, (18,).
     """

@@ -101,13 +101,6 @@ def find_reply(data: bytes, start: int, count: int, *, checked: bool) -> list[in
 class Servo2040:
     """The board on an open line, used by one thread.
 
-    Args:
-        line: open.
-        pwm_map: outputs of the joints and inputs of the feet.
-
-    Attributes:
-        fork: whether the firmware is the fork.
-
     Raises RobotFaultError when nothing answers as the firmware does.
     """
 

@@ -24,12 +24,6 @@ class PwmServos(PortServos[PwmMap, BoardThread, PwmCounters]):
     first `write`; the servos then turn to that pose at full speed, from wherever they are, leg by leg. Where
     the board was told a pose by an earlier program, states begin with it, and no leg is switched off. After
     `close` the servos keep their pulses.
-
-    Args:
-        robot: the robot that the servos belong to, or the name or path of its file.
-        pwm_map: which output moves which joint, and how.
-        place: of the board, as messages have it.
-        clock: a wall clock unless given.
     """
 
     what = "the servo board"

@@ -21,11 +21,7 @@ N_DRAWS = N_JOINTS + 4
 
 
 class Noise:
-    """A seeded stream of measurement errors, drawn once per tick so that every reader sees the same.
-
-    Attributes:
-        silent: whether all errors are zero.
-    """
+    """A seeded stream of measurement errors, drawn once per tick so that every reader sees the same."""
 
     def __init__(self, sigma: SensorNoise, seed: int, trial: int = 0) -> None:
         # A stream of its own beside those of the bumps and of the joint offsets.
@@ -95,11 +91,7 @@ def _holding(intervals: Sequence[tuple[float, float]], time_s: float) -> list[tu
 
 
 class Losses:
-    """A seeded stream of which control periods lose something, drawn once per tick.
-
-    Attributes:
-        lost: whether this period does.
-    """
+    """A seeded stream of which control periods lose something, drawn once per tick."""
 
     def __init__(self, share: float, stream: Sequence[int]) -> None:
         self._stream = np.random.default_rng(list(stream))
@@ -198,12 +190,8 @@ class Sensors:
     """Sensors of one simulated robot, or of n copies of one: what they measure, and their flaws.
 
     Attributes:
-        memory: MuJoCo's, which they look at.
         torques: how forces of actuators become torques of joints; a leg that fails changes it.
         offsets_rad: calibration errors of the joints, (18,).
-        noise: errors of this tick.
-        faulty_pose: how the pose is shown.
-        pose_loss: whether position and orientation are measured in this tick.
         age_s: of a state when it is read.
         late: states on their way; None where they have no age.
     """

@@ -45,10 +45,7 @@ class Simulation(ArrayFields):
 
     Attributes:
         physics: dm_control Physics; qpos is base position, base quaternion, 18 joints.
-        world: the world it was made from.
-        floor: the floor it stands on.
         joint_offsets_rad: calibration error per joint: true angle - angle reported by the servo, (18,).
-        failed: its failed legs.
     """
 
     physics: Any

@@ -72,10 +72,8 @@ def ask(
     """Answers of the robots at a key, one JSON object each; empty if none answers.
 
     Args:
-        session: an open session.
         key: one key, or a key expression.
         content: payload of the query, or None.
-        timeout_s: how long to wait for answers.
     """
     payload = None if content is None else encode_json(content)
     answers = []
@@ -141,8 +139,6 @@ class LeaseClient:
     """Holds the lease of a robot from `acquire` to `release`, renewing it at a third of its time.
 
     Attributes:
-        lease_id: identifier that commands carry.
-        sequence: number of the lease.
         after_state: number of the newest state before it was granted.
         lost: why the lease is gone, or None while it is in force.
         lost_at_s: when it was lost, on time.monotonic.
@@ -159,8 +155,6 @@ class LeaseClient:
         """Hold nothing yet.
 
         Args:
-            session: an open session.
-            key: of the robot's lease.
             heard_at_s: when the robot was heard last otherwise, on time.monotonic: one that is heard has not
                 gone, though answers get lost.
             clear: command that ends a stop of that robot, which refusals name.

@@ -20,14 +20,7 @@ BY_NAME = -1
 
 
 def answers(kind: str, message: Any, system: int, component: int) -> list[Any]:
-    """Answers to a message of a system and its component; none to what is not asked of this board.
-
-    Args:
-        kind: name of the message.
-        message: as pymavlink decodes it.
-        system: identifier of the sending system.
-        component: identifier of its component.
-    """
+    """Answers to a message of a system and its component; none to what is not asked of this board."""
     if kind == "PING":
         if message.target_system or message.target_component:
             return []

@@ -20,7 +20,6 @@ class BoardFault:
     """One fault.
 
     Attributes:
-        kind: its word.
         at_s: when it begins, on the clock of the simulated robot.
         joint: index of its joint, 0..17, or None for those of the board or the line.
         value: of the word's number, or None without one.
@@ -73,11 +72,7 @@ def _allowed(kinds: Mapping[str, str]) -> str:
 
 
 class DueFaults:
-    """Faults that are still to come, in their order.
-
-    Args:
-        faults: all that will.
-    """
+    """Faults that are still to come, in their order."""
 
     def __init__(self, faults: tuple[BoardFault, ...]) -> None:
         self._to_come = sorted(faults, key=lambda fault: fault.at_s)

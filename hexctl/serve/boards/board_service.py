@@ -83,11 +83,12 @@ class BoardService(BoardOptions):
         return address
 
     def _open_port(self, address: "PortAddress | None") -> "tuple[Port, str]":
-        from hexctl.backends.mavlink.mavlink_transport import DEFAULT_BOARD_PORT, PtyPort, open_port
+        from hexctl.backends.mavlink.mavlink_transport import DEFAULT_BOARD_PORT, StreamPort, open_port
+        from hexctl.serve.boards.simulated_board import PseudoTerminal
 
         if address is None:
-            terminal = PtyPort()
-            return terminal, terminal.path
+            terminal = PseudoTerminal()
+            return StreamPort(terminal.descriptor, terminal.close), terminal.path
         text = self.connect or DEFAULT_BOARD_PORT
         return open_port(address, text=text), text
 
@@ -113,10 +114,9 @@ class BusBoardService(BoardOptions):
         Raises InputError for a robot, world, model or fault that is not allowed.
         """
         options = self.backend_options()
-        section = ServosSection() if options.robot_file is None else options.robot_file.content.servos
         servos = make_servos(self.backend, options)
         make = {"servo2040": self._servo2040, "pca9685": self._pca9685}.get(str(self.bus), self._bus)
-        board = make(servos, section)
+        board = make(servos, options.servos_section)
         started = ServiceStarted(robot=servos.robot.name, backend=self.backend, place=board.path)
         board.run(stop_requested, ready=lambda: _start(started, on_started))
         return board.report()

@@ -39,13 +39,8 @@ class BusBoard(SimulatedBoard):
 
     Args:
         servos: of the simulated robot, in real time, not connected.
-        bus_map: ids and models.
         baud: bits per second: answers come no sooner than their bytes fit on the line.
-        faults: what goes wrong, and when.
         seed: of garbled bytes.
-
-    Attributes:
-        path: the device to open.
     """
 
     what, kinds = "bus", BUS_FAULTS

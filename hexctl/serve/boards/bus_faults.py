@@ -31,9 +31,6 @@ BROWN_OUT_SHARE = 0.6
 class BusFaults:
     """Faults that have begun.
 
-    Args:
-        faults: all that will.
-
     Attributes:
         mute: which servos do not answer and do not obey, (18,).
         temperatures: of servos that are hot, by joint, in degrees Celsius.

@@ -37,12 +37,7 @@ class BusBoardCounters:
 
 
 class SimulatedServo(ABC):
-    """One servo on a simulated bus.
-
-    Attributes:
-        usual_v: its supply while nothing is wrong.
-        servo_id: that it answers to.
-    """
+    """One servo on a simulated bus."""
 
     usual_v = USUAL_V
     servo_id: int
@@ -77,14 +72,7 @@ class SimulatedServos(ABC):
     """Eighteen servos of one family on a simulated bus.
 
     Args:
-        bus_map: ids and models.
         stance: counts at first, (18,).
-        faults: that have begun.
-        counters: of the bus.
-
-    Attributes:
-        packets: how instructions and answers are written.
-        servos: by joint.
     """
 
     packets: PacketFormat

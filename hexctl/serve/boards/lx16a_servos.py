@@ -14,11 +14,9 @@ class SimulatedLx16aServo(SimulatedServo):
     """One servo.
 
     Attributes:
-        loaded: whether it holds its goal.
         limits: lowest and highest count, beyond which it unloads.
         voltages_mv: lowest and highest supply with which it does not complain.
         most_c: temperature at which it unloads, in degrees Celsius.
-        position: count.
     """
 
     usual_v = 7.4

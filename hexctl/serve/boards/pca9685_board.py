@@ -48,13 +48,8 @@ class Pca9685Board(SimulatedBoard):
 
     Args:
         servos: of the simulated robot, in real time, not connected.
-        pwm_map: outputs of the joints, addresses and oscillators.
         bits_per_s: speed of the bus: transfers take no less than their bits.
-        faults: what goes wrong, and when.
         seed: of transfers that are not acknowledged.
-
-    Attributes:
-        chips: the boards, by address.
     """
 
     what, kinds = "bus", PCA9685_FAULTS

@@ -31,9 +31,6 @@ class SimulatedPca9685:
 
     Args:
         oscillator_mhz: frequency of its oscillator, which is what its pulses are really made of.
-
-    Attributes:
-        registers: (256,).
     """
 
     def __init__(self, oscillator_mhz: float = 25.0) -> None:
@@ -113,14 +110,7 @@ class SimulatedPca9685:
 
 
 class SimulatedI2c:
-    """A bus with some chips.
-
-    Args:
-        chips: by address.
-
-    Attributes:
-        chips: by address.
-    """
+    """A bus with some chips."""
 
     def __init__(self, chips: Mapping[int, SimulatedPca9685]) -> None:
         self.chips = dict(chips)

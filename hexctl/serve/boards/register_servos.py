@@ -47,12 +47,7 @@ LOW_SHARE = 0.7
 
 
 class BusServo(SimulatedServo):
-    """One servo with registers: its memory, what of it is kept without power, and what it refuses.
-
-    Attributes:
-        memory: its registers.
-        overloaded: whether it complains of an overload.
-    """
+    """One servo with registers: its memory, what of it is kept without power, and what it refuses."""
 
     def __init__(self, servo_id: int, model: ServoType, counts: float) -> None:
         self._table, self._model = (table := table_of(model.name)), model

@@ -71,13 +71,10 @@ class Servo2040Board(SimulatedBoard):
 
     Args:
         servos: of the simulated robot, in real time, not connected.
-        pwm_map: outputs of the joints and inputs of the feet.
         firmware: `stock` or `fork`.
-        faults: what goes wrong, and when.
         seed: of garbled bytes.
 
     Attributes:
-        path: the device to open.
         pulses_us: last pulses by output, (18,); 0 where none was told.
         enabled: outputs that give their pulses once the relay is on, (18,).
         relay: whether the servos have power.

@@ -24,11 +24,7 @@ RESUME_AFTER_S = 1.5 * EXPIRY_S
 
 
 class OverrideStream:
-    """Overrides of the commander as they arrive: how long they have come without a silence.
-
-    Args:
-        silence_s: longest pause between two of them.
-    """
+    """Overrides of the commander as they arrive: how long they have come without a silence."""
 
     def __init__(self, silence_s: float = EXPIRY_S) -> None:
         self._silence_s = silence_s
@@ -62,8 +58,6 @@ class Peer:
 
     Attributes:
         address: where it sends from, None on a stream.
-        system: its MAVLink system number.
-        component: its MAVLink component number.
         heard_at_s: time of its last frame, on time.monotonic.
         refused_at_s: when it was last informed that another peer commands.
         present_at_s: when a heartbeat showed last that it receives the states of now.

@@ -32,11 +32,7 @@ CHUNK = 4096
 
 
 class Line(Protocol):
-    """Where controllers reach a board.
-
-    Attributes:
-        path: to open.
-    """
+    """Where controllers reach a board."""
 
     path: str
 
@@ -46,28 +42,24 @@ class Line(Protocol):
 
 
 class PseudoTerminal:
-    """A serial device without a wire.
-
-    Attributes:
-        path: the device to open.
-    """
+    """A serial device without a wire."""
 
     def __init__(self) -> None:
-        self._master, self._slave = os.openpty()
+        self.descriptor, self._slave = os.openpty()
         tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
+        os.set_blocking(self.descriptor, False)
         self.path = os.ttyname(self._slave)
 
     def receive(self, timeout_s: float) -> bytes:
         """What comes within a time, or nothing."""
-        if not select.select([self._master], [], [], timeout_s)[0]:
+        if not select.select([self.descriptor], [], [], timeout_s)[0]:
             return b""
-        return os.read(self._master, CHUNK)
+        return os.read(self.descriptor, CHUNK)
 
     def send(self, data: bytes) -> None:
         """Send; a reader that does not read misses it, as on a line that is not listened to."""
         with contextlib.suppress(BlockingIOError):
-            os.write(self._master, data)
+            os.write(self.descriptor, data)
 
     @property
     def speed(self) -> int:
@@ -77,16 +69,12 @@ class PseudoTerminal:
 
     def close(self) -> None:
         """End the device."""
-        os.close(self._master)
+        os.close(self.descriptor)
         os.close(self._slave)
 
 
 class SocketLine:
-    """A Unix socket in a scratch folder of its own.
-
-    Attributes:
-        path: of the socket.
-    """
+    """A Unix socket in a scratch folder of its own."""
 
     def __init__(self, name: str) -> None:
         self._scratch = ExitStack()
