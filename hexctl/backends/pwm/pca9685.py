@@ -17,8 +17,7 @@ import numpy as np
 from hexctl.backends.clock import Clock
 from hexctl.backends.port_thread import reason_of
 from hexctl.backends.pwm.i2c_socket import I2cSocket
-from hexctl.backends.pwm.pwm_board import BoardReport, BoardThread
-from hexctl.backends.pwm.servos import PwmServos
+from hexctl.backends.pwm.servos import BoardReport, BoardThread, PwmServos
 from hexctl.errors import InputError, MissingExtraError, RobotFaultError, argument
 from hexctl.robot.model import Robot
 from hexctl.robot.servos.pwm_map import PCA9685_CHANNELS, PwmMap

@@ -15,8 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from hexctl.backends.bus.serial_line import SerialLine
-from hexctl.backends.pwm.pwm_board import BoardReport
-from hexctl.backends.pwm.servos import PwmServos
+from hexctl.backends.pwm.servos import BoardReport, PwmServos
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.servos.pwm_map import SERVO2040_US, PwmMap
 from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray

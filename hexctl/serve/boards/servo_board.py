@@ -12,8 +12,8 @@ from hexctl.backends.mavlink.mavlink_transport import Address, Arrival, MavlinkL
 from hexctl.control.guard import EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, RobotFaultError
 from hexctl.robot.servos.servo_map import ServoMap
-from hexctl.serve.boards import board_telemetry
-from hexctl.serve.boards.board_answers import answers, for_us
+from hexctl.serve.boards import board_messages
+from hexctl.serve.boards.board_messages import answers, for_us
 from hexctl.serve.boards.servo_channels import Channels
 from hexctl.types import JointTargets, RobotState
 
@@ -283,7 +283,7 @@ class ServoBoard:
             if at_s - peer.refused_at_s > REFUSAL_PERIOD_S:
                 peer.refused_at_s = at_s
                 words = "another controller holds the servos"
-                self._link.send(board_telemetry.text(CRITICAL_SEVERITY, words), peer.address)
+                self._link.send(board_messages.text(CRITICAL_SEVERITY, words), peer.address)
             return
         if peer is not self._peers.commander:
             self._peers.commander, self._overrides = peer, OverrideStream(self._expiry_s)
@@ -352,21 +352,21 @@ class ServoBoard:
         """Messages for a state, and periodically for the health of the board."""
         ticks, now_s = self._counters.ticks, time.monotonic()
         pulses = self._map.by_channel(self._map.raw(state.joint_positions_rad))
-        sent = [board_telemetry.outputs(pulses, self._channels.active, now_s)]
-        sent += board_telemetry.pose(state, now_s, with_euler=ticks % EULER_TICKS == 0)
+        sent = [board_messages.outputs(pulses, self._channels.active, now_s)]
+        sent += board_messages.pose(state, now_s, with_euler=ticks % EULER_TICKS == 0)
         if ticks % BEAT_TICKS == 0:
             sent = [*self._introduction(state.measured), *sent]
-            sent += board_telemetry.health(state, errors=self._link.malformed)
+            sent += board_messages.health(state, errors=self._link.malformed)
         return sent
 
     def _introduction(self, measured: bool) -> list[Any]:
         """Heartbeat, whether joint positions are measured, and the reason of a stop."""
         sent = [
-            board_telemetry.heartbeat(self._system_state()),
-            board_telemetry.measured(measured, time.monotonic()),
+            board_messages.heartbeat(self._system_state()),
+            board_messages.measured(measured, time.monotonic()),
         ]
         if self._guard.stopped not in (None, "expired"):
-            sent.append(board_telemetry.text(WARNING_SEVERITY, f"stopped: {self._guard.stopped}"))
+            sent.append(board_messages.text(WARNING_SEVERITY, f"stopped: {self._guard.stopped}"))
         return sent
 
     def _introduce(self, peer: Peer) -> None:
