@@ -112,7 +112,9 @@ class PacketLine:
         if line.discard():  # too late for the packet before
             self._wait_longer()
         stream.finish()
-        begin_s = answered_s = max(time.monotonic(), line.free_s)
+        # Moves of LX-16A servos fill the line for milliseconds; shorter packets are in the delay that is learned.
+        free_s = line.free_s if self.packets.names_question else 0.0
+        begin_s = answered_s = max(time.monotonic(), free_s)
         line.write(request)
         answers: dict[int, StatusPacket] = {}
         deadline_s = begin_s + wire_s + self.timeout_s
@@ -131,8 +133,10 @@ class PacketLine:
             self._wait_longer()
         # Learned from the last answer that came: servos that are missing are waited for no longer than that.
         if self._adapts and answers:
-            delay_s = TIMEOUT_TIMES * (answered_s - begin_s - wire_s)
-            self.timeout_s += TIMEOUT_SHARE * (max(delay_s, LEAST_TIMEOUT_S) - self.timeout_s)
+            delay_s = max(TIMEOUT_TIMES * (answered_s - begin_s - wire_s), LEAST_TIMEOUT_S)
+            if self.packets.names_question:  # one that is late is none to another question
+                delay_s = min(delay_s, self._most_timeout_s)
+            self.timeout_s += TIMEOUT_SHARE * (delay_s - self.timeout_s)
             self.timeout_s = min(self.timeout_s, self._most_timeout_s)
         return list(answers.values())
 
