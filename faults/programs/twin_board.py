@@ -74,7 +74,6 @@ class Told(SimulatedBoard):
     """
 
     _line: Any
-    _faults: Any
 
     def observe(self, twin: TwinServos) -> None:
         """Write into the truth of a twin, and take its words."""
@@ -98,7 +97,7 @@ class Told(SimulatedBoard):
         if word.startswith("loss "):
             self._line.loss = float(word.split()[1])
         else:
-            self._faults.add(parse_fault(word, self.kinds))
+            self.due.add(parse_fault(word, self.kinds))
 
 
 class ToldBus(Told, BusBoard):

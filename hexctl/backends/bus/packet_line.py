@@ -112,7 +112,7 @@ class PacketLine:
         if line.discard():  # too late for the packet before
             self._wait_longer()
         stream.finish()
-        # Moves of LX-16A servos fill the line for milliseconds; shorter packets are in the delay that is learned.
+        # Moves of LX-16A servos fill the line for milliseconds; shorter packets are in the learned delay.
         free_s = line.free_s if self.packets.names_question else 0.0
         begin_s = answered_s = max(time.monotonic(), free_s)
         line.write(request)

@@ -55,10 +55,10 @@ class BusBoard(SimulatedBoard):
         seed: int = 0,
     ) -> None:
         self._line, self._counters = PseudoTerminal(), BusBoardCounters()
-        super().__init__(servos, self._line, self._counters, seed)
+        super().__init__(servos, self._line, self._counters, faults, seed)
         self._map, self._baud = bus_map, baud
         stance = bus_map.raw(servos.robot.stance_angles_rad)
-        self._faults = BusFaults(faults)
+        self._faults = BusFaults()
         self._family = FAMILIES[bus_map.driver](bus_map, stance, self._faults, self._counters)
         self._servos = self._family.servos
         self._free_s = 0.0  # when the line has carried what came so far
@@ -105,17 +105,15 @@ class BusBoard(SimulatedBoard):
     def _occupy(self, count: int) -> None:
         self._free_s = max(self._free_s, time.monotonic()) + 10.0 * count / self._baud
 
-    def _suffer(self) -> None:
-        self._faults.advance(self._robot.clock.now_s)
-        while self._faults.sudden:
-            fault = self._faults.sudden.pop(0)
-            if fault.joint is None:
-                for servo in self._servos:
-                    servo.restart()
-            elif fault.kind == "overload":
-                self._servos[fault.joint].trip()
-            else:
-                self._servos[fault.joint].lose_id(FACTORY_ID)
+    def _begin(self, fault: BoardFault) -> None:
+        self._faults.begin(fault)
+        if fault.kind == "brown-out":
+            for servo in self._servos:
+                servo.restart()
+        elif fault.joint is not None and fault.kind == "overload":
+            self._servos[fault.joint].trip()
+        elif fault.joint is not None and fault.kind == "lost-id":
+            self._servos[fault.joint].lose_id(FACTORY_ID)
 
     def _told(self) -> tuple[BoolArray, FloatArray]:
         holds: BoolArray = self._family.holds() & ~self._faults.dead

@@ -5,7 +5,7 @@ import random
 import numpy as np
 
 from hexctl.backends.bus.packets import PacketFormat, PacketStream
-from hexctl.serve.boards.board_faults import BoardFault, DueFaults
+from hexctl.serve.boards.board_faults import BoardFault
 from hexctl.types import N_JOINTS, BoolArray
 
 #: What each word takes.
@@ -35,7 +35,6 @@ class BusFaults:
         mute: which servos do not answer and do not obey, (18,).
         temperatures: of servos that are hot, by joint, in degrees Celsius.
         cables: shares of damaged answers of servos at the end of a bad cable, by joint.
-        sudden: faults that have just begun and happen once to the servos: overload, lost-id, brown-out.
         echoes: whether the adapter sends back what it gets.
         unplugged: whether nothing gets through.
     """
@@ -46,33 +45,36 @@ class BusFaults:
     #: Highest voltage in a brown-out, in which servos hold nothing.
     BROWN_OUT_V = 7.0
 
-    def __init__(self, faults: tuple[BoardFault, ...] = ()) -> None:
-        self._due = DueFaults(faults)
+    def __init__(self) -> None:
         self.mute: BoolArray = np.zeros(N_JOINTS, dtype=bool)
         self.temperatures: dict[int, float] = {}
         self.cables: dict[int, float] = {}
-        self.sudden: list[BoardFault] = []
         self.echoes = self.unplugged = self._browned_out = self._wild_once = False
         self._garbles = self._wild = 0.0
-        self.advance(0.0)
 
     @property
     def dead(self) -> BoolArray:
         """Which servos hold nothing, (18,)."""
         return self.mute | self._browned_out
 
-    def add(self, fault: BoardFault) -> None:
-        """Let another fault come, immediately if its time is over."""
-        self._due.add(fault)
-
-    def advance(self, now_s: float) -> None:
-        """Let faults begin that are due."""
-        for fault in self._due.begun(now_s):
-            self._begin(fault.kind, fault.value or 0.0)
-            if fault.joint is not None:
-                self._begin_at(fault.joint, fault.kind, fault.value or 0.0)
-            if fault.kind in ("overload", "lost-id", "brown-out"):
-                self.sudden.append(fault)
+    def begin(self, fault: BoardFault) -> None:
+        """Let a fault of the line or of how servos answer begin."""
+        kind, joint, value = fault.kind, fault.joint, fault.value or 0.0
+        if joint is not None and kind == "mute":
+            self.mute[joint] = True
+        elif joint is not None and kind == "hot":
+            self.temperatures[joint] = value
+        elif joint is not None and kind == "bad-cable":
+            self.cables[joint] = value
+        elif kind == "garble":
+            self._garbles = value
+        elif kind == "wild":
+            self._wild = value
+        elif kind in ("unplug", "replug"):
+            self.unplugged = kind == "unplug"
+        self._wild_once |= kind == "wild-once"
+        self.echoes |= kind == "echo"
+        self._browned_out |= kind == "brown-out"
 
     def voltage(self, usual_v: float) -> float:
         """Voltage at the servos."""
@@ -99,22 +101,3 @@ class BusFaults:
         if how == 1:
             return answer[:place] + bytes([rng.randrange(256)]) + answer[place + 1 :]
         return rng.randbytes(rng.randrange(1, 8)) + answer
-
-    def _begin(self, kind: str, value: float) -> None:
-        if kind == "garble":
-            self._garbles = value
-        elif kind == "wild":
-            self._wild = value
-        elif kind in ("unplug", "replug"):
-            self.unplugged = kind == "unplug"
-        self._wild_once |= kind == "wild-once"
-        self.echoes |= kind == "echo"
-        self._browned_out |= kind == "brown-out"
-
-    def _begin_at(self, joint: int, kind: str, value: float) -> None:
-        if kind == "mute":
-            self.mute[joint] = True
-        elif kind == "hot":
-            self.temperatures[joint] = value
-        elif kind == "bad-cable":
-            self.cables[joint] = value

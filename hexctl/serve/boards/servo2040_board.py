@@ -24,7 +24,7 @@ from hexctl.backends.pwm.servo2040 import (
 )
 from hexctl.errors import InputError
 from hexctl.robot.servos.pwm_map import SERVO2040_US, PwmMap
-from hexctl.serve.boards.board_faults import BoardFault, DueFaults
+from hexctl.serve.boards.board_faults import BoardFault
 from hexctl.serve.boards.simulated_board import PseudoTerminal, SimulatedBoard
 from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState
 
@@ -94,7 +94,7 @@ class Servo2040Board(SimulatedBoard):
         if firmware not in FIRMWARES:
             raise InputError(f"servos.model: got {firmware}; allowed: {', '.join(FIRMWARES)} with servo2040")
         self._line, self._counters = PseudoTerminal(), Servo2040Counters()
-        super().__init__(servos, self._line, self._counters, seed)
+        super().__init__(servos, self._line, self._counters, faults, seed)
         self._map, self._fork = pwm_map, firmware == "fork"
         self.pulses_us: FloatArray = np.zeros(N_JOINTS)
         self.enabled: BoolArray = np.zeros(N_JOINTS, dtype=bool)
@@ -102,7 +102,6 @@ class Servo2040Board(SimulatedBoard):
         self._staged = False
         self._status = 0
         self._sensors = [FREE] * N_LEGS + [0, 0]
-        self._faults = DueFaults(faults)
         self._mute = self._unplugged = False
         self._garbles = 0.0
         self._data = bytearray()
@@ -180,18 +179,17 @@ class Servo2040Board(SimulatedBoard):
         if not self._unplugged:
             self._line.send(reply)
 
-    def _suffer(self) -> None:
-        for fault in self._faults.begun(self._robot.clock.now_s):
-            value = fault.value or 0.0
-            if fault.kind == "mute":
-                self._mute = True
-            elif fault.kind == "garble":
-                self._garbles = value
-            elif fault.kind == "trip":
-                self.relay = self._staged = False
-                self._status = 1 | min(0x3FF, round(10 * value)) << 1
-            else:
-                self._unplugged = fault.kind == "unplug"
+    def _begin(self, fault: BoardFault) -> None:
+        value = fault.value or 0.0
+        if fault.kind == "mute":
+            self._mute = True
+        elif fault.kind == "garble":
+            self._garbles = value
+        elif fault.kind == "trip":
+            self.relay = self._staged = False
+            self._status = 1 | min(0x3FF, round(10 * value)) << 1
+        else:
+            self._unplugged = fault.kind == "unplug"
 
     def _told(self) -> tuple[BoolArray, FloatArray]:
         powered: BoolArray = self.enabled[self._map.outputs] & self.relay

@@ -72,9 +72,10 @@ class Peer:
     present_at_s: float = float("-inf")
     sequence: SequenceCount = field(default_factory=SequenceCount)
 
-    def is_at(self, address: Address, system: int, component: int) -> bool:
-        """Whether it is the system that sends from an address."""
-        return (self.address, self.system, self.component) == (address, system, component)
+    @property
+    def place(self) -> tuple[Address, int, int]:
+        """Address, system and component that it sends from."""
+        return self.address, self.system, self.component
 
 
 class Peers:
@@ -88,7 +89,7 @@ class Peers:
     """
 
     def __init__(self) -> None:
-        self._known: list[Peer] = []
+        self._known: dict[tuple[Address, int, int], Peer] = {}
         self.commander: Peer | None = None
         self._lost_before = self._late_before = 0
         self.crowded_out = 0
@@ -96,36 +97,36 @@ class Peers:
     @property
     def lost(self) -> int:
         """Frames that never arrived."""
-        return self._lost_before + sum(peer.sequence.lost for peer in self._known)
+        return self._lost_before + sum(peer.sequence.lost for peer in self._known.values())
 
     @property
     def out_of_order(self) -> int:
         """Frames that arrived late or twice."""
-        return self._late_before + sum(peer.sequence.out_of_order for peer in self._known)
+        return self._late_before + sum(peer.sequence.out_of_order for peer in self._known.values())
 
     def addresses(self) -> list[Address]:
         """Addresses of all peers; a stream has the one address None."""
-        return list(dict.fromkeys(peer.address for peer in self._known))
+        return list(dict.fromkeys(peer.address for peer in self._known.values()))
 
     def hear(self, address: Address, system: int, component: int, at_s: float) -> tuple[Peer, bool]:
         """Peer that sent a frame, and whether it is new."""
-        for peer in [peer for peer in self._known if at_s - peer.heard_at_s > FORGET_AFTER_S]:
+        for peer in [peer for peer in self._known.values() if at_s - peer.heard_at_s > FORGET_AFTER_S]:
             self._drop(peer)
-        for peer in self._known:
-            if peer.is_at(address, system, component):
-                peer.heard_at_s = at_s
-                return peer, False
+        place, commander = (address, system, component), self.commander
+        if (known := self._known.get(place)) is not None:
+            known.heard_at_s = at_s
+            return known, False
         if len(self._known) >= MOST_PEERS:
             # The peer that was silent longest is dropped: a flood of senders must not lock out a commander.
-            others = [peer for peer in self._known if peer is not self.commander]
+            others = [peer for peer in self._known.values() if peer is not commander]
             self._drop(min(others, key=lambda peer: peer.heard_at_s))
             self.crowded_out += 1
-        peer, commander = Peer(address, system, component, at_s), self.commander
-        if commander is not None and commander.is_at(address, system, component):
+        peer = Peer(address, system, component, at_s)
+        if commander is not None and commander.place == place:
             # It was silent for so long that it was dropped, and its frames were counted.
             peer = commander
             peer.heard_at_s, peer.sequence = at_s, SequenceCount()
-        self._known.append(peer)
+        self._known[place] = peer
         return peer, True
 
     def may_command(self, peer: Peer, at_s: float) -> bool:
@@ -140,7 +141,7 @@ class Peers:
             self.commander = None
 
     def _drop(self, peer: Peer) -> None:
-        self._known.remove(peer)
+        del self._known[peer.place]
         self._lost_before += peer.sequence.lost
         self._late_before += peer.sequence.out_of_order
 

@@ -19,6 +19,7 @@ from hexctl.backends.base import LegServos
 from hexctl.control.guard import StepLimits
 from hexctl.errors import RobotFaultError
 from hexctl.scratch import scratch_folder
+from hexctl.serve.boards.board_faults import BoardFault, DueFaults
 from hexctl.types import BoolArray, FloatArray, JointTargets, RobotState
 
 if TYPE_CHECKING:
@@ -117,10 +118,12 @@ class SimulatedBoard(ABC):
         servos: of the simulated robot, in real time, not connected.
         line: open; closed at the end of `run`.
         counters: of the board, with `ticks`.
+        faults: what goes wrong, and when.
         seed: of what goes wrong at random.
 
     Attributes:
         path: what controllers open.
+        due: faults that are still to come.
     """
 
     #: What it is, as messages have it.
@@ -129,9 +132,16 @@ class SimulatedBoard(ABC):
     #: What each word of a fault takes, as `parse_fault` reads it.
     kinds: ClassVar[Mapping[str, str]]
 
-    def __init__(self, servos: LegServos, line: Line, counters: "DataclassInstance", seed: int) -> None:
+    def __init__(
+        self,
+        servos: LegServos,
+        line: Line,
+        counters: "DataclassInstance",
+        faults: tuple[BoardFault, ...],
+        seed: int,
+    ) -> None:
         self._robot, self._counted, self.path = servos, counters, line.path
-        self._closed_at_end = line
+        self._closed_at_end, self.due = line, DueFaults(faults)
         self._limits = StepLimits.of(servos.robot, servos.clock.period_s)
         self._random = random.Random(seed)  # noqa: S311  faults are no secret
         self._sent_rad: FloatArray | None = None
@@ -166,8 +176,8 @@ class SimulatedBoard(ABC):
         """Obey what comes within a time."""
 
     @abstractmethod
-    def _suffer(self) -> None:
-        """Let faults begin that are due."""
+    def _begin(self, fault: BoardFault) -> None:
+        """Let a fault begin."""
 
     @abstractmethod
     def _told(self) -> tuple[BoolArray, FloatArray]:
@@ -176,6 +186,10 @@ class SimulatedBoard(ABC):
     @abstractmethod
     def _show(self, state: RobotState) -> None:
         """Let the board know how its robot is."""
+
+    def _suffer(self) -> None:
+        for fault in self.due.begun(self._robot.clock.now_s):
+            self._begin(fault)
 
     def _tick(self) -> None:
         self._robot.clock.tick()

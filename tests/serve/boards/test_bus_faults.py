@@ -8,12 +8,19 @@ import pytest
 from hexctl.backends.bus.lx16a_packets import LX16A
 from hexctl.backends.bus.packets import PROTOCOLS, PacketFormat, PacketStream
 from hexctl.errors import InputError
-from hexctl.serve.boards.board_faults import BoardFault, parse_fault
+from hexctl.serve.boards.board_faults import BoardFault, DueFaults, parse_fault
 from hexctl.serve.boards.bus_faults import BUS_FAULTS, BusFaults
 
 
 def _fault(text: str) -> BoardFault:
     return parse_fault(text, BUS_FAULTS)
+
+
+def _begun(*texts: str) -> BusFaults:
+    faults = BusFaults()
+    for text in texts:
+        faults.begin(_fault(text))
+    return faults
 
 
 @pytest.mark.parametrize(
@@ -55,19 +62,25 @@ def test_anything_else_is_refused(text: str) -> None:
 
 def test_faults_begin_when_they_are_due() -> None:
     words = ("unplug@2", "mute:1:femur@1", "replug@3", "hot:1:coxa:80@2")
-    faults = BusFaults(tuple(map(_fault, words)))
+    faults, due = BusFaults(), DueFaults(tuple(map(_fault, words)))
+
+    def advance(now_s: float) -> None:
+        for fault in due.begun(now_s):
+            faults.begin(fault)
+
+    advance(0.0)
     assert not faults.mute.any()
-    faults.advance(1.0)
+    advance(1.0)
     assert np.flatnonzero(faults.mute).tolist() == [1]
-    faults.advance(2.5)
+    advance(2.5)
     assert faults.unplugged
     assert faults.temperatures == {0: 80.0}
-    faults.advance(10.0)
+    advance(10.0)
     assert not faults.unplugged
 
 
 def test_as_many_answers_are_garbled_as_was_asked_for() -> None:
-    faults, rng = BusFaults((_fault("garble:0.25"),)), random.Random(0)
+    faults, rng = _begun("garble:0.25"), random.Random(0)
     packets = PROTOCOLS[1]
     answer = packets.status(7, 0, bytes(range(15)))
     garbled = sum(faults.damaged(answer, packets, rng) != answer for _ in range(4000))
@@ -76,7 +89,7 @@ def test_as_many_answers_are_garbled_as_was_asked_for() -> None:
 
 @pytest.mark.parametrize("packets", [PROTOCOLS[1], PROTOCOLS[2], LX16A], ids=["1.0", "2.0", "lx16a"])
 def test_wild_answers_are_whole_packets_with_other_numbers(packets: PacketFormat) -> None:
-    faults, rng = BusFaults((_fault("wild:0.25"),)), random.Random(0)
+    faults, rng = _begun("wild:0.25"), random.Random(0)
     answer = packets.status(7, 28, bytes(2))
     wild = [each for _ in range(400) if (each := faults.damaged(answer, packets, rng)) != answer]
     assert 70 < len(wild) < 130
@@ -86,8 +99,7 @@ def test_wild_answers_are_whole_packets_with_other_numbers(packets: PacketFormat
 
 
 def test_in_a_brown_out_nothing_holds() -> None:
-    faults = BusFaults((_fault("brown-out@1"),))
-    assert faults.voltage(12.0) == 12.0
-    faults.advance(1.0)
+    assert BusFaults().voltage(12.0) == 12.0
+    faults = _begun("brown-out@1")
     assert faults.voltage(12.0) < 8
     assert faults.dead.all()
