@@ -72,8 +72,6 @@ class RegisterTable:
     """Registers of servos that one program can treat alike.
 
     Attributes:
-        protocol: version of the packets.
-        byte_order: of numbers.
         torque: 1 where the servo holds its goal.
         goal: position in counts.
         position: in counts.
@@ -81,9 +79,6 @@ class RegisterTable:
         current: in A, or None.
         voltage: in V.
         temperature: in degrees Celsius.
-        model: model number.
-        servo_id: id that the servo answers to.
-        return_delay: time before an answer, 0 for none.
         sync_read: whether many servos answer one packet.
         ram: first address of the memory that is not kept without power; settings below it are changed while
             the torque is off.

@@ -101,30 +101,20 @@ def _load_trunk(body: Any, robot: Robot, world: World) -> None:
     # A solid beside the trunk's own carries the mass.
     solid = body.find("geom", "mass") or body.find("geom", "trunk")
     at = np.zeros(3) if solid.pos is None else np.array(solid.pos)
-    body.find("body", "trunk").add(
-        "geom",
-        name="ballast",
-        type=solid.type,
-        size=solid.size,
-        pos=at + world.body_mass_shift_m,
-        mass=mass_kg,
-        **NO_CONTACT,
-    )
+    trunk, at = body.find("body", "trunk"), at + world.body_mass_shift_m
+    _add_mass(trunk, "ballast", mass_kg, type=solid.type, size=solid.size, pos=at)
     solid.mass = 0
 
 
 def _load_payload(body: Any, world: World) -> None:
     if world.payload_kg:
-        trunk = body.find("body", "trunk")
-        trunk.add(
-            "geom",
-            name="payload",
-            type="box",
-            size=[0.02, 0.02, 0.02],
-            pos=world.payload_position_m,
-            mass=world.payload_kg,
-            **NO_CONTACT,
-        )
+        trunk, at = body.find("body", "trunk"), world.payload_position_m
+        _add_mass(trunk, "payload", world.payload_kg, type="box", size=[0.02, 0.02, 0.02], pos=at)
+
+
+def _add_mass(body: Any, name: str, mass_kg: float, **solid: Any) -> None:
+    """Add a solid without contact to a body, which carries a mass."""
+    body.add("geom", name=name, mass=mass_kg, **solid, **NO_CONTACT)
 
 
 def _stretch_tibias(body: Any, world: World) -> None:
@@ -301,7 +291,7 @@ def _place_mass(trunk: Any, body: Body) -> None:
         if box_m is None
         else {"type": "box", "size": [side / 2 for side in box_m]}
     )
-    trunk.add("geom", name="mass", pos=body.com_m, mass=body.mass_kg, **solid, **NO_CONTACT)
+    _add_mass(trunk, "mass", body.mass_kg, pos=body.com_m, **solid)
     shape.mass = 0
 
 
@@ -344,15 +334,8 @@ def _shift_link_mass(link: Any, robot: Robot, index: int) -> None:
     off = robot.link_coms_m[index] - robot.link_vectors_m[index] / 2
     start = [off[0], 0.0, off[1]]
     end = [off[0] + robot.link_vectors_m[index][0], 0.0, off[1] + robot.link_vectors_m[index][1]]
-    link.add(
-        "geom",
-        name=f"{JOINT_KINDS[index]}_mass",
-        type="capsule",
-        fromto=[*start, *end],
-        size=shape.size,
-        mass=shape.mass,
-        **NO_CONTACT,
-    )
+    solid = {"type": "capsule", "fromto": [*start, *end], "size": shape.size}
+    _add_mass(link, f"{JOINT_KINDS[index]}_mass", shape.mass, **solid)
     shape.mass = 0
 
 

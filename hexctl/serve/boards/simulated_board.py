@@ -11,7 +11,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -30,16 +30,6 @@ SPARE_S = 0.0003
 
 #: Bytes of a read: more than a controller sends between two of them.
 CHUNK = 4096
-
-
-class Line(Protocol):
-    """Where controllers reach a board."""
-
-    path: str
-
-    def close(self) -> None:
-        """End it."""
-        ...
 
 
 class PseudoTerminal:
@@ -135,7 +125,7 @@ class SimulatedBoard(ABC):
     def __init__(
         self,
         servos: LegServos,
-        line: Line,
+        line: PseudoTerminal | SocketLine,
         counters: "DataclassInstance",
         faults: tuple[BoardFault, ...],
         seed: int,
