@@ -30,19 +30,11 @@ class BackendOptions:
     """Options of backends; each backend uses those that concern it.
 
     Attributes:
-        robot: the robot at the other end.
-        world: the simulated world.
-        failure: the failed leg that a simulation injects.
-        further_failures: other legs that a simulation injects a failure into besides.
-        events: failures that come to a simulation in the walk, and legs that heal.
-        seed: seed of everything random in a simulation.
         trial: number of the trial; sensor noise differs between trials.
-        realtime: pace a simulation with wall time.
         robot_file: the file that the robot was loaded from, with the servo map of a real one; None for a
             robot that is not from a file.
         connect: address of the robot: a Zenoh endpoint or a MAVLink port; None for the backend's default.
         credentials: folder with the certificates of a link beyond loopback, or None.
-        insecure: True to allow a link beyond loopback without credentials.
         link: name or path of a link file, or None.
     """
 
