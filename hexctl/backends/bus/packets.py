@@ -54,13 +54,13 @@ class PacketFormat(ABC):
         """Packet with which a servo answers."""
         return self.instruction(servo_id, error, parameters)
 
-    @abstractmethod
     def status_size(self, parameters: int) -> int:
         """Bytes of an answer with a number of parameters, without stuffing."""
+        return len(self.status(0, 0, bytes(parameters)))
 
-    @abstractmethod
     def size(self, packet: Packet) -> int:
         """Bytes of a packet as it is written."""
+        return len(self.instruction(*packet))
 
     def answer_size(self, instruction: int, parameters: bytes) -> int | None:
         """Parameters of the answer to an instruction for one servo; None if unknown."""
@@ -124,12 +124,8 @@ class SumPackets(PacketFormat):
         body = bytes([servo_id, len(parameters) + self._counted, instruction]) + parameters
         return self._header + body + bytes([_sum(body)])
 
-    def status_size(self, parameters: int) -> int:
-        """Bytes of an answer."""
-        return 6 + parameters
-
     def size(self, packet: Packet) -> int:
-        """Bytes of a packet."""
+        """Bytes of a packet; each answer of a poll is measured."""
         return 6 + len(packet[2])
 
     def answer_size(self, instruction: int, parameters: bytes) -> int | None:
@@ -177,14 +173,6 @@ class Protocol2(PacketFormat):
     def status(self, servo_id: int, error: int, parameters: bytes = b"") -> bytes:
         """Packet with which a servo answers."""
         return self.instruction(servo_id, STATUS, bytes([error]) + parameters)
-
-    def status_size(self, parameters: int) -> int:
-        """Bytes of an answer, without stuffing."""
-        return 11 + parameters
-
-    def size(self, packet: Packet) -> int:
-        """Bytes of a packet, with those that are stuffed."""
-        return 10 + len(packet[2]) + (bytes([packet[1]]) + packet[2]).count(b"\xff\xff\xfd")
 
     def answer_size(self, instruction: int, parameters: bytes) -> int | None:
         """Parameters of the answer to an instruction for one servo; None if unknown."""
