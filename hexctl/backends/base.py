@@ -167,11 +167,9 @@ class CalibratedServos(Protocol):
     @property
     def servo_map(self) -> RawMap:
         """Conversion between joint angles and raw servo positions."""
-        ...
 
     def remap(self, servo_map: RawMap) -> None:
         """Use another calibration from now on: no servo moves, its raw position means another angle."""
-        ...
 
 
 def check_targets(targets: JointTargets) -> None:

@@ -24,7 +24,6 @@ class OnPort(Protocol):
 
     def close(self) -> None:
         """Close the port."""
-        ...
 
 
 class ReopenedCount(Protocol):

@@ -1,6 +1,7 @@
 """Leg servos that are read once per tick, and those whose joints a map turns into raw positions."""
 
 from abc import abstractmethod
+from contextlib import ExitStack
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
@@ -37,6 +38,7 @@ class TickedServos(LegServos):
     def __init__(self, robot: Robot | str | Path, clock: Clock) -> None:
         self._robot, self._clock = as_robot(robot), clock
         self._snapshot: tuple[int, RobotState] | None = None
+        self._opened: ExitStack | None = None
 
     @property
     def robot(self) -> Robot:
@@ -53,15 +55,30 @@ class TickedServos(LegServos):
 
         Raises RobotFaultError when not connected or when the other end has gone.
         """
-        check_connected(self._connected, self.what)
+        self._check_connected()
         if self._snapshot is None or self._snapshot[0] != self._clock.index:
             self._snapshot = (self._clock.index, self._newest())
         return self._snapshot[1].copy()
 
-    @property
+    def connect(self) -> None:
+        """Open the connection; nothing moves. Raises RobotFaultError that says what to check."""
+        if self._opened is None:
+            with ExitStack() as opening:
+                self._open_all(opening)
+                self._snapshot, self._opened = None, opening.pop_all()
+
+    def close(self) -> None:
+        """Close the connection; the robot holds its pose."""
+        if self._opened is not None:
+            opened, self._opened = self._opened, None
+            opened.close()
+
+    def _check_connected(self) -> None:
+        check_connected(self._opened is not None, self.what)
+
     @abstractmethod
-    def _connected(self) -> bool:
-        """Whether `connect` has succeeded and `close` was not called."""
+    def _open_all(self, opening: ExitStack) -> None:
+        """Open what it takes, with callbacks that close it."""
 
     @abstractmethod
     def _newest(self) -> RobotState:
@@ -106,7 +123,7 @@ class MappedServos(TickedServos, Generic[Map, Counters]):
 
     def write(self, targets: JointTargets) -> JointTargets:
         """Send targets; the result is the nearest that the limits of the servos allow."""
-        check_connected(self._connected, self.what)
+        self._check_connected()
         check_targets(targets)
         sent = targets
         if clips := bool(self._map.outside(targets.joint_positions_rad).any()):
@@ -140,18 +157,6 @@ class PortServos(MappedServos[Map, PortCounters], Generic[Map, Thread, PortCount
         self._thread: Thread | None = None
         self._sent_rad = servo_map.limited_rad(self._sent_rad)
 
-    def connect(self) -> None:
-        """Open the port and find what is on it; nothing moves.
-
-        Raises RobotFaultError that says what to check.
-        """
-        if self._thread is None:
-            try:
-                self._thread = self._started()
-            except OSError as error:
-                raise RobotFaultError(self._gone(reason_of(error))) from error
-            self._snapshot = None
-
     @property
     def holds(self) -> bool:
         """Whether the servos hold, as far as is known."""
@@ -159,15 +164,21 @@ class PortServos(MappedServos[Map, PortCounters], Generic[Map, Thread, PortCount
 
     def disable_torque(self) -> bool:
         """Let all joints go limp until the next targets."""
-        check_connected(self._connected, self.what)
+        self._check_connected()
         assert self._thread is not None  # noqa: S101  for the type
         self._thread.release()
         return True
 
-    def close(self) -> None:
-        """Close the port; the robot holds its pose."""
-        if self._thread is not None:
-            thread, self._thread = self._thread, None
+    def _open_all(self, opening: ExitStack) -> None:
+        try:
+            self._thread = self._started()
+        except OSError as error:
+            raise RobotFaultError(self._gone(reason_of(error))) from error
+        opening.callback(self._stop)
+
+    def _stop(self) -> None:
+        thread, self._thread = self._thread, None
+        if thread is not None:
             thread.stop()
 
     @abstractmethod
@@ -177,10 +188,6 @@ class PortServos(MappedServos[Map, PortCounters], Generic[Map, Thread, PortCount
     @abstractmethod
     def _state(self, thread: Thread) -> RobotState:
         """Newest state."""
-
-    @property
-    def _connected(self) -> bool:
-        return self._thread is not None
 
     def _newest(self) -> RobotState:
         assert self._thread is not None  # noqa: S101  `read` asks whether it is connected

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from hexctl.backends.base import check_connected
 from hexctl.backends.clock import Clock, WallClock
 from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec
@@ -80,48 +79,29 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
         )
         self._port_text, self._address = port, parse_port(port)
         self._signing_key = signing_key
-        self._opened: ExitStack | None = None
         self._written_at_s = self._resumed_at_s = -math.inf
 
-    def connect(self) -> None:
-        """Open the port, and wait for the heartbeat of the board and its servo positions.
-
-        Raises RobotFaultError that says what to check.
-        """
-        if self._opened is not None:
-            return
-        with ExitStack() as opening:
-            port = open_port(self._address, text=self._port_text)
-            opening.callback(port.close)
-            codec = Codec(
-                mavlink_messages.CONTROLLER_SYSTEM,
-                mavlink_messages.CONTROLLER_COMPONENT,
-                signing_key=self._signing_key,
-            )
-            self._link = MavlinkLink(port, codec)
-            self._receiver = Receiver(self._link, self.counters)
-            self._receiver.start()
-            opening.callback(self._receiver.stop)
-            self._peer = self._await_peer()
-            self._await_outputs()
-            self._snapshot = None
-            self._opened = opening.pop_all()
+    def _open_all(self, opening: ExitStack) -> None:
+        """Open the port, and wait for the heartbeat of the board and its servo positions."""
+        port = open_port(self._address, text=self._port_text)
+        opening.callback(port.close)
+        codec = Codec(
+            mavlink_messages.CONTROLLER_SYSTEM,
+            mavlink_messages.CONTROLLER_COMPONENT,
+            signing_key=self._signing_key,
+        )
+        self._link = MavlinkLink(port, codec)
+        self._receiver = Receiver(self._link, self.counters)
+        self._receiver.start()
+        opening.callback(self._receiver.stop)
+        self._peer = self._await_peer()
+        self._await_outputs()
 
     def disable_torque(self) -> bool:
         """Release all servos until the next targets."""
-        check_connected(self._connected, self.what)
+        self._check_connected()
         self._send(mavlink_messages.release(self._peer.system, self._peer.component))
         return True
-
-    def close(self) -> None:
-        """Announce the end and close the port; the board holds the pose."""
-        if self._opened is not None:
-            opened, self._opened = self._opened, None
-            opened.close()
-
-    @property
-    def _connected(self) -> bool:
-        return self._opened is not None
 
     def _send_targets(self, positions_rad: FloatArray, *, clips: bool) -> None:
         self.counters.clipped += clips
@@ -153,7 +133,6 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
         return f"the port {self._port_text} has gone ({error.strerror or error}); is the cable still in?"
 
     def _await_peer(self) -> Peer:
-
         def peer() -> Peer | None:
             self._check_port()
             return self._receiver.peer

@@ -66,15 +66,12 @@ class I2cBus(Protocol):
 
     def write_byte_data(self, i2c_addr: int, register: int, value: int, /) -> None:
         """Write one byte to a register."""
-        ...
 
     def read_byte_data(self, i2c_addr: int, register: int, /) -> int:
         """Byte of a register."""
-        ...
 
     def i2c_rdwr(self, *i2c_msgs: Any) -> None:
         """Transfer messages of `smbus2.i2c_msg` in one transaction."""
-        ...
 
 
 def prescale_of(oscillator_mhz: float) -> int:

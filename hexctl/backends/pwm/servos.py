@@ -63,27 +63,21 @@ class PwmBoard(Protocol):
 
     def commanded_us(self) -> FloatArray:
         """Pulses of each joint, (18,), that the board was last told; NaN where it was told none."""
-        ...
 
     def begin(self, pulses_us: FloatArray, on: BoolArray) -> None:
         """Power some servos, (18,), with the pulses of their joints, (18,), from the first one on."""
-        ...
 
     def write(self, pulses_us: FloatArray, on: BoolArray) -> None:
         """Send pulses of each joint, (18,), to the servos that are on, (18,); the others are limp."""
-        ...
 
     def end(self) -> None:
         """Let all servos go limp."""
-        ...
 
     def poll(self) -> BoardReport | None:
         """What the board tells, or None where it does not answer."""
-        ...
 
     def close(self) -> None:
         """Close the port; the servos keep their pulses."""
-        ...
 
 
 class BoardThread(PortThread[PwmBoard]):

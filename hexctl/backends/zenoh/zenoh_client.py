@@ -13,7 +13,7 @@ from typing import Any, Self
 
 import zenoh
 
-from hexctl.backends.base import check_connected, check_targets
+from hexctl.backends.base import check_targets
 from hexctl.backends.clock import WallClock
 from hexctl.backends.ticked_servos import TickedServos
 from hexctl.backends.zenoh.subscriber import LatestValues, StateSubscriber
@@ -264,7 +264,6 @@ class ZenohServos(TickedServos):
         self.identity: RobotIdentity | None = None
         self.simulated: Mapping[str, str] | None = None
         self._keys = link.keys(self._robot.name)
-        self._opened: ExitStack | None = None
         self._subscriber = StateSubscriber(self._keys, latest or LatestValues(), plain=link.plain)
         self._lease: LeaseClient | None = None
         self._sequence = 0
@@ -284,41 +283,36 @@ class ZenohServos(TickedServos):
         """Failures in force in a simulation at the other end, as reported last; None for a robot."""
         return None if self._opened is None else self._subscriber.failures
 
-    def connect(self) -> None:
+    def _open_all(self, opening: ExitStack) -> None:
         """Open the link, verify the robot, take its lease and wait for its first state.
 
         Raises InputError for a link that is not allowed, otherwise RobotFaultError with what to check.
         """
-        if self._opened is not None:
-            return
         prepare_codec()
-        with ExitStack() as opening:
-            session = opening.enter_context(open_session(self._link, Role.CONTROLLER, self._keys))
-            if not self._link.plain:
-                self._check_robot(session)
-            self._subscriber.subscribe(session)
-            if not self._link.plain:
-                self._lease = LeaseClient(
-                    session,
-                    self._keys.lease,
-                    lambda: self._subscriber.heard_at_s,
-                    clear=self._link.clear_command,
-                )
-                self._lease.acquire()
-                opening.callback(self._lease.release)
-                # An older state may report a stop that the lease has lifted.
-                self._subscriber.forget(after=self._lease.after_state)
-            self._publisher = session.declare_publisher(
-                self._keys.command,
-                congestion_control=zenoh.CongestionControl.DROP,
-                priority=zenoh.Priority.REAL_TIME,
-                express=True,
+        session = opening.enter_context(open_session(self._link, Role.CONTROLLER, self._keys))
+        if not self._link.plain:
+            self._check_robot(session)
+        self._subscriber.subscribe(session)
+        if not self._link.plain:
+            self._lease = LeaseClient(
+                session,
+                self._keys.lease,
+                lambda: self._subscriber.heard_at_s,
+                clear=self._link.clear_command,
             )
-            self._sequence = 0
-            self._snapshot = None
-            # The ticks of this end fall into the middle of the robot's.
-            self._wall.begin(self._subscriber.wait_for_first_s() - self._clock.period_s * PHASE)
-            self._opened = opening.pop_all()
+            self._lease.acquire()
+            opening.callback(self._lease.release)
+            # An older state may report a stop that the lease has lifted.
+            self._subscriber.forget(after=self._lease.after_state)
+        self._publisher = session.declare_publisher(
+            self._keys.command,
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.REAL_TIME,
+            express=True,
+        )
+        self._sequence = 0
+        # The ticks of this end fall into the middle of the robot's.
+        self._wall.begin(self._subscriber.wait_for_first_s() - self._clock.period_s * PHASE)
 
     def _newest(self) -> RobotState:
         """Newest state; raises RobotFaultError when the robot is silent, or when the lease is lost."""
@@ -331,13 +325,9 @@ class ZenohServos(TickedServos):
             raise RobotFaultError(f"{why}, and the robot stopped without its commands") from error
         return state
 
-    @property
-    def _connected(self) -> bool:
-        return self._opened is not None
-
     def write(self, targets: JointTargets) -> JointTargets:
         """Send targets to the robot, whose guard has the last word."""
-        check_connected(self._connected, self.what)
+        self._check_connected()
         check_targets(targets)
         self._sequence += 1
         self._publisher.put(encode_positions(targets.joint_positions_rad), attachment=self._tag())
@@ -347,12 +337,6 @@ class ZenohServos(TickedServos):
         """Tell the robot that no command is due until the next one."""
         if self._opened is not None and self._lease is not None:
             self._lease.pause_watchdog(self._sequence)
-
-    def close(self) -> None:
-        """Release the lease and close the link."""
-        if self._opened is not None:
-            opened, self._opened = self._opened, None
-            opened.close()
 
     def _check_robot(self, session: zenoh.Session) -> None:
         silence = (

@@ -53,7 +53,11 @@ class BoardService(BoardOptions):
         """
         options = self.backend_options()
         servos = make_servos(self.backend, options)
-        make = {"None": self._mavlink, "servo2040": self._servo2040, "pca9685": self._pca9685}
+        make: dict[str, Callable[..., tuple[ServoBoard | SimulatedBoard, str]]] = {
+            "None": self._mavlink,
+            "servo2040": self._servo2040,
+            "pca9685": self._pca9685,
+        }
         board, place = make.get(str(self.bus), self._bus)(servos, options)
         started = ServiceStarted(robot=servos.robot.name, backend=self.backend, place=place)
 
