@@ -26,11 +26,11 @@ from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.robot.servos.drivers import BUS_DRIVERS
 from hexctl.robot.servos.pwm_map import pwm_map_of
 from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
+from hexctl.serve.boards.board_faults import parse_fault
 from hexctl.serve.boards.bus_board import BusBoard
-from hexctl.serve.boards.bus_faults import parse_bus_fault
 from hexctl.serve.boards.lx16a_servos import Lx16aServos
-from hexctl.serve.boards.pca9685_board import Pca9685Board, parse_pca9685_fault
-from hexctl.serve.boards.servo2040_board import Servo2040Board, parse_servo2040_fault
+from hexctl.serve.boards.pca9685_board import Pca9685Board
+from hexctl.serve.boards.servo2040_board import Servo2040Board
 from hexctl.serve.boards.servo_board import ServoBoard
 from hexctl.serve.boards.simulated_board import PseudoTerminal, SimulatedBoard
 
@@ -73,6 +73,8 @@ class Told(SimulatedBoard):
     It does so when they are told something, and once in a control period for moves that take a time.
     """
 
+    _line: Any
+
     def observe(self, twin: TwinServos) -> None:
         """Write into the truth of a twin, and take its words."""
         self._twin, self._goals, self._noted_s = twin, 0, -math.inf
@@ -91,8 +93,11 @@ class Told(SimulatedBoard):
         return False
 
     def _fail(self, word: str) -> None:
-        """Begin a fault."""
-        raise NotImplementedError
+        """Begin a fault, or another share of packets that get lost."""
+        if word.startswith("loss "):
+            self._line.loss = float(word.split()[1])
+        else:
+            self.due.add(parse_fault(word, self.kinds))
 
 
 class ToldBus(Told, BusBoard):
@@ -101,16 +106,10 @@ class ToldBus(Told, BusBoard):
     def observe(self, twin: TwinServos) -> None:
         """Write into the truth of a twin, and take its words; packets may get lost."""
         super().observe(twin)
-        self._line: Any = LossyLine(self._line, seed=1)
+        self._line = LossyLine(self._line, seed=1)
 
     def _moves_take_time(self) -> bool:
         return isinstance(self._family, Lx16aServos)
-
-    def _fail(self, word: str) -> None:
-        if word.startswith("loss "):
-            self._line.loss = float(word.split()[1])
-        else:
-            self._faults.add(parse_bus_fault(word))
 
 
 class ToldServo2040(Told, Servo2040Board):
@@ -119,20 +118,11 @@ class ToldServo2040(Told, Servo2040Board):
     def observe(self, twin: TwinServos) -> None:
         """Write into the truth of a twin, and take its words; frames may get lost."""
         super().observe(twin)
-        self._line: Any = LossyLine(self._line, seed=1)
-
-    def _fail(self, word: str) -> None:
-        if word.startswith("loss "):
-            self._line.loss = float(word.split()[1])
-        else:
-            self._faults.add(parse_servo2040_fault(word))
+        self._line = LossyLine(self._line, seed=1)
 
 
 class ToldPca9685(Told, Pca9685Board):
     """Two PCA9685."""
-
-    def _fail(self, word: str) -> None:
-        self._faults.add(parse_pca9685_fault(word))
 
 
 def made_board(backend: str, robot_file: Path, folder: Path) -> tuple[Any, str]:

@@ -95,11 +95,7 @@ class LegServos(ABC):
 
 
 class ServosWrapper(LegServos):
-    """Servos around servos: forwards everything, so that a subclass overrides only what it changes.
-
-    Attributes:
-        wrapped: the servos that everything is forwarded to.
-    """
+    """Servos around servos: forwards everything, so that a subclass overrides only what it changes."""
 
     def __init__(self, servos: LegServos) -> None:
         check_type(servos, LegServos, "servos", "LegServos, as SimServos('ant') gives")
@@ -171,11 +167,9 @@ class CalibratedServos(Protocol):
     @property
     def servo_map(self) -> RawMap:
         """Conversion between joint angles and raw servo positions."""
-        ...
 
     def remap(self, servo_map: RawMap) -> None:
         """Use another calibration from now on: no servo moves, its raw position means another angle."""
-        ...
 
 
 def check_targets(targets: JointTargets) -> None:

@@ -59,6 +59,7 @@ class Clock(ABC):
 
     Attributes:
         period_s: time between two grid points.
+        index: number of the newest tick's grid point, 0 before the first.
         overruns: grid points missed so far because a tick took too long.
         standstill: the last time in which this program stood still, or None.
         waits: whether its ticks wait for the time.
@@ -69,7 +70,7 @@ class Clock(ABC):
 
     def __init__(self, period_s: float = PERIOD_S) -> None:
         self.period_s = period_s
-        self.overruns = 0
+        self.index = self.overruns = 0
 
     @abstractmethod
     def tick(self) -> Tick:
@@ -116,7 +117,6 @@ class WallClock(Clock):
         self._monotonic_s = monotonic_s
         self._sleep = sleep
         self._origin_s: float | None = None
-        self._index = 0
         self._paused = False
 
     @property
@@ -132,7 +132,7 @@ class WallClock(Clock):
     @property
     def due_in_s(self) -> float:
         """Time until the next grid point."""
-        return 0.0 if self._origin_s is None else max(0.0, (self._index + 1) * self.period_s - self.now_s)
+        return 0.0 if self._origin_s is None else max(0.0, (self.index + 1) * self.period_s - self.now_s)
 
     def pause(self) -> None:
         """Count no overruns for the time until the next tick."""
@@ -140,8 +140,8 @@ class WallClock(Clock):
 
     def standing_still(self) -> Standstill | None:
         """A standstill in which the tick of now was lost, or the last one if it has just ended."""
-        passed_s = self.now_s - self._index * self.period_s
-        if self._index and not self._paused and passed_s > STANDSTILL_S:
+        passed_s = self.now_s - self.index * self.period_s
+        if self.index and not self._paused and passed_s > STANDSTILL_S:
             return Standstill(passed_s, time.monotonic())
         return super().standing_still()
 
@@ -149,7 +149,7 @@ class WallClock(Clock):
         """The next grid point, after sleeping until it; points already missed are skipped."""
         if self._origin_s is None:
             self._origin_s = self._monotonic_s()
-        due = self._index + 1
+        due = self.index + 1
         newest = math.floor(self.now_s / self.period_s)
         if newest > due:
             if super().standing_still() is None:  # not said yet, by the tick that was late
@@ -157,7 +157,7 @@ class WallClock(Clock):
             self.overruns += 0 if self._paused else newest - due
             due = newest
         self._paused = False
-        self._index = due
+        self.index = due
         origin_s, time_s = self._origin_s, due * self.period_s
         # As little as possible between waking up and reading the clock: it would all be lateness.
         while (late_s := self._monotonic_s() - origin_s - time_s) < 0:
@@ -165,44 +165,6 @@ class WallClock(Clock):
         if late_s > STANDSTILL_S:  # while it slept; whoever pauses the clock now knows of it
             self.standstill = Standstill(late_s, time.monotonic())
         return Tick(due, time_s, late_s)
-
-
-class CountedClock(Clock):
-    """Counts the ticks of another clock, and forwards everything to it.
-
-    Attributes:
-        ticks: ticks so far.
-    """
-
-    def __init__(self, clock: Clock) -> None:
-        super().__init__(clock.period_s)
-        self._clock, self.waits = clock, clock.waits
-        self.ticks = 0
-
-    @property
-    def now_s(self) -> float:
-        """Time of the wrapped clock."""
-        return self._clock.now_s
-
-    @property
-    def due_in_s(self) -> float:
-        """How long the next tick would wait."""
-        return self._clock.due_in_s
-
-    def pause(self) -> None:
-        """Count no overruns until the next tick."""
-        self._clock.pause()
-
-    def tick(self) -> Tick:
-        """The next tick of the wrapped clock, counted."""
-        tick = self._clock.tick()
-        self.ticks += 1
-        self.overruns, self.standstill = self._clock.overruns, self._clock.standstill
-        return tick
-
-    def standing_still(self) -> Standstill | None:
-        """Standstill of the wrapped clock."""
-        return self._clock.standing_still()
 
 
 def request_realtime_priority(priority: int = 10) -> bool:

@@ -24,7 +24,6 @@ class OnPort(Protocol):
 
     def close(self) -> None:
         """Close the port."""
-        ...
 
 
 class ReopenedCount(Protocol):
@@ -44,12 +43,9 @@ class PortThread(ABC, Generic[Device]):
 
     Args:
         opened: opens the port again, when it has gone and may be back.
-        device: on the open port.
-        counters: of the port.
         speeds: greatest of the joints, (18,), in the units of the port per second. Targets move no farther in
             a packet than joints turn in a control period, and less in one that follows sooner: a port that
             was held up must not jump.
-        name: of the thread.
 
     Attributes:
         gone: why the port cannot be used at this moment, or None.
@@ -195,7 +191,6 @@ class PortThread(ABC, Generic[Device]):
                 return
 
     def _is_back(self) -> bool:
-        """Try to open the port; whether that succeeded."""
         try:
             self._device = self._open()
         except Exception:  # noqa: BLE001  it is as gone as before

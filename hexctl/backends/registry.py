@@ -3,6 +3,7 @@
 import inspect
 from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass, fields
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
@@ -29,19 +30,11 @@ class BackendOptions:
     """Options of backends; each backend uses those that concern it.
 
     Attributes:
-        robot: the robot at the other end.
-        world: the simulated world.
-        failure: the failed leg that a simulation injects.
-        further_failures: other legs that a simulation injects a failure into besides.
-        events: failures that come to a simulation in the walk, and legs that heal.
-        seed: seed of everything random in a simulation.
         trial: number of the trial; sensor noise differs between trials.
-        realtime: pace a simulation with wall time.
         robot_file: the file that the robot was loaded from, with the servo map of a real one; None for a
             robot that is not from a file.
         connect: address of the robot: a Zenoh endpoint or a MAVLink port; None for the backend's default.
         credentials: folder with the certificates of a link beyond loopback, or None.
-        insecure: True to allow a link beyond loopback without credentials.
         link: name or path of a link file, or None.
     """
 
@@ -78,6 +71,11 @@ class BackendOptions:
         """The servo map of the robot file's section `servos`, or the default of a robot without a file."""
         return default_servo_map() if self.robot_file is None else self.robot_file.servo_map
 
+    @property
+    def servos_section(self) -> ServosSection:
+        """The robot file's section `servos`, or an empty one for a robot without a file."""
+        return ServosSection() if self.robot_file is None else self.robot_file.content.servos
+
 
 @dataclass(frozen=True, slots=True)
 class Backend:
@@ -93,12 +91,7 @@ class Backend:
 
 
 def option_values(spec: object, *, but: Container[str] = ()) -> dict[str, Any]:
-    """Values of a spec that are options of a backend, by field of `BackendOptions`.
-
-    Args:
-        spec: any object; its other attributes are left out.
-        but: fields to leave out as well.
-    """
+    """Values of a spec that are options of a backend, by field of `BackendOptions`."""
     names = [field.name for field in fields(BackendOptions) if field.name not in but]
     return {name: getattr(spec, name) for name in names if hasattr(spec, name)}
 
@@ -146,7 +139,6 @@ def check_options(
 
 
 def _joined(names: list[str]) -> str:
-    """Names as a sentence has them."""
     return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names) or "none"
 
 
@@ -199,34 +191,29 @@ def _mavlink(options: BackendOptions) -> LegServos:
     return MavlinkServos(options.robot, servo_map=options.servo_map, port=port, signing_key=signing_key)
 
 
-def _bus(driver: str) -> Callable[[BackendOptions], LegServos]:
-    """What makes servos of a driver in `BUS_DRIVERS`."""
+def _bus(options: BackendOptions, *, driver: str) -> LegServos:
+    from hexctl.backends.bus.servos import BusServos, parse_bus_port
 
-    def make(options: BackendOptions) -> LegServos:
-        from hexctl.backends.bus.servos import BusServos, parse_bus_port
-
-        section = ServosSection() if options.robot_file is None else options.robot_file.content.servos
-        baud_of_file = None if section.baud is None else int(section.baud)
-        path, baud = parse_bus_port(options.connect or section.port, baud_of_file, driver=driver)
-        return BusServos(options.robot, bus_map=bus_map_of(section, driver), port=path, baud=baud)
-
-    return make
+    section = options.servos_section
+    baud_of_file = None if section.baud is None else int(section.baud)
+    path, baud = parse_bus_port(options.connect or section.port, baud_of_file, driver=driver)
+    return BusServos(options.robot, bus_map=bus_map_of(section, driver), port=path, baud=baud)
 
 
 def _servo2040(options: BackendOptions) -> LegServos:
     from hexctl.backends.pwm.servo2040 import Servo2040Servos, parse_servo2040_port
 
-    section = ServosSection() if options.robot_file is None else options.robot_file.content.servos
-    port = parse_servo2040_port(options.connect or section.port)
-    return Servo2040Servos(options.robot, pwm_map=pwm_map_of(section, "servo2040"), port=port)
+    pwm_map = pwm_map_of(options.servos_section, "servo2040")
+    place = parse_servo2040_port(options.connect or options.servos_section.port)
+    return Servo2040Servos(options.robot, pwm_map=pwm_map, place=place)
 
 
 def _pca9685(options: BackendOptions) -> LegServos:
     from hexctl.backends.pwm.pca9685 import Pca9685Servos, parse_i2c_place
 
-    section = ServosSection() if options.robot_file is None else options.robot_file.content.servos
-    place = parse_i2c_place(options.connect or section.port)
-    return Pca9685Servos(options.robot, pwm_map=pwm_map_of(section, "pca9685"), place=place)
+    pwm_map = pwm_map_of(options.servos_section, "pca9685")
+    place = parse_i2c_place(options.connect or options.servos_section.port)
+    return Pca9685Servos(options.robot, pwm_map=pwm_map, place=place)
 
 
 def _make_own(name: str, options: BackendOptions) -> LegServos:
@@ -286,7 +273,7 @@ BACKENDS: dict[str, Backend] = {
     ),
     "zenoh": Backend(_zenoh, frozenset({"connect", "credentials", "insecure", "link"})),
     "mavlink": Backend(_mavlink, frozenset({"connect", "credentials", "insecure"})),
-    **{driver: Backend(_bus(driver), frozenset({"connect"})) for driver in BUS_DRIVERS},
+    **{driver: Backend(partial(_bus, driver=driver), frozenset({"connect"})) for driver in BUS_DRIVERS},
     "servo2040": Backend(_servo2040, frozenset({"connect"})),
     "pca9685": Backend(_pca9685, frozenset({"connect"})),
     "mock": Backend(_mock, frozenset()),

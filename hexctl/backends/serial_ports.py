@@ -26,11 +26,9 @@ class SerialPort:
     """A serial port.
 
     Attributes:
-        port: its device, such as `/dev/ttyUSB0`.
         stays: a name of it that stays when it is plugged in again, or None.
         adapter: what its adapter calls itself.
         vendor: USB vendor and product, such as `0403:6014`, or None.
-        serial_number: of the adapter, or None.
     """
 
     port: str
@@ -88,7 +86,6 @@ def unplugged_port(
     Args:
         before: ports with the cable in.
         timeout_s: how long the cable may take.
-        stop_requested: polled.
 
     Raises RobotFaultError where none goes in time, or more than one.
     """

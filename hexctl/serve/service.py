@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hexctl.backends.clock import request_realtime_priority
-from hexctl.backends.port_servos import PortServos
 from hexctl.backends.registry import BackendOptions, make_servos
+from hexctl.backends.ticked_servos import PortServos
 from hexctl.options import check_names
 from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
 from hexctl.serve.serve_options import ServeOptions

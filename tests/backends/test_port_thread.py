@@ -11,7 +11,7 @@ import pytest
 
 from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.port_thread import reason_of
-from hexctl.backends.pwm.pwm_board import BoardReport, BoardThread, PwmCounters
+from hexctl.backends.pwm.servos import BoardReport, BoardThread, PwmCounters
 from hexctl.types import BoolArray, FloatArray
 from hexctl.waiting import wait_for
 

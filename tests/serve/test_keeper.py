@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hexctl.backends.bus.scan import scan_bus
+from hexctl.backends.bus.tools import scan_bus
 from hexctl.backends.mock import MockServos
 from hexctl.backends.pwm.i2c_socket import I2cSocket
 from hexctl.control.controllers import sitting_angles_rad

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from hexctl.backends.bus.register.registers import table_of
+from hexctl.backends.bus.registers import table_of
 from hexctl.errors import InputError
 from hexctl.robot.configs import config_root
 from hexctl.serve.boards.register_servos import BusServo

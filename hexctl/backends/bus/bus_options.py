@@ -30,13 +30,7 @@ def parse_bauds(text: str) -> int | str:
 
 @dataclass(frozen=True, slots=True)
 class BusAddress:
-    """Where servos answer.
-
-    Attributes:
-        driver: whose protocol they speak.
-        path: serial device.
-        baud: bits per second.
-    """
+    """Where servos answer: driver, serial device, and bits per second."""
 
     driver: BusDriver
     path: str
@@ -123,7 +117,7 @@ class ScanOptions(BusOptions):
 
     def bauds_at(self, address: BusAddress) -> tuple[int, ...]:
         """Return the baud rates to ask at."""
-        from hexctl.backends.bus.scan import USUAL_BAUDS
+        from hexctl.backends.bus.tools import USUAL_BAUDS
 
         return USUAL_BAUDS[address.driver] if self.bauds == ALL_BAUDS else (address.baud,)
 

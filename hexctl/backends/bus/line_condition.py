@@ -48,12 +48,7 @@ _LEAST_OTHER_V = 6.0
 
 @dataclass(slots=True)
 class AnswerShares:
-    """Share of the questions to each joint's servo that bring no whole answer, of late.
-
-    Attributes:
-        damaged: shares, (18,).
-        asked: questions that counted, (18,).
-    """
+    """Recent shares of the questions to each joint's servo without a complete answer; arrays are (18,)."""
 
     damaged: FloatArray = field(default_factory=lambda: np.zeros(N_JOINTS))
     asked: FloatArray = field(default_factory=lambda: np.zeros(N_JOINTS))
@@ -77,13 +72,7 @@ class AnswerShares:
 
 
 class LineCondition:
-    """What can be said of the line and the supply of servos on a bus.
-
-    Args:
-        servos: which servo moves which joint.
-        shares: of damaged answers.
-        now_s: clock.
-    """
+    """What can be said of the line and the supply of servos on a bus."""
 
     def __init__(
         self, servos: BusMap, shares: AnswerShares, *, now_s: Callable[[], float] = time.monotonic
@@ -142,7 +131,6 @@ class LineCondition:
         return f"brown-out: {'; '.join(words)}; is the supply strong enough, and the battery full?"
 
     def _damaged(self, mute: BoolArray) -> list[str]:
-        """Joints with damaged answers, or all."""
         shares = np.where(mute, 0.0, self._shares.damaged)
         bad_answers = shares * np.minimum(self._shares.asked, WINDOW)
         begins = (shares >= DAMAGED) & (bad_answers >= LEAST_BAD)

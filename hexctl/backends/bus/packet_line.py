@@ -4,11 +4,11 @@ import time
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from hexctl.backends.bus.packets import PING, PacketFormat, PacketStream, StatusPacket
+from hexctl.backends.bus.packets import PacketFormat, PacketStream, StatusPacket
 from hexctl.backends.bus.serial_line import UNUSED_ID, SerialLine
 
-#: How long an answer may take beside its time on the wire: least, and at first. Adapters deliver late, FTDI's
-#: by 16 ms where their timer cannot be set.
+#: How long an answer may take besides its time on the wire: least, and at first. Adapters deliver late,
+#: FTDI's by 16 ms if their timer cannot be set.
 LEAST_TIMEOUT_S, FIRST_TIMEOUT_S = 0.004, 0.034
 
 #: How many times the delay of the answers so far is waited for, and the share of each answer in that.
@@ -38,6 +38,9 @@ class PacketLine:
         packets: format of the servos' packets.
         timeout_s: how long an answer may take at first.
         adapts: whether the timeout follows how late the last answer that came to each packet is.
+
+    Attributes:
+        timeout_s: how long an answer may take now, besides its time on the wire.
     """
 
     def __init__(
@@ -50,7 +53,7 @@ class PacketLine:
     ) -> None:
         self.line, self.packets = line, packets
         self._stream = PacketStream(self.packets)
-        self._timeout_s = self._most_timeout_s = timeout_s
+        self.timeout_s = self._most_timeout_s = timeout_s
         self._adapts = adapts
         self._missed: dict[int, _Missed] = {}
 
@@ -66,14 +69,15 @@ class PacketLine:
     def ask(
         self, servo_id: int, instruction: int, parameters: bytes = b"", *, tries: int = 1
     ) -> StatusPacket | None:
-        """Answer of one servo, or None where it gives none in some tries.
+        """Answer of one servo, or None if it gives none in some tries.
 
-        Answers do not say what they answer: one that is as long as another that was missed, and may still
-        come, is waited for until that cannot come any more.
+        Most answers do not say what they answer: one that is as long as another that was missed, and may
+        still come, is waited for until that cannot come any more.
         """
         request = self.packets.instruction(servo_id, instruction, parameters)
         size = self.packets.answer_size(instruction, parameters)
-        wire_s = self.line.wire_s(len(request) + self.packets.status_size(ANSWER_BYTES))
+        room = size if size is not None and self.packets.names_question else ANSWER_BYTES
+        wire_s = self.line.wire_s(len(request) + self.packets.status_size(room))
         self._wait_for_late(servo_id, request, size)
         for attempt in range(tries):
             late_deadline_s = time.monotonic() + wire_s + LATEST_TIMES * self._most_timeout_s
@@ -88,7 +92,7 @@ class PacketLine:
     def _wait_for_late(self, servo_id: int, request: bytes, size: int | None) -> None:
         """Let an answer pass that might be taken for the one to another request."""
         missed = self._missed.get(servo_id)
-        if missed is None or missed.request == request:
+        if missed is None or missed.request == request or self.packets.names_question:
             return
         if None not in (size, missed.size) and size != missed.size:
             return
@@ -108,16 +112,18 @@ class PacketLine:
         if line.discard():  # too late for the packet before
             self._wait_longer()
         stream.finish()
+        # Moves of LX-16A servos fill the line for milliseconds; shorter packets are in the learned delay.
+        free_s = line.free_s if self.packets.names_question else 0.0
+        begin_s = answered_s = max(time.monotonic(), free_s)
         line.write(request)
         answers: dict[int, StatusPacket] = {}
-        begin_s = answered_s = time.monotonic()
-        deadline_s = begin_s + wire_s + self._timeout_s
+        deadline_s = begin_s + wire_s + self.timeout_s
         while len(answers) < len(asked):
             data = line.read(deadline_s)
             came = stream.feed(data)
             over = not data and time.monotonic() >= deadline_s
             for answer in came + stream.finish() if over else came:
-                if answer.servo_id in asked:
+                if answer.servo_id in asked and self.packets.answers(request, answer):
                     answers[answer.servo_id], answered_s = answer, time.monotonic()
                 else:  # too late for the packet before
                     self._wait_longer()
@@ -127,24 +133,25 @@ class PacketLine:
             self._wait_longer()
         # Learned from the last answer that came: servos that are missing are waited for no longer than that.
         if self._adapts and answers:
-            delay_s = TIMEOUT_TIMES * (answered_s - begin_s - wire_s)
-            self._timeout_s += TIMEOUT_SHARE * (max(delay_s, LEAST_TIMEOUT_S) - self._timeout_s)
-            self._timeout_s = min(self._timeout_s, self._most_timeout_s)
+            delay_s = max(TIMEOUT_TIMES * (answered_s - begin_s - wire_s), LEAST_TIMEOUT_S)
+            if self.packets.names_question:  # one that is late is none to another question
+                delay_s = min(delay_s, self._most_timeout_s)
+            self.timeout_s += TIMEOUT_SHARE * (delay_s - self.timeout_s)
+            self.timeout_s = min(self.timeout_s, self._most_timeout_s)
         return list(answers.values())
 
     def _wait_longer(self) -> None:
-        self._timeout_s = min(2 * self._timeout_s, self._most_timeout_s)
+        self.timeout_s = min(2 * self.timeout_s, self._most_timeout_s)
 
     def outwait(self) -> None:
-        """Drop an answer that is late: it does not say to which question it belongs."""
+        """Drop an answer that is late, unless it says to which question it belongs."""
+        if self.packets.names_question:
+            return
         deadline_s = time.monotonic() + self._most_timeout_s
         while time.monotonic() < deadline_s:
             self.line.read(deadline_s)
         self._stream.finish()
 
-    def learn_echo(self, instruction: int = PING) -> None:
-        """Ping an id that no servo has, or ask it something else, and see whether that comes back.
-
-        The answer of a servo may be the same bytes as its ping, with an error in place of the instruction.
-        """
-        self.line.learn_echo(self.packets.instruction(UNUSED_ID, instruction), FIRST_TIMEOUT_S)
+    def learn_echo(self) -> None:
+        """Ask an id that no servo has, and see whether that comes back."""
+        self.line.learn_echo(self.packets.instruction(UNUSED_ID, self.packets.probe), FIRST_TIMEOUT_S)

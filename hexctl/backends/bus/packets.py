@@ -1,11 +1,13 @@
-"""Packets of Dynamixel protocols 1.0 and 2.0; Feetech servos speak the first one.
+"""Packets of servo buses: Dynamixel protocols 1.0 and 2.0, and LewanSoul's; Feetech servos speak 1.0.
 
 1.0: FF FF id length instruction parameters sum; length = parameters + 2, sum = ~(all after the header) & FF.
+LewanSoul: 55 55 id length command parameters sum; length = parameters + 3, the same sum.
 2.0: FF FF FD 00 id length(2) instruction parameters crc(2); length = parameters + 3, FD stuffed after each
 FF FF FD in the parameters. A status packet has the error in front of its parameters (ROBOTIS e-Manual).
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import fastcrc
@@ -18,16 +20,13 @@ PING, READ, WRITE, REBOOT, SYNC_READ, SYNC_WRITE, STATUS = 0x01, 0x02, 0x03, 0x0
 #: Longest parameters that a packet may have; a longer length is garbage.
 MOST_PARAMETERS = 250
 
+#: What `PacketFormat.take` finds: id, instruction or error, parameters.
+Packet = tuple[int, int, bytes]
+
 
 @dataclass(frozen=True, slots=True)
 class StatusPacket:
-    """What a servo answers.
-
-    Attributes:
-        servo_id: of the servo.
-        error: its error byte.
-        parameters: what was asked for.
-    """
+    """What a servo answers, with its error byte."""
 
     servo_id: int
     error: int
@@ -35,75 +34,134 @@ class StatusPacket:
 
 
 class PacketFormat(ABC):
-    """How packets of a protocol are written and found again in a stream of bytes."""
+    """How packets of a protocol are written and found again in a stream of bytes.
+
+    Attributes:
+        width: bytes of an address or a size in parameters.
+        probe: instruction that every servo answers and that changes nothing.
+        names_question: whether an answer says which instruction it answers.
+    """
+
+    width = 1
+    probe = PING
+    names_question = False
 
     @abstractmethod
     def instruction(self, servo_id: int, instruction: int, parameters: bytes = b"") -> bytes:
         """Packet that instructs a servo."""
 
-    @abstractmethod
     def status(self, servo_id: int, error: int, parameters: bytes = b"") -> bytes:
         """Packet with which a servo answers."""
-
-    @abstractmethod
-    def status_size(self, parameters: int) -> int:
-        """Bytes of an answer with a number of parameters, without stuffing."""
-
-    def answer_size(self, instruction: int, parameters: bytes) -> int | None:
-        """Parameters of the answer to an instruction for one servo; None where it is not known."""
-        return None
-
-    @abstractmethod
-    def take(self, data: bytes) -> tuple[tuple[int, int, bytes] | None, int]:
-        """First packet in bytes: id, instruction or error, parameters; and how many bytes are done with.
-
-        Without a whole packet it is None, with the bytes in front of anything that may become one. Garbage is
-        skipped a byte at a time, so that a packet behind it is found.
-        """
-
-
-class Protocol1(PacketFormat):
-    """Packets of protocol 1.0."""
-
-    def instruction(self, servo_id: int, instruction: int, parameters: bytes = b"") -> bytes:
-        """Packet that instructs a servo."""
-        body = bytes([servo_id, len(parameters) + 2, instruction]) + parameters
-        return b"\xff\xff" + body + bytes([_sum(body)])
-
-    def status(self, servo_id: int, error: int, parameters: bytes = b"") -> bytes:
-        """Packet with which a servo answers: an instruction packet with the error for its instruction."""
         return self.instruction(servo_id, error, parameters)
 
     def status_size(self, parameters: int) -> int:
-        """Bytes of an answer."""
-        return 6 + parameters
+        """Bytes of an answer with a number of parameters, without stuffing."""
+        return len(self.status(0, 0, bytes(parameters)))
+
+    def size(self, packet: Packet) -> int:
+        """Bytes of a packet as it is written."""
+        return len(self.instruction(*packet))
 
     def answer_size(self, instruction: int, parameters: bytes) -> int | None:
-        """Parameters of the answer to an instruction for one servo; None where it is not known."""
-        return _answer_size(instruction, parameters, width=1, ping=0)
+        """Parameters of the answer to an instruction for one servo; None if unknown."""
+        if instruction == READ and len(parameters) == 2 * self.width:
+            return int.from_bytes(parameters[self.width :], "little")
+        return {PING: 0, WRITE: 0, REBOOT: 0}.get(instruction)
 
-    def take(self, data: bytes) -> tuple[tuple[int, int, bytes] | None, int]:
+    def answers(self, request: bytes, answer: StatusPacket) -> bool:
+        """Whether an answer is one to a request, as far as it says."""
+        return True
+
+    def place(self, address: int, size: int) -> bytes:
+        """Parameters that name some bytes of a servo's memory."""
+        return address.to_bytes(self.width, "little") + size.to_bytes(self.width, "little")
+
+    def placed(self, parameters: bytes) -> tuple[int, int, bytes]:
+        """Address, size and the rest of parameters that begin as `place` writes them."""
+        rest = 2 * self.width
+        address, size = parameters[: self.width], parameters[self.width : rest]
+        return int.from_bytes(address, "little"), int.from_bytes(size, "little"), parameters[rest:]
+
+    @abstractmethod
+    def take(self, data: bytes) -> tuple[Packet | None, int]:
+        """First packet in bytes, and how many bytes are done with.
+
+        Without a complete packet it is None, with the bytes in front of anything that may become one. Garbage
+        is skipped a byte at a time, so that a packet behind it is found.
+        """
+
+    def as_status(self, packet: Packet) -> StatusPacket | None:
+        """Answer that a packet is, or None for an instruction."""
+        return StatusPacket(*packet)
+
+
+class SumPackets(PacketFormat):
+    """Packets with a sum: those of protocol 1.0, and LewanSoul's.
+
+    Args:
+        header: two bytes.
+        counted: bytes besides the parameters that the length counts.
+        most_parameters: longest parameters.
+        most_id: highest id.
+        answers: parameters of the answer by instruction, if answers repeat the instruction.
+    """
+
+    def __init__(
+        self,
+        header: bytes,
+        *,
+        counted: int,
+        most_parameters: int = MOST_PARAMETERS,
+        most_id: int = BROADCAST,
+        answers: Mapping[int, int] | None = None,
+    ) -> None:
+        self._header, self._counted = header, counted
+        self._most, self._most_id, self._sizes = most_parameters, most_id, answers
+        self.names_question = answers is not None
+
+    def instruction(self, servo_id: int, instruction: int, parameters: bytes = b"") -> bytes:
+        """Packet that instructs a servo."""
+        body = bytes([servo_id, len(parameters) + self._counted, instruction]) + parameters
+        return self._header + body + bytes([_sum(body)])
+
+    def size(self, packet: Packet) -> int:
+        """Bytes of a packet; each answer of a poll is measured."""
+        return 6 + len(packet[2])
+
+    def answer_size(self, instruction: int, parameters: bytes) -> int | None:
+        """Parameters of the answer to an instruction for one servo; None if unknown."""
+        if self._sizes is None:
+            return super().answer_size(instruction, parameters)
+        return self._sizes.get(instruction)
+
+    def answers(self, request: bytes, answer: StatusPacket) -> bool:
+        """Whether an answer is one to a request, as far as it says."""
+        if self._sizes is None:
+            return True
+        return answer.error == request[4] and len(answer.parameters) == self._sizes.get(answer.error)
+
+    def take(self, data: bytes) -> tuple[Packet | None, int]:
         """First packet in bytes."""
-        start = data.find(b"\xff\xff")
+        start, counted = data.find(self._header), self._counted
         while start >= 0:
-            head = data[start : start + 4]
-            if len(head) < 4:
+            if len(data) < start + 4:
                 return None, start
-            servo_id, length = head[2], head[3]
-            if servo_id != 0xFF and 2 <= length <= MOST_PARAMETERS + 2:
-                end = start + 4 + length
+            servo_id, parameters = data[start + 2], data[start + 3] - counted
+            if servo_id <= self._most_id and 0 <= parameters <= self._most:
+                end = start + 6 + parameters
                 if len(data) < end:
                     return None, start
                 body = data[start + 2 : end - 1]
                 if _sum(body) == data[end - 1]:
                     return (servo_id, body[2], body[3:]), end
-            start = data.find(b"\xff\xff", start + 1)
-        return None, len(data) - data.endswith(b"\xff")
+            start = data.find(self._header, start + 1)
+        return None, len(data) - data.endswith(self._header[:1])
 
 
 class Protocol2(PacketFormat):
     """Packets of protocol 2.0."""
 
+    width = 2
     _HEADER = b"\xff\xff\xfd\x00"
 
     def instruction(self, servo_id: int, instruction: int, parameters: bytes = b"") -> bytes:
@@ -116,15 +174,11 @@ class Protocol2(PacketFormat):
         """Packet with which a servo answers."""
         return self.instruction(servo_id, STATUS, bytes([error]) + parameters)
 
-    def status_size(self, parameters: int) -> int:
-        """Bytes of an answer, without stuffing."""
-        return 11 + parameters
-
     def answer_size(self, instruction: int, parameters: bytes) -> int | None:
-        """Parameters of the answer to an instruction for one servo; None where it is not known."""
-        return _answer_size(instruction, parameters, width=2, ping=3)
+        """Parameters of the answer to an instruction for one servo; None if unknown."""
+        return 3 if instruction == PING else super().answer_size(instruction, parameters)
 
-    def take(self, data: bytes) -> tuple[tuple[int, int, bytes] | None, int]:
+    def take(self, data: bytes) -> tuple[Packet | None, int]:
         """First packet in bytes; of an answer the error comes first of its parameters."""
         start = data.find(self._HEADER)
         while start >= 0:
@@ -141,42 +195,42 @@ class Protocol2(PacketFormat):
             start = data.find(self._HEADER, start + 1)
         return None, len(data) - _begun(data, self._HEADER)
 
+    def as_status(self, packet: Packet) -> StatusPacket | None:
+        """Answer that a packet is, or None for an instruction."""
+        servo_id, code, parameters = packet
+        answers = code == STATUS and parameters
+        return StatusPacket(servo_id, parameters[0], parameters[1:]) if answers else None
+
 
 #: Packet formats by version of the protocol.
-PROTOCOLS: dict[int, PacketFormat] = {1: Protocol1(), 2: Protocol2()}
+PROTOCOLS: dict[int, PacketFormat] = {1: SumPackets(b"\xff\xff", counted=2), 2: Protocol2()}
 
 
 class PacketStream:
     """Finds the answers of servos in what comes on a line.
-
-    Args:
-        packets: of the protocol.
 
     Attributes:
         garbled: bytes so far that belonged to no packet.
     """
 
     def __init__(self, packets: PacketFormat) -> None:
-        self._packets, self._two = packets, isinstance(packets, Protocol2)
+        self._packets = packets
         self._data = b""
         self.garbled = 0
 
     def feed(self, data: bytes) -> list[StatusPacket]:
-        """Answers that are whole with some more bytes."""
+        """Answers that are complete with some more bytes."""
         self._data += data
         found: list[StatusPacket] = []
         while True:
             packet, done = self._packets.take(self._data)
-            before, self._data = self._data[:done], self._data[done:]
+            self._data = self._data[done:]
             if packet is None:
-                self.garbled += len(before)
+                self.garbled += done
                 return found
-            servo_id, code, parameters = packet
-            self.garbled += len(before) - self._size(before, packet)
-            if not self._two:
-                found.append(StatusPacket(servo_id, code, parameters))
-            elif code == STATUS and parameters:
-                found.append(StatusPacket(servo_id, parameters[0], parameters[1:]))
+            self.garbled += max(0, done - self._packets.size(packet))
+            if (answer := self._packets.as_status(packet)) is not None:
+                found.append(answer)
 
     def finish(self) -> list[StatusPacket]:
         """Answers behind the beginning of a packet whose end does not come; nothing is left then."""
@@ -185,16 +239,6 @@ class PacketStream:
             self._data, self.garbled = self._data[1:], self.garbled + 1
             found += self.feed(b"")
         return found
-
-    def _size(self, before: bytes, packet: tuple[int, int, bytes]) -> int:
-        return min(len(before), len(self._packets.instruction(*packet)))
-
-
-def _answer_size(instruction: int, parameters: bytes, *, width: int, ping: int) -> int | None:
-    """Parameters of an answer, where numbers such as an address have a width in bytes."""
-    if instruction == READ and len(parameters) == 2 * width:
-        return int.from_bytes(parameters[width:], "little")
-    return {PING: ping, WRITE: 0, REBOOT: 0}.get(instruction)
 
 
 def _sum(body: bytes) -> int:

@@ -60,7 +60,7 @@ class BelievedReadings:
     def take(self, reports: Sequence[Report]) -> None:
         """Take reports of some servos."""
         for report in reports:
-            joint = report.joint
+            joint = report.place
             # Since the last reading, not the last that was believed: after a while any would be in reach.
             reach = self._jump[joint] + self._speeds[joint] * (report.at_s - self._heard_at_s[joint])
             follows = bool(self.trusted[joint])
@@ -120,6 +120,6 @@ def polls(bus: ServoBus, readings: BelievedReadings) -> Iterator[list[Report]]:
     for _ in range(MOST_POLLS):
         reports = bus.poll_all()
         yield reports
-        answering |= {report.joint for report in reports}
+        answering |= {report.place for report in reports}
         if readings.trusted[sorted(answering)].all():
             return

@@ -28,12 +28,9 @@ UNUSED_ID = 253
 class SerialLine:
     """An open serial device; its adapter may echo what is sent, which is cut out.
 
-    Args:
-        path: of the device.
-        baud: bits per second.
-
     Attributes:
         echoes: whether the adapter sends back what is written, as some half-duplex adapters do.
+        free_s: when the wire has carried all that was written, on time.monotonic.
 
     Raises RobotFaultError when the device cannot be opened.
     """
@@ -41,7 +38,7 @@ class SerialLine:
     def __init__(self, path: str, baud: int) -> None:
         import serial
 
-        self.path, self.baud, self.echoes = path, baud, False
+        self.path, self.baud, self.echoes, self.free_s = path, baud, False, 0.0
         try:
             self._device: Any = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
         except (OSError, ValueError, OverflowError, termios.error) as error:
@@ -78,7 +75,8 @@ class SerialLine:
                 self._echo += packet
             else:
                 self._damaged = b""
-        deadline_s = time.monotonic() + timeout_s
+        now_s = time.monotonic()
+        deadline_s, self.free_s = now_s + timeout_s, max(self.free_s, now_s) + self.wire_s(len(packet))
         while packet:
             try:
                 packet = packet[os.write(self._descriptor, packet) :]
@@ -112,10 +110,6 @@ class SerialLine:
         """Send a packet that no servo answers, and see whether it comes back.
 
         The answer of a servo may be the same bytes as its ping, with an error in place of the instruction.
-
-        Args:
-            ping: the packet.
-            timeout_s: how late it may come back.
         """
         self.echoes = False
         for _ in range(ECHO_TRIES):

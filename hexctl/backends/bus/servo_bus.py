@@ -1,30 +1,27 @@
-"""A bus of eighteen servos, as the thread that owns it uses it, whatever they speak."""
+"""A bus of servos by their ids, as the thread that owns it uses it, whatever they speak.
+
+Arrays are by servo, in the order of the ids, (n,). A bus does not know which servo moves which joint.
+"""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
 
 from hexctl.backends.bus.line_condition import AnswerShares
-from hexctl.robot.model import Robot
-from hexctl.robot.servos.bus_map import BusMap
+from hexctl.backends.bus.packet_line import PacketLine
+from hexctl.backends.bus.servo import TRIES, Servo, ServoSettings
 from hexctl.robot.servos.servo_models import ServoType
-from hexctl.types import N_JOINTS, BoolArray, FloatArray
+from hexctl.types import BoolArray, FloatArray
 
-#: All joints, by index.
-ALL = tuple(range(N_JOINTS))
-
-#: Warning in place of one that names them.
-MANY_MUTE = "mute: servos of more than two legs"
-
-#: Tries of what must arrive.
-TRIES = 4
-
-#: A joint that stands beyond the limits stored in its servo by no more than this holds at the limit; one that
-#: is farther away would be driven there at full speed, and gets no torque.
+#: A servo that stands beyond its stored limits by no more than this holds at the limit; one that is farther
+#: away would be driven there at full speed, and gets no torque.
 BEYOND_DEG = 2.0
+
+#: Warning in place of one that names many mute servos.
+MANY_MUTE = "mute: servos of more than two legs"
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,17 +29,14 @@ class Report:
     """What one servo reports.
 
     Attributes:
-        joint: index of its joint, 0..17.
+        place: of the servo among those of the bus.
         at_s: when its answer came, on time.monotonic.
         position: in counts.
         effort: share of its greatest, or NaN.
-        current_a: or NaN.
-        voltage_v: at the servo.
-        temperature_c: of the servo.
         error: what it complains of; empty for nothing.
     """
 
-    joint: int
+    place: int
     at_s: float
     position: float
     effort: float
@@ -63,7 +57,7 @@ class BusCounters:
         garbled: bytes that belonged to no packet.
         implausible: positions that were not believed.
         reopened: times that the port came back.
-        shares: of damaged answers, by joint.
+        shares: of damaged answers, by servo.
     """
 
     writes: int = 0
@@ -76,135 +70,131 @@ class BusCounters:
 
 
 class ServoBus(ABC):
-    """Eighteen servos on one line.
+    """Servos on one line.
 
     Nothing moves before `set_torque` or `hold`. One thread at a time may use it; every method raises OSError
     when the port has gone.
 
+    Args:
+        packets: of the servos' protocol, on an open line.
+        models: of the servos, by id.
+
     Attributes:
-        mute_s: a joint whose servo was not heard for this long is mute.
-        stale_s: a joint without a believed position for this long was not measured with the others.
+        mute_s: a servo that was not heard for this long is mute.
+        stale_s: a servo without a believed position for this long was not measured with the others.
         reports_limp: whether its reports complain of servos that have lost their torque.
-        speeds: greatest of the joints, (18,), in counts per second, for goals that are sent with a time; no
+        lowest: limits stored in the servos, at which goals end, in counts, (n,); none before `settings`.
+        highest: the others.
+        speeds: greatest of the servos, (n,), in counts per second, for goals that are sent with a time; no
             limit until they are set.
     """
 
     mute_s: ClassVar[float] = 0.5
-    stale_s: ClassVar[float] = 0.17  # twice the age of a reading where joints are asked in turn
+    stale_s: ClassVar[float] = 0.17  # twice the age of a reading if servos are asked in turn
     reports_limp: ClassVar[bool] = False
-    speeds: FloatArray = np.full(N_JOINTS, np.inf)
+    servos: Sequence[Servo]
 
-    @abstractmethod
+    def __init__(self, packets: PacketLine, models: Mapping[int, ServoType], counters: BusCounters) -> None:
+        self._packets, self._counters = packets, counters
+        self.ids, count = tuple(models), len(models)
+        self._every = tuple(range(count))
+        self._reach = BEYOND_DEG * np.array([model.counts_per_deg for model in models.values()])
+        self.lowest, self.highest = np.full(count, -np.inf), np.full(count, np.inf)
+        self.speeds: FloatArray = np.full(count, np.inf)
+        self._clipped: BoolArray = np.zeros(count, dtype=bool)  # servos whose goals are beyond their limits
+        self._beyond: BoolArray = np.zeros(count, dtype=bool)  # servos that may not hold where they are
+
     def find(self) -> BoolArray:
-        """Which joints have a servo that answers, (18,); learns whether the adapter echoes."""
+        """Which servos answer, (n,); learns whether the adapter echoes."""
+        self._packets.learn_echo()
+        return np.array([servo.answers() for servo in self.servos])
+
+    def servo(self, servo_id: int, model: ServoType) -> Servo:
+        """Any other servo on the line by its id, of the same family."""
+        return type(self.servos[0])(self._packets, servo_id, model)
+
+    def settings(self, which: BoolArray) -> dict[int, ServoSettings]:
+        """What is stored in some servos, (n,), by place; goals end at their limits from now on."""
+        stored = {place: self.servos[place].settings() for place in np.flatnonzero(which).tolist()}
+        for place, settings in stored.items():
+            self.lowest[place], self.highest[place] = settings.least, settings.most
+        return stored
+
+    def torque(self, place: int, *, tries: int = TRIES) -> bool | None:
+        """Whether a servo holds its goal, or None without an answer."""
+        return self.servos[place].torque(tries=tries)
 
     @abstractmethod
-    def model_number(self, joint: int) -> int | None:
-        """Model number that the servo of a joint reports, or None where it reports none."""
+    def set_torque(self, on: bool, places: Sequence[int] | None = None) -> None:
+        """Switch the torque of some servos, of all by default; torque off is sent until they say so."""
 
-    @abstractmethod
-    def answers(self, servo_id: int, model: ServoType) -> bool:
-        """Whether a servo of a model, as far as it says, answers to an id that no joint has."""
+    def hold(self, counts: FloatArray, which: BoolArray) -> BoolArray:
+        """Switch the torque of some servos on, (n,), each with its goal where it is, counts (n,).
 
-    @abstractmethod
-    def prepare(self, joints: BoolArray) -> None:
-        """Set up the servos of some joints, (18,), that have no torque."""
-
-    @abstractmethod
-    def check(self, joints: BoolArray, least: FloatArray, most: FloatArray) -> tuple[str, ...]:
-        """What is worth knowing of what is stored in the servos of some joints, (18,), after `prepare`.
-
-        Args:
-            joints: that were found.
-            least: lowest goals that the robot needs, in counts, (18,).
-            most: highest goals that it needs.
-
-        Raises RobotFaultError for a servo that would not steer for its goals as they are meant.
+        One that stands beyond its stored limits by more than `BEYOND_DEG` gets no goal and no torque, and its
+        reports complain of that. Which servos hold then, (n,), as they say.
         """
+        here = self._within_limits(counts)
+        beyond = np.abs(counts - np.clip(counts, self.lowest, self.highest)) > self._reach
+        self._beyond, holding = which & beyond, which & ~beyond
+        return self._hold(here, holding)
 
     @abstractmethod
-    def torque(self, joint: int, *, tries: int = TRIES) -> bool | None:
-        """Whether the servo of a joint holds its goal, or None without an answer."""
+    def _hold(self, here: FloatArray, which: BoolArray) -> BoolArray:
+        """Switch the torque of some servos on, (n,), with their goals at counts (n,); which hold then."""
 
-    @abstractmethod
-    def set_torque(self, on: bool, joints: Sequence[int] = ALL) -> None:
-        """Switch the torque of some joints; torque off is sent until they say so, up to `TRIES` times."""
-
-    @abstractmethod
-    def hold(self, counts: FloatArray, joints: BoolArray) -> BoolArray:
-        """Switch the torque of some joints on, (18,), each with its goal where it is, counts (18,).
-
-        One that stands beyond the limits stored in its servo by more than `BEYOND_DEG` gets no goal and no
-        torque, and its reports complain of that. Which joints hold then, (18,), as they say.
-        """
-
-    @abstractmethod
     def write_goals(self, counts: FloatArray) -> None:
-        """Send goals in counts, (18,), as many as a control period carries; none where it is NaN."""
+        """Send goals in counts, (n,), as many as a control period carries; none if it is NaN.
+
+        They end at the stored limits.
+        """
+        goals = self._within_limits(counts)
+        self._clipped = np.abs(np.rint(counts) - goals) > 0
+        self._counters.writes += 1
+        self._send_goals(goals)
+
+    @abstractmethod
+    def _send_goals(self, goals: FloatArray) -> None:
+        """Send goals in whole counts within the limits, (n,)."""
 
     @abstractmethod
     def poll(self, until: Callable[[], bool] = lambda: False) -> list[Report]:
         """Reports of all servos, or of the next few, asked one by one until something else is to be sent."""
 
-    @abstractmethod
     def poll_all(self) -> list[Report]:
         """Reports of all servos, each asked as often as it takes, up to `TRIES` times."""
+        found: dict[int, Report] = {}
+        for _ in range(TRIES):
+            missing = [place for place in self._every if place not in found]
+            found.update({report.place: report for report in self._ask_reports(missing)})
+        return [found[place] for place in sorted(found)]
 
     @abstractmethod
-    def renew_watchdog(self, joints: Sequence[int] = ALL) -> None:
-        """Let silence be a failure from now on, also where it has been one: goals are taken again."""
+    def _ask_reports(self, places: Sequence[int]) -> list[Report]:
+        """Reports of some servos, each asked once."""
 
-    @abstractmethod
-    def end_watchdog(self, joints: Sequence[int] = ALL) -> None:
+    def renew_watchdog(self, places: Sequence[int] | None = None) -> None:  # noqa: B027  most have none
+        """Let silence be a failure from now on, also if it has been one: goals are taken again."""
+
+    def end_watchdog(self, places: Sequence[int] | None = None) -> None:  # noqa: B027  most have none
         """Let silence be no failure any more."""
 
-    @abstractmethod
     def close(self) -> None:
         """Close the line."""
+        self._packets.line.close()
 
+    def _within_limits(self, counts: FloatArray) -> FloatArray:
+        return np.asarray(np.clip(np.rint(counts), self.lowest, self.highest))
 
-def far_beyond(servos: BusMap, counts: FloatArray, lowest: FloatArray, highest: FloatArray) -> BoolArray:
-    """Which joints stand so far beyond the limits stored in their servos that they may not hold, (18,).
+    def _count(self, asked: Sequence[int], reports: Sequence[Report]) -> None:
+        self._counters.reports += len(reports)
+        self._counters.missed += len(asked) - len(reports)
+        self._counters.shares.take(asked, {report.place for report in reports})
+        self._counters.garbled = self._packets.garbled
 
-    Args:
-        servos: which servo moves which joint.
-        counts: where the joints are, (18,).
-        lowest: stored limits in counts, (18,).
-        highest: the others.
-    """
-    return np.asarray(np.abs(counts - np.clip(counts, lowest, highest)) > BEYOND_DEG * servos.per_deg)
-
-
-def complaint_of_limits(lowest: float, highest: float, *, stands: bool, goal: bool) -> str:
-    """What is said of a joint that stands, or whose goal is, beyond its stored limits in counts, or ""."""
-    limits = f"beyond the limits {lowest:.0f} to {highest:.0f} stored in the servo"
-    if stands:
-        return f"stands {limits}"
-    return f"goal {limits}" if goal else ""
-
-
-def beyond_stored_limits(
-    servos: BusMap, lowest: FloatArray, highest: FloatArray, least: FloatArray, most: FloatArray
-) -> list[str]:
-    """Notes on the joints whose goals go beyond the limits stored in their servos.
-
-    Args:
-        servos: which servo moves which joint.
-        lowest: stored limits in counts, (18,).
-        highest: the others.
-        least: lowest goals that the robot needs in counts, (18,).
-        most: highest goals that it needs.
-    """
-    beyond = (np.rint(least) < lowest) | (np.rint(most) > highest)
-    return [
-        f"its stored limits {lowest[joint]:.0f} to {highest[joint]:.0f} end within the joint's "
-        f"{least[joint]:.0f} to {most[joint]:.0f}: {servos.names(np.arange(N_JOINTS) == joint)}"
-        for joint in np.flatnonzero(beyond).tolist()
-    ]
-
-
-def needed_counts(servos: BusMap, robot: Robot) -> tuple[FloatArray, FloatArray]:
-    """Lowest and highest goals of a robot's joint limits, within those of its servos, in counts, (18,)."""
-    ends = np.array([servos.raw(robot.joint_lower_rad), servos.raw(robot.joint_upper_rad)])
-    within = np.clip(ends, servos.least, servos.most)
-    return np.asarray(within.min(axis=0)), np.asarray(within.max(axis=0))
+    def _complaint_of_limits(self, place: int) -> str:
+        """What is said of a servo that stands, or whose goal is, beyond its stored limits; empty for none."""
+        if not (self._beyond[place] or self._clipped[place]):
+            return ""
+        limits = f"{self.lowest[place]:.0f} to {self.highest[place]:.0f} stored in the servo"
+        return f"{'stands' if self._beyond[place] else 'goal'} beyond the limits {limits}"

@@ -8,16 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from hexctl.backends.bus.line_condition import LineCondition
-from hexctl.backends.bus.lost_id import lost_id_notes
-from hexctl.backends.bus.lx16a.lx16a_bus import Lx16aBus
 from hexctl.backends.bus.readings import BelievedReadings, polls
-from hexctl.backends.bus.register.register_bus import RegisterBus
 from hexctl.backends.bus.serial_line import SerialLine
-from hexctl.backends.bus.servo_bus import MANY_MUTE, BusCounters, Report, ServoBus, needed_counts
-from hexctl.backends.bus.unexpected_ids import check_no_unexpected_ids
+from hexctl.backends.bus.servo_bus import MANY_MUTE, BusCounters, Report, ServoBus
+from hexctl.backends.bus.tools import BUSES, bus_of, check_no_unexpected_ids, lost_id_notes
 from hexctl.backends.clock import Clock
-from hexctl.backends.port_servos import PortServos
 from hexctl.backends.port_thread import PortThread
+from hexctl.backends.ticked_servos import PortServos
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.model import Robot
 from hexctl.robot.servos.bus_map import BusMap
@@ -37,13 +34,6 @@ GAP_S = 0.15
 
 #: A servo that is hotter is mentioned.
 HOT_C = 65.0
-
-#: Bus of each driver.
-BUSES: dict[str, type[RegisterBus] | type[Lx16aBus]] = {
-    "dynamixel": RegisterBus,
-    "feetech": RegisterBus,
-    "lx16a": Lx16aBus,
-}
 
 
 def parse_bus_port(
@@ -81,10 +71,6 @@ class BusThread(PortThread[ServoBus]):
     """Runs a bus: servos that report where they are, and hold there before they follow.
 
     Args:
-        opened: makes the bus again, when the port has gone and may be back.
-        bus: found and prepared.
-        readings: that are kept.
-        counters: of the bus.
         speeds: greatest of the joints, (18,), in counts per second.
 
     Attributes:
@@ -249,15 +235,14 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         """Bus on the opened port, on which enough servos have answered; first, with no unexpected ids."""
         line = SerialLine(self._place, self._baud)
         try:
-            bus = BUSES[self._map.driver](line, self._map, self.counters)
+            bus = bus_of(self._map, line, self.counters)
             bus.speeds = self._speeds
             found = bus.find()
             self._check_found(found)
             if first:
                 check_no_unexpected_ids(line, self._map, found)
             self._check_models(bus, found)
-            bus.prepare(found & ~self._on(bus, found))
-            notes = bus.check(found, *needed_counts(self._map, self._robot))
+            notes = self._set_up(bus, found & ~self._on(bus, found)) + self._stored(bus, found)
             self._notes = (*notes, *lost_id_notes(bus, self._map, found))
         except BaseException:
             line.close()
@@ -274,13 +259,11 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
             raise RobotFaultError(f"servos do not answer on {self._place}: {self._map.names(~found)}")
 
     def _check_models(self, bus: ServoBus, found: BoolArray) -> None:
-        """Raise RobotFaultError for a servo that is another model than the robot file says."""
         for joint in np.flatnonzero(found).tolist():
-            model, number = self._map.models[joint], bus.model_number(joint)
+            model, number = self._map.models[joint], bus.servos[joint].model_number()
             if None not in (model.number, number) and number != model.number:
-                which = self._map.names(np.arange(N_JOINTS) == joint)
                 raise RobotFaultError(
-                    f"{which} reports model number {number}, not {model.number} ({model.name}); "
+                    f"{self._name(joint)} reports model number {number}, not {model.number} ({model.name}); "
                     f"{self._model_advice(number)}"
                 )
 
@@ -296,13 +279,42 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         which = " or ".join(names)
         return f"it is of the model {which}: `model: {names[0]}` in the robot file"
 
+    def _set_up(self, bus: ServoBus, joints: BoolArray) -> list[str]:
+        """Set up the servos of some joints, (18,), that have no torque; notes on what was changed."""
+        return [
+            f"{note}: {self._name(joint)}"
+            for joint in np.flatnonzero(joints).tolist()
+            for note in bus.servos[joint].set_up()
+        ]
+
+    def _stored(self, bus: ServoBus, joints: BoolArray) -> list[str]:
+        """Notes on what is stored in the servos of some joints, (18,).
+
+        Raises RobotFaultError for a servo that would not steer for its goals as they are meant.
+        """
+        notes = []
+        for joint, stored in bus.settings(joints).items():
+            if stored.refusal:
+                raise RobotFaultError(f"{self._name(joint)}: {stored.refusal}")
+            notes += [f"{note}: {self._name(joint)}" for note in stored.notes]
+        ends = self._map.raw(np.array([self._robot.joint_lower_rad, self._robot.joint_upper_rad]))
+        needed = np.rint(np.sort(np.clip(ends, self._map.least, self._map.most), axis=0))
+        for joint in np.flatnonzero((needed[0] < bus.lowest) | (needed[1] > bus.highest)).tolist():
+            notes.append(
+                f"its stored limits {bus.lowest[joint]:.0f} to {bus.highest[joint]:.0f} end within the "
+                f"joint's {needed[0, joint]:.0f} to {needed[1, joint]:.0f}: {self._name(joint)}"
+            )
+        return notes
+
+    def _name(self, joint: int) -> str:
+        return self._map.names(np.arange(N_JOINTS) == joint)
+
     @staticmethod
     def _on(bus: ServoBus, found: BoolArray) -> BoolArray:
         """Which servos hold already, (18,); one that does not say counts as one."""
         return np.array([bool(found[joint] and bus.torque(joint) is not False) for joint in range(N_JOINTS)])
 
     def _state(self, thread: BusThread) -> RobotState:
-        """State put together from the newest readings."""
         counts, servos, silences_s = thread.newest()
         age_s = float(servos.ages_s.min())
         heard: BoolArray = np.isfinite(counts)
@@ -326,7 +338,6 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         )
 
     def _fault(self, gone: str | None, silence_s: float) -> str | None:
-        """Why the robot cannot be walked, or why nothing new is heard, or None."""
         if gone is not None:
             return self._gone(gone)
         if silence_s > SILENT_S:

@@ -42,15 +42,7 @@ KEY_FILE = "mavlink.key"
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """A received message.
-
-    Attributes:
-        message: as pymavlink decodes it.
-        kind: its name, such as `HEARTBEAT`.
-        sequence: its number modulo 256.
-        system: identifier of the sending system.
-        component: identifier of its component.
-    """
+    """A received message as pymavlink decodes it; its sequence number counts modulo 256."""
 
     message: Any
     kind: str
@@ -138,7 +130,6 @@ class Codec:
         self._in_garbage = True
 
     def _frame(self, data: bytearray) -> Frame | None:
-        """The message in the bytes of one frame, or None."""
         if int.from_bytes(data[7:10], "little") not in common.mavlink_map:
             return None
         if data[2] & SIGNED and self._mavlink.signing.secret_key is None:
@@ -162,7 +153,6 @@ def _frame_length(data: bytearray, at: int) -> int | None:
 
 
 def _stamp_now() -> int:
-    """Time stamp of a signature made now."""
     return int((time.time() - EPOCH_2015_S) * STAMPS_PER_S)
 
 

@@ -3,13 +3,11 @@
 import math
 import time
 from contextlib import ExitStack
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
-from hexctl.backends.base import LegServos, as_robot, check_connected, check_targets
-from hexctl.backends.clock import Clock, CountedClock, WallClock
+from hexctl.backends.clock import Clock, WallClock
 from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec
 from hexctl.backends.mavlink.mavlink_transport import (
@@ -19,11 +17,11 @@ from hexctl.backends.mavlink.mavlink_transport import (
     parse_port,
 )
 from hexctl.backends.mavlink.receiver import Peer, Receiver, Stamped
+from hexctl.backends.ticked_servos import MappedServos
 from hexctl.errors import RobotFaultError
 from hexctl.robot.model import Robot
-from hexctl.robot.servos.raw_map import RawMap
 from hexctl.robot.servos.servo_map import ServoMap
-from hexctl.types import FloatArray, JointTargets, RobotState
+from hexctl.types import FloatArray, RobotState
 from hexctl.waiting import wait_for
 
 #: How long a board may take for its first heartbeat, and then for its first servo positions.
@@ -45,10 +43,8 @@ PHASE = 0.5
 #: then tell it that this end is there: it takes the first overrides for late ones otherwise.
 PAUSE_S, RESUMES_S = 0.1, 0.4
 
-WHO = "the servo board"
 
-
-class MavlinkServos(LegServos):
+class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
     """Client of a servo board.
 
     Each `write` sends one RC_CHANNELS_OVERRIDE in whole microseconds, after the pulse limits. States are an
@@ -56,15 +52,13 @@ class MavlinkServos(LegServos):
     the board is silent, which the guard judges. After `close` the board holds the pose.
 
     Args:
-        robot: the robot that the servos belong to, or the name or path of its file.
         servo_map: conversion between joint angles and pulses.
         port: `udpout:HOST:PORT`, `udpin:HOST:PORT`, or a serial device.
         clock: a wall clock in phase with the board unless given.
         signing_key: 32 bytes that sign all frames, or None.
-
-    Attributes:
-        counters: counters of the link.
     """
+
+    what = "the servo board"
 
     def __init__(
         self,
@@ -75,109 +69,46 @@ class MavlinkServos(LegServos):
         clock: Clock | None = None,
         signing_key: bytes | None = None,
     ) -> None:
-        self._robot = as_robot(robot)
-        self._map = servo_map
-        self._port_text, self._address = port, parse_port(port)
         # The phase of a clock that was given is left alone.
         self._wall = WallClock() if clock is None else None
-        self._clock = CountedClock(clock or self._wall or WallClock())
+        super().__init__(
+            robot,
+            servo_map=servo_map,
+            counters=LinkCounters(),
+            clock=clock or self._wall or WallClock(),
+        )
+        self._port_text, self._address = port, parse_port(port)
         self._signing_key = signing_key
-        self.counters = LinkCounters()
-        self._opened: ExitStack | None = None
-        self._assumed_rad = self._robot.stance_angles_rad.copy()
-        self._snapshot: tuple[int, RobotState] | None = None
         self._written_at_s = self._resumed_at_s = -math.inf
 
-    @property
-    def robot(self) -> Robot:
-        """The robot that the servos belong to."""
-        return self._robot
-
-    @property
-    def clock(self) -> Clock:
-        """The clock of this end."""
-        return self._clock
-
-    @property
-    def link_counts(self) -> dict[str, int]:
-        """`counters` by name."""
-        return asdict(self.counters)
-
-    @property
-    def servo_map(self) -> ServoMap:
-        """The servo map in use."""
-        return self._map
-
-    def remap(self, servo_map: RawMap) -> None:
-        """Use another calibration from now on: the pulses stay, and mean other angles.
-
-        A guard around these servos must be cleared right after, or it takes the change for a movement.
-        """
-        raw = self._map.raw(self._assumed_rad)
-        self._map = self._map.calibrated_as(servo_map)
-        self._assumed_rad = self._map.angles_rad(raw)
-        self._snapshot = None
-
-    def connect(self) -> None:
-        """Open the port, and wait for the heartbeat of the board and its servo positions.
-
-        Raises RobotFaultError that says what to check.
-        """
-        if self._opened is not None:
-            return
-        with ExitStack() as opening:
-            port = open_port(self._address, text=self._port_text)
-            opening.callback(port.close)
-            codec = Codec(
-                mavlink_messages.CONTROLLER_SYSTEM,
-                mavlink_messages.CONTROLLER_COMPONENT,
-                signing_key=self._signing_key,
-            )
-            self._link = MavlinkLink(port, codec)
-            self._receiver = Receiver(self._link, self.counters)
-            self._receiver.start()
-            opening.callback(self._receiver.stop)
-            self._peer = self._await_peer()
-            self._await_outputs()
-            self._snapshot = None
-            self._opened = opening.pop_all()
-
-    def read(self) -> RobotState:
-        """Newest state; the same one until the next tick.
-
-        Raises RobotFaultError when not connected or when the port has gone.
-        """
-        check_connected(self._opened is not None, WHO)
-        if self._snapshot is None or self._snapshot[0] != self._clock.ticks:
-            self._snapshot = (self._clock.ticks, self._newest())
-        return self._snapshot[1].copy()
-
-    def write(self, targets: JointTargets) -> JointTargets:
-        """Send targets as pulses; the result is the nearest targets that the pulse limits allow."""
-        check_connected(self._opened is not None, WHO)
-        check_targets(targets)
-        sent = targets
-        if self._map.outside(targets.joint_positions_rad).any():
-            self.counters.clipped += 1
-            sent = JointTargets(self._map.limited_rad(targets.joint_positions_rad), targets.stamp_s)
-        pulses = self._map.to_us(sent.joint_positions_rad)
-        if self._resumes():
-            self._send(self._receiver.heartbeat())
-        self._send(mavlink_messages.override(pulses, self._peer.system, self._peer.component))
-        self._assumed_rad = sent.joint_positions_rad.copy()
-        return sent
+    def _open_all(self, opening: ExitStack) -> None:
+        """Open the port, and wait for the heartbeat of the board and its servo positions."""
+        port = open_port(self._address, text=self._port_text)
+        opening.callback(port.close)
+        codec = Codec(
+            mavlink_messages.CONTROLLER_SYSTEM,
+            mavlink_messages.CONTROLLER_COMPONENT,
+            signing_key=self._signing_key,
+        )
+        self._link = MavlinkLink(port, codec)
+        self._receiver = Receiver(self._link, self.counters)
+        self._receiver.start()
+        opening.callback(self._receiver.stop)
+        self._peer = self._await_peer()
+        self._await_outputs()
 
     def disable_torque(self) -> bool:
         """Release all servos until the next targets."""
-        check_connected(self._opened is not None, WHO)
+        self._check_connected()
         self._send(mavlink_messages.release(self._peer.system, self._peer.component))
         return True
 
-    def close(self) -> None:
-        """Announce the end and close the port; the board holds the pose."""
-        if self._opened is not None:
-            opened, self._opened = self._opened, None
-            opened.close()
+    def _send_targets(self, positions_rad: FloatArray, *, clips: bool) -> None:
+        self.counters.clipped += clips
+        if self._resumes():
+            self._send(self._receiver.heartbeat())
+        pulses = self._map.to_us(positions_rad)
+        self._send(mavlink_messages.override(pulses, self._peer.system, self._peer.component))
 
     def _resumes(self) -> bool:
         """Whether a write follows a pause, or has followed one of late; notes the write."""
@@ -202,8 +133,6 @@ class MavlinkServos(LegServos):
         return f"the port {self._port_text} has gone ({error.strerror or error}); is the cable still in?"
 
     def _await_peer(self) -> Peer:
-        """Wait for the heartbeat of the board."""
-
         def peer() -> Peer | None:
             self._check_port()
             return self._receiver.peer
@@ -211,7 +140,6 @@ class MavlinkServos(LegServos):
         return wait_for(peer, CONNECT_TIMEOUT_S, self._no_heartbeat, poll_s=0.002)
 
     def _no_heartbeat(self) -> str:
-        """Error message for a missing heartbeat, with what to check."""
         if self._receiver.wrong_type is not None:
             return (
                 f"a MAVLink system of type {self._receiver.wrong_type} is at {self._port_text}, no servo "
@@ -239,7 +167,6 @@ class MavlinkServos(LegServos):
             self._wall.begin(outputs.at_s - self._clock.period_s * PHASE)
 
     def _newest(self) -> RobotState:
-        """State put together from the newest messages."""
         self._check_port()
         now_s = time.monotonic()
         outputs = self._receiver.newest("outputs")
@@ -273,7 +200,7 @@ class MavlinkServos(LegServos):
         unknown = np.isnan(told)
         if not measured:
             unknown |= ~outputs.active[self._map.channels - 1]
-        return np.where(unknown, self._assumed_rad, told)
+        return np.where(unknown, self._sent_rad, told)
 
     def _pose(self, outputs_at_s: float) -> tuple[FloatArray | None, FloatArray | None]:
         """Position and orientation; each None once outputs keep arriving without it, but not in silence."""
@@ -293,7 +220,6 @@ class MavlinkServos(LegServos):
         return mavlink_messages.Battery(None, None)
 
     def _fault(self, now_s: float, battery: mavlink_messages.Battery) -> str | None:
-        """Fault of the board, or None."""
         least, voltage = self._map.low_battery_v, battery.voltage_v
         if least is not None and voltage is not None and voltage < least:
             return f"low battery {voltage:.1f} V"
@@ -307,5 +233,4 @@ class MavlinkServos(LegServos):
 
 
 def _fresh(stamped: Stamped | None, now_s: float, within_s: float) -> Stamped | None:
-    """The value if it is not too old."""
     return stamped if stamped is not None and now_s - stamped.at_s <= within_s else None

@@ -6,7 +6,6 @@ import re
 import socket
 import threading
 import time
-import tty
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -223,7 +222,6 @@ class StreamPort(Port):
         self._close()
 
     def _written(self, data: bytes) -> bytes:
-        """Write what fits; the result is the remainder."""
         if not data:
             return data
         try:
@@ -264,26 +262,6 @@ def open_serial(address: PortAddress) -> StreamPort:
     return port
 
 
-class PtyPort(StreamPort):
-    """A pseudo-terminal that clients open like a serial device.
-
-    Attributes:
-        path: the device to open.
-    """
-
-    def __init__(self) -> None:
-        master, slave = os.openpty()
-        tty.setraw(slave)
-        self.path = os.ttyname(slave)
-        # The slave stays open here: without it, the master could not be read while no client is connected.
-        self._both = (master, slave)
-        super().__init__(master, self._close_both)
-
-    def _close_both(self) -> None:
-        for descriptor in self._both:
-            os.close(descriptor)
-
-
 @dataclass(slots=True)
 class SequenceCount:
     """Counts lost and reordered frames of one sender by their sequence numbers.
@@ -321,7 +299,6 @@ class Arrival:
     """A received frame.
 
     Attributes:
-        frame: the message and the system it names as its sender.
         sender: address that it was received from, None on a stream.
         at_s: when it arrived, on time.monotonic.
     """
@@ -357,11 +334,7 @@ class LinkCounters:
 
 
 class MavlinkLink:
-    """A port with a codec: messages out, frames in; sends from any thread, receives on one.
-
-    Attributes:
-        received_bytes: bytes received so far.
-    """
+    """A port with a codec: messages out, frames in; sends from any thread, receives on one."""
 
     def __init__(self, port: Port, codec: Codec) -> None:
         self._port, self._codec = port, codec

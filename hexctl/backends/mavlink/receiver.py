@@ -66,8 +66,6 @@ class Receiver:
     Attributes:
         peer: the board, or None before its first heartbeat.
         wrong_type: MAV_TYPE of a system that was received but is not a servo board, or None.
-        error: why the port has gone, or None.
-        counters: what was received.
     """
 
     def __init__(self, link: MavlinkLink, counters: LinkCounters) -> None:
@@ -128,7 +126,6 @@ class Receiver:
         )
 
     def _take(self, arrival: Arrival) -> None:
-        """Keep messages of the board; count everything else."""
         frame = arrival.frame
         if self.peer is None and frame.kind == "HEARTBEAT":
             self._meet(arrival)
@@ -146,7 +143,6 @@ class Receiver:
             self.counters.refused += 1
 
     def _meet(self, arrival: Arrival) -> None:
-        """Take the sender of a heartbeat for the board if its type allows it."""
         frame = arrival.frame
         if frame.system == mavlink_messages.CONTROLLER_SYSTEM:
             return

@@ -27,9 +27,7 @@ class I2cMessage:
     """One message of a transaction.
 
     Attributes:
-        address: of the chip.
         reads: how many bytes are read; 0 for a message that writes.
-        data: bytes that are written.
     """
 
     address: int
@@ -67,9 +65,6 @@ def take_transaction(data: bytes) -> tuple[list[I2cMessage] | None, int]:
 
 class I2cSocket:
     """The controller's end, with the methods of `smbus2.SMBus` that are used.
-
-    Args:
-        path: of the socket.
 
     Raises OSError when nothing listens there.
     """

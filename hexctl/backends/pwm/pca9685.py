@@ -17,8 +17,7 @@ import numpy as np
 from hexctl.backends.clock import Clock
 from hexctl.backends.port_thread import reason_of
 from hexctl.backends.pwm.i2c_socket import I2cSocket
-from hexctl.backends.pwm.pwm_board import BoardReport, BoardThread
-from hexctl.backends.pwm.servos import PwmServos
+from hexctl.backends.pwm.servos import BoardReport, BoardThread, PwmServos
 from hexctl.errors import InputError, MissingExtraError, RobotFaultError, argument
 from hexctl.robot.model import Robot
 from hexctl.robot.servos.pwm_map import PCA9685_CHANNELS, PwmMap
@@ -67,15 +66,12 @@ class I2cBus(Protocol):
 
     def write_byte_data(self, i2c_addr: int, register: int, value: int, /) -> None:
         """Write one byte to a register."""
-        ...
 
     def read_byte_data(self, i2c_addr: int, register: int, /) -> int:
         """Byte of a register."""
-        ...
 
     def i2c_rdwr(self, *i2c_msgs: Any) -> None:
         """Transfer messages of `smbus2.i2c_msg` in one transaction."""
-        ...
 
 
 def prescale_of(oscillator_mhz: float) -> int:
@@ -87,7 +83,6 @@ def channel_bytes(pulse_us: float, count_us: float) -> bytes:
     """Registers of a channel: a pulse from the begin of the period on, or off for NaN.
 
     Args:
-        pulse_us: the pulse.
         count_us: time of a count.
     """
     if np.isnan(pulse_us):
@@ -109,9 +104,6 @@ class Pca9685Chip:
     """One board.
 
     Args:
-        bus: that it is on.
-        address: of the board.
-        oscillator_mhz: frequency of its oscillator.
         channels: that are used, at least one; those between them keep what they have.
     """
 
@@ -221,8 +213,6 @@ class Pca9685:
     """Boards on an open bus, used by one thread.
 
     Args:
-        bus: open.
-        pwm_map: outputs of the joints, addresses and oscillators.
         known: whether the boards were set up before and are to be found as they were; what is not is told
             by `poll`, until `end` sets it up again.
         owned: whether closing the boards closes the bus.
@@ -337,11 +327,9 @@ class Pca9685Servos(PwmServos):
     """Eighteen hobby servos on two PCA9685 boards.
 
     Args:
-        robot: the robot that the servos belong to, or the name or path of its file.
         pwm_map: which output moves which joint, addresses and oscillators.
         place: number of the I2C bus, its device, or the socket of simulated boards.
         i2c: an open bus in place of that; it stays open.
-        clock: a wall clock unless given.
     """
 
     def __init__(

@@ -11,16 +11,12 @@ bit 7 set, gives current and voltage in hundredths, and switches itself off at a
 
 import time
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
 from hexctl.backends.bus.serial_line import SerialLine
-from hexctl.backends.clock import Clock
-from hexctl.backends.pwm.pwm_board import BoardReport
-from hexctl.backends.pwm.servos import PwmServos
+from hexctl.backends.pwm.servos import BoardReport, PwmServos
 from hexctl.errors import InputError, RobotFaultError, argument
-from hexctl.robot.model import Robot
 from hexctl.robot.servos.pwm_map import SERVO2040_US, PwmMap
 from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray
 
@@ -103,13 +99,6 @@ def find_reply(data: bytes, start: int, count: int, *, checked: bool) -> list[in
 
 class Servo2040:
     """The board on an open line, used by one thread.
-
-    Args:
-        line: open.
-        pwm_map: outputs of the joints and inputs of the feet.
-
-    Attributes:
-        fork: whether the firmware is the fork.
 
     Raises RobotFaultError when nothing answers as the firmware does.
     """
@@ -199,7 +188,6 @@ class Servo2040:
         )
 
     def _ask(self, start: int, count: int, *, tries: int = 1) -> list[int] | None:
-        """Values from an index on, or None without a whole reply in some tries."""
         for _ in range(tries):
             self._line.discard()
             self._line.write(get_frame(start, count))
@@ -210,7 +198,6 @@ class Servo2040:
         return None
 
     def _gather(self, start: int, count: int, *, checked: bool) -> bytes:
-        """What comes until a reply is whole, or the time is over."""
         deadline_s, data = time.monotonic() + REPLY_TIMEOUT_S, b""
         while find_reply(data, start, count, checked=checked) is None:
             more = self._line.read(deadline_s)
@@ -221,19 +208,7 @@ class Servo2040:
 
 
 class Servo2040Servos(PwmServos):
-    """Eighteen hobby servos on a servo2040, with foot contacts.
-
-    Args:
-        robot: the robot that the servos belong to, or the name or path of its file.
-        pwm_map: which output moves which joint, and which input is which foot.
-        port: serial device.
-        clock: a wall clock unless given.
-    """
-
-    def __init__(
-        self, robot: Robot | str | Path, *, pwm_map: PwmMap, port: str, clock: Clock | None = None
-    ) -> None:
-        super().__init__(robot, pwm_map=pwm_map, place=port, clock=clock)
+    """Eighteen hobby servos on a servo2040, with foot contacts; their place is a serial device."""
 
     def _open(self) -> Servo2040:
         line = SerialLine(self._place, BAUD)

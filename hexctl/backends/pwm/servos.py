@@ -1,20 +1,175 @@
-"""Hobby servos on a board, as `LegServos`."""
+"""Hobby servos on a board, as `LegServos`, and the thread that owns the board."""
 
 import time
 from abc import abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
 from hexctl.backends.clock import Clock
-from hexctl.backends.port_servos import PortServos
-from hexctl.backends.pwm.pwm_board import BoardReport, BoardThread, PwmBoard, PwmCounters
+from hexctl.backends.port_thread import POLL_PERIOD_S, PortThread
+from hexctl.backends.ticked_servos import PortServos
 from hexctl.robot.model import Robot
 from hexctl.robot.servos.pwm_map import PwmMap
-from hexctl.types import RobotState
+from hexctl.types import JOINTS_PER_LEG, BoolArray, FloatArray, RobotState
 
 #: A board that has not answered for this long is mute.
 MUTE_S = 0.5
+
+#: Time between the powering of two legs: a hobby servo turns by 60 degrees in 0.15 to 0.2 s, and draws its
+#: stall current meanwhile.
+LEG_PAUSE_S = 0.15
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class BoardReport:
+    """What a board tells of itself.
+
+    Attributes:
+        at_s: when, on time.monotonic.
+        contacts: which feet touch the floor, (6,), or None for a board without inputs.
+        fault: why the board has switched its servos off, or None.
+    """
+
+    at_s: float
+    contacts: BoolArray | None = None
+    voltage_v: float | None = None
+    current_a: float | None = None
+    fault: str | None = None
+
+
+@dataclass(slots=True)
+class PwmCounters:
+    """Counts of a board since it was made.
+
+    Attributes:
+        writes: poses sent.
+        reports: of the board.
+        missed: reports that did not come, or not whole.
+        reopened: times that a port that had gone was opened again.
+    """
+
+    writes: int = 0
+    reports: int = 0
+    missed: int = 0
+    reopened: int = 0
+
+
+class PwmBoard(Protocol):
+    """A board on an open port, used by one thread; every method may raise OSError when the port has gone."""
+
+    def commanded_us(self) -> FloatArray:
+        """Pulses of each joint, (18,), that the board was last told; NaN where it was told none."""
+
+    def begin(self, pulses_us: FloatArray, on: BoolArray) -> None:
+        """Power some servos, (18,), with the pulses of their joints, (18,), from the first one on."""
+
+    def write(self, pulses_us: FloatArray, on: BoolArray) -> None:
+        """Send pulses of each joint, (18,), to the servos that are on, (18,); the others are limp."""
+
+    def end(self) -> None:
+        """Let all servos go limp."""
+
+    def poll(self) -> BoardReport | None:
+        """What the board tells, or None where it does not answer."""
+
+    def close(self) -> None:
+        """Close the port; the servos keep their pulses."""
+
+
+class BoardThread(PortThread[PwmBoard]):
+    """Runs a board, whose servos turn to the first pulses from wherever they are, at full speed.
+
+    So legs are powered one after the other, at the pose that was left first; newer targets wait until all are
+    on, and are then approached no faster than joints turn. Joints of which the board was told pulses before
+    hold already, as far as anybody knows, and stay on.
+
+    Args:
+        speeds: greatest of the joints, (18,), in microseconds of pulse per second.
+
+    Attributes:
+        told_us: pulses that the board was last told, (18,), NaN where it was told none.
+        powered: servos that have pulses, (18,).
+    """
+
+    def __init__(
+        self,
+        opened: Callable[[], PwmBoard],
+        board: PwmBoard,
+        newest: BoardReport,
+        counters: PwmCounters,
+        speeds: FloatArray,
+        told_us: FloatArray,
+    ) -> None:
+        super().__init__(opened, board, counters=counters, speeds=speeds, name="servo board")
+        self._counters = counters
+        self.newest, self.told_us = newest, told_us
+        self._sent = told_us
+        self.powered: BoolArray = np.isfinite(told_us)
+        self._next_leg_at_s = 0.0
+
+    def _may_follow(self) -> bool:
+        return self.newest.fault is None
+
+    def _must_release(self) -> bool:
+        """A board that has tripped is armed by it."""
+        return self.newest.fault is not None
+
+    def _follow(self, targets: FloatArray) -> FloatArray:
+        if self.on and self.powered.all() and time.monotonic() >= self._next_leg_at_s:
+            self.told_us = self._stepped(targets)
+            self._device.write(self.told_us, self.powered)
+        elif self.on:
+            self._power_next_leg()
+            self._device.write(self.told_us, self.powered)
+        else:
+            self.told_us = self._stepped(targets)
+            self._power_next_leg()
+            self._device.begin(self.told_us, self.powered)
+        self._counters.writes += 1
+        return np.where(self.powered, self.told_us, np.nan)
+
+    def _power_next_leg(self) -> None:
+        now_s, waiting = time.monotonic(), np.flatnonzero(~self.powered)
+        if len(waiting) and now_s >= self._next_leg_at_s:
+            leg = waiting[0] // JOINTS_PER_LEG
+            self.powered = self.powered.copy()
+            self.powered[leg * JOINTS_PER_LEG : (leg + 1) * JOINTS_PER_LEG] = True
+            self._next_leg_at_s = now_s + LEG_PAUSE_S
+
+    def _meet(self) -> None:
+        self._sent = self._device.commanded_us()
+        self.powered = np.isfinite(self._sent)
+        self.told_us = np.where(self.powered, self._sent, self.told_us)
+
+    def _let_go(self) -> None:
+        self._device.end()
+        self.powered = np.zeros_like(self.powered)
+        self.newest = replace(self.newest, fault=None)
+
+    def _poll(self) -> None:
+        report = self._device.poll()
+        if report is None:
+            self._counters.missed += 1
+            return
+        self._counters.reports += 1
+        self.newest = report
+        if report.fault is not None:
+            self.on, self._sent = False, None
+            self.powered = np.zeros_like(self.powered)
+
+    def _finish(self) -> None:
+        """Send the pose that was left last: the servos are to keep it."""
+        targets = self._targets
+        while targets is not None and self._may_follow():
+            self._sent = self._follow(targets)
+            self.on = True
+            if (self._sent == targets).all():
+                return
+            time.sleep(POLL_PERIOD_S)
 
 
 class PwmServos(PortServos[PwmMap, BoardThread, PwmCounters]):
@@ -24,12 +179,6 @@ class PwmServos(PortServos[PwmMap, BoardThread, PwmCounters]):
     first `write`; the servos then turn to that pose at full speed, from wherever they are, leg by leg. Where
     the board was told a pose by an earlier program, states begin with it, and no leg is switched off. After
     `close` the servos keep their pulses.
-
-    Args:
-        robot: the robot that the servos belong to, or the name or path of its file.
-        pwm_map: which output moves which joint, and how.
-        place: of the board, as messages have it.
-        clock: a wall clock unless given.
     """
 
     what = "the servo board"
@@ -57,7 +206,6 @@ class PwmServos(PortServos[PwmMap, BoardThread, PwmCounters]):
         return thread
 
     def _state(self, thread: BoardThread) -> RobotState:
-        """Where the board was told to turn the joints, with what it tells."""
         told_us, report = thread.told_us, thread.newest
         told = np.isfinite(told_us)
         told_rad = self._map.angles_rad(np.where(told, told_us, self._map.centre))
@@ -79,7 +227,6 @@ class PwmServos(PortServos[PwmMap, BoardThread, PwmCounters]):
         )
 
     def _fault(self, gone: str | None, report: BoardReport) -> str | None:
-        """Why the robot cannot be walked, or None."""
         if gone is not None:
             return self._gone(gone)
         if time.monotonic() - report.at_s > MUTE_S:

@@ -130,5 +130,4 @@ def draw_failures(draws: Sequence[DrawnFailure], shares: FloatArray) -> dict[str
 
 
 def _one_of(values: Sequence[ValueT], share: float) -> ValueT:
-    """The value at a share 0..1 of several."""
     return values[min(int(share * len(values)), len(values) - 1)]

@@ -21,11 +21,7 @@ N_DRAWS = N_JOINTS + 4
 
 
 class Noise:
-    """A seeded stream of measurement errors, drawn once per tick so that every reader sees the same.
-
-    Attributes:
-        silent: whether all errors are zero.
-    """
+    """A seeded stream of measurement errors, drawn once per tick so that every reader sees the same."""
 
     def __init__(self, sigma: SensorNoise, seed: int, trial: int = 0) -> None:
         # A stream of its own beside those of the bumps and of the joint offsets.
@@ -91,16 +87,11 @@ class FaultyPose:
 
 
 def _holding(intervals: Sequence[tuple[float, float]], time_s: float) -> list[tuple[float, float]]:
-    """Intervals that a time lies in."""
     return [(first_s, last_s) for first_s, last_s in intervals if first_s <= time_s < last_s]
 
 
 class Losses:
-    """A seeded stream of which control periods lose something, drawn once per tick.
-
-    Attributes:
-        lost: whether this period does.
-    """
+    """A seeded stream of which control periods lose something, drawn once per tick."""
 
     def __init__(self, share: float, stream: Sequence[int]) -> None:
         self._stream = np.random.default_rng(list(stream))
@@ -143,32 +134,6 @@ class Snapshot(ArrayFields):
         return Snapshot(*(np.tile(one, (n, 1)) for one in (self.qpos, self.touch, self.torques_nm)))
 
 
-class LateStates:
-    """States on their way to the reader: each is `latency_steps` steps of the physics old when it is read.
-
-    Attributes:
-        steps_after: steps of the physics that follow the moment of measurement within a tick.
-    """
-
-    def __init__(self, world: World, now: Snapshot, on_their_way: Sequence[Snapshot] = ()) -> None:
-        whole_ticks, self.steps_after = divmod(world.latency_steps, world.steps_per_tick)
-        self._latest = deque(on_their_way or [now] * (whole_ticks + 1), maxlen=whole_ticks + 1)
-
-    def keep(self, now: Snapshot) -> None:
-        """Measure, once per tick."""
-        self._latest.append(now)
-
-    @property
-    def oldest(self) -> Snapshot:
-        """The state that is read."""
-        return self._latest[0]
-
-    def copies(self, world: World, n: int) -> "LateStates":
-        """The states of n robots in the state of this one."""
-        rows = [one.copies(n) for one in self._latest]
-        return LateStates(world, rows[-1], rows)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorMemory(ArrayFields):
     """Views of MuJoCo's own memory, which every step fills anew; leading shape () or (n,).
@@ -199,14 +164,11 @@ class Sensors:
     """Sensors of one simulated robot, or of n copies of one: what they measure, and their flaws.
 
     Attributes:
-        memory: MuJoCo's, which they look at.
         torques: how forces of actuators become torques of joints; a leg that fails changes it.
         offsets_rad: calibration errors of the joints, (18,).
-        noise: errors of this tick.
-        faulty_pose: how the pose is shown.
-        pose_loss: whether position and orientation are measured in this tick.
         age_s: of a state when it is read.
-        late: states on their way; None where they have no age.
+        steps_after: steps of the physics that follow the moment of measurement within a tick.
+        late: states on their way, the oldest first, which is read; None if they have no age.
     """
 
     memory: SensorMemory
@@ -216,7 +178,8 @@ class Sensors:
     faulty_pose: FaultyPose
     pose_loss: Losses
     age_s: float = 0.0
-    late: LateStates | None = None
+    steps_after: int = 0
+    late: deque[Snapshot] | None = None
 
     @classmethod
     def of(
@@ -234,29 +197,26 @@ class Sensors:
         sensors = cls(memory, torques, offsets_rad, noise, FaultyPose(world.sensor_faults), pose_loss)
         if world.latency_steps:
             sensors.age_s = world.latency_steps * world.time_step_s
-            sensors.late = LateStates(world, sensors._measured())
+            whole_ticks, sensors.steps_after = divmod(world.latency_steps, world.steps_per_tick)
+            sensors.late = deque([sensors._measured()] * (whole_ticks + 1), maxlen=whole_ticks + 1)
         return sensors
 
-    def copies(self, memory: SensorMemory, world: World, n: int) -> "Sensors":
+    def copies(self, memory: SensorMemory, n: int) -> "Sensors":
         """Sensors of n robots in the state of this one, with the same errors and losses to come."""
+        late = None if self.late is None else deque([one.copies(n) for one in self.late], self.late.maxlen)
         return replace(
             self,
             memory=memory,
             noise=copy.deepcopy(self.noise),
             faulty_pose=copy.deepcopy(self.faulty_pose),
             pose_loss=copy.deepcopy(self.pose_loss),
-            late=None if self.late is None else self.late.copies(world, n),
+            late=late,
         )
-
-    @property
-    def steps_after(self) -> int:
-        """Steps of the physics that follow the moment of measurement within a tick."""
-        return 0 if self.late is None else self.late.steps_after
 
     def keep(self) -> None:
         """Measure what is read later, once per tick."""
         if self.late is not None:
-            self.late.keep(self._measured())
+            self.late.append(self._measured())
 
     def draw(self) -> None:
         """Draw the errors and the loss of the next tick."""
@@ -266,7 +226,7 @@ class Sensors:
     def read(self, now_s: float) -> RobotState:
         """State that the robots report at a time."""
         noise, stamp_s = self.noise, now_s - self.age_s
-        seen = self._measured() if self.late is None else self.late.oldest
+        seen = self._measured() if self.late is None else self.late[0]
         joints = seen.qpos[..., FIRST_JOINT:] - self.offsets_rad
         position, quaternion = seen.qpos[..., :3], seen.qpos[..., 3:FIRST_JOINT]
         if not noise.silent:
@@ -288,7 +248,6 @@ class Sensors:
         )
 
     def _measured(self) -> Snapshot:
-        """What is measured now, without errors."""
         memory = self.memory
         torques_nm = self.torques.applied(memory.forces_nm, memory.qvel, memory.qpos, memory.asked_rad)
         return Snapshot(memory.qpos.copy(), memory.touch.copy(), torques_nm)

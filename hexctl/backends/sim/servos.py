@@ -33,12 +33,11 @@ class SimClock(Clock):
         super().__init__()
         self._step = step
         self._pace, self.waits = pace, pace is not None
-        self._index = 0
 
     @property
     def now_s(self) -> float:
         """Simulated time."""
-        return self._index * self.period_s
+        return self.index * self.period_s
 
     @property
     def due_in_s(self) -> float:
@@ -61,8 +60,8 @@ class SimClock(Clock):
             late_s = self._pace.tick().late_s
             self.overruns, self.standstill = self._pace.overruns, self._pace.standstill
         self._step()
-        self._index += 1
-        return Tick(self._index, self._index * self.period_s, late_s)
+        self.index += 1
+        return Tick(self.index, self.index * self.period_s, late_s)
 
 
 class SimServos(LegServos):
@@ -250,7 +249,6 @@ class SimServos(LegServos):
         self._limp = share == 0
 
     def _step(self) -> None:
-        """Step the physics by one control period."""
         for event in self._to_come.due():
             self.change_leg(event.leg, event.failure)
         physics, after = self.compiled.physics, self.sensors.steps_after

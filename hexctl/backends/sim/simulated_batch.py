@@ -115,7 +115,7 @@ class _Copies:
         memory = SensorMemory.of(
             servos.sensors.torques, lambda name: batch.bind(name)[rows], self._actuators.asked_rad
         )
-        self.sensors = servos.sensors.copies(memory, servos.world, n)
+        self.sensors = servos.sensors.copies(memory, n)
         self._ctrl, self._to_come = batch.bind("ctrl")[rows], FailuresToCome(servos.events, self._period_s)
 
     def let_fail(self) -> None:
@@ -142,7 +142,6 @@ class _Copies:
 
 
 def _together(states: Sequence[RobotState]) -> RobotState:
-    """States of several simulations as one."""
     first = states[0]
     return RobotState(
         np.concatenate([state.joint_positions_rad for state in states]),

@@ -50,7 +50,6 @@ class FailedLegs:
     """The failed legs of a compiled simulation. They may fail and heal while it runs.
 
     Attributes:
-        by_leg: the failures in force.
         jammed: joints that hold an angle regardless of their targets, (18,).
     """
 

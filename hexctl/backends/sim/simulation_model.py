@@ -45,10 +45,7 @@ class Simulation(ArrayFields):
 
     Attributes:
         physics: dm_control Physics; qpos is base position, base quaternion, 18 joints.
-        world: the world it was made from.
-        floor: the floor it stands on.
         joint_offsets_rad: calibration error per joint: true angle - angle reported by the servo, (18,).
-        failed: its failed legs.
     """
 
     physics: Any
@@ -104,31 +101,20 @@ def _load_trunk(body: Any, robot: Robot, world: World) -> None:
     # A solid beside the trunk's own carries the mass.
     solid = body.find("geom", "mass") or body.find("geom", "trunk")
     at = np.zeros(3) if solid.pos is None else np.array(solid.pos)
-    body.find("body", "trunk").add(
-        "geom",
-        name="ballast",
-        type=solid.type,
-        size=solid.size,
-        pos=at + world.body_mass_shift_m,
-        mass=mass_kg,
-        **NO_CONTACT,
-    )
+    trunk, at = body.find("body", "trunk"), at + world.body_mass_shift_m
+    _add_mass(trunk, "ballast", mass_kg, type=solid.type, size=solid.size, pos=at)
     solid.mass = 0
 
 
 def _load_payload(body: Any, world: World) -> None:
-    """Put the payload on the trunk, as a mass without contact."""
     if world.payload_kg:
-        trunk = body.find("body", "trunk")
-        trunk.add(
-            "geom",
-            name="payload",
-            type="box",
-            size=[0.02, 0.02, 0.02],
-            pos=world.payload_position_m,
-            mass=world.payload_kg,
-            **NO_CONTACT,
-        )
+        trunk, at = body.find("body", "trunk"), world.payload_position_m
+        _add_mass(trunk, "payload", world.payload_kg, type="box", size=[0.02, 0.02, 0.02], pos=at)
+
+
+def _add_mass(body: Any, name: str, mass_kg: float, **solid: Any) -> None:
+    """Add a solid without contact to a body, which carries a mass."""
+    body.add("geom", name=name, mass=mass_kg, **solid, **NO_CONTACT)
 
 
 def _stretch_tibias(body: Any, world: World) -> None:
@@ -173,7 +159,6 @@ def _measure_forces(root: Any, body: Any, world: World) -> None:
 
 
 def _make_world(world: World, floor: Floor) -> Any:
-    """An mjcf model with the physics options and the floor."""
     root = mjcf.RootElement(model="world")
     root.compiler.angle = "radian"
     root.option.timestep = world.time_step_s
@@ -226,7 +211,6 @@ def _check_order(physics: Any) -> None:
 
 
 def _fill_heights(physics: Any, floor: Floor) -> None:
-    """Write the bumps into the compiled height field, scaled to 0..1."""
     if floor.heights_m is not None:
         spread = floor.heights_m - floor.heights_m.min()
         physics.model.hfield_data[:] = (spread / spread.max()).ravel()
@@ -257,7 +241,6 @@ def _set_start_state(physics: Any, robot: Robot, world: World, floor: Floor, fac
 
 
 def _joint_offsets(world: World, seed: int) -> FloatArray:
-    """Calibration errors of the joints, (18,)."""
     given = world.joint_offset_deg
     if isinstance(given, tuple):
         return np.radians(given)
@@ -308,7 +291,7 @@ def _place_mass(trunk: Any, body: Body) -> None:
         if box_m is None
         else {"type": "box", "size": [side / 2 for side in box_m]}
     )
-    trunk.add("geom", name="mass", pos=body.com_m, mass=body.mass_kg, **solid, **NO_CONTACT)
+    _add_mass(trunk, "mass", body.mass_kg, pos=body.com_m, **solid)
     shape.mass = 0
 
 
@@ -351,15 +334,8 @@ def _shift_link_mass(link: Any, robot: Robot, index: int) -> None:
     off = robot.link_coms_m[index] - robot.link_vectors_m[index] / 2
     start = [off[0], 0.0, off[1]]
     end = [off[0] + robot.link_vectors_m[index][0], 0.0, off[1] + robot.link_vectors_m[index][1]]
-    link.add(
-        "geom",
-        name=f"{JOINT_KINDS[index]}_mass",
-        type="capsule",
-        fromto=[*start, *end],
-        size=shape.size,
-        mass=shape.mass,
-        **NO_CONTACT,
-    )
+    solid = {"type": "capsule", "fromto": [*start, *end], "size": shape.size}
+    _add_mass(link, f"{JOINT_KINDS[index]}_mass", shape.mass, **solid)
     shape.mass = 0
 
 
@@ -373,7 +349,6 @@ def _link_end(robot: Robot, index: int) -> list[float]:
 
 
 def _add_servo(leg: Any, link: Any, robot: Robot, index: int) -> None:
-    """Add a joint and the position servo that drives it."""
     kind = JOINT_KINDS[index]
     low, high = robot.joint_lower_rad[index], robot.joint_upper_rad[index]
     # A negative turn about y lifts what points along x.

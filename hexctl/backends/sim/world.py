@@ -161,20 +161,21 @@ class World(Section):
         """Age of a state in steps of the physics."""
         return round(self.state_latency_s / self.time_step_s)
 
-    @field_validator("joint_stiffness", "joint_friction_nm", "tibia_error", mode="before")
+    @field_validator("joint_stiffness", "joint_friction_nm", "tibia_error", "joint_offset_deg", mode="before")
     @classmethod
     def _one_or_several(cls, given: Any, info: ValidationInfo) -> Any:
-        (least, most), counts = _SEVERAL[str(info.field_name)]
-        each = given if isinstance(given, list | tuple) else [given]
-        plain = all(isinstance(number, int | float) and not isinstance(number, bool) for number in each)
         if given is None and info.field_name == "joint_friction_nm":
             return given
-        if not (plain and all(least <= number <= most for number in each)) or (
-            each is given and len(given) not in counts
-        ):
+        one, each, counts = _SEVERAL[str(info.field_name)]
+        several = isinstance(given, list | tuple)
+        numbers, (least, most) = (given, each) if several else ([given], one)
+        plain = all(isinstance(number, int | float) and not isinstance(number, bool) for number in numbers)
+        within = plain and all(least <= number <= most for number in numbers)
+        if not within or (several and len(given) not in counts):
             lengths = " or ".join(map(str, counts))
             raise ValueError(
-                f"got {shown(given)}; allowed: {least:g} to {most:g}, or a list of {lengths} of these"
+                f"got {shown(given)}; allowed: {one[0]:g} to {one[1]:g}, or a list of {lengths}, each "
+                f"{each[0]:g} to {each[1]:g}"
             )
         return given
 
@@ -207,26 +208,17 @@ class World(Section):
             raise ValueError(f"got {delay_s:g}; allowed: multiples of {PERIOD_S:g} s")
         return delay_s
 
-    @field_validator("joint_offset_deg", mode="before")
-    @classmethod
-    def _one_or_each(cls, given: Any) -> Any:
-        each = isinstance(given, list | tuple)
-        numbers, least, count = (given, -MAX_JOINT_OFFSET_DEG, N_JOINTS) if each else ([given], 0.0, 1)
-        plain = all(isinstance(number, int | float) and not isinstance(number, bool) for number in numbers)
-        within = plain and all(least <= number <= MAX_JOINT_OFFSET_DEG for number in numbers)
-        if not within or len(numbers) != count:
-            most = f"{MAX_JOINT_OFFSET_DEG:g}"
-            raise ValueError(
-                f"got {shown(given)}; allowed: 0 to {most}, or a list of {N_JOINTS}, each -{most} to {most}"
-            )
-        return given
 
-
-#: Bounds of the quantities that are one number or several, and how many there may be.
+#: Of quantities that are one number or several: bounds of one, bounds of each, and how many there may be.
 _SEVERAL = {
-    "joint_stiffness": ((0.01, 20.0), (JOINTS_PER_LEG, N_JOINTS)),
-    "joint_friction_nm": ((0.0, 5.0), (JOINTS_PER_LEG, N_JOINTS)),
-    "tibia_error": ((-0.2, 0.2), (N_LEGS,)),
+    "joint_stiffness": ((0.01, 20.0), (0.01, 20.0), (JOINTS_PER_LEG, N_JOINTS)),
+    "joint_friction_nm": ((0.0, 5.0), (0.0, 5.0), (JOINTS_PER_LEG, N_JOINTS)),
+    "tibia_error": ((-0.2, 0.2), (-0.2, 0.2), (N_LEGS,)),
+    "joint_offset_deg": (
+        (0.0, MAX_JOINT_OFFSET_DEG),
+        (-MAX_JOINT_OFFSET_DEG, MAX_JOINT_OFFSET_DEG),
+        (N_JOINTS,),
+    ),
 }
 
 
@@ -250,7 +242,6 @@ def _can_be_drawn(key: str) -> bool:
 
 
 def _parts(key: str) -> int:
-    """How many values a key of ranges draws."""
     name, dot, _ = key.partition(".")
     return N_LEGS if dot else _PARTS.get(name, 1)
 
@@ -347,7 +338,6 @@ class DomainRandomization(BaseModel):
 
     @cached_property
     def _dimensions(self) -> int:
-        """Dimensions of the design, the spare one included."""
         return sum(_parts(key) for key in self.ranges) + COLUMNS * len(self.failures) + 1
 
     def _shares(self, first: int, count: int) -> FloatArray:

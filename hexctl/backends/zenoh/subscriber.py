@@ -43,8 +43,6 @@ class StampedSample:
     """A received message.
 
     Attributes:
-        payload: the message.
-        attachment: the attachment of the message, or None.
         at_s: when it arrived, on time.monotonic.
     """
 
@@ -77,8 +75,6 @@ class StateSubscriber:
     """Subscribes to the messages of a served robot and puts robot states together from them.
 
     Args:
-        keys: the keys of the robot.
-        latest: where received messages are kept.
         plain: True for a robot that sends no tags.
     """
 
@@ -178,7 +174,6 @@ class StateSubscriber:
         return self._failures
 
     def _take_status(self) -> None:
-        """Take what the newest status tells, if there is a new one."""
         sample = self._latest.newest("status")
         if sample is None or sample is self._status_of:
             return

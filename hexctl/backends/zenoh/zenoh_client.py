@@ -13,8 +13,9 @@ from typing import Any, Self
 
 import zenoh
 
-from hexctl.backends.base import LegServos, as_robot, check_connected, check_targets
-from hexctl.backends.clock import Clock, CountedClock, WallClock
+from hexctl.backends.base import check_targets
+from hexctl.backends.clock import WallClock
+from hexctl.backends.ticked_servos import TickedServos
 from hexctl.backends.zenoh.subscriber import LatestValues, StateSubscriber
 from hexctl.errors import MessageError, RobotFaultError, argument, shown
 from hexctl.robot.failure import Failure
@@ -60,8 +61,6 @@ PHASE = 0.5
 
 NO_LEASE = bytes(LEASE_ID_BYTES)
 
-WHO = "the robot on the network"
-
 
 def ask(
     session: zenoh.Session,
@@ -73,10 +72,8 @@ def ask(
     """Answers of the robots at a key, one JSON object each; empty if none answers.
 
     Args:
-        session: an open session.
         key: one key, or a key expression.
         content: payload of the query, or None.
-        timeout_s: how long to wait for answers.
     """
     payload = None if content is None else encode_json(content)
     answers = []
@@ -142,8 +139,6 @@ class LeaseClient:
     """Holds the lease of a robot from `acquire` to `release`, renewing it at a third of its time.
 
     Attributes:
-        lease_id: identifier that commands carry.
-        sequence: number of the lease.
         after_state: number of the newest state before it was granted.
         lost: why the lease is gone, or None while it is in force.
         lost_at_s: when it was lost, on time.monotonic.
@@ -160,8 +155,6 @@ class LeaseClient:
         """Hold nothing yet.
 
         Args:
-            session: an open session.
-            key: of the robot's lease.
             heard_at_s: when the robot was heard last otherwise, on time.monotonic: one that is heard has not
                 gone, though answers get lost.
             clear: command that ends a stop of that robot, which refusals name.
@@ -250,7 +243,7 @@ class LeaseClient:
         return None
 
 
-class ZenohServos(LegServos):
+class ZenohServos(TickedServos):
     """Client of a robot that `hexctl serve` puts on the network.
 
     Connecting compares the robot descriptions of both ends and takes the lease; closing releases it. The
@@ -262,33 +255,23 @@ class ZenohServos(LegServos):
         latest: where received messages are kept; a new one unless given.
     """
 
+    what = "the robot on the network"
+
     def __init__(self, robot: Robot | str | Path, *, link: Link, latest: LatestValues | None = None) -> None:
-        self._robot, self._link = as_robot(robot), link
+        self._wall = WallClock()
+        super().__init__(robot, self._wall)
+        self._link = link
         self.identity: RobotIdentity | None = None
         self.simulated: Mapping[str, str] | None = None
         self._keys = link.keys(self._robot.name)
-        self._wall = WallClock()
-        self._clock = CountedClock(self._wall)
-        self._opened: ExitStack | None = None
         self._subscriber = StateSubscriber(self._keys, latest or LatestValues(), plain=link.plain)
         self._lease: LeaseClient | None = None
         self._sequence = 0
-        self._snapshot: tuple[int, RobotState] | None = None
 
     @property
     def link(self) -> Link:
         """Link to the robot."""
         return self._link
-
-    @property
-    def robot(self) -> Robot:
-        """The robot expected at the other end."""
-        return self._robot
-
-    @property
-    def clock(self) -> Clock:
-        """The clock of this end."""
-        return self._clock
 
     @property
     def remote(self) -> Self:
@@ -300,62 +283,51 @@ class ZenohServos(LegServos):
         """Failures in force in a simulation at the other end, as reported last; None for a robot."""
         return None if self._opened is None else self._subscriber.failures
 
-    def connect(self) -> None:
+    def _open_all(self, opening: ExitStack) -> None:
         """Open the link, verify the robot, take its lease and wait for its first state.
 
         Raises InputError for a link that is not allowed, otherwise RobotFaultError with what to check.
         """
-        if self._opened is not None:
-            return
         prepare_codec()
-        with ExitStack() as opening:
-            session = opening.enter_context(open_session(self._link, Role.CONTROLLER, self._keys))
-            if not self._link.plain:
-                self._check_robot(session)
-            self._subscriber.subscribe(session)
-            if not self._link.plain:
-                self._lease = LeaseClient(
-                    session,
-                    self._keys.lease,
-                    lambda: self._subscriber.heard_at_s,
-                    clear=self._link.clear_command,
-                )
-                self._lease.acquire()
-                opening.callback(self._lease.release)
-                # An older state may report a stop that the lease has lifted.
-                self._subscriber.forget(after=self._lease.after_state)
-            self._publisher = session.declare_publisher(
-                self._keys.command,
-                congestion_control=zenoh.CongestionControl.DROP,
-                priority=zenoh.Priority.REAL_TIME,
-                express=True,
+        session = opening.enter_context(open_session(self._link, Role.CONTROLLER, self._keys))
+        if not self._link.plain:
+            self._check_robot(session)
+        self._subscriber.subscribe(session)
+        if not self._link.plain:
+            self._lease = LeaseClient(
+                session,
+                self._keys.lease,
+                lambda: self._subscriber.heard_at_s,
+                clear=self._link.clear_command,
             )
-            self._sequence = 0
-            self._snapshot = None
-            # The ticks of this end fall into the middle of the robot's.
-            self._wall.begin(self._subscriber.wait_for_first_s() - self._clock.period_s * PHASE)
-            self._opened = opening.pop_all()
+            self._lease.acquire()
+            opening.callback(self._lease.release)
+            # An older state may report a stop that the lease has lifted.
+            self._subscriber.forget(after=self._lease.after_state)
+        self._publisher = session.declare_publisher(
+            self._keys.command,
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.REAL_TIME,
+            express=True,
+        )
+        self._sequence = 0
+        # The ticks of this end fall into the middle of the robot's.
+        self._wall.begin(self._subscriber.wait_for_first_s() - self._clock.period_s * PHASE)
 
-    def read(self) -> RobotState:
-        """Newest state; the same one until the next tick.
-
-        Raises RobotFaultError when not connected, when the robot is silent, or when the lease is lost.
-        """
-        check_connected(self._opened is not None, WHO)
-        if self._snapshot is None or self._snapshot[0] != self._clock.ticks:
-            try:
-                state = self._subscriber.newest(self._clock.now_s)
-                self._check_ours(state)
-            except RobotFaultError as error:
-                if (why := self._clock.standing_still()) is None:
-                    raise
-                raise RobotFaultError(f"{why}, and the robot stopped without its commands") from error
-            self._snapshot = (self._clock.ticks, state)
-        return self._snapshot[1].copy()
+    def _newest(self) -> RobotState:
+        """Newest state; raises RobotFaultError when the robot is silent, or when the lease is lost."""
+        try:
+            state = self._subscriber.newest(self._clock.now_s)
+            self._check_ours(state)
+        except RobotFaultError as error:
+            if (why := self._clock.standing_still()) is None:
+                raise
+            raise RobotFaultError(f"{why}, and the robot stopped without its commands") from error
+        return state
 
     def write(self, targets: JointTargets) -> JointTargets:
         """Send targets to the robot, whose guard has the last word."""
-        check_connected(self._opened is not None, WHO)
+        self._check_connected()
         check_targets(targets)
         self._sequence += 1
         self._publisher.put(encode_positions(targets.joint_positions_rad), attachment=self._tag())
@@ -366,14 +338,7 @@ class ZenohServos(LegServos):
         if self._opened is not None and self._lease is not None:
             self._lease.pause_watchdog(self._sequence)
 
-    def close(self) -> None:
-        """Release the lease and close the link."""
-        if self._opened is not None:
-            opened, self._opened = self._opened, None
-            opened.close()
-
     def _check_robot(self, session: zenoh.Session) -> None:
-        """Raise RobotFaultError for another robot than the one expected."""
         silence = (
             f"no robot called {self._robot.name} answers at {self._link.endpoint}; "
             f"is hexctl serve running there, with the same {argument('robot')}?"
@@ -402,7 +367,6 @@ class ZenohServos(LegServos):
         self.simulated = simulated if isinstance(simulated, dict) else None
 
     def _others_there(self, session: zenoh.Session) -> list[str]:
-        """Names of the robots that answer at the link, without the one expected."""
         any_robot, names = KeyMap.of("*").renamed(dict(self._link.names)), set()
         for answer in ask(session, any_robot.describe):
             with suppress(RobotFaultError):
@@ -421,7 +385,6 @@ class ZenohServos(LegServos):
             raise RobotFaultError(f"this end no longer commands the robot: {lease.lost}")
 
     def _tag(self) -> bytes:
-        """Attachment of the next command."""
         lease = self._lease
         return CommandTag(
             sequence=self._sequence,

@@ -19,7 +19,7 @@ from hexctl.errors import InputError
 from hexctl.options import Range
 
 if TYPE_CHECKING:
-    from hexctl.backends.bus.single_servo import FoundServo
+    from hexctl.backends.bus.servo import FoundServo
     from hexctl.control.calibration.servo_identification import Identification
     from hexctl.robot.servos.bus_map import BusMap
 
@@ -47,7 +47,7 @@ def scan(options: dict[str, Any], as_json: JsonOption = False) -> None:
 
     With --robot also which joint each is, and what differs from the file. Exit code 3 if none answers.
     """
-    from hexctl.backends.bus.scan import nothing_answers, scan_bus
+    from hexctl.backends.bus.tools import nothing_answers, scan_bus
 
     asked = ScanOptions(**options)
     bus = asked.address()
@@ -72,7 +72,7 @@ def _note_models(driver: str, found: "Sequence[FoundServo]") -> None:
 
 def _print_scan(found: "Sequence[FoundServo]", servo_map: "BusMap | None", *, as_json: bool) -> None:
     """Print the servos that answer, with the joints of a robot file."""
-    from hexctl.backends.bus.unexpected_ids import id_differences, joint_of
+    from hexctl.backends.bus.tools import id_differences, joint_of
     from hexctl.cli.render.servos_output import row_table, with_units
 
     rows = [each.to_json() for each in found]
@@ -94,7 +94,7 @@ def set_id(
     as_json: JsonOption = False,
 ) -> None:
     """Give the only servo on the bus another id; with more than one nothing is changed."""
-    from hexctl.backends.bus.scan import set_servo_id
+    from hexctl.backends.bus.tools import set_servo_id
     from hexctl.cli.render.servos_output import row_table, with_units
 
     bus = BusOptions(**options).address()
@@ -155,7 +155,7 @@ def _identification(asked: IdentificationOptions, bus: BusAddress) -> "Identific
 
 def _answering(bus: BusAddress) -> list[int]:
     """Ids to which servos answer."""
-    from hexctl.backends.bus.scan import scan_bus
+    from hexctl.backends.bus.tools import scan_bus
 
     with ScanProgress() as progress:
         return [each.servo_id for each in scan_bus(bus.path, bus.driver, bus.baud, progress=progress.show)]
@@ -173,7 +173,7 @@ def try_(
 
     It goes limp first, and ends with its torque as it was. Hold the robot so that its legs hang free.
     """
-    from hexctl.backends.bus.scan import opened_line, the_servo
+    from hexctl.backends.bus.tools import opened_line, the_servo
     from hexctl.cli.prompts import ask_consent
     from hexctl.cli.render.servos_output import value_table
     from hexctl.control.calibration.servo_trial import try_servo
@@ -202,7 +202,7 @@ def adopt(
 
     Its model and its position have to fit that joint. It goes limp; X servos are restarted.
     """
-    from hexctl.backends.bus.lost_id import adopt as adopt_servo
+    from hexctl.backends.bus.tools import adopt as adopt_servo
     from hexctl.cli.prompts import ask_consent
     from hexctl.cli.render.servos_output import value_table, with_units
     from hexctl.robot.loader import load_robot_file

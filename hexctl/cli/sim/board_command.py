@@ -19,10 +19,10 @@ def board(asked: dict[str, Any], as_json: JsonOption = False) -> None:
     feetech --connect PORT that behind servos on a bus.
     """
     from hexctl.cli.console import StopOnInterrupt, print_note, print_result
-    from hexctl.serve.boards.board_service import BoardService, BusBoardService
+    from hexctl.serve.boards.board_service import BoardService
 
     bus = asked["bus"]
-    service = BoardService(**asked) if bus is None else BusBoardService(**asked)
+    service = BoardService(**asked)
 
     def on_started(started: "ServiceStarted") -> None:
         robot = f"{started.robot} ({started.backend})"

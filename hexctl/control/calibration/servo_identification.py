@@ -8,8 +8,8 @@ from pathlib import Path
 
 import yaml
 
-from hexctl.backends.bus.scan import opened_line, the_servo
-from hexctl.backends.bus.single_servo import FoundServo
+from hexctl.backends.bus.servo import FoundServo
+from hexctl.backends.bus.tools import opened_line, the_servo
 from hexctl.control.calibration import EndedError, Operator
 from hexctl.control.calibration.servo_trial import WIGGLE_DEG, wiggle
 from hexctl.errors import InputError, RobotFaultError, argument

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hexctl.backends.bus.single_servo import SingleServo, effort_of
+from hexctl.backends.bus.servo import Servo
 from hexctl.backends.clock import Clock, WallClock
 from hexctl.errors import RobotFaultError
 
@@ -68,13 +68,13 @@ class ServoTrial:
 
 
 @contextmanager
-def held(servo: SingleServo) -> Iterator[float]:
+def held(servo: Servo) -> Iterator[float]:
     """A servo that holds softly where it is meanwhile, at a count; then its torque is as it was.
 
     Raises RobotFaultError for one that does not answer, does not obey, or must not be moved.
     """
     name = f"the servo with id {servo.servo_id}"
-    if refusal := servo.refusal():
+    if refusal := servo.settings().refusal:
         raise RobotFaultError(f"{name}: {refusal}")
     before = servo.torque()
     if before is None or not servo.set_torque(on=False):
@@ -97,7 +97,7 @@ def held(servo: SingleServo) -> Iterator[float]:
         servo.restore()
 
 
-def _within_limits(servo: SingleServo, here: float) -> float:
+def _within_limits(servo: Servo, here: float) -> float:
     """Count at which a servo may hold: where it is, or the end of its limits beside that."""
     least, most = servo.limits()
     start = float(np.clip(here, least, most))
@@ -109,7 +109,7 @@ def _within_limits(servo: SingleServo, here: float) -> float:
     return start
 
 
-def wiggle(servo: SingleServo, *, clock: Clock | None = None) -> float:
+def wiggle(servo: Servo, *, clock: Clock | None = None) -> float:
     """Move a servo to one side and back; how far, in degrees.
 
     Raises RobotFaultError as `held` does, and for one without room on either side.
@@ -124,7 +124,7 @@ def wiggle(servo: SingleServo, *, clock: Clock | None = None) -> float:
     return (end - start) / servo.type.counts_per_deg
 
 
-def try_servo(servo: SingleServo, *, clock: Clock | None = None) -> ServoTrial:
+def try_servo(servo: Servo, *, clock: Clock | None = None) -> ServoTrial:
     """Move a servo to both sides of where it is and back, and tell what it did.
 
     Raises RobotFaultError as `held` does, and for one without room on either side.
@@ -161,7 +161,7 @@ def try_servo(servo: SingleServo, *, clock: Clock | None = None) -> ServoTrial:
     )
 
 
-def _ends(servo: SingleServo, start: float, far_deg: float) -> tuple[float, float]:
+def _ends(servo: Servo, start: float, far_deg: float) -> tuple[float, float]:
     """Ends of a movement about a count, within the limits stored in a servo: the one with more room first."""
     far, (least, most) = far_deg * servo.type.counts_per_deg, servo.limits()
     ends = sorted((max(start - far, least), min(start + far, most)), key=lambda end: -abs(end - start))
@@ -184,7 +184,7 @@ class _Sweep:
         delay: mean distance behind the goal in that, in counts.
     """
 
-    servo: SingleServo
+    servo: Servo
     clock: Clock
     voltages: list[float] = field(default_factory=list)
     efforts: list[float] = field(default_factory=list)
@@ -240,6 +240,6 @@ class _Sweep:
         found = self.servo.look()
         if found.voltage_v is not None:
             self.voltages.append(found.voltage_v)
-        if np.isfinite(effort := effort_of(found)):
-            self.efforts.append(effort)
+        if found.effort is not None:
+            self.efforts.append(found.effort)
         return None if found.position is None else float(found.position)

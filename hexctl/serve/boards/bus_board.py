@@ -6,8 +6,10 @@ import time
 import numpy as np
 
 from hexctl.backends.base import LegServos
+from hexctl.backends.bus.tools import FACTORY_ID
 from hexctl.robot.servos.bus_map import BusMap
-from hexctl.serve.boards.bus_faults import FACTORY_ID, BusFault, BusFaults
+from hexctl.serve.boards.board_faults import BoardFault
+from hexctl.serve.boards.bus_faults import BUS_FAULTS, BusFaults
 from hexctl.serve.boards.bus_servos import BusBoardCounters, SimulatedServos
 from hexctl.serve.boards.lx16a_servos import Lx16aServos
 from hexctl.serve.boards.register_servos import RegisterServos
@@ -16,10 +18,6 @@ from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState
 
 #: How long a servo hesitates before it answers, with its return delay at 0.
 HESITATES_S = 0.00005
-
-#: Time that is kept free before a tick.
-SPARE_S = 0.0003
-
 
 #: Bauds by the constants of a terminal.
 _BAUDS = {
@@ -41,16 +39,11 @@ class BusBoard(SimulatedBoard):
 
     Args:
         servos: of the simulated robot, in real time, not connected.
-        bus_map: ids and models.
         baud: bits per second: answers come no sooner than their bytes fit on the line.
-        faults: what goes wrong, and when.
         seed: of garbled bytes.
-
-    Attributes:
-        path: the device to open.
     """
 
-    what = "bus"
+    what, kinds = "bus", BUS_FAULTS
 
     def __init__(
         self,
@@ -58,14 +51,14 @@ class BusBoard(SimulatedBoard):
         bus_map: BusMap,
         *,
         baud: int = 1_000_000,
-        faults: tuple[BusFault, ...] = (),
+        faults: tuple[BoardFault, ...] = (),
         seed: int = 0,
     ) -> None:
         self._line, self._counters = PseudoTerminal(), BusBoardCounters()
-        super().__init__(servos, self._line, self._counters, seed)
+        super().__init__(servos, self._line, self._counters, faults, seed)
         self._map, self._baud = bus_map, baud
         stance = bus_map.raw(servos.robot.stance_angles_rad)
-        self._faults = BusFaults(faults, bus_map)
+        self._faults = BusFaults()
         self._family = FAMILIES[bus_map.driver](bus_map, stance, self._faults, self._counters)
         self._servos = self._family.servos
         self._free_s = 0.0  # when the line has carried what came so far
@@ -110,19 +103,17 @@ class BusBoard(SimulatedBoard):
         return joints[0] if joints else None
 
     def _occupy(self, count: int) -> None:
-        """Let bytes, of ten bits each, pass on the line behind those before them."""
         self._free_s = max(self._free_s, time.monotonic()) + 10.0 * count / self._baud
 
-    def _suffer(self) -> None:
-        self._faults.advance(self._robot.clock.now_s)
-        while self._faults.sudden:
-            fault = self._faults.sudden.pop(0)
-            if fault.joint is None:
-                self._family.restart()
-            elif fault.kind == "overload":
-                self._family.trip(fault.joint)
-            else:
-                self._family.lose_id(fault.joint, FACTORY_ID)
+    def _begin(self, fault: BoardFault) -> None:
+        self._faults.begin(fault)
+        if fault.kind == "brown-out":
+            for servo in self._servos:
+                servo.restart()
+        elif fault.joint is not None and fault.kind == "overload":
+            self._servos[fault.joint].trip()
+        elif fault.joint is not None and fault.kind == "lost-id":
+            self._servos[fault.joint].lose_id(FACTORY_ID)
 
     def _told(self) -> tuple[BoolArray, FloatArray]:
         holds: BoolArray = self._family.holds() & ~self._faults.dead
@@ -130,7 +121,6 @@ class BusBoard(SimulatedBoard):
         return holds, self._map.angles_rad(goals)
 
     def _show(self, state: RobotState) -> None:
-        """Let the servos know where their joints are, and their loads."""
         counts = self._map.raw(state.joint_positions_rad)
         limits = self._robot.robot.joint_max_torque_nm
         torques = np.zeros(N_JOINTS) if state.joint_torques_nm is None else state.joint_torques_nm

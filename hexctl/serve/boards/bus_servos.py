@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from hexctl.backends.bus.packets import PacketFormat
+from hexctl.backends.bus.tools import packets_of
 from hexctl.robot.servos.bus_map import BusMap
+from hexctl.robot.servos.servo_models import ServoType
 from hexctl.serve.boards.bus_faults import BusFaults
 from hexctl.types import BoolArray, FloatArray
 
@@ -35,12 +37,9 @@ class BusBoardCounters:
 
 
 class SimulatedServo(ABC):
-    """One servo on a simulated bus.
+    """One servo on a simulated bus."""
 
-    Attributes:
-        servo_id: that it answers to.
-    """
-
+    usual_v = USUAL_V
     servo_id: int
 
     @property
@@ -48,19 +47,32 @@ class SimulatedServo(ABC):
     def holds(self) -> bool:
         """Whether it holds its goal."""
 
+    @abstractmethod
+    def goal(self, now_s: float) -> float:
+        """Count that it steers for at a time on time.monotonic."""
+
+    @abstractmethod
+    def show(self, count: float, effort: float, voltage_v: float, temperature_c: float) -> None:
+        """Be at a count, with a share of its greatest torque, a supply and a temperature."""
+
+    @abstractmethod
+    def trip(self, *, hot: bool = False) -> None:
+        """Let go because of an overload or heat, as its family does."""
+
+    @abstractmethod
+    def restart(self) -> None:
+        """Begin as after a loss of power, without torque."""
+
+    def lose_id(self, servo_id: int) -> None:
+        """Answer to another id, also after a restart."""
+        self.servo_id = servo_id
+
 
 class SimulatedServos(ABC):
     """Eighteen servos of one family on a simulated bus.
 
     Args:
-        bus_map: ids and models.
         stance: counts at first, (18,).
-        faults: that have begun.
-        counters: of the bus.
-
-    Attributes:
-        packets: how instructions and answers are written.
-        servos: by joint.
     """
 
     packets: PacketFormat
@@ -69,31 +81,30 @@ class SimulatedServos(ABC):
     def __init__(
         self, bus_map: BusMap, stance: FloatArray, faults: BusFaults, counters: BusBoardCounters
     ) -> None:
-        self._map, self._faults, self._counters = bus_map, faults, counters
+        self._faults, self._counters = faults, counters
+        self.packets = packets_of(bus_map.driver, bus_map.protocol)
+        parts = zip(bus_map.ids.tolist(), bus_map.models, stance.tolist(), strict=True)
+        self.servos = [self._made(*each) for each in parts]
+
+    @abstractmethod
+    def _made(self, servo_id: int, model: ServoType, count: float) -> SimulatedServo:
+        """A servo of the family that stands at a count."""
 
     @abstractmethod
     def obey(self, servo_id: int, instruction: int, parameters: bytes, now_s: float) -> list[bytes]:
         """Do what an instruction says at a time on time.monotonic; the answers to it."""
 
-    @abstractmethod
-    def goals(self, now_s: float) -> FloatArray:
-        """Counts, (18,), that the servos steer for at a time on time.monotonic."""
-
-    @abstractmethod
     def show(self, counts: FloatArray, efforts: FloatArray) -> None:
         """Take over where the joints are, in counts, and shares of their greatest torques, (18,)."""
+        for joint, servo in enumerate(self.servos):
+            temperature_c = self._faults.temperatures.get(joint, USUAL_C)
+            servo.show(counts[joint], efforts[joint], self._faults.voltage(servo.usual_v), temperature_c)
+            if temperature_c > self._faults.HOT_C:
+                servo.trip(hot=True)
 
-    @abstractmethod
-    def trip(self, joint: int) -> None:
-        """Let the servo of a joint be overloaded."""
-
-    @abstractmethod
-    def restart(self) -> None:
-        """Let all servos begin as after a loss of power, without torque."""
-
-    @abstractmethod
-    def lose_id(self, joint: int, servo_id: int) -> None:
-        """Let the servo of a joint answer to another id."""
+    def goals(self, now_s: float) -> FloatArray:
+        """Counts, (18,), that the servos steer for at a time on time.monotonic."""
+        return np.array([servo.goal(now_s) for servo in self.servos])
 
     def holds(self) -> BoolArray:
         """Which servos hold their goals, (18,)."""

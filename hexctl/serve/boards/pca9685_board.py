@@ -11,14 +11,9 @@ import numpy as np
 from hexctl.backends.base import LegServos
 from hexctl.backends.pwm.i2c_socket import I2cMessage, take_transaction
 from hexctl.robot.servos.pwm_map import PwmMap
+from hexctl.serve.boards.board_faults import BoardFault
 from hexctl.serve.boards.pca9685_chips import SimulatedI2c, SimulatedPca9685
-from hexctl.serve.boards.simulated_board import (
-    BoardFault,
-    DueFaults,
-    SimulatedBoard,
-    SocketLine,
-    parse_board_fault,
-)
+from hexctl.serve.boards.simulated_board import SimulatedBoard, SocketLine
 from hexctl.types import BoolArray, FloatArray, RobotState
 
 #: Speed of the bus in bits per second, unless told otherwise.
@@ -27,13 +22,8 @@ BITS_PER_S = 400_000
 #: Bits on the wire of a byte, with its acknowledge.
 BITS = 9
 
-#: Faults by their words, and their numbers.
-FAULTS = {"nack": "[:SHARE]", "unplug": "", "replug": "", "reset": ""}
-
-
-def parse_pca9685_fault(text: str) -> BoardFault:
-    """Fault of a text such as `reset@10` or `nack:0.01`; raises InputError for anything else."""
-    return parse_board_fault(text, FAULTS)
+#: What each word of a fault takes.
+PCA9685_FAULTS = {"nack": "[:SHARE]", "unplug": "", "replug": "", "reset": ""}
 
 
 @dataclass(slots=True)
@@ -58,16 +48,11 @@ class Pca9685Board(SimulatedBoard):
 
     Args:
         servos: of the simulated robot, in real time, not connected.
-        pwm_map: outputs of the joints, addresses and oscillators.
         bits_per_s: speed of the bus: transfers take no less than their bits.
-        faults: what goes wrong, and when.
         seed: of transfers that are not acknowledged.
-
-    Attributes:
-        chips: the boards, by address.
     """
 
-    what = "bus"
+    what, kinds = "bus", PCA9685_FAULTS
 
     def __init__(
         self,
@@ -79,13 +64,13 @@ class Pca9685Board(SimulatedBoard):
         seed: int = 0,
     ) -> None:
         self._line, self._counters = SocketLine("i2c"), Pca9685Counters()
-        super().__init__(servos, self._line, self._counters, seed)
+        super().__init__(servos, self._line, self._counters, faults, seed)
         self._map, self._bits_per_s = pwm_map, bits_per_s
         self.chips = {
             address: SimulatedPca9685(oscillator_mhz)
             for address, oscillator_mhz in zip(pwm_map.addresses, pwm_map.oscillators_mhz, strict=True)
         }
-        self._bus, self._faults = SimulatedI2c(self.chips), DueFaults(faults)
+        self._bus = SimulatedI2c(self.chips)
         self._nacks, self._unplugged = 0.0, False
         self._data: dict[socket.socket, bytes] = {}
 
@@ -122,15 +107,14 @@ class Pca9685Board(SimulatedBoard):
         self._counters.goals += any(len(message.data) > 2 for message in messages)
         return b"\0" + answer
 
-    def _suffer(self) -> None:
-        for fault in self._faults.begun(self._robot.clock.now_s):
-            if fault.kind == "nack":
-                self._nacks = 1.0 if fault.value is None else fault.value
-            elif fault.kind == "reset":
-                for chip in self.chips.values():
-                    chip.reset()
-            else:
-                self._unplugged = fault.kind == "unplug"
+    def _begin(self, fault: BoardFault) -> None:
+        if fault.kind == "nack":
+            self._nacks = 1.0 if fault.value is None else fault.value
+        elif fault.kind == "reset":
+            for chip in self.chips.values():
+                chip.reset()
+        else:
+            self._unplugged = fault.kind == "unplug"
 
     def _told(self) -> tuple[BoolArray, FloatArray]:
         pulses = self.pulses_us()

@@ -6,18 +6,25 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hexctl.backends.pwm.i2c_socket import I2cMessage
+from hexctl.backends.pwm.pca9685 import (
+    CHANNELS,
+    EXTERNAL,
+    FULL,
+    INCREMENT,
+    MODE1,
+    MODE2,
+    PRESCALE,
+    RESTART,
+    SLEEP,
+)
+from hexctl.robot.servos.pwm_map import PCA9685_CHANNELS
 from hexctl.types import FloatArray
 
-MODE1, MODE2, ALL_CALL, CHANNELS, ALL_CHANNELS, PRESCALE = 0x00, 0x01, 0x05, 0x06, 0xFA, 0xFE
-
-#: Bits of MODE1: channels wait for a restart, external clock, auto-increment, sleep, answers to all-call.
-RESTART, EXTERNAL, INCREMENT, SLEEP, ANSWERS_ALL = 0x80, 0x40, 0x20, 0x10, 0x01
+#: Registers that the driver does not use, and the bit of MODE1 that lets a chip answer to all-call.
+ALL_CALL, ALL_CHANNELS, ANSWERS_ALL = 0x05, 0xFA, 0x01
 
 #: Registers of channels end here; auto-increment continues with the first register.
 LAST_CHANNEL = 0x45
-
-#: Channels, and the bit of a channel's second and last byte that means on, or off, all the time.
-N_CHANNELS, FULL = 16, 0x10
 
 #: Registers that differ from 0 after a loss of power, besides the channels, which are all off.
 AT_FIRST = {MODE1: 0x11, MODE2: 0x04, 0x02: 0xE2, 0x03: 0xE4, 0x04: 0xE8, ALL_CALL: 0xE0, PRESCALE: 0x1E}
@@ -31,9 +38,6 @@ class SimulatedPca9685:
 
     Args:
         oscillator_mhz: frequency of its oscillator, which is what its pulses are really made of.
-
-    Attributes:
-        registers: (256,).
     """
 
     def __init__(self, oscillator_mhz: float = 25.0) -> None:
@@ -46,7 +50,7 @@ class SimulatedPca9685:
         self.registers[:] = bytes(256)
         for register, value in AT_FIRST.items():
             self.registers[register] = value
-        for channel in range(N_CHANNELS):
+        for channel in range(PCA9685_CHANNELS):
             self.registers[CHANNELS + 4 * channel + 3] = FULL
         self._pointer = 0
 
@@ -73,11 +77,11 @@ class SimulatedPca9685:
 
     def pulses_us(self) -> FloatArray:
         """Pulses that come out, (16,) in us; 0 for channels that are off, NaN for those always on."""
-        pulses = np.zeros(N_CHANNELS)
+        pulses = np.zeros(PCA9685_CHANNELS)
         if self.registers[MODE1] & (SLEEP | RESTART):
             return pulses
         count_us = (self.registers[PRESCALE] + 1) / self._oscillator_mhz
-        for channel in range(N_CHANNELS):
+        for channel in range(PCA9685_CHANNELS):
             first = CHANNELS + 4 * channel
             on_low, on_high, off_low, off_high = self.registers[first : first + 4]
             if not off_high & FULL:
@@ -92,7 +96,7 @@ class SimulatedPca9685:
             if self.registers[MODE1] & SLEEP:  # else it is blocked
                 self.registers[PRESCALE] = max(3, value)
         elif ALL_CHANNELS <= register < PRESCALE:
-            for channel in range(N_CHANNELS):
+            for channel in range(PCA9685_CHANNELS):
                 self.registers[CHANNELS + 4 * channel + register - ALL_CHANNELS] = value
         elif register <= LAST_CHANNEL:
             self.registers[register] = value
@@ -113,14 +117,7 @@ class SimulatedPca9685:
 
 
 class SimulatedI2c:
-    """A bus with some chips.
-
-    Args:
-        chips: by address.
-
-    Attributes:
-        chips: by address.
-    """
+    """A bus with some chips."""
 
     def __init__(self, chips: Mapping[int, SimulatedPca9685]) -> None:
         self.chips = dict(chips)

@@ -1,6 +1,7 @@
 """Simulated servos with registers on a bus, Dynamixel and Feetech: what they understand and answer."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -8,7 +9,6 @@ from hexctl.backends.bus.packets import (
     BROADCAST,
     MOST_PARAMETERS,
     PING,
-    PROTOCOLS,
     READ,
     REBOOT,
     STATUS,
@@ -16,7 +16,7 @@ from hexctl.backends.bus.packets import (
     SYNC_WRITE,
     WRITE,
 )
-from hexctl.backends.bus.register.registers import Register, RegisterTable, table_of
+from hexctl.backends.bus.registers import Register, RegisterTable, table_of
 from hexctl.robot.servos.bus_map import BusMap
 from hexctl.robot.servos.servo_models import ServoType
 from hexctl.serve.boards.bus_faults import BusFaults
@@ -47,17 +47,13 @@ LOW_SHARE = 0.7
 
 
 class BusServo(SimulatedServo):
-    """One servo with registers: its memory, what of it is kept without power, and what it refuses.
+    """One servo with registers: its memory, what of it is kept without power, and what it refuses."""
 
-    Attributes:
-        memory: its registers.
-        overloaded: whether it complains of an overload.
-    """
-
-    def __init__(self, servo_id: int, table: RegisterTable, model: ServoType, counts: float) -> None:
-        self._table = table
+    def __init__(self, servo_id: int, model: ServoType, counts: float) -> None:
+        self._table, self._model = (table := table_of(model.name)), model
         self.memory = bytearray(MEMORY)
         self.overloaded = False
+        overload = table.overload
         self.set(table.model, model.number or 0)
         for register, value in (
             (table.servo_id, servo_id),
@@ -67,7 +63,7 @@ class BusServo(SimulatedServo):
             (table.mode, table.position_mode),
             (table.shutdown, sum(1 << bit for bit in table.protections)),
             (table.max_torque, 1.0),
-            *_overload_settings(table),
+            *(() if overload is None else zip(overload.registers, overload.factory, strict=True)),
             (table.position, counts),
             (table.voltage, USUAL_V),
             (table.temperature, USUAL_C),
@@ -126,12 +122,19 @@ class BusServo(SimulatedServo):
             return self.memory[table.mode.address] == table.position_mode
         return not self.number(table.least) == self.number(table.most) == 0
 
-    @property
-    def goal(self) -> float:
+    def goal(self, now_s: float) -> float:
         """Count that it steers for: its goal, which ends at its limits."""
         least, most = self.number(self._table.least), self.number(self._table.most)
         goal = self.number(self._table.goal)
         return float(np.clip(goal, least, most)) if least < most else goal
+
+    def show(self, count: float, effort: float, voltage_v: float, temperature_c: float) -> None:
+        """Put position, load, voltage and temperature into the memory."""
+        table, within = self._table, np.clip(np.rint(count), self._model.least, self._model.most)
+        numbers = (float(within), effort, effort, voltage_v, temperature_c)
+        for register, number in zip(table.reported, numbers, strict=True):
+            if register is not None:
+                self.set(register, number)
 
     @property
     def _overloaded_share(self) -> float:
@@ -170,6 +173,10 @@ class BusServo(SimulatedServo):
             self.memory[table.torque.address] = 0
         elif table.torque_limit is not None:
             self.set(table.torque_limit, self._overloaded_share)  # STS holds on with that
+
+    def read(self, address: int, size: int) -> bytes:
+        """Bytes of the memory; 0 beyond its end."""
+        return bytes(self.memory[address : address + size]).ljust(size, b"\0")
 
     def write(self, address: int, data: bytes) -> int:
         """Write bytes, as a controller does; what its answer says of that, as the error byte has it.
@@ -219,17 +226,17 @@ class BusServo(SimulatedServo):
 class RegisterServos(SimulatedServos):
     """Servos with registers."""
 
+    servos: Sequence[BusServo]
+
     def __init__(
         self, bus_map: BusMap, stance: FloatArray, faults: BusFaults, counters: BusBoardCounters
     ) -> None:
         super().__init__(bus_map, stance, faults, counters)
         self._table = table_of(bus_map.models[0].name)
-        self.packets = PROTOCOLS[self._table.protocol]
         self._heard_s = -math.inf
-        self.servos: list[BusServo] = [
-            BusServo(int(servo_id), self._table, model, count)
-            for servo_id, model, count in zip(bus_map.ids, bus_map.models, stance, strict=True)
-        ]
+
+    def _made(self, servo_id: int, model: ServoType, count: float) -> BusServo:
+        return BusServo(servo_id, model, count)
 
     def obey(self, servo_id: int, instruction: int, parameters: bytes, now_s: float) -> list[bytes]:
         """Do what an instruction says; the answers to it."""
@@ -238,109 +245,55 @@ class RegisterServos(SimulatedServos):
         for servo in self.servos:
             servo.watch(now_s - self._heard_s)
         self._heard_s = now_s
-        if not self._whole(instruction, parameters):
+        if not self._complete(instruction, parameters):
             self._counters.garbage += 1
             return []
         self._counters.packets += 1
         if instruction == SYNC_WRITE:
             self._sync_write(parameters)
             return []
-        if instruction == SYNC_READ and not self._table.sync_read:
-            return []
         if instruction == SYNC_READ:
-            address, size, ids = self._place(parameters)
-            return [self._status(one, self._read(one, address, size)) for one in self._of(list(ids))]
+            address, size, ids = self.packets.placed(parameters)
+            called = self._called(ids) if self._table.sync_read else []
+            return [self._status(servo, servo.read(address, size)) for servo in called]
         broadcast = servo_id == BROADCAST
-        chosen = self.servos if broadcast else self._of([servo_id])
-        answers = [self._single(one, instruction, parameters) for one in chosen]
+        chosen = self.servos if broadcast else self._called([servo_id])
+        answers = [self._single(servo, instruction, parameters) for servo in chosen]
         return [] if broadcast and instruction != PING else answers
 
-    def goals(self, now_s: float) -> FloatArray:
-        """Counts, (18,), that the servos steer for."""
-        return np.array([servo.goal for servo in self.servos])
-
-    def show(self, counts: FloatArray, efforts: FloatArray) -> None:
-        """Put positions, loads, voltages and temperatures into the memories."""
-        table = self._table
-        for joint, servo in enumerate(self.servos):
-            model = self._map.models[joint]
-            servo.set(table.position, float(np.clip(np.rint(counts[joint]), model.least, model.most)))
-            if table.effort is not None:
-                servo.set(table.effort, efforts[joint])
-            if table.current is not None:
-                servo.set(table.current, efforts[joint])
-            servo.set(table.voltage, self._faults.voltage(USUAL_V))
-            servo.set(table.temperature, self._faults.temperatures.get(joint, USUAL_C))
-            if self._faults.temperatures.get(joint, USUAL_C) > self._faults.HOT_C:
-                servo.trip(hot=True)
-
-    def trip(self, joint: int) -> None:
-        """Let the servo of a joint be overloaded."""
-        self.servos[joint].trip()
-
-    def restart(self) -> None:
-        """Let all servos begin as after a loss of power."""
-        for servo in self.servos:
-            servo.restart()
-
-    def lose_id(self, joint: int, servo_id: int) -> None:
-        """Let the servo of a joint answer to another id."""
-        self.servos[joint].lose_id(servo_id)
-
     def _single(self, servo: BusServo, instruction: int, parameters: bytes) -> bytes:
-        """Answer of one servo to an instruction for it."""
-        data, error = b"", 0
+        servo_id, data, error = servo.servo_id, b"", 0
         if instruction == READ:
-            address, size, _ = self._place(parameters)
-            data = self._read(servo, address, size)
+            data = servo.read(*self.packets.placed(parameters)[:2])
         elif instruction == WRITE:
-            answering = servo.servo_id
-            error = self._write(servo, parameters)
-            return self._status(servo, data, error, servo_id=answering)
+            width = self.packets.width
+            error = servo.write(int.from_bytes(parameters[:width], "little"), parameters[width:])
         elif instruction == PING and self._table.protocol == 2:
-            data = self._read(servo, self._table.model.address, 2) + b"\x30"
+            data = servo.read(self._table.model.address, 2) + b"\x30"
         elif instruction == REBOOT:
             servo.restart()
-        return self._status(servo, data, error)
+        return self._status(servo, data, error, servo_id=servo_id)
 
     def _sync_write(self, parameters: bytes) -> None:
-        address, size, rows = self._place(parameters)
+        address, size, rows = self.packets.placed(parameters)
         self._counters.goals += address == self._table.goal.address
         for start in range(0, len(rows) - size, size + 1):
-            for servo in self._of([rows[start]]):
+            for servo in self._called([rows[start]]):
                 servo.write(address, rows[start + 1 : start + 1 + size])
 
-    def _write(self, servo: BusServo, parameters: bytes) -> int:
-        width = 1 if self._table.protocol == 1 else 2
-        return servo.write(int.from_bytes(parameters[:width], "little"), parameters[width:])
-
-    def _whole(self, instruction: int, parameters: bytes) -> bool:
-        """Whether an instruction has an address and a size that a packet can carry, where it needs them."""
-        width = 1 if self._table.protocol == 1 else 2
+    def _complete(self, instruction: int, parameters: bytes) -> bool:
+        """Whether an instruction has an address and a size that a packet can carry, if it needs them."""
+        width = self.packets.width
         if instruction == WRITE:
             return len(parameters) > width
         if instruction in (READ, SYNC_READ, SYNC_WRITE):
-            return len(parameters) >= 2 * width and 1 <= self._place(parameters)[1] <= MOST_PARAMETERS
+            return len(parameters) >= 2 * width and 1 <= self.packets.placed(parameters)[1] <= MOST_PARAMETERS
         return True
 
-    def _place(self, parameters: bytes) -> tuple[int, int, bytes]:
-        """Address, size and the rest of parameters."""
-        if self._table.protocol == 1:
-            return parameters[0], parameters[1], parameters[2:]
-        return (
-            int.from_bytes(parameters[:2], "little"),
-            int.from_bytes(parameters[2:4], "little"),
-            parameters[4:],
-        )
-
-    def _of(self, ids: list[int]) -> list[BusServo]:
+    def _called(self, ids: Sequence[int]) -> list[BusServo]:
         return [self.servos[joint] for joint in self.named(ids)]
 
-    def _read(self, servo: BusServo, address: int, size: int) -> bytes:
-        return bytes(servo.memory[address : address + size]).ljust(size, b"\0")
-
     def _status(self, servo: BusServo, data: bytes, code: int = 0, *, servo_id: int | None = None) -> bytes:
-        """Answer of a servo, from an id that it may have had until now: how it is, and what it refuses."""
         table, error = self._table, code
         hot = servo.number(table.temperature) > self._faults.HOT_C
         low = servo.number(table.voltage) < LOW_SHARE * USUAL_V
@@ -353,14 +306,5 @@ class RegisterServos(SimulatedServos):
         return self.packets.status(servo.servo_id if servo_id is None else servo_id, error, data)
 
 
-def _overload_settings(table: RegisterTable) -> tuple[tuple[Register, float], ...]:
-    """Registers of what a servo does after an overload, with their values from the factory."""
-    overload = table.overload
-    if overload is None:
-        return ()
-    return tuple(zip((overload.load, overload.time_s, overload.torque), overload.factory, strict=True))
-
-
 def _covers(table: RegisterTable, address: int, data: bytes) -> bool:
-    """Whether bytes written at an address set the goal as well."""
     return address <= table.goal.address < address + len(data)

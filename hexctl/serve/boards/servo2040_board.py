@@ -24,13 +24,8 @@ from hexctl.backends.pwm.servo2040 import (
 )
 from hexctl.errors import InputError
 from hexctl.robot.servos.pwm_map import SERVO2040_US, PwmMap
-from hexctl.serve.boards.simulated_board import (
-    BoardFault,
-    DueFaults,
-    PseudoTerminal,
-    SimulatedBoard,
-    parse_board_fault,
-)
+from hexctl.serve.boards.board_faults import BoardFault
+from hexctl.serve.boards.simulated_board import PseudoTerminal, SimulatedBoard
 from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState
 
 #: The firmwares.
@@ -48,13 +43,8 @@ BYTE_S = 0.005
 #: Counts of a touch input: of a foot on the floor, and of one in the air.
 PRESSED, FREE = 1020, 3
 
-#: Faults by their words, and their numbers.
-FAULTS = {"mute": "", "unplug": "", "replug": "", "garble": "SHARE", "trip": "AMPERES"}
-
-
-def parse_servo2040_fault(text: str) -> BoardFault:
-    """Fault of a text such as `mute@10` or `garble:0.01`; raises InputError for anything else."""
-    return parse_board_fault(text, FAULTS)
+#: What each word of a fault takes.
+SERVO2040_FAULTS = {"mute": "", "unplug": "", "replug": "", "garble": "SHARE", "trip": "AMPERES"}
 
 
 @dataclass(slots=True)
@@ -81,17 +71,16 @@ class Servo2040Board(SimulatedBoard):
 
     Args:
         servos: of the simulated robot, in real time, not connected.
-        pwm_map: outputs of the joints and inputs of the feet.
         firmware: `stock` or `fork`.
-        faults: what goes wrong, and when.
         seed: of garbled bytes.
 
     Attributes:
-        path: the device to open.
         pulses_us: last pulses by output, (18,); 0 where none was told.
         enabled: outputs that give their pulses once the relay is on, (18,).
         relay: whether the servos have power.
     """
+
+    kinds = SERVO2040_FAULTS
 
     def __init__(
         self,
@@ -105,7 +94,7 @@ class Servo2040Board(SimulatedBoard):
         if firmware not in FIRMWARES:
             raise InputError(f"servos.model: got {firmware}; allowed: {', '.join(FIRMWARES)} with servo2040")
         self._line, self._counters = PseudoTerminal(), Servo2040Counters()
-        super().__init__(servos, self._line, self._counters, seed)
+        super().__init__(servos, self._line, self._counters, faults, seed)
         self._map, self._fork = pwm_map, firmware == "fork"
         self.pulses_us: FloatArray = np.zeros(N_JOINTS)
         self.enabled: BoolArray = np.zeros(N_JOINTS, dtype=bool)
@@ -113,13 +102,11 @@ class Servo2040Board(SimulatedBoard):
         self._staged = False
         self._status = 0
         self._sensors = [FREE] * N_LEGS + [0, 0]
-        self._faults = DueFaults(faults)
         self._mute = self._unplugged = False
         self._garbles = 0.0
         self._data = bytearray()
 
     def _serve(self, timeout_s: float) -> None:
-        """Obey the commands that come within a time."""
         if not self._receive(timeout_s):
             return
         while self._data:
@@ -192,25 +179,23 @@ class Servo2040Board(SimulatedBoard):
         if not self._unplugged:
             self._line.send(reply)
 
-    def _suffer(self) -> None:
-        for fault in self._faults.begun(self._robot.clock.now_s):
-            value = fault.value or 0.0
-            if fault.kind == "mute":
-                self._mute = True
-            elif fault.kind == "garble":
-                self._garbles = value
-            elif fault.kind == "trip":
-                self.relay = self._staged = False
-                self._status = 1 | min(0x3FF, round(10 * value)) << 1
-            else:
-                self._unplugged = fault.kind == "unplug"
+    def _begin(self, fault: BoardFault) -> None:
+        value = fault.value or 0.0
+        if fault.kind == "mute":
+            self._mute = True
+        elif fault.kind == "garble":
+            self._garbles = value
+        elif fault.kind == "trip":
+            self.relay = self._staged = False
+            self._status = 1 | min(0x3FF, round(10 * value)) << 1
+        else:
+            self._unplugged = fault.kind == "unplug"
 
     def _told(self) -> tuple[BoolArray, FloatArray]:
         powered: BoolArray = self.enabled[self._map.outputs] & self.relay
         return powered, self._map.angles_rad(self.pulses_us[self._map.outputs])
 
     def _show(self, state: RobotState) -> None:
-        """Put contacts, current and voltage where they are asked for."""
         if state.foot_contacts is not None:
             for leg, touch in enumerate(self._map.touches.tolist()):
                 self._sensors[touch] = PRESSED if state.foot_contacts[leg] else FREE

@@ -5,17 +5,26 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+import numpy as np
+
 from hexctl.backends.base import LegServos
 from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec
+from hexctl.backends.mavlink.mavlink_messages import (
+    FIRST_HIGH,
+    IGNORE_US,
+    LEAST_US,
+    MOST_US,
+    RELEASE_HIGH_US,
+    RELEASE_LOW_US,
+)
 from hexctl.backends.mavlink.mavlink_transport import Address, Arrival, MavlinkLink, Port, SequenceCount
 from hexctl.control.guard import EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, RobotFaultError
 from hexctl.robot.servos.servo_map import ServoMap
-from hexctl.serve.boards import board_telemetry
-from hexctl.serve.boards.board_answers import answers, for_us
-from hexctl.serve.boards.servo_channels import Channels
-from hexctl.types import JointTargets, RobotState
+from hexctl.serve.boards import board_messages
+from hexctl.serve.boards.board_messages import answers, for_us
+from hexctl.types import N_JOINTS, BoolArray, FloatArray, JointTargets, RobotState
 
 #: After a silence in which the pose was held, overrides of a controller whose heartbeats do not show that it
 #: is there have to come for so long before they count again. It goes on for `EXPIRY_S` without states: on a
@@ -24,11 +33,7 @@ RESUME_AFTER_S = 1.5 * EXPIRY_S
 
 
 class OverrideStream:
-    """Overrides of the commander as they arrive: how long they have come without a silence.
-
-    Args:
-        silence_s: longest pause between two of them.
-    """
+    """Overrides of the commander as they arrive: how long they have come without a silence."""
 
     def __init__(self, silence_s: float = EXPIRY_S) -> None:
         self._silence_s = silence_s
@@ -44,6 +49,57 @@ class OverrideStream:
     def steady(self) -> bool:
         """Whether they have come for long enough to be those of a controller that is there."""
         return self._at_s - self._since_s >= RESUME_AFTER_S
+
+
+class Channels:
+    """Last override of each servo channel; arrays are (18,), by channel.
+
+    Attributes:
+        pulses_us: pulse of each channel, within its limits; the last one where it is released.
+        active: which channels are driven.
+        clipped: overrides so far that a pulse limit changed.
+    """
+
+    def __init__(self, servo_map: ServoMap) -> None:
+        self._least_us = servo_map.by_channel(servo_map.least)
+        self._most_us = servo_map.by_channel(servo_map.most)
+        self.pulses_us: FloatArray = servo_map.by_channel(servo_map.centre)
+        self.active: BoolArray = np.zeros(N_JOINTS, dtype=bool)
+        self.clipped = 0
+
+    def take(self, raw: list[int]) -> None:
+        """Apply an override, all channels or none.
+
+        Raises CommandRefusedError for a pulse outside the range of servos.
+        """
+        values = np.array(raw)
+        released, driven = _released_and_driven(raw)
+        if not ((values[driven] >= LEAST_US) & (values[driven] <= MOST_US)).all():
+            raise CommandRefusedError(
+                f"override: got {raw}; allowed: pulses of {LEAST_US:g} to {MOST_US:g} microseconds"
+            )
+        limited = np.clip(values, self._least_us, self._most_us)
+        self.clipped += bool((limited != values)[driven].any())
+        self.pulses_us = np.where(driven, limited, self.pulses_us)
+        self.active = (self.active & ~released) | driven
+
+    def release(self) -> None:
+        """Release all channels."""
+        self.active = np.zeros(N_JOINTS, dtype=bool)
+
+    def released_by(self, raw: list[int]) -> bool:
+        """Whether an override leaves no channel driven."""
+        released, driven = _released_and_driven(raw)
+        return not (driven | (self.active & ~released)).any()
+
+
+def _released_and_driven(raw: list[int]) -> tuple[BoolArray, BoolArray]:
+    """Which channels an override (18,) releases, and which it drives; it leaves the others as they are."""
+    values, high = np.array(raw), np.arange(N_JOINTS) >= FIRST_HIGH
+    # Channels 9..18 are an extension whose missing values arrive as 0: ignored.
+    ignored = (values == IGNORE_US) | (high & (values == 0))
+    released = np.where(high, values == RELEASE_HIGH_US, values == RELEASE_LOW_US)
+    return released, ~ignored & ~released
 
 
 #: Most peers that the board answers at one time.
@@ -62,8 +118,6 @@ class Peer:
 
     Attributes:
         address: where it sends from, None on a stream.
-        system: its MAVLink system number.
-        component: its MAVLink component number.
         heard_at_s: time of its last frame, on time.monotonic.
         refused_at_s: when it was last informed that another peer commands.
         present_at_s: when a heartbeat showed last that it receives the states of now.
@@ -78,9 +132,10 @@ class Peer:
     present_at_s: float = float("-inf")
     sequence: SequenceCount = field(default_factory=SequenceCount)
 
-    def is_at(self, address: Address, system: int, component: int) -> bool:
-        """Whether it is the system that sends from an address."""
-        return (self.address, self.system, self.component) == (address, system, component)
+    @property
+    def place(self) -> tuple[Address, int, int]:
+        """Address, system and component that it sends from."""
+        return self.address, self.system, self.component
 
 
 class Peers:
@@ -94,7 +149,7 @@ class Peers:
     """
 
     def __init__(self) -> None:
-        self._known: list[Peer] = []
+        self._known: dict[tuple[Address, int, int], Peer] = {}
         self.commander: Peer | None = None
         self._lost_before = self._late_before = 0
         self.crowded_out = 0
@@ -102,36 +157,36 @@ class Peers:
     @property
     def lost(self) -> int:
         """Frames that never arrived."""
-        return self._lost_before + sum(peer.sequence.lost for peer in self._known)
+        return self._lost_before + sum(peer.sequence.lost for peer in self._known.values())
 
     @property
     def out_of_order(self) -> int:
         """Frames that arrived late or twice."""
-        return self._late_before + sum(peer.sequence.out_of_order for peer in self._known)
+        return self._late_before + sum(peer.sequence.out_of_order for peer in self._known.values())
 
     def addresses(self) -> list[Address]:
         """Addresses of all peers; a stream has the one address None."""
-        return list(dict.fromkeys(peer.address for peer in self._known))
+        return list(dict.fromkeys(peer.address for peer in self._known.values()))
 
     def hear(self, address: Address, system: int, component: int, at_s: float) -> tuple[Peer, bool]:
         """Peer that sent a frame, and whether it is new."""
-        for peer in [peer for peer in self._known if at_s - peer.heard_at_s > FORGET_AFTER_S]:
+        for peer in [peer for peer in self._known.values() if at_s - peer.heard_at_s > FORGET_AFTER_S]:
             self._drop(peer)
-        for peer in self._known:
-            if peer.is_at(address, system, component):
-                peer.heard_at_s = at_s
-                return peer, False
+        place, commander = (address, system, component), self.commander
+        if (known := self._known.get(place)) is not None:
+            known.heard_at_s = at_s
+            return known, False
         if len(self._known) >= MOST_PEERS:
             # The peer that was silent longest is dropped: a flood of senders must not lock out a commander.
-            others = [peer for peer in self._known if peer is not self.commander]
+            others = [peer for peer in self._known.values() if peer is not commander]
             self._drop(min(others, key=lambda peer: peer.heard_at_s))
             self.crowded_out += 1
-        peer, commander = Peer(address, system, component, at_s), self.commander
-        if commander is not None and commander.is_at(address, system, component):
+        peer = Peer(address, system, component, at_s)
+        if commander is not None and commander.place == place:
             # It was silent for so long that it was dropped, and its frames were counted.
             peer = commander
             peer.heard_at_s, peer.sequence = at_s, SequenceCount()
-        self._known.append(peer)
+        self._known[place] = peer
         return peer, True
 
     def may_command(self, peer: Peer, at_s: float) -> bool:
@@ -146,7 +201,7 @@ class Peers:
             self.commander = None
 
     def _drop(self, peer: Peer) -> None:
-        self._known.remove(peer)
+        del self._known[peer.place]
         self._lost_before += peer.sequence.lost
         self._late_before += peer.sequence.out_of_order
 
@@ -256,7 +311,6 @@ class ServoBoard:
         }
 
     def _listen(self) -> None:
-        """Handle frames until the next tick is due."""
         while (timeout_s := self._guard.clock.due_in_s - SPARE_S) > 0:
             for arrival in self._link.receive(timeout_s):
                 self._handle(arrival)
@@ -285,13 +339,12 @@ class ServoBoard:
                 self._link.send(answer, peer.address)
 
     def _override(self, message: Any, peer: Peer, at_s: float) -> None:
-        """Move the servos if the sender may command."""
         if not self._peers.may_command(peer, at_s):
             self._counters.of_others += 1
             if at_s - peer.refused_at_s > REFUSAL_PERIOD_S:
                 peer.refused_at_s = at_s
                 words = "another controller holds the servos"
-                self._link.send(board_telemetry.text(CRITICAL_SEVERITY, words), peer.address)
+                self._link.send(board_messages.text(CRITICAL_SEVERITY, words), peer.address)
             return
         if peer is not self._peers.commander:
             self._peers.commander, self._overrides = peer, OverrideStream(self._expiry_s)
@@ -346,7 +399,6 @@ class ServoBoard:
         self._commanded = False
 
     def _tick(self) -> None:
-        """One control period: read, check for silence, publish."""
         self._guard.clock.tick()
         expired_before = self._guard.stopped == "expired"
         state = self._guard.read()
@@ -361,30 +413,28 @@ class ServoBoard:
         """Messages for a state, and periodically for the health of the board."""
         ticks, now_s = self._counters.ticks, time.monotonic()
         pulses = self._map.by_channel(self._map.raw(state.joint_positions_rad))
-        sent = [board_telemetry.outputs(pulses, self._channels.active, now_s)]
-        sent += board_telemetry.pose(state, now_s, with_euler=ticks % EULER_TICKS == 0)
+        sent = [board_messages.outputs(pulses, self._channels.active, now_s)]
+        sent += board_messages.pose(state, now_s, with_euler=ticks % EULER_TICKS == 0)
         if ticks % BEAT_TICKS == 0:
             sent = [*self._introduction(state.measured), *sent]
-            sent += board_telemetry.health(state, errors=self._link.malformed)
+            sent += board_messages.health(state, errors=self._link.malformed)
         return sent
 
     def _introduction(self, measured: bool) -> list[Any]:
         """Heartbeat, whether joint positions are measured, and the reason of a stop."""
         sent = [
-            board_telemetry.heartbeat(self._system_state()),
-            board_telemetry.measured(measured, time.monotonic()),
+            board_messages.heartbeat(self._system_state()),
+            board_messages.measured(measured, time.monotonic()),
         ]
         if self._guard.stopped not in (None, "expired"):
-            sent.append(board_telemetry.text(WARNING_SEVERITY, f"stopped: {self._guard.stopped}"))
+            sent.append(board_messages.text(WARNING_SEVERITY, f"stopped: {self._guard.stopped}"))
         return sent
 
     def _introduce(self, peer: Peer) -> None:
-        """Send a new peer the introduction without waiting for the next heartbeat."""
         for message in self._introduction(self._guard.peek().measured):
             self._link.send(message, peer.address)
 
     def _system_state(self) -> int:
-        """MAV_STATE: standby, active, or critical while the pose is held."""
         if self._guard.stopped is not None:
             return int(mavlink_messages.CRITICAL)
         return int(mavlink_messages.ACTIVE if self._commanded else mavlink_messages.STANDBY)

@@ -3,7 +3,6 @@
 import contextlib
 import os
 import random
-import re
 import select
 import socket
 import termios
@@ -11,15 +10,16 @@ import tty
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from hexctl.backends.base import LegServos
 from hexctl.control.guard import StepLimits
-from hexctl.errors import InputError, RobotFaultError, argument
+from hexctl.errors import RobotFaultError
 from hexctl.scratch import scratch_folder
+from hexctl.serve.boards.board_faults import BoardFault, DueFaults
 from hexctl.types import BoolArray, FloatArray, JointTargets, RobotState
 
 if TYPE_CHECKING:
@@ -32,43 +32,25 @@ SPARE_S = 0.0003
 CHUNK = 4096
 
 
-class Line(Protocol):
-    """Where controllers reach a board.
-
-    Attributes:
-        path: to open.
-    """
-
-    path: str
-
-    def close(self) -> None:
-        """End it."""
-        ...
-
-
 class PseudoTerminal:
-    """A serial device without a wire.
-
-    Attributes:
-        path: the device to open.
-    """
+    """A serial device without a wire."""
 
     def __init__(self) -> None:
-        self._master, self._slave = os.openpty()
+        self.descriptor, self._slave = os.openpty()
         tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
+        os.set_blocking(self.descriptor, False)
         self.path = os.ttyname(self._slave)
 
     def receive(self, timeout_s: float) -> bytes:
         """What comes within a time, or nothing."""
-        if not select.select([self._master], [], [], timeout_s)[0]:
+        if not select.select([self.descriptor], [], [], timeout_s)[0]:
             return b""
-        return os.read(self._master, CHUNK)
+        return os.read(self.descriptor, CHUNK)
 
     def send(self, data: bytes) -> None:
         """Send; a reader that does not read misses it, as on a line that is not listened to."""
         with contextlib.suppress(BlockingIOError):
-            os.write(self._master, data)
+            os.write(self.descriptor, data)
 
     @property
     def speed(self) -> int:
@@ -78,16 +60,12 @@ class PseudoTerminal:
 
     def close(self) -> None:
         """End the device."""
-        os.close(self._master)
+        os.close(self.descriptor)
         os.close(self._slave)
 
 
 class SocketLine:
-    """A Unix socket in a scratch folder of its own.
-
-    Attributes:
-        path: of the socket.
-    """
+    """A Unix socket in a scratch folder of its own."""
 
     def __init__(self, name: str) -> None:
         self._scratch = ExitStack()
@@ -130,18 +108,30 @@ class SimulatedBoard(ABC):
         servos: of the simulated robot, in real time, not connected.
         line: open; closed at the end of `run`.
         counters: of the board, with `ticks`.
+        faults: what goes wrong, and when.
         seed: of what goes wrong at random.
 
     Attributes:
         path: what controllers open.
+        due: faults that are still to come.
     """
 
     #: What it is, as messages have it.
     what = "board"
 
-    def __init__(self, servos: LegServos, line: Line, counters: "DataclassInstance", seed: int) -> None:
+    #: What each word of a fault takes, as `parse_fault` reads it.
+    kinds: ClassVar[Mapping[str, str]]
+
+    def __init__(
+        self,
+        servos: LegServos,
+        line: PseudoTerminal | SocketLine,
+        counters: "DataclassInstance",
+        faults: tuple[BoardFault, ...],
+        seed: int,
+    ) -> None:
         self._robot, self._counted, self.path = servos, counters, line.path
-        self._closed_at_end = line
+        self._closed_at_end, self.due = line, DueFaults(faults)
         self._limits = StepLimits.of(servos.robot, servos.clock.period_s)
         self._random = random.Random(seed)  # noqa: S311  faults are no secret
         self._sent_rad: FloatArray | None = None
@@ -176,8 +166,8 @@ class SimulatedBoard(ABC):
         """Obey what comes within a time."""
 
     @abstractmethod
-    def _suffer(self) -> None:
-        """Let faults begin that are due."""
+    def _begin(self, fault: BoardFault) -> None:
+        """Let a fault begin."""
 
     @abstractmethod
     def _told(self) -> tuple[BoolArray, FloatArray]:
@@ -187,8 +177,11 @@ class SimulatedBoard(ABC):
     def _show(self, state: RobotState) -> None:
         """Let the board know how its robot is."""
 
+    def _suffer(self) -> None:
+        for fault in self.due.begun(self._robot.clock.now_s):
+            self._begin(fault)
+
     def _tick(self) -> None:
-        """One control period: move the joints, and show the board how they are."""
         self._robot.clock.tick()
         self._counted.ticks += 1  # type: ignore[attr-defined]
         self._suffer()
@@ -207,62 +200,3 @@ class SimulatedBoard(ABC):
         before = state.joint_positions_rad if self._sent_rad is None else self._sent_rad
         self._sent_rad = self._limits.apply(wanted, before)
         self._robot.write(JointTargets(self._sent_rad, self._robot.clock.now_s))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BoardFault:
-    """One fault of a board of hobby servos.
-
-    Attributes:
-        kind: its word.
-        at_s: when it begins, on the clock of the simulated robot.
-        value: of the word's number, or None without one.
-    """
-
-    kind: str
-    at_s: float = 0.0
-    value: float | None = None
-
-
-def parse_board_fault(text: str, kinds: Mapping[str, str]) -> BoardFault:
-    """Fault of a text such as `mute@10` or `garble:0.01`.
-
-    Args:
-        text: the word, `:` and a number where it has one, `@` and seconds where it begins later.
-        kinds: name of the number by word, in brackets where it may be left out, empty for words without one;
-            a number called `SHARE` is up to 1.
-
-    Raises InputError for anything else.
-    """
-    found = re.fullmatch(r"([a-z]+)(?::([0-9]+(?:\.[0-9]+)?))?(?:@([0-9]+(?:\.[0-9]+)?))?", text)
-    number = None if found is None else kinds.get(found[1])
-    if found is None or number is None or (not number and found[2]) or (number.isalpha() and not found[2]):
-        words = [f"{kind}:{name}" if name.isalpha() else f"{kind}{name}" for kind, name in kinds.items()]
-        raise InputError(
-            f"{argument('fault')}: got {text!r}; allowed: {', '.join(words)}, each with @SECONDS"
-        )
-    value = float(found[2]) if found[2] else None
-    if value is not None and "SHARE" in number.upper() and value > 1:
-        raise InputError(f"{argument('fault')}: got {text!r}; allowed: a share up to 1")
-    return BoardFault(kind=found[1], at_s=float(found[3] or 0), value=value)
-
-
-class DueFaults:
-    """Faults that are still to come, in their order.
-
-    Args:
-        faults: all that will.
-    """
-
-    def __init__(self, faults: tuple[BoardFault, ...]) -> None:
-        self._to_come = sorted(faults, key=lambda fault: fault.at_s)
-
-    def add(self, fault: BoardFault) -> None:
-        """Let another fault come, at once where its time is over."""
-        self._to_come = sorted((*self._to_come, fault), key=lambda each: each.at_s)
-
-    def begun(self, now_s: float) -> list[BoardFault]:
-        """Those that have become due since the last time."""
-        due = [fault for fault in self._to_come if fault.at_s <= now_s]
-        self._to_come = self._to_come[len(due) :]
-        return due

@@ -12,8 +12,8 @@ from hexctl.backends.mock import MockServos
 from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.bus_map import BusMap, bus_map_of
 from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
+from hexctl.serve.boards.board_faults import parse_fault
 from hexctl.serve.boards.bus_board import BusBoard
-from hexctl.serve.boards.bus_faults import parse_bus_fault
 from tests.robots import shipped
 
 #: Models of every kind of registers.
@@ -42,7 +42,8 @@ def bus_board(
     """A bus that runs meanwhile, of servos without a robot unless others are given."""
     moved = MockServos(shipped("phantomx")) if servos is None else servos
     speed = baud or DEFAULT_BAUDS[bus_map.driver]
-    board = BusBoard(moved, bus_map, baud=speed, faults=tuple(map(parse_bus_fault, faults)))
+    given = tuple(parse_fault(fault, BusBoard.kinds) for fault in faults)
+    board = BusBoard(moved, bus_map, baud=speed, faults=given)
     stop, ready = threading.Event(), threading.Event()
     thread = threading.Thread(target=board.run, args=(stop.is_set,), kwargs={"ready": ready.set})
     thread.start()

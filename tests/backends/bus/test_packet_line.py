@@ -105,7 +105,7 @@ def test_servos_that_are_missing_are_not_waited_for_much_longer_than_the_others_
     request = PACKETS.instruction(7, READ, bytes([11, 1]))
     for _ in range(60):
         assert len(line.transact(request, (7, 8), 0.001)) == 1
-    assert line._timeout_s < TIMEOUT_S / 5
+    assert line.timeout_s < TIMEOUT_S / 5
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from hexctl.backends.bus.servo_bus import Report, ServoBus
 
 def _report(at_s: float, position: float, *, joint: int = 4, temperature_c: float = 40.0) -> Report:
     return Report(
-        joint=joint,
+        place=joint,
         at_s=at_s,
         position=position,
         effort=0.1,

@@ -249,7 +249,7 @@ def test_a_servo_whose_positions_jump_is_stale_and_named_and_not_mute(
             polls += 1
             wild = 500.0 * (1 + polls % 2)
             reports = poll(until)
-            return [replace(each, position=wild) if each.joint == 13 else each for each in reports]
+            return [replace(each, position=wild) if each.place == 13 else each for each in reports]
 
         monkeypatch.setattr(thread._device, "poll", jumping)
         state = _until(servos, lambda state: any("jump" in each for each in state.warnings))

@@ -22,7 +22,7 @@ from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec, Frame
 from hexctl.robot.loader import load_servo_map
 from hexctl.robot.servos.servo_map import ServoMap
-from hexctl.serve.boards import board_telemetry
+from hexctl.serve.boards import board_messages
 from hexctl.types import FloatArray
 from hexctl.waiting import wait_for
 from tests.robots import edited_file, put, shipped
@@ -185,7 +185,7 @@ class ScriptedBoard:
             self.say(mavlink_messages.heartbeat(self.kind, 0, self.state))
             if not self.silent:
                 mask = np.array([self.active >> channel & 1 for channel in range(18)], dtype=bool)
-                self.say(board_telemetry.outputs(self.pulses_us, mask, 0.0))
+                self.say(board_messages.outputs(self.pulses_us, mask, 0.0))
                 for message in list(self.extra):
                     self.say(message)
 

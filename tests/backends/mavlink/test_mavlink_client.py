@@ -19,7 +19,7 @@ from hexctl.cli.main import exit_code
 from hexctl.control.guard import Guard
 from hexctl.errors import EStopError, InputError, RobotFaultError
 from hexctl.robot.loader import load_robot_file, load_servo_map
-from hexctl.serve.boards import board_telemetry
+from hexctl.serve.boards import board_messages
 from hexctl.testing.servo_conformance import LegServosConformance, check_state, move
 from hexctl.types import JointTargets, RobotState
 from tests.backends.mavlink.boards import (
@@ -151,8 +151,8 @@ def test_joint_positions_are_an_echo_until_the_board_says_that_it_measures(tmp_p
         assert not state.measured
         np.testing.assert_allclose(state.joint_positions_rad, shipped().stance_angles_rad, atol=1e-6)
         assert state.base_position_world is None
-        assert state_after(servos, board, board_telemetry.measured(True, 0.0)).measured
-        assert not state_after(servos, board, board_telemetry.measured(False, 0.0)).measured
+        assert state_after(servos, board, board_messages.measured(True, 0.0)).measured
+        assert not state_after(servos, board, board_messages.measured(False, 0.0)).measured
 
 
 def test_a_servo_that_is_not_driven_and_not_measured_counts_as_told_last(tmp_path: Path) -> None:
@@ -293,8 +293,8 @@ def test_the_battery_of_sys_status_counts_where_there_is_no_other(tmp_path: Path
 
 def test_an_error_text_and_an_emergency_are_faults(tmp_path: Path) -> None:
     with ScriptedBoard() as board, servos_at(board, tmp_path) as servos:
-        assert state_after(servos, board, board_telemetry.text(4, "a warning")).healthy
-        state = state_after(servos, board, board_telemetry.text(2, "servo 3\x07 overload"))
+        assert state_after(servos, board, board_messages.text(4, "a warning")).healthy
+        state = state_after(servos, board, board_messages.text(2, "servo 3\x07 overload"))
         assert (state.healthy, state.fault) == (False, "the board says: servo 3 overload")
         board.extra = []
         eventually(lambda: next_state(servos).healthy)

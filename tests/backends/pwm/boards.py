@@ -11,8 +11,9 @@ from hexctl.backends.pwm.pca9685 import Pca9685Servos
 from hexctl.backends.pwm.servo2040 import Servo2040Servos
 from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.pwm_map import PwmMap, pwm_map_of
-from hexctl.serve.boards.pca9685_board import Pca9685Board, parse_pca9685_fault
-from hexctl.serve.boards.servo2040_board import Servo2040Board, parse_servo2040_fault
+from hexctl.serve.boards.board_faults import parse_fault
+from hexctl.serve.boards.pca9685_board import Pca9685Board
+from hexctl.serve.boards.servo2040_board import Servo2040Board
 from hexctl.serve.boards.simulated_board import SimulatedBoard
 from tests.robots import shipped
 
@@ -48,7 +49,7 @@ def servo2040_board(
         MockServos(shipped()) if servos is None else servos,
         a_map() if pwm_map is None else pwm_map,
         firmware=firmware,
-        faults=tuple(map(parse_servo2040_fault, faults)),
+        faults=tuple(parse_fault(fault, Servo2040Board.kinds) for fault in faults),
     )
     with running(board):
         yield board
@@ -66,7 +67,7 @@ def pca9685_board(
         MockServos(shipped()) if servos is None else servos,
         a_map("pca9685") if pwm_map is None else pwm_map,
         bits_per_s=bits_per_s,
-        faults=tuple(map(parse_pca9685_fault, faults)),
+        faults=tuple(parse_fault(fault, Pca9685Board.kinds) for fault in faults),
     )
     with running(board):
         yield board
@@ -74,7 +75,7 @@ def pca9685_board(
 
 def servos_on(board: Servo2040Board, pwm_map: PwmMap | None = None) -> Servo2040Servos:
     """Servos of the controller's end, not connected."""
-    return Servo2040Servos(shipped(), pwm_map=a_map() if pwm_map is None else pwm_map, port=board.path)
+    return Servo2040Servos(shipped(), pwm_map=a_map() if pwm_map is None else pwm_map, place=board.path)
 
 
 def i2c_servos_on(board: Pca9685Board) -> Pca9685Servos:

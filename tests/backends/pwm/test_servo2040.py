@@ -28,7 +28,8 @@ from hexctl.backends.pwm.servo2040 import (
 )
 from hexctl.control.guard import Guard
 from hexctl.errors import InputError, RobotFaultError
-from hexctl.serve.boards.servo2040_board import Servo2040Board, parse_servo2040_fault
+from hexctl.serve.boards.board_faults import parse_fault
+from hexctl.serve.boards.servo2040_board import Servo2040Board
 from hexctl.testing.servo_conformance import LegServosConformance
 from hexctl.types import JointTargets, RobotState
 from hexctl.waiting import wait_for
@@ -307,7 +308,7 @@ def test_a_mute_board_is_a_fault_in_one_line() -> None:
 def test_a_device_that_talks_nonsense_is_no_board(noise: bytes) -> None:
     master, slave = os.openpty()
     tty.setraw(slave)
-    servos = Servo2040Servos(shipped(), pwm_map=a_map(), port=os.ttyname(slave))
+    servos = Servo2040Servos(shipped(), pwm_map=a_map(), place=os.ttyname(slave))
     os.write(master, noise)
     with pytest.raises(RobotFaultError, match="no servo2040 answers"):
         servos.connect()
@@ -321,7 +322,7 @@ def test_a_device_that_goes_is_a_fault_until_it_is_back(tmp_path: Path) -> None:
     device = tmp_path / "ttyACM0"
     with servo2040_board() as board:
         device.symlink_to(board.path)
-        servos = Servo2040Servos(shipped(), pwm_map=a_map(), port=str(device))
+        servos = Servo2040Servos(shipped(), pwm_map=a_map(), place=str(device))
         servos.connect()
         _until(servos, lambda _: board.relay)
     device.unlink()
@@ -369,4 +370,4 @@ def test_a_port_that_is_none_is_refused(text: str | None) -> None:
 @pytest.mark.parametrize("text", ["echo", "mute:3", "garble", "garble:2", "trip", "mute@x", ""])
 def test_faults_that_are_none_are_refused(text: str) -> None:
     with pytest.raises(InputError, match=r"fault: got .*; allowed: "):
-        parse_servo2040_fault(text)
+        parse_fault(text, Servo2040Board.kinds)

@@ -6,8 +6,8 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from hexctl.backends.bus.scan import opened_line, the_servo
-from hexctl.backends.bus.single_servo import SingleServo
+from hexctl.backends.bus.servo import Servo
+from hexctl.backends.bus.tools import opened_line, the_servo
 from hexctl.backends.mock import MockServos
 from hexctl.control.calibration.servo_trial import TEST_DEG, held, try_servo, wiggle
 from hexctl.errors import RobotFaultError
@@ -44,7 +44,7 @@ class StuckServos(MockServos):
 @contextmanager
 def _servo(
     driver: str, model: str, *faults: str, stuck: bool = False
-) -> Iterator[tuple[SingleServo, BusBoard, StuckServos]]:
+) -> Iterator[tuple[Servo, BusBoard, StuckServos]]:
     moved = StuckServos(shipped("phantomx"))
     moved.stuck = stuck
     with (

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.backends.bus.lx16a.lx16a_packets import LX16A, move
+from hexctl.backends.bus.lx16a_packets import LX16A, move
 from hexctl.backends.bus.packets import PING, PROTOCOLS, READ, REBOOT, SYNC_READ, SYNC_WRITE, WRITE
-from hexctl.backends.bus.register.registers import table_of
+from hexctl.backends.bus.registers import table_of
 from hexctl.backends.mock import MockServos
 from hexctl.backends.pwm.i2c_socket import I2cMessage, encode_transaction, take_transaction
 from hexctl.backends.pwm.servo2040 import get_frame, set_frame
@@ -47,7 +47,7 @@ def _made(driver: str, model: str) -> tuple[SimulatedServos, FloatArray, list[di
     """Servos, the counts at which they stand, and their state at first."""
     bus_map = a_map(driver, model)
     counts = stance_counts(bus_map)
-    family = FAMILIES[driver](bus_map, counts, BusFaults((), bus_map), BusBoardCounters())
+    family = FAMILIES[driver](bus_map, counts, BusFaults(), BusBoardCounters())
     return family, counts, [_state(servo) for servo in family.servos]
 
 

@@ -7,14 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.backends.bus.lx16a.lx16a_bus import Lx16aBus
-from hexctl.backends.bus.lx16a.lx16a_packets import ANSWER_BYTES, LX16A
+from hexctl.backends.bus.lx16a_packets import ANSWER_BYTES, LX16A
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import BROADCAST, PROTOCOLS, PacketFormat, PacketStream
-from hexctl.backends.bus.register.register_bus import RegisterBus
-from hexctl.backends.bus.register.registers import table_of
+from hexctl.backends.bus.registers import table_of
 from hexctl.backends.bus.servo_bus import BusCounters
-from hexctl.backends.bus.single_servo import single_servo
+from hexctl.backends.bus.tools import bus_of, servo_with
 from hexctl.backends.pwm.servo2040 import NEVER_US, Servo2040, decoded, encoded, find_reply
 from hexctl.errors import RobotFaultError
 from hexctl.robot.schema import ServosSection
@@ -38,7 +36,7 @@ class FuzzedLine:
         packets: of the servos; None for a line without packets.
     """
 
-    path, baud, echoes = "/dev/fuzz", 1_000_000, False
+    path, baud, echoes, free_s = "/dev/fuzz", 1_000_000, False, 0.0
 
     def __init__(self, data: bytes, packets: PacketFormat | None) -> None:
         self._data, self._packets = data, packets
@@ -120,21 +118,20 @@ def _registers(data: bytes) -> None:
     line: Any = FuzzedLine(data[1:], packets)
     with suppress(RobotFaultError):
         if data[0] & 0x80:
-            servo = single_servo(
+            servo = servo_with(
                 PacketLine(line, packets, timeout_s=0.0, adapts=False), driver, table.protocol, 1
             )
             str(servo.look().to_json())
             servo.limits()
-            servo.refusal()
+            servo.settings()
             servo.position()
         else:
-            bus = RegisterBus(line, _map(driver, model), BusCounters())
+            bus = bus_of(_map(driver, model), line, BusCounters())
             bus._packets._most_timeout_s = 0.0
-            bus.prepare(FIRST)
-            least, most = (np.full(N_JOINTS, number) for number in (100.0, 900.0))
-            bus.check(FIRST, least, most)
+            bus.servos[0].set_up()
+            bus.settings(FIRST)
             bus.torque(0)
-            bus.model_number(0)
+            bus.servos[0].model_number()
             for report in bus.poll():
                 assert np.isfinite(report.position)
 
@@ -144,13 +141,12 @@ def _lx16a(data: bytes) -> None:
     line: Any = FuzzedLine(data[1:], LX16A)
     with suppress(RobotFaultError):
         if sum(data[:1]) & 0x80:
-            servo = single_servo(PacketLine(line, LX16A, timeout_s=0.0, adapts=False), "lx16a", 1, 1)
+            servo = servo_with(PacketLine(line, LX16A, timeout_s=0.0, adapts=False), "lx16a", 1, 1)
             str(servo.look().to_json())
             servo.limits()
-            servo.refusal()
         else:
-            bus = Lx16aBus(line, _map("lx16a", "lx16a"), BusCounters())
-            bus.check(FIRST, np.zeros(N_JOINTS), np.full(N_JOINTS, 1000.0))
+            bus = bus_of(_map("lx16a", "lx16a"), line, BusCounters())
+            bus.settings(FIRST)
             bus.torque(0)
             bus.poll()
 
@@ -161,8 +157,10 @@ def _table(data: bytes) -> None:
         table = table_of(model)
         first, size = table.block
         report = data[:size].ljust(size, b"\0")
-        for register in table.reports:
-            value = table.of_block(register, report)
+        for register, value in zip(table.reported, table.numbers(report), strict=True):
+            if register is None:
+                assert np.isnan(value)
+                continue
             start = register.address - first
             raw = int.from_bytes(report[start : start + register.size], table.byte_order)
             if register.sign in ("none", "twos"):

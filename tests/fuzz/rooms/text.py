@@ -25,9 +25,10 @@ from hexctl.robot.failure_grammar import (
     parse_legs,
     read_failures,
 )
-from hexctl.serve.boards.bus_faults import parse_bus_fault
-from hexctl.serve.boards.pca9685_board import parse_pca9685_fault
-from hexctl.serve.boards.servo2040_board import parse_servo2040_fault
+from hexctl.serve.boards.board_faults import parse_fault
+from hexctl.serve.boards.bus_faults import BUS_FAULTS
+from hexctl.serve.boards.pca9685_board import PCA9685_FAULTS
+from hexctl.serve.boards.servo2040_board import SERVO2040_FAULTS
 from hexctl.teleop.picture_relay import PictureRelay
 from hexctl.vision.camera_options import parse_size
 from hexctl.vision.twin.camera_faults import parse_camera_fault
@@ -134,7 +135,14 @@ TARGETS = (
     ),
     Target(
         name="fault",
-        read=_of_text(_each(parse_bus_fault, parse_servo2040_fault, parse_pca9685_fault, parse_camera_fault)),
+        read=_of_text(
+            _each(
+                lambda text: parse_fault(text, BUS_FAULTS),
+                lambda text: parse_fault(text, SERVO2040_FAULTS),
+                lambda text: parse_fault(text, PCA9685_FAULTS),
+                parse_camera_fault,
+            )
+        ),
         seeds=(
             b"mute:5:coxa@10",
             b"hot:2:femur:72@5",

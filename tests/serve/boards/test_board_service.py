@@ -6,24 +6,24 @@ import pytest
 
 from hexctl.errors import InputError
 from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
-from hexctl.serve.boards.board_service import BoardService, BusBoardService
+from hexctl.serve.boards.board_service import BoardService
 from hexctl.serve.service import ServiceStarted
 
 
 @pytest.mark.parametrize(
-    ("kind", "options", "message"),
+    ("options", "message"),
     [
-        (BoardService, {"backend": "mavlink"}, "allowed: sim, mock"),
-        (BoardService, {"expiry_s": 2.0}, "got 2; allowed: 0.05 to 1 s"),
-        (BoardService, {"connect": "udpin:127.0.0.1:1", "pty": True}, "one or the other"),
-        (BusBoardService, {"bus": "feetech", "backend": "zenoh"}, "allowed: sim, mock"),
+        ({"backend": "mavlink"}, "allowed: sim, mock"),
+        ({"expiry_s": 2.0}, "got 2; allowed: 0.05 to 1 s"),
+        ({"connect": "udpin:127.0.0.1:1", "pty": True}, "one or the other"),
+        ({"bus": "feetech", "backend": "zenoh"}, "allowed: sim, mock"),
     ],
 )
 def test_what_cannot_be_a_board_is_refused_when_it_is_described(
-    kind: type, options: dict[str, Any], message: str
+    options: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(InputError, match=message):
-        kind(**options)
+        BoardService(**options)
 
 
 def test_a_board_reports_its_counts() -> None:
@@ -37,7 +37,7 @@ def test_a_board_reports_its_counts() -> None:
 @pytest.mark.parametrize("driver", [*BUS_DRIVERS, *PWM_DRIVERS])
 def test_every_driver_has_a_simulated_bus_or_board(driver: Any) -> None:
     started: list[ServiceStarted] = []
-    service = BusBoardService(bus=driver, backend="mock")
+    service = BoardService(bus=driver, backend="mock")
     report = service.run(lambda: bool(started), on_started=started.append)
     assert "/" in started[0].place
     assert report["goals"] == 0
@@ -55,4 +55,4 @@ def test_a_model_or_fault_that_there_is_not_is_refused(
     driver: Any, options: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(InputError, match=message):
-        BusBoardService(bus=driver, backend="mock", **options).run(lambda: True)
+        BoardService(bus=driver, backend="mock", **options).run(lambda: True)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from hexctl.backends.bus.register.registers import Register, RegisterTable, table_of
+from hexctl.backends.bus.registers import Register, RegisterTable, table_of
 from hexctl.backends.bus.servos import BusServos
 from hexctl.errors import RobotFaultError
 from hexctl.serve.boards.bus_board import BusBoard

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from hexctl.backends.bus.lost_id import adopt
+from hexctl.backends.bus.tools import adopt
 from hexctl.errors import RobotFaultError
 from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.bus_map import BusMap, bus_map_of

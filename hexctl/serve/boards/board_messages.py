@@ -1,4 +1,4 @@
-"""What a servo board answers to ground stations, so that they know at once what it does not have.
+"""MAVLink messages of a servo board: its state, and its answers to ground stations.
 
 A board has one parameter, which cannot be changed, no mission and no files. A station that asks for any of
 them and hears nothing asks again for many seconds. The protocols: https://mavlink.io/en/services/.
@@ -9,8 +9,23 @@ from typing import Any
 
 from pymavlink.dialects.v20 import common
 
-from hexctl.backends.mavlink.mavlink_messages import BOARD_COMPONENT, BOARD_SYSTEM
-from hexctl.types import N_JOINTS
+from hexctl.backends.mavlink import mavlink_messages
+from hexctl.backends.mavlink.mavlink_messages import (
+    BOARD_COMPONENT,
+    BOARD_SYSTEM,
+    euler_of_quaternion,
+    flipped_quaternion,
+    flipped_vector,
+)
+from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState
+
+#: Outputs that ACTUATOR_OUTPUT_STATUS has room for.
+OUTPUTS = 32
+
+#: Values of an unknown voltage and share.
+UNKNOWN_MV, UNKNOWN_SHARE = 65535, -1
+
+LONGEST_TEXT = 50
 
 #: Name and value of the one parameter: a list without any has no answer in the protocol.
 PARAMETER, VALUE = b"CHANNELS", float(N_JOINTS)
@@ -20,14 +35,7 @@ BY_NAME = -1
 
 
 def answers(kind: str, message: Any, system: int, component: int) -> list[Any]:
-    """Answers to a message of a system and its component; none to what is not asked of this board.
-
-    Args:
-        kind: name of the message.
-        message: as pymavlink decodes it.
-        system: identifier of the sending system.
-        component: identifier of its component.
-    """
+    """Answers to a message of a system and its component; none to what is not asked of this board."""
     if kind == "PING":
         if message.target_system or message.target_component:
             return []
@@ -59,27 +67,21 @@ def _version() -> Any:
     )
 
 
-def _parameters(_message: Any, _system: int, _component: int) -> list[Any]:
-    """The list of all parameters."""
-    return [_parameter()]
+def _read_parameter(message: Any, system: int, component: int) -> list[Any]:
+    """The parameter of a name or an index, or that there is none."""
+    index = message.param_index
+    known = _name_of(message) == PARAMETER if index == BY_NAME else index == 0
+    return [_parameter()] if known else [_no_parameter(message, index, system, component)]
+
+
+def _set_parameter(message: Any, system: int, component: int) -> list[Any]:
+    """The parameter, which stays as it is."""
+    known = _name_of(message) == PARAMETER
+    return [_parameter()] if known else [_no_parameter(message, BY_NAME, system, component)]
 
 
 def _parameter() -> Any:
     return common.MAVLink_param_value_message(PARAMETER, VALUE, common.MAV_PARAM_TYPE_REAL32, 1, 0)
-
-
-def _one_parameter(message: Any, system: int, component: int) -> list[Any]:
-    """The parameter of a name or an index, or that there is none."""
-    by_name = message.param_index == BY_NAME
-    known = _name_of(message) == PARAMETER if by_name else message.param_index == 0
-    return [_parameter()] if known else [_no_parameter(message, message.param_index, system, component)]
-
-
-def _set_parameter(message: Any, system: int, component: int) -> list[Any]:
-    """The parameter as it stays."""
-    if _name_of(message) == PARAMETER:
-        return [_parameter()]
-    return [_no_parameter(message, BY_NAME, system, component)]
 
 
 def _no_parameter(message: Any, index: int, system: int, component: int) -> Any:
@@ -129,8 +131,8 @@ def _no_files(message: Any, system: int, component: int) -> list[Any]:
 ANSWERS: dict[str, Callable[[Any, int, int], list[Any]]] = {
     "COMMAND_LONG": _command,
     "COMMAND_INT": _command,
-    "PARAM_REQUEST_LIST": _parameters,
-    "PARAM_REQUEST_READ": _one_parameter,
+    "PARAM_REQUEST_LIST": lambda _message, _system, _component: [_parameter()],
+    "PARAM_REQUEST_READ": _read_parameter,
     "PARAM_SET": _set_parameter,
     "MISSION_REQUEST_LIST": _mission_count,
     "MISSION_COUNT": _no_mission,
@@ -139,3 +141,66 @@ ANSWERS: dict[str, Callable[[Any, int, int], list[Any]]] = {
     "MISSION_CLEAR_ALL": _no_mission,
     "FILE_TRANSFER_PROTOCOL": _no_files,
 }
+
+
+def outputs(pulses_us: FloatArray, active: BoolArray, time_s: float) -> Any:
+    """Pulses of the servos by channel, (18,), and which channels are driven."""
+    mask = sum(1 << channel for channel in range(N_JOINTS) if active[channel])
+    values = [*pulses_us.tolist(), *[0.0] * (OUTPUTS - N_JOINTS)]
+    return common.MAVLink_actuator_output_status_message(int(time_s * 1e6), mask, values)
+
+
+def pose(state: RobotState, time_s: float, *, with_euler: bool) -> list[Any]:
+    """Orientation and position, with Euler angles for displays; each where it is known."""
+    at_ms, sent = mavlink_messages.milliseconds(time_s), []
+    if state.base_quaternion_world is not None:
+        quaternion = flipped_quaternion(state.base_quaternion_world)
+        sent.append(common.MAVLink_attitude_quaternion_message(at_ms, *quaternion.tolist(), 0.0, 0.0, 0.0))
+    if state.base_position_world is not None:
+        x, y, z = flipped_vector(state.base_position_world).tolist()
+        sent.append(common.MAVLink_local_position_ned_message(at_ms, x, y, z, 0.0, 0.0, 0.0))
+    if state.base_quaternion_world is not None and with_euler:
+        angles = euler_of_quaternion(quaternion)
+        sent.append(common.MAVLink_attitude_message(at_ms, *angles, 0.0, 0.0, 0.0))
+    return sent
+
+
+def heartbeat(system_state: int) -> Any:
+    """Heartbeat of the board with its MAV_STATE: no autopilot, which has modes, parameters and missions."""
+    return mavlink_messages.heartbeat(common.MAV_TYPE_GENERIC, common.MAV_AUTOPILOT_INVALID, system_state)
+
+
+def measured(flag: bool, time_s: float) -> Any:
+    """Flag that tells measured joint positions from echoed ones."""
+    return common.MAVLink_named_value_int_message(
+        mavlink_messages.milliseconds(time_s), mavlink_messages.MEASURED_NAME.encode(), int(flag)
+    )
+
+
+def health(state: RobotState, *, errors: int) -> list[Any]:
+    """Battery, where known, and the count of malformed bytes and frames."""
+    millivolts = UNKNOWN_MV if state.battery_v is None else round(1000 * state.battery_v)
+    share = UNKNOWN_SHARE if state.battery_share is None else round(100 * state.battery_share)
+    errors = min(errors, 65535)
+    sent = [common.MAVLink_sys_status_message(0, 0, 0, 0, millivolts, -1, share, 0, errors, 0, 0, 0, 0)]
+    if state.battery_v is not None:
+        cells = [millivolts, *[UNKNOWN_MV] * 9]
+        sent.append(
+            common.MAVLink_battery_status_message(
+                0,
+                common.MAV_BATTERY_FUNCTION_ALL,
+                common.MAV_BATTERY_TYPE_UNKNOWN,
+                32767,
+                cells,
+                -1,
+                -1,
+                -1,
+                share,
+            )
+        )
+    return sent
+
+
+def text(severity: int, line: str) -> Any:
+    """Status text for a display."""
+    return common.MAVLink_statustext_message(severity, line.encode("ascii", "replace")[:LONGEST_TEXT])

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexctl.backends.bus.register.registers import AX, STS, XL330, Register, Sign, X, table_of
+from hexctl.backends.bus.registers import AX, STS, XL330, Register, Sign, X, table_of
 from hexctl.robot.servos.servo_models import SERVO_TYPES
 
 

@@ -7,8 +7,8 @@ import pytest
 
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import PROTOCOLS, READ
-from hexctl.backends.bus.register.registers import table_of
-from hexctl.backends.bus.register.servo import RegisterServo, place
+from hexctl.backends.bus.register_servo import RegisterServo
+from hexctl.backends.bus.registers import table_of
 from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.serve.boards.register_servos import BusServo
 from tests.backends.bus.boards import a_map, bus_board
@@ -22,7 +22,8 @@ def _servo(driver: str, model: str, *faults: str) -> Iterator[tuple[RegisterServ
         line = SerialLine(board.path, 1_000_000)
         real = board._servos[4]
         assert isinstance(real, BusServo)
-        yield RegisterServo(PacketLine(line, PROTOCOLS[table.protocol]), table, 5), real
+        packets = PacketLine(line, PROTOCOLS[table.protocol])
+        yield RegisterServo(packets, 5, bus_map.models[4]), real
         line.close()
 
 
@@ -67,7 +68,8 @@ def test_a_late_answer_is_not_taken_for_another() -> None:
         table, packets = servo.table, servo._packets
         assert table.mode is not None
         for register, number in ((table.flags, 0), (table.shutdown, 36), (table.servo_id, 5)):
-            packets.tell(5, READ, place(2, table.mode.address, 1))  # whose answer, 3, nobody waits for
+            mode = packets.packets.place(table.mode.address, 1)
+            packets.tell(5, READ, mode)  # whose answer, 3, nobody waits for
             packets.line.discard = lambda: False  # type: ignore[method-assign]  # it comes after that
             assert servo.sure(register) == number
 

@@ -61,14 +61,17 @@ class OverloadRegisters:
     torque: Register
     factory: tuple[float, float, float]
 
+    @property
+    def registers(self) -> tuple[Register, Register, Register]:
+        """The three registers, in the order of `factory`."""
+        return self.load, self.time_s, self.torque
+
 
 @dataclass(frozen=True, kw_only=True)
 class RegisterTable:
     """Registers of servos that one program can treat alike.
 
     Attributes:
-        protocol: version of the packets.
-        byte_order: of numbers.
         torque: 1 where the servo holds its goal.
         goal: position in counts.
         position: in counts.
@@ -76,9 +79,6 @@ class RegisterTable:
         current: in A, or None.
         voltage: in V.
         temperature: in degrees Celsius.
-        model: model number.
-        servo_id: id that the servo answers to.
-        return_delay: time before an answer, 0 for none.
         sync_read: whether many servos answer one packet.
         ram: first address of the memory that is not kept without power; settings below it are changed while
             the torque is off.
@@ -141,10 +141,14 @@ class RegisterTable:
     refusals: Mapping[int, str] = field(default_factory=dict)
 
     @cached_property
+    def reported(self) -> tuple[Register | None, ...]:
+        """Registers of position, effort, current, voltage and temperature; None for those it has not."""
+        return (self.position, self.effort, self.current, self.voltage, self.temperature)
+
+    @cached_property
     def reports(self) -> tuple[Register, ...]:
         """Registers that are read in every report of a servo."""
-        known = (self.position, self.effort, self.current, self.voltage, self.temperature)
-        return tuple(each for each in known if each is not None)
+        return tuple(each for each in self.reported if each is not None)
 
     @cached_property
     def block(self) -> tuple[int, int]:
@@ -152,12 +156,22 @@ class RegisterTable:
         first = min(each.address for each in self.reports)
         return first, max(each.address + each.size for each in self.reports) - first
 
-    def of_block(self, register: Register | None, data: bytes) -> float:
-        """Number of a register in the bytes of a report; NaN for None."""
-        if register is None:
-            return float("nan")
-        start = register.address - self.block[0]
-        return register.value(int.from_bytes(data[start : start + register.size], self.byte_order))
+    @cached_property
+    def _parts(self) -> tuple[tuple[Register, slice] | None, ...]:
+        """Each register of a report, with its bytes in it."""
+        starts = [None if each is None else each.address - self.block[0] for each in self.reported]
+        return tuple(
+            None if each is None or start is None else (each, slice(start, start + each.size))
+            for each, start in zip(self.reported, starts, strict=True)
+        )
+
+    def numbers(self, report: bytes) -> list[float]:
+        """Position, effort, current, voltage and temperature in the bytes of a report; NaN without one."""
+        order, nan = self.byte_order, float("nan")
+        return [
+            nan if part is None else part[0].value(int.from_bytes(report[part[1]], order))
+            for part in self._parts
+        ]
 
     def packed(self, register: Register, value: float) -> bytes:
         """Bytes of a number in its unit."""
@@ -165,7 +179,7 @@ class RegisterTable:
 
     def complaint(self, error: int) -> str:
         """What an error byte says of the servo, in few words; empty for nothing."""
-        return bit_words(self.errors, error)
+        return bit_words(self.errors, error) if error else ""
 
     def refusal(self, error: int) -> str:
         """Why an instruction was not carried out, by the error byte of its answer; empty where it was."""
@@ -222,28 +236,20 @@ AX = RegisterTable(
 )
 
 #: XL-320 (ROBOTIS e-Manual).
-XL320 = RegisterTable(
+XL320 = replace(
+    AX,
     protocol=2,
-    torque=Register(24),
-    goal=Register(30, 2),
     position=Register(37, 2),
     effort=Register(41, 2, "bit10", 1 / 1023),
     voltage=Register(45, scale=0.1),
     temperature=Register(46),
-    model=Register(0, 2),
-    servo_id=Register(3),
-    return_delay=Register(5),
-    ram=24,
-    least=Register(6, 2),
-    most=Register(8, 2),
+    sync_read=True,
     mode=Register(11),
     position_mode=2,
-    shutdown=Register(18),
     protections={0: "overload", 1: "heat"},
     max_torque=Register(15, 2, scale=1 / 1023),
     torque_limit=Register(35, 2, scale=1 / 1023),
     soft_torque=Register(35, 2, scale=1 / 1023),
-    speed=Register(32, 2, scale=0.666),
     hardware_error=Register(50),
     hardware_errors={0: "overload", 1: "hot", 2: "voltage"},
     errors={7: "hardware alert"},
@@ -321,30 +327,22 @@ STS = RegisterTable(
 )
 
 #: SCS0009 and its kin: big-endian, no sync read.
-SCS = RegisterTable(
-    protocol=1,
+SCS = replace(
+    STS,
     byte_order="big",
-    torque=Register(40),
     goal=Register(42, 2),
     position=Register(56, 2),
-    effort=Register(60, 2, "bit10", 0.001),
-    voltage=Register(62, scale=0.1),
-    temperature=Register(63),
-    model=Register(3, 2),
-    servo_id=Register(5),
-    return_delay=Register(7),
+    current=None,
     sync_read=False,
-    ram=40,
-    least=Register(9, 2),
-    most=Register(11, 2),
-    shutdown=Register(19),
-    protections={2: "heat", 5: "overload"},
-    max_torque=Register(16, 2, scale=0.001),
+    mode=None,
+    flags=None,
+    cleared={},
+    overload=None,
+    torque_limit=None,
+    soft_torque=None,
     speed=Register(46, 2, scale=300 / 1023),
     unlock=Register(48),
-    errors={0: "voltage", 1: "encoder", 2: "hot", 3: "current", 5: "overload"},
 )
-
 
 #: Registers by the beginning of a model's name.
 _TABLES = {"ax": AX, "xl320": XL320, "xl330": XL330, "xl430": X, "xm430": XM430, "sts": STS, "scs": SCS}

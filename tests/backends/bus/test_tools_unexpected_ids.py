@@ -2,7 +2,7 @@
 
 import pytest
 
-from hexctl.backends.bus.unexpected_ids import id_differences, ids_around, joint_of
+from hexctl.backends.bus.tools import id_differences, ids_around, joint_of
 from hexctl.errors import RobotFaultError
 from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.bus_map import BusMap, bus_map_of

@@ -7,12 +7,13 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from hexctl.backends.bus.lx16a import lx16a_packets as lx
-from hexctl.backends.bus.lx16a.lx16a_bus import LOSSY_S, LOST_MOVES, MOST_MOVES, Lx16aBus
+from hexctl.backends.bus import lx16a_packets as lx
+from hexctl.backends.bus.lx16a_bus import LOSSY_S, LOST_MOVES, MOST_MOVES, Lx16aBus
 from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.bus.servo_bus import BusCounters
+from hexctl.backends.bus.tools import bus_of
 from hexctl.serve.boards.bus_board import BusBoard
-from hexctl.serve.boards.lx16a_servos import Lx16aServo
+from hexctl.serve.boards.lx16a_servos import SimulatedLx16aServo
 from hexctl.types import FloatArray
 from tests.backends.bus.boards import a_map, bus_board, stance_counts
 from tests.backends.bus.late_servo import LateServo
@@ -21,11 +22,17 @@ MAP = a_map("lx16a", "lx16a")
 EVERY = np.ones(18, dtype=bool)
 
 
+def _bus_on(path: str, counters: BusCounters) -> Lx16aBus:
+    bus = bus_of(MAP, SerialLine(path, 115_200), counters)
+    assert isinstance(bus, Lx16aBus)
+    return bus
+
+
 @contextmanager
 def _bus(*faults: str) -> Iterator[tuple[Lx16aBus, BusBoard, BusCounters]]:
     with bus_board(MAP, *faults) as board:
         counters = BusCounters()
-        bus = Lx16aBus(SerialLine(board.path, 115_200), MAP, counters)
+        bus = _bus_on(board.path, counters)
         yield bus, board, counters
         bus.close()
 
@@ -46,9 +53,9 @@ def _hold_stance(bus: Lx16aBus) -> None:
         bus.write_goals(stance_counts(MAP))
 
 
-def _servo(board: BusBoard, joint: int) -> Lx16aServo:
+def _servo(board: BusBoard, joint: int) -> SimulatedLx16aServo:
     servo = board._servos[joint]
-    assert isinstance(servo, Lx16aServo)
+    assert isinstance(servo, SimulatedLx16aServo)
     return servo
 
 
@@ -69,11 +76,11 @@ def _positions(bus: Lx16aBus) -> list[float]:
 def test_servos_are_found_read_and_moved() -> None:
     with _bus() as (bus, board, counters):
         assert bus.find().all()
-        assert bus.model_number(3) is None
+        assert bus.servos[3].model_number() is None
         assert [bus.torque(joint) for joint in (0, 17)] == [False, False]
-        bus.prepare(EVERY)
+        assert bus.servos[3].set_up() == []
         reports = bus.poll_all()
-        assert [report.joint for report in reports] == list(range(18))
+        assert [report.place for report in reports] == list(range(18))
         assert [report.position for report in reports] == stance_counts(MAP).tolist()
         assert reports[5].voltage_v == pytest.approx(7.4)
         assert reports[5].temperature_c == 35
@@ -171,7 +178,7 @@ def test_one_mute_servo_does_not_silence_the_others() -> None:
         heard: set[int] = set()
 
         def all_others() -> bool:
-            heard.update(report.joint for report in bus.poll())
+            heard.update(report.place for report in bus.poll())
             return len(heard) == 17
 
         assert _within(all_others)
@@ -184,7 +191,7 @@ def test_garbled_answers_are_counted_and_never_believed() -> None:
 
         def many() -> bool:
             for report in bus.poll():
-                assert report.position == stance_counts(MAP)[report.joint]
+                assert report.position == stance_counts(MAP)[report.place]
             return min(counters.missed, counters.garbled) > 20
 
         assert _within(many)
@@ -193,7 +200,7 @@ def test_garbled_answers_are_counted_and_never_believed() -> None:
 def test_goals_end_at_the_limits_stored_in_a_servo_which_is_said() -> None:
     with _bus() as (bus, board, _):
         _servo(board, 4).limits = (330, 350)
-        bus.find()
+        bus.settings(bus.find())
         bus.hold(stance_counts(MAP), EVERY)
         goals = stance_counts(MAP)
         goals[4] = 400
@@ -210,7 +217,7 @@ def test_a_joint_far_beyond_the_limits_stored_in_its_servo_gets_no_goal_and_no_t
         here[4] = 400
         board._robot._positions_rad = MAP.angles_rad(here)  # type: ignore[attr-defined]  # moved by hand
         _servo(board, 4).limits = (330, 350)
-        bus.find()
+        bus.settings(bus.find())
         assert _within(lambda: _positions(bus) == here.tolist())
         holds = bus.hold(here, EVERY)
         assert np.flatnonzero(~holds).tolist() == [4]
@@ -229,12 +236,12 @@ def test_a_joint_a_little_beyond_a_stored_limit_moves_to_it() -> None:
         here[4] = 355
         board._robot._positions_rad = MAP.angles_rad(here)  # type: ignore[attr-defined]  # moved by hand
         _servo(board, 4).limits = (330, 350)
-        bus.find()
+        bus.settings(bus.find())
         assert _within(lambda: _positions(bus) == here.tolist())
         bus.hold(here, EVERY)
         bus.poll_all()
         assert _servo(board, 4)._goal == 350
-        assert "stands" not in bus._complaint(4)
+        assert "stands" not in bus.poll_all()[4].error
 
 
 def test_stored_limits_that_no_servo_has_are_not_believed() -> None:
@@ -242,19 +249,18 @@ def test_stored_limits_that_no_servo_has_are_not_believed() -> None:
     with _bus() as (bus, board, _):
         for limits in ((700, 300), (400, 400), (0, 5000)):
             _servo(board, 4).limits = limits
-            bus.find()
-            assert (bus._lowest[4], bus._highest[4]) == (0, 1000)
+            bus.settings(EVERY)
+            assert (bus.lowest[4], bus.highest[4]) == (0, 1000)
 
 
 def test_protections_that_were_changed_are_said() -> None:
     with _bus() as (bus, board, _):
         _servo(board, 4).most_c = 95
         _servo(board, 5).voltages_mv = (9000, 12600)
-        found = bus.find()
-        assert bus.check(found, np.zeros(18), np.full(18, 1000.0)) == (
-            "it lets go at 95 degrees C, from the factory at 85: leg 2 femur (id 5)",
-            "it has 7.4 V, and lets go outside 9.0 to 12.6 V: leg 2 tibia (id 6)",
-        )
+        notes = [each.notes for each in bus.settings(bus.find()).values()]
+        assert notes[4] == ("it lets go at 95 degrees C, from the factory at 85",)
+        assert notes[5] == ("it has 7.4 V, and lets go outside 9.0 to 12.6 V",)
+        assert not any(notes[:4] + notes[6:])
 
 
 def test_a_servo_that_unloads_is_limp_and_gets_no_goals() -> None:
@@ -266,7 +272,7 @@ def test_a_servo_that_unloads_is_limp_and_gets_no_goals() -> None:
         said: dict[int, str] = {}
 
         def limp() -> bool:
-            said.update((report.joint, report.error) for report in bus.poll())
+            said.update((report.place, report.error) for report in bus.poll())
             return said.get(7) == "limp"
 
         assert _within(limp)
@@ -281,14 +287,14 @@ def test_a_servo_that_unloads_is_limp_and_gets_no_goals() -> None:
 def test_servos_that_begin_to_answer_late_are_heard_again() -> None:
     """The bus had learned to wait for a few ms only, and dropped what came later for good."""
     servo = LateServo(lx.LX16A, lambda command, _: (command, bytes(lx.ANSWER_BYTES[command])))
-    bus = Lx16aBus(SerialLine(servo.path, 115_200), MAP, BusCounters())
+    bus = _bus_on(servo.path, BusCounters())
     try:
         for _ in range(80):
-            assert bus.answers(7, MAP.models[0])
+            assert bus.servo(7, MAP.models[0]).answers()
         servo.delays_s = [0.02] * 16
         heard = []
         for _ in range(16):
-            heard += [bus._ask_id(7, lx.READ_POSITION)]
+            heard += [bus._ask(6, lx.READ_POSITION)]
             time.sleep(0.05)  # what comes late comes between two questions
         assert b"\0\0" in heard[:8]
     finally:

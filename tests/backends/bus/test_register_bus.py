@@ -7,21 +7,29 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from hexctl.backends.bus.register.register_bus import RegisterBus
+from hexctl.backends.bus.register_bus import RegisterBus
 from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.bus.servo_bus import BusCounters
+from hexctl.backends.bus.tools import bus_of
 from hexctl.errors import RobotFaultError
 from hexctl.robot.servos.bus_map import BusMap
+from hexctl.serve.boards.bus_board import BusBoard
 from hexctl.serve.boards.register_servos import BusServo
 from tests.backends.bus.boards import MODELS, a_map, bus_board, stance_counts
 
 EVERY = np.ones(18, dtype=bool)
 
 
+def _bus_on(board: BusBoard, bus_map: BusMap) -> RegisterBus:
+    bus = bus_of(bus_map, SerialLine(board.path, 1_000_000), BusCounters())
+    assert isinstance(bus, RegisterBus)
+    return bus
+
+
 @contextmanager
 def _bus(bus_map: BusMap, *faults: str) -> Iterator[RegisterBus]:
     with bus_board(bus_map, *faults) as board:
-        bus = RegisterBus(SerialLine(board.path, 1_000_000), bus_map, BusCounters())
+        bus = _bus_on(board, bus_map)
         yield bus
         bus.close()
 
@@ -39,10 +47,10 @@ def test_servos_are_found_read_and_moved(driver: str, model: str) -> None:
     bus_map = a_map(driver, model)
     with _bus(bus_map) as bus:
         assert bus.find().all()
-        assert bus.model_number(3) == bus_map.models[3].number
+        assert bus.servos[3].model_number() == bus_map.models[3].number
         assert [bus.torque(joint) for joint in (0, 17)] == [False, False]
-        bus.prepare(EVERY)
-        reports = {report.joint: report for report in bus.poll_all()}
+        assert [servo.set_up() for servo in bus.servos] == [[]] * 18
+        reports = {report.place: report for report in bus.poll_all()}
         assert len(reports) == 18
         positions = np.array([reports[joint].position for joint in range(18)])
         np.testing.assert_array_equal(positions, stance_counts(bus_map))
@@ -55,7 +63,7 @@ def test_servos_are_found_read_and_moved(driver: str, model: str) -> None:
         bus.hold(positions, EVERY)
         bus.write_goals(goals)
         assert _within(
-            lambda: sorted((r.joint, r.position) for r in bus.poll_all()) == list(enumerate(goals))
+            lambda: sorted((r.place, r.position) for r in bus.poll_all()) == list(enumerate(goals))
         )
 
 
@@ -71,21 +79,21 @@ def test_a_joint_far_beyond_the_limits_stored_in_its_servo_gets_no_goal_and_no_t
         servos = board._servos
         assert isinstance(servos[4], BusServo)
         assert isinstance(servos[5], BusServo)
-        bus = RegisterBus(SerialLine(board.path, 1_000_000), bus_map, BusCounters())
+        bus = _bus_on(board, bus_map)
         servos[4].set(bus.table.most, here[4] - far)
         servos[5].set(bus.table.most, here[5] - near)
         before = servos[4].number(bus.table.goal)
         bus.find()
-        bus.check(EVERY, here, here)
+        bus.settings(EVERY)
         holds = bus.hold(here, EVERY)
         assert np.flatnonzero(~holds).tolist() == [4]
         assert not servos[4].holds
         assert servos[4].number(bus.table.goal) == before
         assert servos[5].holds
-        error = {report.joint: report.error for report in bus.poll_all()}[4]
+        error = {report.place: report.error for report in bus.poll_all()}[4]
         assert error.startswith("stands beyond the limits ")
         bus.set_torque(False)
-        assert {report.joint: report.error for report in bus.poll_all()}[4] == ""
+        assert {report.place: report.error for report in bus.poll_all()}[4] == ""
         bus.close()
 
 
@@ -94,7 +102,7 @@ def test_an_adapter_that_echoes_is_noticed() -> None:
         with _bus(a_map("feetech", model), "echo") as bus:
             assert bus.find().all()
             assert len(bus.poll_all()) == 18
-            assert bus.model_number(0) == a_map("feetech", model).models[0].number
+            assert bus.servos[0].model_number() == a_map("feetech", model).models[0].number
 
 
 @pytest.mark.parametrize(("driver", "model"), [("feetech", "sts3215"), ("dynamixel", "ax12a")])
@@ -102,7 +110,7 @@ def test_one_mute_servo_does_not_silence_the_others(driver: str, model: str) -> 
     with _bus(a_map(driver, model), "mute:3:femur") as bus:
         found = bus.find()
         assert np.flatnonzero(~found).tolist() == [7]
-        heard = {report.joint for report in bus.poll_all()}
+        heard = {report.place for report in bus.poll_all()}
         assert heard == set(range(18)) - {7}
 
 
@@ -112,7 +120,7 @@ def test_garbled_answers_are_counted_and_never_believed() -> None:
         bus.find()
         for _ in range(60):
             for report in bus.poll():
-                assert report.position == stance_counts(bus_map)[report.joint]
+                assert report.position == stance_counts(bus_map)[report.place]
         assert bus._counters.missed > 20
         assert bus._counters.garbled > 20
 

@@ -1,9 +1,9 @@
-"""What simulated boards have in common: their faults."""
+"""Faults of simulated boards, by their words."""
 
 import pytest
 
 from hexctl.errors import InputError
-from hexctl.serve.boards.simulated_board import BoardFault, DueFaults, parse_board_fault
+from hexctl.serve.boards.board_faults import BoardFault, DueFaults, parse_fault
 
 KINDS = {"mute": "", "trip": "AMPERES", "garble": "SHARE", "nack": "[:SHARE]"}
 
@@ -19,7 +19,7 @@ KINDS = {"mute": "", "trip": "AMPERES", "garble": "SHARE", "nack": "[:SHARE]"}
     ],
 )
 def test_a_fault_has_a_word_a_number_and_a_time(text: str, fault: BoardFault) -> None:
-    assert parse_board_fault(text, KINDS) == fault
+    assert parse_fault(text, KINDS) == fault
 
 
 @pytest.mark.parametrize(
@@ -27,16 +27,16 @@ def test_a_fault_has_a_word_a_number_and_a_time(text: str, fault: BoardFault) ->
 )
 def test_what_is_no_fault_is_refused(text: str) -> None:
     with pytest.raises(InputError, match=r"fault: got .*; allowed: "):
-        parse_board_fault(text, KINDS)
+        parse_fault(text, KINDS)
 
 
 def test_the_words_are_named_with_their_numbers() -> None:
     with pytest.raises(InputError, match=r"allowed: mute, trip:AMPERES, garble:SHARE, nack\[:SHARE\], each"):
-        parse_board_fault("x", KINDS)
+        parse_fault("x", KINDS)
 
 
 def test_faults_begin_in_their_order_and_once() -> None:
-    faults = DueFaults(tuple(parse_board_fault(text, KINDS) for text in ("mute@3", "nack", "trip:1@2")))
+    faults = DueFaults(tuple(parse_fault(text, KINDS) for text in ("mute@3", "nack", "trip:1@2")))
     assert [fault.kind for fault in faults.begun(0.0)] == ["nack"]
     assert faults.begun(1.9) == []
     assert [fault.kind for fault in faults.begun(5.0)] == ["trip", "mute"]

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexctl.backends.bus.lx16a import lx16a_packets as lx
+from hexctl.backends.bus import lx16a_packets as lx
 from hexctl.backends.bus.packets import PacketStream, StatusPacket
 
 #: The first packet is LewanSoul's own example, the others were made by its rules: id, command, parameters.

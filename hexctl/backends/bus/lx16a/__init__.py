@@ -1,1 +1,0 @@
-"""LX-16A servos and their kin: packets, and a bus of them."""

@@ -1,0 +1,250 @@
+"""A bus of LX-16A servos and their kin: slow, so that not all is sent and asked in each control period.
+
+At 115200 baud a move is 0.9 ms and a reading 1.2 ms, so that not all fits into 20 ms. Moves go to joints
+whose goals changed, at most `MOST_MOVES` in a period and those first that wait longest; positions are asked
+one by one in the time that is left.
+"""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from hexctl.backends.bus import lx16a_packets as lx
+from hexctl.backends.bus.lx16a_servo import Lx16aServo
+from hexctl.backends.bus.packet_line import TIMEOUT_TIMES, PacketLine
+from hexctl.backends.bus.servo import TRIES
+from hexctl.backends.bus.servo_bus import BusCounters, Report, ServoBus
+from hexctl.robot.servos.servo_models import ServoType
+from hexctl.types import BoolArray, FloatArray
+
+#: Moves in a control period: half of the servos, 7.8 ms.
+MOST_MOVES = 9
+
+#: Time of a move: the period in which the next one comes.
+PERIOD_MS = 20
+
+#: A goal is sent again after this time, as moves are not acknowledged.
+REPEAT_S = 0.25
+
+#: For this long after an answer that did not come moves may be lost too, as many of a joint in a row.
+LOSSY_S, LOST_MOVES = 0.5, 2
+
+#: Length of a move.
+MOVE_BYTES = 10
+
+#: Time since the goals of a control period in which positions are asked.
+SPAN_S = 0.0175
+
+#: What is read besides positions, in turn: one reading of them for each round of all positions.
+OTHERS = (lx.READ_VOLTAGE, lx.READ_TEMPERATURE, lx.READ_LOAD)
+
+
+class Lx16aBus(ServoBus):
+    """LX-16A, LX-224 and HTS-35H servos on one line.
+
+    Goals are clipped to the limits that are stored in each servo, beyond which it would unload. A servo that
+    unloads by itself gets no goals any more, and its reports say that it is limp. A move has the time that
+    its joint needs from where the move before has come to; while answers are lost also from where it is if
+    the moves before were lost too, as no servo confirms one.
+    """
+
+    mute_s: ClassVar[float] = 1.5
+    stale_s: ClassVar[float] = 0.5
+    reports_limp = True
+    servos: Sequence[Lx16aServo]
+
+    def __init__(self, packets: PacketLine, models: Mapping[int, ServoType], counters: BusCounters) -> None:
+        super().__init__(packets, models, counters)
+        self.servos = [Lx16aServo(packets, servo_id, model) for servo_id, model in models.items()]
+        self.lowest = np.array([float(model.least) for model in models.values()])
+        self.highest = np.array([float(model.most) for model in models.values()])
+        count = len(models)
+        self._line, self._began_s = packets.line, 0.0  # when the period began
+        self._on: BoolArray = np.zeros(count, dtype=bool)
+        self._limp: BoolArray = np.zeros(count, dtype=bool)
+        self._goals: FloatArray | None = None
+        self._sent, self._sent_at_s = np.full(count, np.nan), np.full(count, -np.inf)
+        self._earlier = np.full((LOST_MOVES, count), np.nan)  # goals sent before those, the newest first
+        self._from, self._takes_s = np.full(count, np.nan), np.full(count, PERIOD_MS / 1000)
+        self._read = np.full(count, np.nan)  # newest positions that were answered
+        self._missed_at_s = -np.inf  # when an answer was lost last
+        self._silent: BoolArray = np.zeros(count, dtype=bool)  # servos whose last answer did not come
+        self._waited: set[int] = set()  # servos whose goals had changed and were not sent
+        self._wrote = False
+        self._readings = self._next = self._next_other = 0
+        self._others: dict[tuple[int, int], float] = {}  # by servo and command, not reported yet
+
+    def find(self) -> BoolArray:
+        """Which servos answer, (n,), with their voltages and temperatures for the first reports."""
+        found = super().find()
+        self._silent = ~found
+        for place in np.flatnonzero(found).tolist():
+            for command in (lx.READ_VOLTAGE, lx.READ_TEMPERATURE):
+                self._read_other(place, command)
+        return found
+
+    def torque(self, place: int, *, tries: int = TRIES) -> bool | None:
+        """Whether a servo holds its goal, or None without an answer."""
+        answer = self._ask(place, lx.READ_LOAD, tries=tries)
+        if answer is None:
+            return None
+        self._on[place] = bool(answer[0])
+        return bool(answer[0])
+
+    def set_torque(self, on: bool, places: Sequence[int] | None = None) -> None:
+        """Switch the torque of some servos, until each says that it is, up to `TRIES` times."""
+        left = list(self._every if places is None else places)
+        if not on:
+            self._goals = None
+        self._on[left] = on
+        self._limp[left] = self._beyond[left] = False
+        for _ in range(TRIES):
+            self._line.write(b"".join(lx.load(self.ids[place], on=on) for place in left))
+            left = [place for place in left if self._ask(place, lx.READ_LOAD) != bytes([on])]
+            if not left:
+                return
+
+    def _hold(self, here: FloatArray, which: BoolArray) -> BoolArray:
+        """The goal is sent in front of the torque and behind it: unloaded servos may not take moves.
+
+        A servo moves to its limit from beyond it as fast as it can: one that is far beyond is left limp.
+        """
+        self._on[self._beyond] = False
+        chosen = np.flatnonzero(which).tolist()
+        for place in chosen:
+            to_here = lx.move(self.ids[place], int(here[place]), PERIOD_MS)
+            self._line.write(to_here + lx.load(self.ids[place], on=True) + to_here)
+        self._sent[:] = self._earlier[:] = np.nan
+        self._from[:] = np.where(which, here, np.nan)
+        self.set_torque(True, chosen)
+        return np.array([bool(which[place] and self.torque(place)) for place in self._every])
+
+    def _send_goals(self, goals: FloatArray) -> None:
+        """Take goals: those that changed are sent now, or half of them a period later."""
+        self._goals, self._wrote = goals, True
+        self._send_moves()
+
+    def poll(self, until: Callable[[], bool] = lambda: False) -> list[Report]:
+        """Reports of the next few servos, as many as answer in the time that is left; one at the least."""
+        if not self._wrote:
+            self._send_moves()
+        self._wrote = False
+        reports: list[Report] = []
+        asked, wire_s = 0, self._line.wire_s(6 + 8)
+        while True:
+            self._readings += 1
+            if self._readings % (len(self.ids) + 1) == 0:
+                self._read_next_other()
+            else:
+                reports += self._ask_reports([self._next])
+                self._next, asked = (self._next + 1) % len(self.ids), asked + 1
+            begin_s = max(self._line.free_s, time.monotonic())
+            late = begin_s + wire_s + self._packets.timeout_s / TIMEOUT_TIMES > self._began_s + SPAN_S
+            if asked and (late or asked == len(self.ids) or until()):
+                return reports
+
+    def end_watchdog(self, places: Sequence[int] | None = None) -> None:
+        """Send goals that still wait; these servos have no watchdog."""
+        self._send_moves()
+
+    def _send_moves(self) -> None:
+        """Move places whose goals have changed, those first that wait longest, and one of the others."""
+        self._began_s = now_s = time.monotonic()
+        if self._goals is None:
+            return
+        order = [
+            place
+            for place in np.argsort(self._sent_at_s, kind="stable").tolist()
+            if self._on[place] and np.isfinite(self._goals[place])
+        ]
+        due = [place for place in order if self._goals[place] != self._sent[place]]
+        chosen = due[:MOST_MOVES]
+        old = [place for place in order[:1] if self._sent_at_s[place] < now_s - REPEAT_S]
+        if len(chosen) < MOST_MOVES and not set(old) & set(chosen):
+            chosen += old
+        # Goals that waited, or will, are two periods from the one before or to the next.
+        slow = set(due) if len(due) > MOST_MOVES else self._waited
+        self._waited = set(due) - set(chosen)
+        planned_ms = np.array([2 * PERIOD_MS if place in slow else PERIOD_MS for place in self._every])
+        arrive_s = np.full(len(self.ids), now_s)  # at its servo, one move behind the other
+        arrive_s[chosen] = max(self._line.free_s, now_s) + self._line.wire_s(MOVE_BYTES) * np.arange(
+            1, len(chosen) + 1
+        )
+        times_ms = np.maximum(planned_ms, self._needed_ms(self._goals, arrive_s))
+        self._note_moves(chosen, self._goals, times_ms, arrive_s)
+        moves = [lx.move(self.ids[place], int(self._sent[place]), int(times_ms[place])) for place in chosen]
+        if moves:
+            self._line.write(b"".join(moves))
+
+    def _needed_ms(self, goals: FloatArray, at_s: FloatArray) -> FloatArray:
+        """Time that each servo needs to its goal at its greatest speed, wherever it is at a time, (n,)."""
+        lossy = self._silent | (at_s - self._missed_at_s <= LOSSY_S)
+        if_lost = np.where(lossy, [self._sent, self._from, self._read, *self._earlier], np.nan)
+        maybe_at = np.vstack([self._come_to(at_s), if_lost])
+        farthest = np.abs(np.nan_to_num(goals - maybe_at)).max(axis=0)
+        return np.asarray(np.ceil(np.round(1000 * farthest / self.speeds, 6)))
+
+    def _come_to(self, at_s: FloatArray) -> FloatArray:
+        """How far the moves have come at times, (n,), in counts; NaN if none is known."""
+        done = np.clip((at_s - self._sent_at_s) / self._takes_s, 0.0, 1.0)
+        return np.asarray(
+            np.where(np.isnan(self._sent), self._from, self._from + done * (self._sent - self._from))
+        )
+
+    def _note_moves(
+        self, chosen: list[int], goals: FloatArray, times_ms: FloatArray, at_s: FloatArray
+    ) -> None:
+        """Note that some servos are told to move to their goals; what is not known of before has ended."""
+        here = self._come_to(at_s)
+        here = np.where(np.isnan(here), goals, here)
+        new = [place for place in chosen if goals[place] != self._sent[place]]
+        self._earlier[:, new] = np.vstack([self._sent[new], self._earlier[:-1, new]])
+        self._from[chosen], self._takes_s[chosen] = here[chosen], times_ms[chosen] / 1000
+        self._sent[chosen], self._sent_at_s[chosen] = goals[chosen], at_s[chosen]
+
+    def _ask_reports(self, places: Sequence[int]) -> list[Report]:
+        answers = [(place, self._ask(place, lx.READ_POSITION)) for place in places]
+        reports = [self._report(place, answer) for place, answer in answers if answer is not None]
+        self._count(places, reports)
+        return reports
+
+    def _report(self, place: int, answer: bytes) -> Report:
+        self._read[place] = lx.number(answer)
+        limp = "limp" if self._limp[place] else ""
+        return Report(
+            place=place,
+            at_s=time.monotonic(),
+            position=lx.number(answer),
+            effort=np.nan,
+            current_a=np.nan,
+            voltage_v=self._others.pop((place, lx.READ_VOLTAGE), np.nan) / 1000,
+            temperature_c=self._others.pop((place, lx.READ_TEMPERATURE), np.nan),
+            error=", ".join(filter(None, (limp, self._complaint_of_limits(place)))),
+        )
+
+    def _read_next_other(self) -> None:
+        kind, place = divmod(self._next_other, len(self.ids))
+        self._next_other = (self._next_other + 1) % (len(OTHERS) * len(self.ids))
+        self._read_other(place, OTHERS[kind])
+
+    def _read_other(self, place: int, command: int) -> None:
+        answer = self._ask(place, command)
+        if answer is None:
+            return
+        if command != lx.READ_LOAD:
+            self._others[place, command] = lx.number(answer)
+        elif answer == b"\0" and self._on[place] and self._ask(place, command) == answer:
+            self._on[place], self._limp[place] = False, True
+
+    def _ask(self, place: int, command: int, *, tries: int = 1) -> bytes | None:
+        """Parameters that a servo answers to a command, or None if it does not."""
+        for _ in range(tries):
+            answer = self._packets.ask(self.ids[place], command)
+            if answer is not None:
+                self._silent[place] = False
+                return answer.parameters
+            if not self._silent[place]:  # one that is dead says nothing of the others' moves
+                self._silent[place], self._missed_at_s = True, time.monotonic()
+        return None

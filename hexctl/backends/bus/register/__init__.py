@@ -1,1 +1,0 @@
-"""Servos with registers, Dynamixel and Feetech: registers, settings, one servo and a bus of them."""

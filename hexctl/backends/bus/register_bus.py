@@ -1,0 +1,179 @@
+"""A bus of servos with registers, Dynamixel and Feetech: what one thread asks them and tells them."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from hexctl.backends.bus.packet_line import PacketLine
+from hexctl.backends.bus.packets import BROADCAST, READ, SYNC_READ, SYNC_WRITE, StatusPacket
+from hexctl.backends.bus.register_servo import RegisterServo
+from hexctl.backends.bus.registers import Register
+from hexctl.backends.bus.servo import TRIES
+from hexctl.backends.bus.servo_bus import BusCounters, Report, ServoBus
+from hexctl.robot.servos.servo_models import ServoType
+from hexctl.types import BoolArray, FloatArray
+
+#: Servos that are asked one by one in a control period, if they do not answer one packet together.
+ONE_BY_ONE = 5
+
+#: Time of the servos' own watchdog, in 20 ms.
+WATCHDOG_20MS = 10
+
+#: How often a servo that raises its alert is asked why.
+ALERT_S = 1.0
+
+
+class RegisterBus(ServoBus):
+    """Servos of one table of registers on one line."""
+
+    servos: Sequence[RegisterServo]
+
+    def __init__(self, packets: PacketLine, models: Mapping[int, ServoType], counters: BusCounters) -> None:
+        super().__init__(packets, models, counters)
+        self.servos = [RegisterServo(packets, servo_id, model) for servo_id, model in models.items()]
+        self.table = self.servos[0].table
+        self._places = {servo_id: place for place, servo_id in enumerate(self.ids)}
+        self._errors = [0] * len(self.ids)  # the error bytes of the newest reports
+        self._alerts: dict[int, tuple[float, str]] = {}  # why servos raise their alert, and since when known
+        self._next = 0
+
+    def torque(self, place: int, *, tries: int = TRIES) -> bool | None:
+        """Whether a servo holds its goal, or None without an answer.
+
+        One whose torque limit is 0, as AX servos have it after an overload, holds nothing; it is asked for
+        that if it complains.
+        """
+        on = super().torque(place, tries=tries)
+        if on and (tries > 1 or self._errors[place]):
+            return self.servos[place].raw(self.table.torque_limit, tries=tries) != 0
+        return on
+
+    def set_torque(self, on: bool, places: Sequence[int] | None = None) -> None:
+        """Switch the torque of some servos, and their watchdogs if they have one.
+
+        No servo answers the packet for all: torque that is off is read back, and sent again if it did not
+        arrive. Torque that is on is read back by `hold`.
+        """
+        left = list(self._every if places is None else places)
+        self._write_all(self.table.torque, float(on), left)
+        if on:
+            self.renew_watchdog(left)
+            return
+        self._beyond[left] = False
+        self.end_watchdog(left)
+        for _ in range(TRIES - 1):
+            left = [place for place in left if self.servos[place].raw(self.table.torque, tries=1) != 0]
+            if not left:
+                return
+            self._write_all(self.table.torque, 0.0, left)
+
+    def _hold(self, here: FloatArray, which: BoolArray) -> BoolArray:
+        """Goals and torques are read back, and written again if they did not arrive.
+
+        A limit of the torque that an overload has left at 0 is renewed.
+        """
+        holds: BoolArray = np.zeros(len(self.ids), dtype=bool)
+        for place in np.flatnonzero(which).tolist():
+            self.servos[place].renew_torque_limit()
+        for _ in range(TRIES):
+            left = np.flatnonzero(which & ~holds).tolist()
+            if not left:
+                break
+            self.end_watchdog(left)  # an expired one refuses goals
+            self._sync_write(self.table.goal, here, left)
+            there = [place for place in left if self.servos[place].value(self.table.goal) == here[place]]
+            if there:
+                self.set_torque(True, there)
+            for place in there:
+                holds[place] = self.torque(place) is True
+        return holds
+
+    def renew_watchdog(self, places: Sequence[int] | None = None) -> None:
+        """Let silence be a failure from now on, also if it has been one: goals are taken again."""
+        if self.table.watchdog is not None:
+            self.end_watchdog(places)
+            self._write_all(self.table.watchdog, float(WATCHDOG_20MS), places)
+
+    def end_watchdog(self, places: Sequence[int] | None = None) -> None:
+        """Let silence be no failure any more."""
+        if self.table.watchdog is not None:
+            self._write_all(self.table.watchdog, 0.0, places)
+
+    def _send_goals(self, goals: FloatArray) -> None:
+        self._sync_write(self.table.goal, goals, np.flatnonzero(np.isfinite(goals)).tolist())
+
+    def poll(self, until: Callable[[], bool] = lambda: False) -> list[Report]:
+        """Reports of all servos, or of the next few, asked one by one until something else is to be sent."""
+        reports: list[Report] = []
+        if self.table.sync_read:
+            reports = self._ask_reports(self._every)
+        else:
+            for _ in range(ONE_BY_ONE):
+                reports += self._ask_reports([self._next])
+                self._next = (self._next + 1) % len(self.ids)
+                if until():
+                    break
+        self._ask_for_an_alert()
+        return reports
+
+    def _ask_reports(self, places: Sequence[int]) -> list[Report]:
+        """Reports of some servos, which answer one packet together if they can."""
+        if not places:
+            return []
+        packets, (first, size) = self._packets.packets, self.table.block
+        block, ids = packets.place(first, size), bytes(self.ids[place] for place in places)
+        if self.table.sync_read:
+            request = packets.instruction(BROADCAST, SYNC_READ, block + ids)
+            wire_s = self._packets.line.wire_s(len(request) + len(ids) * packets.status_size(size))
+            answers = self._packets.transact(request, ids, wire_s)
+        else:
+            asked = (self._packets.ask(servo_id, READ, block) for servo_id in ids)
+            answers = [answer for answer in asked if answer is not None]
+        reports = [self._report(answer) for answer in answers if len(answer.parameters) == size]
+        self._count(places, reports)
+        return reports
+
+    def _report(self, answer: StatusPacket) -> Report:
+        place = self._places[answer.servo_id]
+        position, effort, current_a, voltage_v, temperature_c = self.table.numbers(answer.parameters)
+        return Report(
+            place=place,
+            at_s=time.monotonic(),
+            position=position,
+            effort=effort,
+            current_a=current_a,
+            voltage_v=voltage_v,
+            temperature_c=temperature_c,
+            error=self._complaint(place, answer.error),
+        )
+
+    def _complaint(self, place: int, error: int) -> str:
+        """What a servo complains of, with the goals that end at its limits."""
+        self._errors[place] = error
+        words = self.table.complaint(error)
+        if self.table.hardware_error is None or not words:
+            self._alerts.pop(place, None)
+        else:  # why it raises its alert is asked later
+            words = self._alerts.setdefault(place, (-np.inf, words))[1]
+        return ", ".join(filter(None, (words, self._complaint_of_limits(place))))
+
+    def _ask_for_an_alert(self) -> None:
+        """Ask one of the servos that raise their alert for the reason, each once in a while."""
+        now_s = time.monotonic()
+        for place, (asked_at_s, words) in self._alerts.items():
+            if asked_at_s < now_s - ALERT_S:
+                reason = self.servos[place].hardware_error()
+                self._alerts[place] = (now_s, f"hardware alert ({reason})" if reason else words)
+                return
+
+    def _write_all(self, register: Register, value: float, places: Sequence[int] | None) -> None:
+        self._sync_write(register, np.full(len(self.ids), value), self._every if places is None else places)
+
+    def _sync_write(self, register: Register, values: FloatArray, places: Sequence[int]) -> None:
+        """Write a register of some servos, values (n,), in one packet, which no servo answers."""
+        head = self._packets.packets.place(register.address, register.size)
+        rows = [
+            bytes([self.ids[place]]) + self.table.packed(register, float(values[place])) for place in places
+        ]
+        self._packets.tell(BROADCAST, SYNC_WRITE, head + b"".join(rows))

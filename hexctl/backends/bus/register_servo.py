@@ -1,0 +1,319 @@
+"""One servo with registers on a line, Dynamixel or Feetech: its memory, and what of it matters."""
+
+import math
+
+from hexctl.backends.bus.packet_line import PacketLine
+from hexctl.backends.bus.packets import READ, REBOOT, WRITE
+from hexctl.backends.bus.registers import Register, bit_words, table_of
+from hexctl.backends.bus.servo import TRIES, FoundServo, Servo, ServoSettings
+from hexctl.robot.servos.servo_models import SERVO_TYPES, ServoType
+
+#: What is said of a servo that does not answer.
+SILENT = "no answer"
+
+#: What helps if a setting that is made without torque was not made.
+_LATER = "switch its power off and on, and it is set"
+
+#: Shares of a torque that differ by no more are the same: a count of any servo is less.
+TORQUE_SHARE = 0.005
+
+#: Share of its torque that is left to a softened servo, and its speed in degrees per second.
+SOFT_TORQUE, SOFT_DEG_S = 0.4, 60.0
+
+#: Models of servos whose model number is not known, by driver and protocol.
+LIKELY_MODELS = {("dynamixel", 2): "xl430-w250", ("dynamixel", 1): "ax12a", ("feetech", 1): "sts3215"}
+
+
+class RegisterServo(Servo):
+    """Memory of one servo.
+
+    Args:
+        packets: of its protocol, on an open line.
+        servo_id: that it answers to.
+        model: whose registers it has.
+        number: model number that it reported, if it was asked.
+        known: whether that is the number of the model.
+    """
+
+    def __init__(
+        self,
+        packets: PacketLine,
+        servo_id: int,
+        model: ServoType,
+        *,
+        number: int | None = None,
+        known: bool = True,
+    ) -> None:
+        super().__init__(packets, servo_id, model)
+        self.table = table_of(model.name)
+        self._number, self._known = number, known
+        self._before: dict[Register, float] = {}
+
+    def raw(self, register: Register | None, *, tries: int = TRIES) -> int | None:
+        """Raw number in a register; None without an answer, and for no register."""
+        if register is None:
+            return None
+        asked = self._packets.packets.place(register.address, register.size)
+        for _ in range(tries):
+            answer = self._packets.ask(self.servo_id, READ, asked)
+            if answer is not None and len(answer.parameters) == register.size:
+                return int.from_bytes(answer.parameters, self.table.byte_order)
+            if tries > 1:
+                self._packets.outwait()
+        return None
+
+    def sure(self, register: Register | None) -> int | None:
+        """Raw number that was read twice in a row; None if that does not come."""
+        return self._twice(lambda: self.raw(register))
+
+    def value(self, register: Register | None, *, tries: int = TRIES) -> float | None:
+        """Number in a register in its unit; None without an answer, and for no register."""
+        raw = self.raw(register, tries=tries)
+        return None if raw is None or register is None else register.value(raw)
+
+    def sure_value(self, register: Register | None) -> float | None:
+        """Number in its unit that was read twice in a row, as `sure`."""
+        raw = self.sure(register)
+        return None if raw is None or register is None else register.value(raw)
+
+    def write(self, register: Register, value: float, *, tries: int = TRIES) -> str:
+        """Write a number in its unit; empty if the servo took it, else why it did not.
+
+        An instruction that arrived damaged is sent again; what a servo refuses is not.
+        """
+        address = register.address.to_bytes(self._packets.packets.width, "little")
+        data, said = address + self.table.packed(register, value), SILENT
+        for _ in range(tries):
+            answer = self._packets.ask(self.servo_id, WRITE, data)
+            said = SILENT if answer is None else self.table.refusal(answer.error)
+            if answer is None:
+                self._packets.outwait()
+            if said not in (SILENT, "CRC", "checksum"):
+                break
+        return said
+
+    def change(self, register: Register, value: float) -> str:
+        """Write a number if it is another, and read it back; empty if it is as wanted, else why not.
+
+        Some servos drop what they do not take without a word, and some answers are lost.
+        """
+        if self.sure(register) == register.raw(value):
+            return ""
+        said = self.write(register, value)
+        after = self.sure(register)
+        if after == register.raw(value):
+            return ""
+        return said or (SILENT if after is None else f"it keeps {after}")
+
+    def model_number(self) -> int | None:
+        """Model number that it reports, or None without an answer."""
+        return self.sure(self.table.model)
+
+    def look(self) -> FoundServo:
+        """What it is, and how it is."""
+        report = self._report()
+        data, error = (None, "") if report is None else report
+        if self.table.hardware_error is not None and error:
+            error = f"{error} ({self.hardware_error()})"
+        numbers = [math.nan] * 5 if data is None else self.table.numbers(data)
+        position, load, current_a, voltage_v, temperature_c = (
+            None if math.isnan(each) else each for each in numbers
+        )
+        return FoundServo(
+            servo_id=self.servo_id,
+            baud=self._packets.line.baud,
+            model=self.type.name if self._known else None,
+            model_number=self._number,
+            protocol=self.table.protocol,
+            position=None if position is None else int(position),
+            voltage_v=_rounded(voltage_v, 1),
+            temperature_c=_rounded(temperature_c, 1),
+            load=_rounded(load, 3),
+            current_a=_rounded(current_a, 3),
+            error=error,
+        )
+
+    def position(self) -> float | None:
+        """Count at which it is."""
+        return self.value(self.table.position)
+
+    def torque(self, *, tries: int = TRIES) -> bool | None:
+        """Whether its torque is on, or None without an answer."""
+        raw = self.raw(self.table.torque, tries=tries)
+        return None if raw is None else raw == 1
+
+    def set_torque(self, *, on: bool) -> bool:
+        """Switch the torque; an expired watchdog ends, and a torque limit of 0 is renewed."""
+        if on:
+            if self.table.watchdog is not None:
+                self.write(self.table.watchdog, 0)
+            self.renew_torque_limit()
+        return not self.change(self.table.torque, float(on))
+
+    def go(self, count: float) -> str:
+        """Set the goal."""
+        return self.write(self.table.goal, round(count))
+
+    def set_up(self) -> list[str]:
+        """Set it up while it has no torque: answers without delay, position mode; notes on what was changed.
+
+        Settings that are kept without power are written only if they have to change. They are kept from
+        being saved if the servo has a lock.
+        """
+        table, notes = self.table, []
+        if self.sure(table.unlock) == 0:
+            self._lock(open_=False)
+        if said := self.change(table.return_delay, 0):
+            notes.append(f"its return delay cannot be set to 0 ({said})")
+        mode, flags = self.sure(table.mode), self.sure(table.flags)
+        if table.mode is not None and mode not in (None, table.position_mode):
+            said = self.change(table.mode, table.position_mode)
+            notes.append(_changed(f"its operating mode from {mode} to {table.position_mode}", said))
+        if table.flags is not None and flags is not None and (words := bit_words(table.cleared, flags)):
+            said = self.change(table.flags, flags & ~sum(1 << bit for bit in table.cleared))
+            notes.append(_changed(f"its flag for {words} off", said))
+        return notes
+
+    def settings(self) -> ServoSettings:
+        """What is stored in it, as far as it says."""
+        least, most = self.sure_value(self.table.least), self.sure_value(self.table.most)
+        unlimited = least is None or most is None or not least < most
+        return ServoSettings(
+            refusal=self._refusal(least, most),
+            notes=tuple(self._notes()),
+            least=float("-inf") if unlimited or least is None else least,
+            most=float("inf") if unlimited or most is None else most,
+        )
+
+    def hardware_error(self) -> str:
+        """Why it has let go, in words; empty for none and if it does not say."""
+        bits = self.sure(self.table.hardware_error)
+        return "" if bits is None else bit_words(self.table.hardware_errors, bits)
+
+    def renew_torque_limit(self) -> None:
+        """Give it its greatest torque if its limit is 0, as AX servos have it after an overload."""
+        limit, greatest = self.table.torque_limit, self.table.max_torque
+        if limit is None or greatest is None or self.sure(limit) != 0:
+            return
+        if most := self.sure_value(greatest):
+            self.change(limit, most)
+
+    def soften(self) -> str:
+        """Limit its torque and its speed."""
+        refusals = []
+        for register, value in ((self.table.soft_torque, SOFT_TORQUE), (self.table.speed, SOFT_DEG_S)):
+            before = self.value(register)
+            if register is None or before is None:
+                continue
+            self._before.setdefault(register, before)
+            # A speed of 0 is no limit.
+            limit = min(before, value) if before or register != self.table.speed else value
+            refusals.append(self.change(register, limit))
+        return ", ".join(filter(None, refusals))
+
+    def restore(self) -> None:
+        """Give it back the torque and the speed that it had."""
+        for register, value in self._before.items():
+            self.change(register, value)
+        self._before.clear()
+
+    def set_id(self, servo_id: int) -> str:
+        """Let it answer to another id: unlocked for it if there is a lock."""
+        self._lock(open_=True)
+        said = super().set_id(servo_id)
+        self._lock(open_=False)
+        return said
+
+    def reboot(self) -> None:
+        """Let it start again, without torque; those of protocol 2 can."""
+        if self.table.protocol == 2:
+            self._packets.ask(self.servo_id, REBOOT)
+
+    def _write_id(self, servo_id: int) -> str:
+        return self.write(self.table.servo_id, servo_id)
+
+    def _lock(self, *, open_: bool) -> None:
+        if self.table.unlock is not None:
+            self.write(self.table.unlock, 0 if open_ else 1)
+
+    def _report(self) -> tuple[bytes, str] | None:
+        """Bytes of a report, and what the servo complains of; None without an answer."""
+        first, size = self.table.block
+        asked = self._packets.packets.place(first, size)
+        for _ in range(TRIES):
+            answer = self._packets.ask(self.servo_id, READ, asked)
+            if answer is not None and len(answer.parameters) == size:
+                return answer.parameters, self.table.complaint(answer.error)
+        return None
+
+    def _refusal(self, least: float | None, most: float | None) -> str:
+        """Why it would not steer for its goals as they are meant; empty if it does."""
+        table = self.table
+        if not self._known:
+            return f"its model number {self._number} is not known"
+        mode, flags = self.sure(table.mode), self.sure(table.flags)
+        if table.mode is not None and mode not in (None, table.position_mode):
+            return f"its operating mode is {mode}, not {table.position_mode} (position); {_LATER}"
+        if table.mode is None and least == most == 0:
+            return "it is in wheel mode, with both angle limits at 0; set them with the vendor's tool"
+        if table.flags is None or flags is None:
+            return ""
+        if words := bit_words(table.cleared, flags):
+            return f"its flag for {words} is on; {_LATER}"
+        if words := bit_words(table.refused, flags):
+            return f"{words} (register {table.flags.address} is {flags}); clear that with the vendor's tool"
+        return ""
+
+    def _notes(self) -> list[str]:
+        table, notes = self.table, []
+        shutdown = self.sure(table.shutdown)
+        if shutdown is not None and (missing := bit_words(table.protections, ~shutdown)):
+            notes.append(f"it does not protect itself from {missing}")
+        notes += self._overload_notes()
+        greatest, now = self.sure_value(table.max_torque), self.sure_value(table.soft_torque)
+        if greatest == 0:
+            notes.append("its greatest torque is set to 0")
+        elif greatest is not None and now is not None and 0 < now < greatest - TORQUE_SHARE:
+            notes.append(f"its torque is limited to {100 * now:.0f} % until it restarts")
+        if speed := self.sure_value(table.speed):
+            notes.append(f"its speed is limited to {speed:.0f} degrees/s")
+        if alert := self.hardware_error():
+            notes.append(f"it has let go ({alert}); switch its power off and on")
+        return notes
+
+    def _overload_notes(self) -> list[str]:
+        """What is said of a servo that protects itself less from an overload than from the factory."""
+        overload = self.table.overload
+        if overload is None:
+            return []
+        values = [self.sure_value(register) for register in overload.registers]
+        known = [(own, usual) for own, usual in zip(values, overload.factory, strict=True) if own is not None]
+        if len(known) < len(values) or all(own <= usual + TORQUE_SHARE for own, usual in known):
+            return []
+        own = _overload_words(*(own for own, _ in known))
+        return [f"after an overload it gives {own}, from the factory {_overload_words(*overload.factory)}"]
+
+
+def register_servo(packets: PacketLine, driver: str, servo_id: int, protocol: int) -> RegisterServo:
+    """Servo of a driver with an id, asked for its model; the likely one if its number is not known."""
+    likely = RegisterServo(packets, servo_id, SERVO_TYPES[LIKELY_MODELS[driver, protocol]])
+    number = likely.raw(likely.table.model)
+    if number is not None:
+        swapped = int.from_bytes(number.to_bytes(2, "little"), "big")
+        for each in (number, swapped):
+            for model in SERVO_TYPES.values():
+                if (model.driver, model.protocol, model.number) == (driver, protocol, each):
+                    return RegisterServo(packets, servo_id, model, number=each)
+    return RegisterServo(packets, servo_id, likely.type, number=number, known=False)
+
+
+def _rounded(number: float | None, digits: int) -> float | None:
+    return None if number is None else round(number, digits)
+
+
+def _changed(what: str, said: str) -> str:
+    return f"could not set {what} ({said})" if said else f"set {what}"
+
+
+def _overload_words(load: float, time_s: float, torque: float) -> str:
+    return f"{100 * torque:.0f} % of its torque after {time_s:g} s above {100 * load:.0f} %"

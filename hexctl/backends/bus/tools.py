@@ -1,0 +1,362 @@
+"""Tools on a bus by the ids of its servos: scan, a new id, ids that a robot file does not have, a lost id."""
+
+import time
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import count
+
+import numpy as np
+
+from hexctl.backends.bus import lx16a_packets as lx
+from hexctl.backends.bus.lx16a_bus import Lx16aBus
+from hexctl.backends.bus.lx16a_servo import Lx16aServo
+from hexctl.backends.bus.packet_line import PacketLine
+from hexctl.backends.bus.packets import BROADCAST, PROTOCOLS, PacketFormat
+from hexctl.backends.bus.register_bus import RegisterBus
+from hexctl.backends.bus.register_servo import register_servo
+from hexctl.backends.bus.serial_line import SerialLine
+from hexctl.backends.bus.servo import TRIES, FoundServo, Servo
+from hexctl.backends.bus.servo_bus import BusCounters, ServoBus
+from hexctl.errors import InputError, RobotFaultError, argument
+from hexctl.robot.model import Robot
+from hexctl.robot.servos.bus_map import BusMap
+from hexctl.robot.servos.servo_models import SERVO_TYPES
+from hexctl.types import JOINT_NAMES, N_JOINTS, BoolArray
+
+#: Ids that a servo can have, and the one that it has from the factory.
+IDS, FACTORY_ID = tuple(range(253)), 1
+
+#: Protocols of each driver, the more likely one first.
+PROTOCOLS_OF = {"dynamixel": (2, 1), "feetech": (1,), "lx16a": (1,)}
+
+#: Bus of each driver.
+BUSES: dict[str, type[ServoBus]] = {"dynamixel": RegisterBus, "feetech": RegisterBus, "lx16a": Lx16aBus}
+
+#: Bits per second that servos of each driver have from the factory or are usually given.
+USUAL_BAUDS = {
+    "dynamixel": (1_000_000, 57_600, 115_200, 2_000_000, 3_000_000, 4_000_000),
+    "feetech": (1_000_000, 500_000, 115_200, 38_400),
+    "lx16a": (115_200,),
+}
+
+#: How long an answer may take besides its time on the wire; 16 ms of it may be the adapter's.
+TIMEOUT_S = 0.02
+
+#: How often a broadcast is repeated that only a servo alone on its bus answers completely.
+BROADCASTS = 3
+
+#: How far beyond the ids of the joints others are looked for: as far as all joints shifted once.
+MARGIN = 18
+
+#: How far a joint may seem to stand beyond its limits, in degrees.
+TOLERANCE_DEG = 5.0
+
+#: How long a servo takes to start again.
+REBOOTS_S = 1.0
+
+#: Called before each question with how many have been asked, and of how many.
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Adoption:
+    """A servo that was given back the id of its joint, 0..17, and where that stands if the servo said."""
+
+    joint: int
+    angle_deg: float | None
+    servo: FoundServo
+
+
+def packets_of(driver: str, protocol: int) -> PacketFormat:
+    """Format of the packets of a driver's protocol."""
+    return lx.LX16A if driver == "lx16a" else PROTOCOLS[protocol]
+
+
+def bus_of(servos: BusMap, line: SerialLine, counters: BusCounters) -> ServoBus:
+    """Bus of the servos of all joints on an open line, in the order of the joints."""
+    packets = PacketLine(line, packets_of(servos.driver, servos.protocol))
+    models = dict(zip(servos.ids.tolist(), servos.models, strict=True))
+    return BUSES[servos.driver](packets, models, counters)
+
+
+@contextmanager
+def opened_line(path: str, baud: int) -> Iterator[SerialLine]:
+    """A line that is open meanwhile; raises RobotFaultError when it cannot be opened, or goes."""
+    line = SerialLine(path, baud)
+    try:
+        yield line
+    except OSError as error:
+        raise RobotFaultError(f"the port {path} has gone ({error.strerror or error})") from error
+    finally:
+        line.close()
+
+
+def tool_line(line: SerialLine, driver: str, protocol: int) -> PacketLine:
+    """Packets of a driver's protocol on a line whose servos are not known; learns whether it echoes."""
+    packets = PacketLine(line, packets_of(driver, protocol), timeout_s=TIMEOUT_S, adapts=False)
+    packets.learn_echo()
+    return packets
+
+
+def servo_with(packets: PacketLine, driver: str, protocol: int, servo_id: int) -> Servo:
+    """One servo of a driver; a servo with registers is asked for its model."""
+    if driver == "lx16a":
+        return Lx16aServo(packets, servo_id, SERVO_TYPES["lx16a"])
+    return register_servo(packets, driver, servo_id, protocol)
+
+
+def answering_ids(packets: PacketLine, ids: Sequence[int], *, tries: int = 1) -> list[int]:
+    """Those of some ids to which servos answer, each asked as often as it takes."""
+    return [each for each in ids if packets.ask(each, packets.packets.probe, tries=tries) is not None]
+
+
+def find_servo(line: SerialLine, driver: str, servo_id: int) -> Servo | None:
+    """Servo with an id on an open line, in any of its driver's protocols; None if none answers."""
+    check_driver(driver)
+    for protocol in PROTOCOLS_OF[driver]:
+        packets = tool_line(line, driver, protocol)
+        if answering_ids(packets, [servo_id], tries=TRIES):
+            return servo_with(packets, driver, protocol, servo_id)
+    return None
+
+
+def the_servo(line: SerialLine, driver: str, servo_id: int) -> Servo:
+    """Servo with an id on an open line; raises RobotFaultError if none answers."""
+    servo = find_servo(line, driver, servo_id)
+    if servo is None:
+        raise RobotFaultError(
+            f"no servo with id {servo_id} answers on {line.path} at {line.baud} baud; `hexctl servos scan` "
+            "shows which do"
+        )
+    return servo
+
+
+def check_driver(driver: str) -> None:
+    """Raise InputError for a driver that there is not."""
+    if driver not in PROTOCOLS_OF:
+        raise InputError(f"{argument('driver')}: got {driver!r}; allowed: {', '.join(PROTOCOLS_OF)}")
+
+
+def scan_bus(
+    path: str,
+    driver: str,
+    *bauds: int,
+    ids: Sequence[int] = IDS,
+    progress: Progress = lambda _asked, _of: None,
+) -> list[FoundServo]:
+    """Servos that answer on a port, by id. Nothing is switched and nothing moves.
+
+    Args:
+        driver: `dynamixel`, `feetech` or `lx16a`.
+        bauds: bits per second, one after the other.
+        progress: called before each question.
+
+    Raises InputError for another driver, RobotFaultError for a port that cannot be opened or goes.
+    """
+    check_driver(driver)
+    protocols = PROTOCOLS_OF[driver]
+    asked, of = count(), len(bauds) * len(protocols) * len(ids)
+    found: list[FoundServo] = []
+    for baud in bauds:
+        with opened_line(path, baud) as line:
+            at_baud: dict[int, FoundServo] = {}
+            for protocol in protocols:
+                packets = tool_line(line, driver, protocol)
+                for servo_id in ids:
+                    progress(next(asked), of)
+                    _look_at(packets, driver, protocol, servo_id, at_baud)
+                # Those that gave no answer among others that did are asked once more.
+                for servo_id in [each for each in ids if each <= max(at_baud, default=-1) + 1]:
+                    _look_at(packets, driver, protocol, servo_id, at_baud)
+            found += at_baud.values()
+    return sorted(found, key=lambda servo: (servo.servo_id, servo.baud))
+
+
+def _look_at(
+    packets: PacketLine, driver: str, protocol: int, servo_id: int, found: dict[int, FoundServo]
+) -> None:
+    if servo_id not in found and answering_ids(packets, [servo_id]):
+        found[servo_id] = servo_with(packets, driver, protocol, servo_id).look()
+
+
+def nothing_answers(path: str, driver: str, bauds: Sequence[int]) -> str:
+    """What is said when a scan found no servo."""
+    tried = " or ".join(str(baud) for baud in bauds)
+    others = [str(baud) for baud in USUAL_BAUDS[driver] if baud not in bauds]
+    usual = f"; --baud all also asks at {', '.join(others)}" if others else ""
+    return (
+        f"no servo answers on {path} at {tried} baud; are they powered, and is {driver} their driver?{usual}"
+    )
+
+
+def set_servo_id(
+    path: str, driver: str, baud: int, new_id: int, *, progress: Progress = lambda _asked, _of: None
+) -> FoundServo:
+    """Give the one servo on a bus another id, and look at it under that.
+
+    Raises InputError unless exactly one servo answers, RobotFaultError when it does not take the id.
+    """
+    check_driver(driver)
+    if new_id not in IDS:
+        raise InputError(f"{argument('new_id')}: got {new_id}; allowed: {IDS[0]} to {IDS[-1]}")
+    ids = _ids_by_broadcast(path, baud) if driver == "lx16a" else IDS
+    found = scan_bus(path, driver, baud, ids=ids, progress=progress)
+    answering = ids if driver == "lx16a" else [each.servo_id for each in found]
+    if len(answering) != 1 or len(found) != 1:
+        answer = ", ".join(map(str, answering)) or "none"
+        raise InputError(f"servos that answer: got {answer}; allowed: exactly one on the bus")
+    servo = found[0]
+    if driver == "feetech" and servo.model is None:
+        known = [each.name for each in SERVO_TYPES.values() if each.driver == driver and each.number]
+        raise InputError(f"model number: got {servo.model_number}; allowed: those of {', '.join(known)}")
+    with opened_line(path, baud) as line:
+        packets = tool_line(line, driver, servo.protocol)
+        return _give_id(servo_with(packets, driver, servo.protocol, servo.servo_id), new_id)
+
+
+def _give_id(servo: Servo, new_id: int) -> FoundServo:
+    old_id = servo.servo_id
+    if said := servo.set_id(new_id):
+        raise RobotFaultError(f"the servo with id {old_id} did not take the id {new_id} ({said})")
+    return servo.look()
+
+
+def _ids_by_broadcast(path: str, baud: int) -> list[int]:
+    """Ids of the servos of `lx16a` that answer when all are asked: complete only if there is one."""
+    ids: set[int] = set()
+    with opened_line(path, baud) as line:
+        packets = tool_line(line, "lx16a", 1)
+        request = lx.LX16A.instruction(BROADCAST, lx.READ_ID)
+        for _ in range(BROADCASTS):
+            wire_s = line.wire_s(len(request) + lx.LX16A.status_size(1))
+            ids |= {each.parameters[0] for each in packets.transact(request, range(BROADCAST + 1), wire_s)}
+            time.sleep(TIMEOUT_S)
+        if not ids and packets.garbled:
+            raise InputError("servos that answer: got several at once; allowed: exactly one on the bus")
+    return sorted(ids)
+
+
+def joint_of(servos: BusMap, servo_id: int) -> str | None:
+    """Name of the joint to which an id belongs, or None."""
+    joints = np.flatnonzero(servos.ids == servo_id).tolist()
+    return JOINT_NAMES[joints[0]] if joints else None
+
+
+def id_differences(servos: BusMap, answering: Collection[int]) -> list[str]:
+    """How the ids that answer on a bus differ from those of the joints; empty if they do not."""
+    missing = ~np.isin(servos.ids, list(answering))
+    others = [str(each) for each in answering if joint_of(servos, each) is None]
+    notes = [f"no answer: {servos.names(missing)}"] if missing.any() else []
+    return notes + ([f"in no joint of the robot file: id {', '.join(others)}"] if others else [])
+
+
+def ids_around(servos: BusMap) -> list[int]:
+    """Ids of no joint that are as near to those of the joints as `MARGIN`, and the factory's."""
+    used = set(servos.ids.tolist())
+    near = range(min(used) - MARGIN, max(used) + MARGIN + 1)
+    return [each for each in IDS if each not in used and (each in near or each == FACTORY_ID)]
+
+
+def check_no_unexpected_ids(line: SerialLine, servos: BusMap, found: BoolArray) -> None:
+    """Raise RobotFaultError if a servo does not answer and one with an id of no joint does.
+
+    A walk by such a file would move other joints than it means. Only if a servo is missing are ids asked,
+    those around the joints' and the factory's. The one servo that may have lost its id is none of them.
+    """
+    if found.all():
+        return
+    unexpected = answering_ids(tool_line(line, servos.driver, servos.protocol), ids_around(servos), tries=2)
+    lost = _adoptable(servos, found) is not None and unexpected == [FACTORY_ID]
+    if not unexpected or lost:
+        return
+    missing, others = servos.names(~found), ", ".join(map(str, unexpected))
+    if len(unexpected) == 1:
+        others = f"id {others} does, which is in no joint"
+    else:
+        others = f"ids {others} do, which are in no joint"
+    verb = "does" if np.count_nonzero(~found) == 1 else "do"
+    raise RobotFaultError(
+        f"{missing} {verb} not answer, and {others}; compare the ids (hexctl servos scan --robot FILE)"
+    )
+
+
+def lost_id_notes(bus: ServoBus, servos: BusMap, found: BoolArray) -> tuple[str, ...]:
+    """What is said at connect if a joint's servo is missing and one answers to the factory's id."""
+    joint = _adoptable(servos, found)
+    if joint is None:
+        return ()
+    servo, wanted = bus.servo(FACTORY_ID, servos.models[joint]), servos.models[joint].number
+    if not servo.answers() or wanted not in (None, servo.model_number()):
+        return ()
+    return (
+        f"{servos.names(np.arange(N_JOINTS) == joint)} does not answer, and a servo with id {FACTORY_ID} "
+        "does: it may have lost its id; `hexctl servos adopt --robot FILE`, with your robot file, gives it "
+        "back",
+    )
+
+
+def adopt(robot: Robot, servos: BusMap, port: str, baud: int) -> Adoption:
+    """Give the servo with the factory's id the id of the only joint whose servo is missing.
+
+    It is limp then, and restarted if it can be. Raises RobotFaultError unless exactly one is missing, and if
+    what answers to the factory's id is another model, or stands where the joint cannot.
+    """
+    if FACTORY_ID in servos.ids.tolist():
+        joint = servos.names(servos.ids == FACTORY_ID)
+        raise RobotFaultError(f"id {FACTORY_ID} belongs to a joint of the robot file ({joint}): none is lost")
+    with opened_line(port, baud) as line:
+        found = np.array([find_servo(line, servos.driver, each) is not None for each in servos.ids.tolist()])
+        joint_index = _adoptable(servos, found)
+        if joint_index is None:
+            names = servos.names(~found) or "none"
+            raise RobotFaultError(f"joints without a servo: {names}; exactly one must be missing")
+        servo, seen = _lost_servo(line, servos, joint_index)
+        angle_deg = _angle_deg(robot, servos, joint_index, seen)
+        if not servo.set_torque(on=False):
+            raise RobotFaultError(f"the servo with id {FACTORY_ID} does not let go")
+        adopted = _give_id(servo, int(servos.ids[joint_index]))
+        servo.reboot()
+        if servos.driver == "dynamixel" and servos.protocol == 2:
+            time.sleep(REBOOTS_S)
+            adopted = servo.look()
+        return Adoption(joint=joint_index, angle_deg=angle_deg, servo=adopted)
+
+
+def _adoptable(servos: BusMap, found: BoolArray) -> int | None:
+    """Joint whose servo may have lost its id: the only one missing, if no joint has the factory's id."""
+    missing = np.flatnonzero(~found).tolist()
+    alone = len(missing) == 1 and FACTORY_ID not in servos.ids.tolist()
+    return int(missing[0]) if alone else None
+
+
+def _lost_servo(line: SerialLine, servos: BusMap, joint: int) -> tuple[Servo, FoundServo]:
+    """Servo with the factory's id, and how it is; raises RobotFaultError unless it may be a joint's."""
+    servo = find_servo(line, servos.driver, FACTORY_ID)
+    name = servos.names(np.arange(N_JOINTS) == joint)
+    if servo is None:
+        raise RobotFaultError(
+            f"{name} does not answer, and no servo with id {FACTORY_ID} does; is its cable in?"
+        )
+    seen, wanted = servo.look(), servos.models[joint]
+    if wanted.number is not None and seen.model_number != wanted.number:
+        raise RobotFaultError(
+            f"the servo with id {FACTORY_ID} reports model number {seen.model_number}, not "
+            f"{wanted.number} ({wanted.name}) of {name}"
+        )
+    return servo, seen
+
+
+def _angle_deg(robot: Robot, servos: BusMap, joint: int, seen: FoundServo) -> float | None:
+    """Where a joint stands by a servo's position; raises RobotFaultError if it cannot stand there."""
+    if seen.position is None:
+        return None
+    angle_deg = float(np.degrees(servos.angles_rad(np.full(N_JOINTS, float(seen.position)))[joint]))
+    ends = np.degrees([robot.joint_lower_rad[joint], robot.joint_upper_rad[joint]])
+    if not ends[0] - TOLERANCE_DEG <= angle_deg <= ends[1] + TOLERANCE_DEG:
+        name = servos.names(np.arange(N_JOINTS) == joint)
+        raise RobotFaultError(
+            f"the servo with id {FACTORY_ID} stands at {angle_deg:.0f} degrees, where {name} cannot "
+            f"({ends[0]:.0f} to {ends[1]:.0f}): it may be another one; `hexctl servos identify` tells"
+        )
+    return round(angle_deg, 1)

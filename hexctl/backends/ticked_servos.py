@@ -1,0 +1,201 @@
+"""Leg servos that are read once per tick, and those whose joints a map turns into raw positions."""
+
+from abc import abstractmethod
+from contextlib import ExitStack
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from hexctl.backends.base import LegServos, as_robot, check_connected, check_targets
+from hexctl.backends.clock import Clock, WallClock
+from hexctl.backends.port_thread import PortThread, ReopenedCount, reason_of
+from hexctl.errors import RobotFaultError
+from hexctl.robot.model import Robot
+from hexctl.robot.servos.raw_map import RawMap
+from hexctl.types import FloatArray, JointTargets, RobotState
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+
+Map = TypeVar("Map", bound=RawMap)
+Thread = TypeVar("Thread", bound="PortThread[Any]")
+Counters = TypeVar("Counters")
+PortCounters = TypeVar("PortCounters", bound=ReopenedCount)
+
+
+class TickedServos(LegServos):
+    """Eighteen servos with the clock of this end; `read` gives one state until the next tick.
+
+    Args:
+        robot: the robot that the servos belong to, or the name or path of its file.
+        clock: of this end.
+    """
+
+    #: What is at the other end, as messages have it.
+    what = "the servos"
+
+    def __init__(self, robot: Robot | str | Path, clock: Clock) -> None:
+        self._robot, self._clock = as_robot(robot), clock
+        self._snapshot: tuple[int, RobotState] | None = None
+        self._opened: ExitStack | None = None
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that the servos belong to."""
+        return self._robot
+
+    @property
+    def clock(self) -> Clock:
+        """The clock of this end."""
+        return self._clock
+
+    def read(self) -> RobotState:
+        """Newest state; the same one until the next tick.
+
+        Raises RobotFaultError when not connected or when the other end has gone.
+        """
+        self._check_connected()
+        if self._snapshot is None or self._snapshot[0] != self._clock.index:
+            self._snapshot = (self._clock.index, self._newest())
+        return self._snapshot[1].copy()
+
+    def connect(self) -> None:
+        """Open the connection; nothing moves. Raises RobotFaultError that says what to check."""
+        if self._opened is None:
+            with ExitStack() as opening:
+                self._open_all(opening)
+                self._snapshot, self._opened = None, opening.pop_all()
+
+    def close(self) -> None:
+        """Close the connection; the robot holds its pose."""
+        if self._opened is not None:
+            opened, self._opened = self._opened, None
+            opened.close()
+
+    def _check_connected(self) -> None:
+        check_connected(self._opened is not None, self.what)
+
+    @abstractmethod
+    def _open_all(self, opening: ExitStack) -> None:
+        """Open what it takes, with callbacks that close it."""
+
+    @abstractmethod
+    def _newest(self) -> RobotState:
+        """Newest state."""
+
+
+class MappedServos(TickedServos, Generic[Map, Counters]):
+    """Servos whose joint angles a map turns into raw positions and back.
+
+    Attributes:
+        counters: counts of the port, a dataclass.
+    """
+
+    def __init__(
+        self, robot: Robot | str | Path, *, servo_map: Map, counters: Counters, clock: Clock
+    ) -> None:
+        super().__init__(robot, clock)
+        self._map, self.counters = servo_map, counters
+        self._sent_rad: FloatArray = self._robot.stance_angles_rad.copy()
+
+    @property
+    def servo_map(self) -> Map:
+        """Which servo moves which joint, and how."""
+        return self._map
+
+    def remap(self, servo_map: RawMap) -> None:
+        """Use another calibration from now on: no servo moves, its raw position means another angle.
+
+        A guard around these servos must be cleared right after, or it takes the change for a movement.
+        """
+        raw = self._map.raw(self._sent_rad)
+        self._map = self._map.calibrated_as(servo_map)
+        self._sent_rad = self._map.angles_rad(raw)
+        self._snapshot = None
+
+    @property
+    def link_counts(self) -> dict[str, int]:
+        """Counts of the port by name."""
+        counters: DataclassInstance = self.counters  # type: ignore[assignment]
+        values = ((each.name, getattr(counters, each.name)) for each in fields(counters))
+        return {name: value for name, value in values if isinstance(value, int)}
+
+    def write(self, targets: JointTargets) -> JointTargets:
+        """Send targets; the result is the nearest that the limits of the servos allow."""
+        self._check_connected()
+        check_targets(targets)
+        sent = targets
+        if clips := bool(self._map.outside(targets.joint_positions_rad).any()):
+            sent = JointTargets(self._map.limited_rad(targets.joint_positions_rad), targets.stamp_s)
+        self._send_targets(sent.joint_positions_rad, clips=clips)
+        self._sent_rad = sent.joint_positions_rad.copy()
+        return sent
+
+    @abstractmethod
+    def _send_targets(self, positions_rad: FloatArray, *, clips: bool) -> None:
+        """Send angles (18,) within the limits of the servos, which may have been clipped to them."""
+
+
+class PortServos(MappedServos[Map, PortCounters], Generic[Map, Thread, PortCounters]):
+    """Eighteen servos on a port that a thread owns: neither `read` nor `write` waits for it.
+
+    Nothing moves before the first `write`. After `close` the robot holds its pose.
+    """
+
+    def __init__(
+        self,
+        robot: Robot | str | Path,
+        *,
+        servo_map: Map,
+        place: str,
+        counters: PortCounters,
+        clock: Clock | None = None,
+    ) -> None:
+        super().__init__(robot, servo_map=servo_map, counters=counters, clock=clock or WallClock())
+        self._place = place
+        self._thread: Thread | None = None
+        self._sent_rad = servo_map.limited_rad(self._sent_rad)
+
+    @property
+    def holds(self) -> bool:
+        """Whether the servos hold, as far as is known."""
+        return self._thread is not None and self._thread.on
+
+    def disable_torque(self) -> bool:
+        """Let all joints go limp until the next targets."""
+        self._check_connected()
+        assert self._thread is not None  # noqa: S101  for the type
+        self._thread.release()
+        return True
+
+    def _open_all(self, opening: ExitStack) -> None:
+        try:
+            self._thread = self._started()
+        except OSError as error:
+            raise RobotFaultError(self._gone(reason_of(error))) from error
+        opening.callback(self._stop)
+
+    def _stop(self) -> None:
+        thread, self._thread = self._thread, None
+        if thread is not None:
+            thread.stop()
+
+    @abstractmethod
+    def _started(self) -> Thread:
+        """The thread, with what has been found on the opened port; raises RobotFaultError or OSError."""
+
+    @abstractmethod
+    def _state(self, thread: Thread) -> RobotState:
+        """Newest state."""
+
+    def _newest(self) -> RobotState:
+        assert self._thread is not None  # noqa: S101  `read` asks whether it is connected
+        return self._state(self._thread)
+
+    def _send_targets(self, positions_rad: FloatArray, *, clips: bool) -> None:
+        assert self._thread is not None  # noqa: S101  as does `write`
+        self._thread.send(self._map.limited_raw(positions_rad))
+
+    def _gone(self, reason: str) -> str:
+        return f"the port {self._place} has gone ({reason}); is the cable still in?"

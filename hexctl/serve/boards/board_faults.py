@@ -1,0 +1,88 @@
+"""Faults of simulated boards and buses: their words, and when they begin."""
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from hexctl.errors import InputError, argument
+from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_LEGS
+
+#: Highest numbers, by their names: of a share, and of a temperature that a servo can report.
+MOST = {"SHARE": 1.0, "DEGREES_C": 200.0}
+
+_NUMBER = r"[0-9]+(?:\.[0-9]+)?"
+_FAULT = re.compile(rf"([a-z-]+)((?::[a-z0-9.]+)*)(?:@({_NUMBER}))?")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoardFault:
+    """One fault.
+
+    Attributes:
+        at_s: when it begins, on the clock of the simulated robot.
+        joint: index of its joint, 0..17, or None for those of the board or the line.
+        value: of the word's number, or None without one.
+    """
+
+    kind: str
+    at_s: float = 0.0
+    joint: int | None = None
+    value: float | None = None
+
+
+def parse_fault(text: str, kinds: Mapping[str, str]) -> BoardFault:
+    """Fault of a text such as `mute@10`, `garble:0.01` or `hot:2:femur:72@5`.
+
+    Args:
+        text: the word, what it takes with `:` in front of each, and `@` and seconds if it begins later.
+        kinds: what each word takes, such as `SHARE` or `LEG:JOINT:DEGREES_C`; in brackets if it may be left
+            out, empty for nothing. `MOST` has the highest numbers.
+
+    Raises InputError for anything else.
+    """
+    error = InputError(f"{argument('fault')}: got {text!r}; allowed: {_allowed(kinds)}")
+    found = _FAULT.fullmatch(text)
+    takes = None if found is None else kinds.get(found[1])
+    if found is None or takes is None:
+        raise error
+    names = takes.strip("[:]").split(":") if takes else []
+    given = found[2].split(":")[1:]
+    if len(given) != len(names) and (given or not takes.startswith("[")):
+        raise error
+    joint, value = None, None
+    for name, word in zip(names, given, strict=False):
+        if name == "LEG" and word in map(str, range(1, N_LEGS + 1)):
+            joint = JOINTS_PER_LEG * (int(word) - 1)
+        elif name == "JOINT" and word in JOINT_KINDS and joint is not None:
+            joint += JOINT_KINDS.index(word)
+        elif re.fullmatch(_NUMBER, word) and name not in ("LEG", "JOINT"):
+            value = float(word)
+            if value > MOST.get(name, math.inf):
+                raise error
+        else:
+            raise error
+    return BoardFault(kind=found[1], at_s=float(found[3] or 0), joint=joint, value=value)
+
+
+def _allowed(kinds: Mapping[str, str]) -> str:
+    words = [f"{kind}{takes if takes[:1] in ('', '[') else f':{takes}'}" for kind, takes in kinds.items()]
+    limits = [f"; {name} up to {most:g}" for name, most in MOST.items() if name in "".join(words)]
+    return f"{', '.join(words)}, each with @SECONDS or from the start{''.join(limits)}"
+
+
+class DueFaults:
+    """Faults that are still to come, in their order."""
+
+    def __init__(self, faults: tuple[BoardFault, ...]) -> None:
+        self._to_come = sorted(faults, key=lambda fault: fault.at_s)
+
+    def add(self, fault: BoardFault) -> None:
+        """Let another fault come, immediately if its time is over."""
+        self._to_come = sorted((*self._to_come, fault), key=lambda each: each.at_s)
+
+    def begun(self, now_s: float) -> list[BoardFault]:
+        """Those that have become due since the last time."""
+        due = [fault for fault in self._to_come if fault.at_s <= now_s]
+        self._to_come = self._to_come[len(due) :]
+        return due
