@@ -13,7 +13,7 @@ import rerun as rr
 
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
-from hexctl.control.log import COLUMNS, Recorders, TickLog
+from hexctl.control.log import COLUMN_NAMES, Recorders, TickLog
 from hexctl.control.trace import PHASES
 from hexctl.control.trial import run_trial
 from hexctl.errors import HexctlError, InputError, RecordingError
@@ -165,7 +165,7 @@ def test_blocks_that_come_fast_wait_for_the_end(trial: Trial, read: ReadBack, tm
 def test_without_a_pose_the_robot_stands_at_the_origin(trial: Trial, tmp_path: Path) -> None:
     log = TickLog()
     nowhere = {"base_position_world": np.nan, "base_quaternion_world": np.nan}
-    log.extend({name: trial.log[name] * nowhere.get(name, 1) for name, _, _ in COLUMNS})
+    log.extend({name: trial.log[name] * nowhere.get(name, 1) for name in COLUMN_NAMES})
     path = tmp_path / "blind.rrd"
     with Recording(path, trial.robot, make_plan(trial.robot), title="blind") as recording:
         recording.write_block(log, 0, len(log))
@@ -182,7 +182,7 @@ def test_where_the_position_is_lost_for_a_while_nothing_is_drawn(trial: Trial, t
     position[lost] = np.nan
     log = TickLog()
     log.frame = trial.log.frame
-    log.extend({name: trial.log[name] for name, _, _ in COLUMNS} | {"base_position_world": position})
+    log.extend({name: trial.log[name] for name in COLUMN_NAMES} | {"base_position_world": position})
     paths_read = []
     for block_ticks in (len(log), 7):
         path = tmp_path / f"{block_ticks}.rrd"

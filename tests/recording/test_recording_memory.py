@@ -12,7 +12,7 @@ import pytest
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
 from hexctl.control.log import PACED_BLOCK_TICKS, Recorders, TickLog
-from hexctl.control.row_store import RowStore
+from hexctl.control.table import Table
 from hexctl.control.trial import run_trial
 from hexctl.recording import recording
 from hexctl.recording.recording import Recording
@@ -45,7 +45,7 @@ class Watch:
 def test_memory_does_not_grow_with_the_length_of_a_walk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(RowStore.__init__.__kwdefaults__, "chunk_rows", CHUNK_ROWS)  # type: ignore[arg-type]
+    monkeypatch.setitem(Table.__init__.__kwdefaults__, "chunk_rows", CHUNK_ROWS)  # type: ignore[arg-type]
     monkeypatch.setattr(recording, "BLOCK_TICKS", 50)
     robot, watch, path = load_robot("ant"), Watch(), tmp_path / "walk.rrd"
     plan = make_plan(robot, duration_s=3 * WARM_S)
