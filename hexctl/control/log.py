@@ -199,10 +199,11 @@ class TickLog:
             self.servo_rows.append((index, state.servos))
         if state.joint_torques_nm is not None:
             columns["joint_torques_nm"][row] = state.joint_torques_nm
-        if self.controller is not None and self.controller.velocity_body is not None:
-            columns["velocity_body"][row] = self.controller.velocity_body
-        if self.controller is not None and self.controller.leg_suspicion is not None:
-            columns["leg_suspicion"][row] = self.controller.leg_suspicion
+        if self.controller is not None:
+            if (velocity_body := self.controller.velocity_body) is not None:
+                columns["velocity_body"][row] = velocity_body
+            if (leg_suspicion := self.controller.leg_suspicion) is not None:
+                columns["leg_suspicion"][row] = leg_suspicion
         if self.phase == "walk":
             self.walk_from = index if self.walk_from is None else self.walk_from
             self.walked_ticks += 1

@@ -19,7 +19,7 @@ from hexctl.export.export_options import (
 from hexctl.export.recordings import OnProgress, Trials, is_session, recordings_to_export
 from hexctl.files import file_instead
 from hexctl.recording.recorded_trial import RecordedTrial, read_trial
-from hexctl.recording.rerun_program import OnDamage, log_damage
+from hexctl.recording.rrd_reader import OnDamage, log_damage
 from hexctl.robot.configs import config_names
 from hexctl.robot.formats.mjcf import mjcf_of
 from hexctl.robot.formats.urdf import urdf_of

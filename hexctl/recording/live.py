@@ -18,8 +18,7 @@ from hexctl.control.trace import TrialFrame
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import RecordingError, RobotFaultError
 from hexctl.gait.gait import make_gait
-from hexctl.recording.rerun_program import viewer_binary
-from hexctl.recording.viewer import LOCAL, check_display, free_port, web_options, web_url
+from hexctl.recording.viewer import LOCAL, check_display, free_port, viewer_binary, web_options, web_url
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import yaw_rad

@@ -14,11 +14,8 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
 from hexctl.recording import paths
 from hexctl.recording.blueprint import make_blueprint
-from hexctl.recording.rerun_program import write_index
 from hexctl.recording.rrd import (
-    check_messages,
     check_name,
-    check_whole,
     create_file,
     disconnect,
     flush,
@@ -26,6 +23,7 @@ from hexctl.recording.rrd import (
     save_stream,
     size_of,
 )
+from hexctl.recording.rrd_reader import check_end
 from hexctl.recording.scene import LEVEL, send_scene
 from hexctl.recording.tracks.balance import Tally
 from hexctl.recording.tracks.block_writer import BlockWriter
@@ -40,11 +38,7 @@ APPLICATION_ID = "hexctl"
 
 #: Rows are written when there are this many or the last write was this long ago: chunks cost time and space.
 BLOCK_TICKS = 2000
-BLOCK_S = 1.0
-
-#: A walk that may take longer is recorded without an index at first: what Rerun keeps in memory for it grows
-#: by 150 kB a second.
-LONG_S = 120.0
+BLOCK_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +68,6 @@ class Recording:
         meshes: Meshes | None = None,
         watched: bool = False,
         servos: bool = False,
-        long: bool | None = None,
     ) -> None:
         """Create the file, with the scene and the layout in it.
 
@@ -87,8 +80,6 @@ class Recording:
             meshes: of the robot's parts; None draws solids of its geometry.
             watched: whether the walk watches its legs; the layout then has the evidence against them.
             servos: whether the servos may report temperatures and voltages; the layout then has them.
-            long: whether the walk may take longer than `LONG_S`; None takes it from the plan. The file then
-                gets its index by `write_index`, which is called once it is closed.
 
         Raises InputError for a file that exists or cannot be written, and
         MissingExtraError without Rerun.
@@ -109,9 +100,8 @@ class Recording:
         self._stream: Any = rr.RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
         floor = self._subject.floor
         blueprint = make_blueprint(robot, plan.heading_rad, floor, watched=watched, servos=servos)
-        self._sound = True
-        self._indexed = not (plan.duration_s > LONG_S if long is None else long)
-        save_stream(self._stream, path, blueprint, index=self._indexed)
+        # An index would be a fifth of the file of a short walk, and grow in memory by 150 kB a second.
+        save_stream(self._stream, path, blueprint, index=False)
         self._stream.send_recording_name(title)
         # With it a recording can be exported without the robot's file, as it was then.
         self._stream.send_property("robot", rr.AnyValues(name=robot.name, model=robot_to_json(robot)))
@@ -152,7 +142,6 @@ class Recording:
         Raises RecordingError when the disk did not take everything.
         """
         rr = load_rerun()
-        self._sound = False
         self._write_pending()
         flush(self._stream, self.path)
         written = size_of(self.path)
@@ -164,11 +153,7 @@ class Recording:
             send_outcome(self._last, result)
         flush(self._stream, self.path)
         self.close()
-        if self._indexed:
-            check_whole(self.path)
-        else:
-            check_messages(self.path, written)
-        self._sound = True
+        check_end(self.path, written)
 
     def close(self) -> None:
         """Close the file; a second call does nothing."""
@@ -179,23 +164,8 @@ class Recording:
 
     def discard(self) -> None:
         """Close the file and delete it: nothing was done that it could show."""
-        self._sound = False
         self.close()
         self.path.unlink(missing_ok=True)
-
-    @property
-    def index_due(self) -> bool:
-        """Whether `write_index` has something to do, once the file is closed."""
-        return self._sound and not self._indexed
-
-    def write_index(self) -> None:
-        """Give the closed file of a long walk its index: best when the robot needs nothing any more.
-
-        It takes 30 s for an hour of walking. Without it, also where it fails, the file opens all the same.
-        Nothing is done where `finish` has raised: what a full disk lost must not look whole.
-        """
-        if self.index_due and self._stream is None:
-            self._indexed = write_index(self.path)
 
     def _send_summary(self, result: TrialResult | None, facts: Mapping[str, Any]) -> None:
         subject, share = self._subject, self._tally.share

@@ -149,7 +149,6 @@ class Run:
         )
         servos = make_servos(self.spec.backend, options)
         with ExitStack() as stack:
-            stack.callback(self._write_index)
             self._guard = stack.enter_context(Guard(servos))
             self.notes = (
                 *self._without_effect(),
@@ -167,11 +166,6 @@ class Run:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stack.__exit__(kind, error, trace)
-
-    def _write_index(self) -> None:
-        """Complete the recording of a long walk, once the robot is no longer connected."""
-        if self._recording is not None:
-            self._recording.write_index()
 
     @property
     def title(self) -> str:
@@ -198,11 +192,6 @@ class Run:
     def robot_file(self) -> Path | None:
         """File of the robot, None for a robot that is not from a file."""
         return None if self._file is None else self._file.path
-
-    @property
-    def index_due(self) -> bool:
-        """Whether the recording gets its index when the robot is no longer connected: 30 s for an hour."""
-        return self._recording is not None and self._recording.index_due
 
     @property
     def recording_path(self) -> Path | None:

@@ -22,7 +22,7 @@ from hexctl.recording import paths, rrd
 from hexctl.recording import recording as module
 from hexctl.recording.blueprint import make_blueprint
 from hexctl.recording.recording import Recording
-from hexctl.recording.rerun_program import viewer_binary
+from hexctl.recording.viewer import viewer_binary
 from hexctl.types import JOINT_KINDS
 from tests.recording.conftest import ReadBack, Trial, make_plan, write
 
@@ -141,11 +141,13 @@ def test_outcome_is_text_and_properties(read: ReadBack) -> None:
     assert any(f"**{100 * stability:.0f} %** of the walk" in text for text in texts)
 
 
-def test_rerun_finds_nothing_wrong_with_the_file(written: Path) -> None:
-    done = subprocess.run(
-        [str(viewer_binary()), "rrd", "verify", str(written)], capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr
+def test_rerun_adds_an_index_and_finds_nothing_wrong(written: Path, tmp_path: Path) -> None:
+    indexed = tmp_path / "indexed.rrd"
+    for command in (("optimize", written, "-o", indexed), ("verify", indexed)):
+        done = subprocess.run(
+            [str(viewer_binary()), "rrd", *map(str, command)], capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stderr
 
 
 def test_blocks_give_the_same_recording(
@@ -279,7 +281,6 @@ CHILD = """
 import pickle, sys, time
 from pathlib import Path
 from hexctl.recording import recording as module
-from hexctl.recording.rrd import END_PADDING, check_whole
 from hexctl.recording.recording import Recording
 module.BLOCK_TICKS = 1
 trial = pickle.load(sys.stdin.buffer)

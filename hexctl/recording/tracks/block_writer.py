@@ -9,17 +9,12 @@ from hexctl.control.log import TickLog
 from hexctl.recording import paths
 from hexctl.recording.rrd import load_rerun
 from hexctl.recording.tracks.balance import Tally, send_balance
-from hexctl.recording.tracks.columns import (
-    Block,
-    LinkColumns,
-    Rows,
-    Subject,
-)
+from hexctl.recording.tracks.columns import Block, LinkColumns, Rows, Subject
 from hexctl.recording.tracks.course import send_course, send_deviation, send_ribbon, send_trail, send_velocity
 from hexctl.recording.tracks.events import send_events
 from hexctl.recording.tracks.failures import send_lanes, send_looks, send_suspicion
 from hexctl.recording.tracks.gait_tracks import send_feet, send_gait, send_guard, send_phases
-from hexctl.recording.tracks.servo_tracks import send_servos, send_torques
+from hexctl.recording.tracks.servo_tracks import send_samples, send_servos
 from hexctl.robot.rotations import xyzw
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, FloatArray
 
@@ -107,7 +102,7 @@ PARTS: tuple[Callable[[Block], None], ...] = (
     send_course,
     send_ribbon,
     send_deviation,
-    send_torques,
+    send_samples,
     send_velocity,
     send_suspicion,
     send_lanes,
