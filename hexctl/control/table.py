@@ -137,7 +137,8 @@ class Table:
 
     def _arrays(self, mapping: mmap.mmap | None, rows: int) -> dict[str, Any]:
         """Empty rows of each column, one column after the other in a mapping, or in memory for None."""
-        arrays, offset = {}, 0
+        arrays: dict[str, Any] = {}
+        offset = 0
         for column in self._columns:
             shape = (rows, *column.shape)
             if mapping is None:

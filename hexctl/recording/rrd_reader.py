@@ -147,14 +147,16 @@ def _fields(message: bytes) -> Iterator[tuple[int, Any]]:
         key, at = _varint(message, at)
         number, kind = key >> 3, key & 7
         value, at = _varint(message, at)
-        if kind == 2:
-            value, at = message[at : at + value], at + value
-        elif kind != 0 or at > len(message):
+        if kind == 0:
+            yield number, value
+        elif kind == 2:
+            yield number, message[at : at + value]
+            at += value
+        else:
             raise ValueError(f"a field of kind {kind}")
-        yield number, value
 
 
-def _varint(message: bytes, at: int) -> tuple[Any, int]:
+def _varint(message: bytes, at: int) -> tuple[int, int]:
     value = shift = 0
     while True:
         byte = message[at]

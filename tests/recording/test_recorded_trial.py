@@ -154,7 +154,7 @@ def test_of_a_program_that_was_killed_while_it_wrote_all_is_read_but_the_last_bl
             break
     for _ in range(parts):
         recording._write_part()
-    recording._writer = recording._pending = None  # nothing more gets to the disk
+    recording._parts, recording._due = None, recording._written  # nothing more gets to the disk
     recording.close()
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -291,7 +291,7 @@ KILLED = (
     CHILD
     + """
 recording.write_block(trial["log"], 0, 200)
-while recording._writer is not None:  # each tick writes a part
+while recording._parts is not None:  # each tick writes a part
     recording.write_block(trial["log"], 0, 200)
 time.sleep(1.0)
 print("written", flush=True)

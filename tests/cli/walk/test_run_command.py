@@ -17,7 +17,6 @@ from hexctl.backends import mock
 from hexctl.cli.main import exit_code
 from hexctl.recording import recording
 from hexctl.recording.rrd import ROOM_BYTES
-from hexctl.recording.tracks.block_writer import BlockWriter
 from tests.adapt.walking import stored_session
 from tests.backends.fake_time import FakeTime
 from tests.cli.kits import Kit
@@ -351,7 +350,7 @@ def test_a_recording_that_fails_costs_neither_the_walk_nor_its_result(
         raise RuntimeError("no space\nleft")
 
     monkeypatch.setattr(recording, "BLOCK_TICKS", block_ticks)
-    monkeypatch.setattr(BlockWriter, "steps", fail)
+    monkeypatch.setattr(recording, "send_parts", fail)
     assert _run("Kit", "--turn", "5", "--json") == 3
     printed = capsys.readouterr()
     outcome = _strict(printed.out)
