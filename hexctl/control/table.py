@@ -161,8 +161,8 @@ class Table:
             offset = os.fstat(self._file.fileno()).st_size
             os.posix_fallocate(self._file.fileno(), offset, size)
             return mmap.mmap(self._file.fileno(), size, offset=offset)
-        except OSError as error:
-            _LOG.warning("rows of ticks stay in memory: no disk takes them (%s)", error.strerror)
+        except (OSError, AttributeError) as error:  # macOS cannot reserve room
+            _LOG.warning("the log of ticks stays in memory: no disk has room for it (%s)", error)
             self._on_disk = False
             return None
 

@@ -99,15 +99,16 @@ def test_a_copy_has_all_rows_and_lives_alone(how: object) -> None:
     check(store, 0, rows + ROWS)
 
 
+@pytest.mark.parametrize("error", [OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)), AttributeError("none")])
 def test_what_the_disk_does_not_take_stays_in_memory_with_one_warning(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    error: Exception, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     store = Table(COLUMNS, chunk_rows=CHUNK)
     append(store, 2 * CHUNK)
     assert on_disk(store) == 1
 
     def full(*_: object) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        raise error
 
     monkeypatch.setattr(os, "posix_fallocate", full)
     append(store, ROWS)
