@@ -40,6 +40,13 @@ def chosen(condition: BoolArray | np.bool_, yes: FloatArray | float, no: FloatAr
     return np.where(condition, yes, no)
 
 
+def within(value: FloatArray, most: FloatArray) -> FloatArray:
+    """The value limited to -most .. most, or NaN; faster than NumPy for the scalars of a single robot."""
+    if isinstance(value, np.floating):
+        return most if value > most else -most if value < -most else value
+    return np.minimum(np.maximum(value, -most), most)
+
+
 def any_of(condition: BoolArray | np.bool_) -> bool:
     """Whether a condition holds anywhere; `condition.any()`, faster for a scalar."""
     return bool(condition) if isinstance(condition, np.bool_) else bool(condition.any())

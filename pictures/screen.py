@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from hexctl.recording.rerun_program import viewer_binary
+from hexctl.recording.viewer import viewer_binary
 from pictures.needed import MissingProgramError
 
 #: Where programs keep what they remember, instead of HOME.

@@ -7,9 +7,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from hexctl.recording.rerun_program import viewer_binary
 from hexctl.recording.rrd import load_rerun
-from hexctl.recording.viewer import LOCAL, free_port
+from hexctl.recording.viewer import LOCAL, free_port, viewer_binary
 from pictures.needed import MissingProgramError
 from pictures.picture import Picture
 from pictures.screen import strange_home, virtual_screen

@@ -165,7 +165,7 @@ SLOW = (
     "tests/study/test_default_gaits.py::test_the_report_has_them_beside_the_searches",
     "tests/study/verdicts/test_claims.py::test_claims_about_searches",
     "tests/cli/robot/test_check_command.py::test_the_simulations_own_uncertainty_is_measured_and_kept",
-    "tests/recording/test_rerun_program_damage.py",
+    "tests/recording/test_rrd_reader.py",
     "tests/doctor/test_checkup.py",
 )
 

@@ -206,7 +206,6 @@ class TrialRunner:
             )
         except InputError as error:
             raise _unwritable(path, error) from error
-        stack.callback(recording.write_index)
         stack.callback(recording.close)
         note_created(path)
         return recording

@@ -6,37 +6,61 @@ from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hexctl.backends.clock import Tick
 from hexctl.control.controllers import Controller
-from hexctl.control.row_store import Column, RowStore, ServoRows
+from hexctl.control.table import Column, ServoRows, Table
 from hexctl.control.trace import PHASES, TrialFrame
 from hexctl.errors import InputError, MissingExtraError, check_type
 from hexctl.robot.failure import Failure
-from hexctl.types import JOINT_NAMES, N_JOINTS, N_LEGS, BoolArray, FloatArray, JointTargets, RobotState
-
-#: Name, width and type of each column; a width of 0 is a plain value per tick.
-COLUMNS: tuple[Column, ...] = (
-    ("time_s", 0, float),
-    ("late_s", 0, float),
-    ("work_s", 0, float),
-    ("phase", 0, int),
-    ("measured_rad", N_JOINTS, float),
-    ("wanted_rad", N_JOINTS, float),
-    ("commanded_rad", N_JOINTS, float),
-    ("base_position_world", 3, float),
-    ("base_quaternion_world", 4, float),
-    ("foot_contacts", N_LEGS, bool),
-    ("joint_torques_nm", N_JOINTS, float),
-    ("velocity_body", 3, float),
-    ("leg_suspicion", N_LEGS, float),
-)
-
-_NAMES = tuple(name for name, _, _ in COLUMNS)
+from hexctl.types import JOINT_NAMES, N_JOINTS, N_LEGS, FloatArray, JointTargets, RobotState
 
 #: Legs in names of columns.
 LEG_NAMES = tuple(f"leg{leg}" for leg in range(1, N_LEGS + 1))
+
+
+def joint_fields(what: str, unit: str) -> tuple[str, ...]:
+    """Names of a value of all 18 joints in data frames, such as `measured_leg1_coxa_rad`."""
+    return tuple(f"{what}_{joint}_{unit}" for joint in JOINT_NAMES)
+
+
+def _joints(name: str, what: str, unit: str, meaning: str) -> Column:
+    return Column(name, (N_JOINTS,), unit, meaning, fields=joint_fields(what, unit))
+
+
+def _vector(name: str, fields: Sequence[str], unit: str, meaning: str, kind: type = float) -> Column:
+    return Column(name, (len(fields),), unit, meaning, kind, tuple(fields))
+
+
+#: The columns of a log, in the order of data frames: what is logged, drawn, exported and sent to a viewer.
+COLUMNS: tuple[Column, ...] = (
+    Column("time_s", unit="s", meaning="time of the tick, on the clock of the servos"),
+    Column("phase", meaning="index in `hexctl.control.trace.PHASES`", kind=int),
+    _joints("commanded_rad", "commanded", "rad", "joint angles that the guard let pass"),
+    _joints("measured_rad", "measured", "rad", "joint angles that the robot reported"),
+    _vector("base_position_world", [f"base_{axis}_m" for axis in "xyz"], "m", "position of the body"),
+    _vector("base_quaternion_world", [f"base_q{axis}" for axis in "wxyz"], "", "orientation of the body"),
+    _vector("foot_contacts", [f"contact_{leg}" for leg in LEG_NAMES], "", "which feet touch the floor", bool),
+    _joints("joint_torques_nm", "torque", "nm", "torques of the actuators"),
+    _vector(
+        "velocity_body",
+        ("commanded_forward_m_s", "commanded_left_m_s", "commanded_turn_rad_s"),
+        "m/s, rad/s",
+        "commanded velocity: forward, left, turn",
+    ),
+    _vector(
+        "leg_suspicion",
+        [f"suspicion_{leg}" for leg in LEG_NAMES],
+        "",
+        "evidence against each leg, an alarm at 1",
+    ),
+    _joints("wanted_rad", "wanted", "rad", "joint angles that the controller returned"),
+    Column("late_s", unit="s", meaning="how much later than planned the tick began"),
+    Column("work_s", unit="s", meaning="how long its work took"),
+)
+
+#: Their names.
+COLUMN_NAMES = tuple(column.name for column in COLUMNS)
 
 #: Ticks of a block in a walk that runs ahead of time: a second.
 BLOCK_TICKS = 50
@@ -74,23 +98,8 @@ class LegChange:
 class TickLog:
     """Rows of all ticks of a trial so far; those of the last minutes are in memory.
 
-    `log[name]` gives a column for all T ticks, and `to_frame` a table of pandas. The columns are
-
-    | name | shape | value |
-    |---|---|---|
-    | `time_s` | (T,) | time of the tick, on the clock of the servos |
-    | `late_s` | (T,) | how much later than planned the tick began |
-    | `work_s` | (T,) | how long its work took |
-    | `phase` | (T,) | index in `hexctl.control.trace.PHASES` |
-    | `measured_rad` | (T, 18) | joint angles that the robot reported |
-    | `wanted_rad` | (T, 18) | joint angles that the controller returned |
-    | `commanded_rad` | (T, 18) | joint angles that the guard let pass |
-    | `base_position_world` | (T, 3) | position of the body in m |
-    | `base_quaternion_world` | (T, 4) | its orientation as w, x, y, z |
-    | `foot_contacts` | (T, 6) | which feet touch the floor; False if it is not measured |
-    | `joint_torques_nm` | (T, 18) | torques of the actuators |
-    | `velocity_body` | (T, 3) | commanded velocity: forward and left in m/s, turn in rad/s |
-    | `leg_suspicion` | (T, 6) | evidence against each leg, an alarm at 1 |
+    `log[name]` gives a column of `COLUMNS` for all T ticks, (T,) or (T, width), and `to_frame` a table of
+    pandas.
 
     What is not known is NaN: a pose or torques that the robot does not measure, a velocity in a walk that is
     not steered, evidence in a walk that does not watch its legs. Given to `run_trial` as a recorder, a log is
@@ -123,15 +132,15 @@ class TickLog:
         self.leg_changes: list[LegChange] = []
         self.servo_rows = ServoRows()
         self._failures_by: dict[str, tuple[Failure, ...]] = {}
-        self._rows = RowStore(COLUMNS)
+        self._rows = Table(COLUMNS)
 
     def __len__(self) -> int:
         return len(self._rows)
 
     def __getitem__(self, name: str) -> Any:
         """All rows of a column; raises KeyError with the names that there are."""
-        if name not in _NAMES:
-            raise KeyError(f"{name}; allowed: {', '.join(_NAMES)}")
+        if name not in COLUMN_NAMES:
+            raise KeyError(f"{name}; allowed: {', '.join(COLUMN_NAMES)}")
         return self._rows.rows(name, 0, len(self))
 
     def __repr__(self) -> str:
@@ -154,25 +163,14 @@ class TickLog:
             import pandas
         except ModuleNotFoundError as error:
             raise MissingExtraError("a data frame", "data") from error
-        time_s, contacts = self["time_s"], self["foot_contacts"]
-        walk_s = np.zeros(len(self))
+        values = {name: self[name] for name in COLUMN_NAMES}
+        time_s, walk_s = values["time_s"], np.zeros(len(self))
         if self.walk_from is not None:
             walk_s = np.maximum(0.0, time_s - time_s[self.walk_from])
-        columns = tick_columns(
-            time_s=time_s - time_s[:1],
-            walk_s=walk_s,
-            phases=self["phase"],
-            commanded_rad=self["commanded_rad"],
-            measured_rad=self["measured_rad"],
-            base_position_world=self["base_position_world"],
-            base_quaternion_world=self["base_quaternion_world"],
-            foot_contacts=contacts if self.contacts_known or contacts.any() else None,
-            torques_nm=self["joint_torques_nm"],
-            velocity_body=self["velocity_body"],
-            leg_suspicion=self["leg_suspicion"],
-        )
-        columns |= joint_columns("wanted", "rad", self["wanted_rad"])
-        return pandas.DataFrame({**columns, "late_s": self["late_s"], "work_s": self["work_s"]})
+        if not (self.contacts_known or values["foot_contacts"].any()):
+            del values["foot_contacts"]
+        values |= {"time_s": time_s - time_s[:1], "walk_s": walk_s}
+        return pandas.DataFrame(frame_columns(values))
 
     def rows(self, name: str, start: int, stop: int) -> Any:
         """Rows [start, stop) of a column."""
@@ -181,7 +179,7 @@ class TickLog:
     def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
         """Append one tick."""
         index = len(self)
-        columns, row = self._rows.append()
+        columns, row, _ = self._rows.append()
         columns["time_s"][row] = tick.time_s
         columns["late_s"][row] = tick.late_s
         columns["phase"][row] = PHASES.index(self.phase)
@@ -201,10 +199,11 @@ class TickLog:
             self.servo_rows.append((index, state.servos))
         if state.joint_torques_nm is not None:
             columns["joint_torques_nm"][row] = state.joint_torques_nm
-        if self.controller is not None and self.controller.velocity_body is not None:
-            columns["velocity_body"][row] = self.controller.velocity_body
-        if self.controller is not None and self.controller.leg_suspicion is not None:
-            columns["leg_suspicion"][row] = self.controller.leg_suspicion
+        if self.controller is not None:
+            if (velocity_body := self.controller.velocity_body) is not None:
+                columns["velocity_body"][row] = velocity_body
+            if (leg_suspicion := self.controller.leg_suspicion) is not None:
+                columns["leg_suspicion"][row] = leg_suspicion
         if self.phase == "walk":
             self.walk_from = index if self.walk_from is None else self.walk_from
             self.walked_ticks += 1
@@ -232,8 +231,8 @@ class TickLog:
         if self.posed_from is None and posed.size:
             self.posed_from = len(self) + int(posed[0])
         while done < count:
-            columns, row, fits = self._rows.append_some(count - done)
-            for name, _, _ in COLUMNS:
+            columns, row, fits = self._rows.append(count - done)
+            for name in COLUMN_NAMES:
                 columns[name][row : row + fits] = rows[name][done : done + fits]
             done += fits
         walked = np.flatnonzero(rows["phase"] == PHASES.index("walk"))
@@ -243,7 +242,7 @@ class TickLog:
 
     def took(self, work_s: float) -> None:
         """Set how long the work of the last tick took, its recording included."""
-        columns, row = self._rows.newest()
+        columns, row = self._rows.last()
         columns["work_s"][row] = work_s
 
     def rows_of(self, phase: str) -> slice:
@@ -363,51 +362,21 @@ class _Active:
     done: int
 
 
-def tick_columns(
-    *,
-    time_s: FloatArray,
-    walk_s: FloatArray,
-    phases: NDArray[np.int64],
-    commanded_rad: FloatArray,
-    measured_rad: FloatArray,
-    base_position_world: FloatArray,
-    base_quaternion_world: FloatArray,
-    foot_contacts: BoolArray | None,
-    torques_nm: FloatArray,
-    velocity_body: FloatArray,
-    leg_suspicion: FloatArray,
-) -> dict[str, Any]:
-    """Columns (T,) by name, in the order of a table; NaN where a value is not known.
+def frame_columns(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Columns (T,) of a data frame by name, in the order of `COLUMNS`.
 
     Args:
-        time_s: since the first tick.
-        walk_s: since the walk began; 0 before it.
-        phases: indices in `hexctl.control.trace.PHASES`.
-        commanded_rad: joint angles that were sent, (T, 18).
-        measured_rad: joint angles that came back, (T, 18).
-        base_position_world: (T, 3) in m.
-        base_quaternion_world: (T, 4) as w, x, y, z.
-        foot_contacts: which feet touch the floor, (T, 6); None if it is not measured.
-        torques_nm: of the joints, (T, 18).
-        velocity_body: commanded, forward and left in m/s, turn in rad/s, (T, 3).
-        leg_suspicion: evidence against each leg, (T, 6).
+        values: columns of a log by name, as far as the data frame has them, and `walk_s`: the time since the
+            walk began. Foot contacts that are left out are NaN.
     """
-    contacts = np.full((len(time_s), N_LEGS), np.nan) if foot_contacts is None else foot_contacts
-    columns: dict[str, Any] = {"time_s": time_s, "walk_s": walk_s, "phase": np.array(PHASES)[phases]}
-    columns |= joint_columns("commanded", "rad", commanded_rad)
-    columns |= joint_columns("measured", "rad", measured_rad)
-    columns |= {f"base_{axis}_m": base_position_world[:, place] for place, axis in enumerate("xyz")}
-    columns |= {f"base_q{axis}": base_quaternion_world[:, place] for place, axis in enumerate("wxyz")}
-    columns |= _named("contact", LEG_NAMES, "", contacts)
-    columns |= joint_columns("torque", "nm", torques_nm)
-    columns |= _named("commanded", ("forward_m_s", "left_m_s", "turn_rad_s"), "", velocity_body)
-    return columns | _named("suspicion", LEG_NAMES, "", leg_suspicion)
-
-
-def joint_columns(what: str, unit: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """Columns of the 18 joints, such as `measured_leg1_coxa_rad`, of values (T, 18)."""
-    return _named(what, JOINT_NAMES, unit, values)
-
-
-def _named(what: str, names: Sequence[str], unit: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    return {"_".join(filter(None, (what, name, unit))): values[:, place] for place, name in enumerate(names)}
+    unknown = {"foot_contacts": np.full((len(values["time_s"]), N_LEGS), np.nan)}
+    frame: dict[str, Any] = {}
+    for column in COLUMNS:
+        if (each := {**unknown, **values}.get(column.name)) is None:
+            continue
+        if column.name == "phase":
+            each = np.array(PHASES)[each]
+        frame |= {name: each[:, place] for place, name in enumerate(column.fields)} or {column.name: each}
+        if column.name == "time_s":
+            frame["walk_s"] = values["walk_s"]
+    return frame

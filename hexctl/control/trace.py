@@ -4,17 +4,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hexctl.control.row_store import Column, RowStore
+from hexctl.control.table import Column, Table
 from hexctl.types import ArrayFields, FloatArray, RobotState
 
 #: The phases of a trial, in their order.
 PHASES = ("settle", "turn", "walk", "stop")
 
 COLUMNS: tuple[Column, ...] = (
-    ("time_s", 0, float),
-    ("position_world", 3, float),
-    ("quaternion_world", 4, float),
-    ("true_position_world", 3, float),
+    Column("time_s"),
+    Column("position_world", (3,)),
+    Column("quaternion_world", (4,)),
+    Column("true_position_world", (3,)),
 )
 
 
@@ -53,7 +53,7 @@ class Trace:
 
     def __init__(self) -> None:
         self.frame: TrialFrame | None = None
-        self._rows = RowStore(COLUMNS)
+        self._rows = Table(COLUMNS)
         self._starts: dict[str, int] = {}
 
     def __len__(self) -> int:
@@ -65,7 +65,7 @@ class Trace:
 
     def add(self, time_s: float, state: RobotState, true_position_world: FloatArray | None = None) -> None:
         """Append the tick at a time of the servos' clock, with the true position of a simulation."""
-        columns, row = self._rows.append()
+        columns, row, _ = self._rows.append()
         columns["time_s"][row] = time_s
         if state.base_position_world is not None:
             columns["position_world"][row] = state.base_position_world

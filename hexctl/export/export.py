@@ -11,7 +11,7 @@ import numpy as np
 
 from hexctl.adapt.sessions.session_tables import export_session
 from hexctl.adapt.sessions.store import RUNS
-from hexctl.control.log import joint_columns, tick_columns
+from hexctl.control.log import frame_columns, joint_fields
 from hexctl.errors import InputError, MissingExtraError, argument
 from hexctl.export.export_options import (
     FORMATS,
@@ -24,7 +24,7 @@ from hexctl.export.export_options import (
 from hexctl.export.recordings import OnProgress, Trials, is_session, recordings_to_export
 from hexctl.files import file_instead
 from hexctl.recording.recorded_trial import RecordedTrial, read_trial
-from hexctl.recording.rerun_program import OnDamage, log_damage
+from hexctl.recording.rrd_reader import OnDamage, log_damage
 from hexctl.robot.configs import config_names
 from hexctl.robot.formats.mjcf import mjcf_of
 from hexctl.robot.formats.urdf import urdf_of
@@ -45,22 +45,25 @@ def trial_columns(trial: RecordedTrial) -> dict[str, Any]:
     """Columns of a trial by name, (T,) each; NaN, or an empty text, where nothing was recorded."""
     ticks = len(trial)
     columns: dict[str, Any] = {"stamp_ns": trial.stamps_ns}
-    columns |= tick_columns(
-        time_s=trial.time_s,
-        walk_s=trial.walk_s,
-        phases=trial.phases,
-        commanded_rad=trial.commanded_rad,
-        measured_rad=trial.measured_rad,
-        base_position_world=trial.base_position_world,
-        base_quaternion_world=trial.base_quaternion_world,
-        foot_contacts=trial.foot_contacts,
-        torques_nm=trial.torques_nm.at_every_tick(ticks),
-        velocity_body=trial.velocity_body.at_every_tick(ticks),
-        leg_suspicion=trial.leg_suspicion.at_every_tick(ticks),
+    contacts = {} if trial.foot_contacts is None else {"foot_contacts": trial.foot_contacts}
+    columns |= frame_columns(
+        {
+            "time_s": trial.time_s,
+            "walk_s": trial.walk_s,
+            "phase": trial.phases,
+            "commanded_rad": trial.commanded_rad,
+            "measured_rad": trial.measured_rad,
+            "base_position_world": trial.base_position_world,
+            "base_quaternion_world": trial.base_quaternion_world,
+            "joint_torques_nm": trial.torques_nm.at_every_tick(ticks),
+            "velocity_body": trial.velocity_body.at_every_tick(ticks),
+            "leg_suspicion": trial.leg_suspicion.at_every_tick(ticks),
+            **contacts,
+        }
     )
     for name, samples in trial.servos.items():
-        first, unit = READING_COLUMNS[name]
-        columns |= joint_columns(first, unit, samples.at_every_tick(ticks))
+        fields = joint_fields(*READING_COLUMNS[name])
+        columns |= dict(zip(fields, samples.at_every_tick(ticks).T, strict=True))
     texts = [""] * ticks
     for event in trial.events:
         texts[event.row] = "; ".join(filter(None, (texts[event.row], event.text)))

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 from hexctl.adapt.sessions.store import load_session
 from hexctl.errors import InputError, check_type
 from hexctl.recording.recorded_trial import RecordedTrial, read_trial
-from hexctl.recording.rerun_program import OnDamage, log_damage
+from hexctl.recording.rrd_reader import OnDamage, log_damage
 from hexctl.robot.model import Robot
 
 #: What is told while an export runs: how much is done, and how much there is.

@@ -21,6 +21,11 @@ from hexctl.types import N_LEGS, ArrayFields, BoolArray, FloatArray
 
 SWING_START, SWING_TOP, SWING_END = 1 / 3, 1 / 2, 2 / 3
 
+# Constants of the curves. NumPy calculates with arrays faster than with numbers, to the same bits.
+_SLOPE, _SWING_SLOPE, _LIFT_SLOPE = np.array(1.5), np.array(3.0), np.array(6.0)
+_BACK, _ZERO, _ONE = np.array(-0.5), np.array(0.0), np.array(1.0)
+_TOP, _END = np.array(SWING_TOP), np.array(SWING_END)
+
 
 def phase_in_cycle(cycles: ArrayLike, slots: ArrayLike) -> FloatArray:
     """Normalised time of each leg in [0, 1), u = mod(t + (g_i - 1) / 6, 1) (paper, Eq. 5).
@@ -35,7 +40,8 @@ def phase_in_cycle(cycles: ArrayLike, slots: ArrayLike) -> FloatArray:
 def part_of_cycle(cycles: FloatArray) -> FloatArray:
     """What times in cycles have of a cycle, in [0, 1)."""
     # mod of a tiny negative rounds to 1.0 itself, which is the start of the cycle: hence the second one.
-    return np.mod(np.mod(cycles, 1.0), 1.0)
+    part: FloatArray = np.mod(np.mod(cycles, _ONE), _ONE)
+    return part
 
 
 def stroke_offset(u: FloatArray, swing_share: FloatArray | None = None) -> FloatArray:
@@ -52,7 +58,9 @@ def stroke_offset(u: FloatArray, swing_share: FloatArray | None = None) -> Float
         later = np.where(u < (1 + swing_share) / 2, swinging, landed)
         return np.where(u < standing / 2, u / standing, later)
     # Before the swing its piece is above the first one, after it below the last one: faster than `np.where`.
-    return np.minimum(1.5 * u, np.maximum(1.5 - 3.0 * u, -0.5 + 1.5 * (u - SWING_END)))
+    swinging = np.maximum(_SLOPE - _SWING_SLOPE * u, _BACK + _SLOPE * (u - _END))
+    offset: FloatArray = np.minimum(_SLOPE * u, swinging)
+    return offset
 
 
 def lift_offset(u: FloatArray, swing_share: FloatArray | None = None) -> FloatArray:
@@ -63,7 +71,8 @@ def lift_offset(u: FloatArray, swing_share: FloatArray | None = None) -> FloatAr
     """
     if swing_share is not None:
         return np.maximum(1.0 - 2.0 / swing_share * np.abs(u - SWING_TOP), 0.0)
-    return np.maximum(1.0 - 6.0 * np.abs(u - SWING_TOP), 0.0)
+    height: FloatArray = np.maximum(_ONE - _LIFT_SLOPE * np.abs(u - _TOP), _ZERO)
+    return height
 
 
 def in_stance(u: FloatArray, swing_share: FloatArray | None = None) -> BoolArray:
@@ -198,9 +207,11 @@ def feet_at_phases(
     stroke, lift = stroke_offset(u, pattern.swing_share), lift_offset(u, pattern.swing_share)
     if pattern.stepping is not None:
         stroke, lift = stroke * pattern.stepping, lift * pattern.stepping
+    if not (isinstance(envelope, float) and envelope == 1.0):
+        stroke, lift = envelope * stroke, envelope * lift
     feet = np.empty((*u.shape, 3))
-    np.multiply((envelope * stroke)[..., np.newaxis], strokes, out=feet[..., :2])
-    feet[..., 2] = envelope * lift * pattern.height_m
+    np.multiply(stroke[..., np.newaxis], strokes, out=feet[..., :2])
+    np.multiply(lift, pattern.height_m, out=feet[..., 2])
     if pattern.posture_m is not None:
         feet += np.asarray(envelope)[..., np.newaxis] * pattern.posture_m
     feet += robot.stance_feet_body

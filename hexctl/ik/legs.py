@@ -82,10 +82,13 @@ def solve_legs(robot: Robot, feet_body: FloatArray) -> LegAngles:
     distance = np.sqrt(outward * outward + up * up)
     side = np.minimum(np.maximum(distance, leg.least_m), leg.most_m)
     square = side * side
-    at_hip = (leg.femur_square + square - leg.tibia_square) / (leg.twice_femur * side)
-    at_knee = (leg.sum_of_squares - square) / leg.twice_product
-    femur_up = np.arctan2(up, outward) + np.arccos(_cosine(at_hip))
-    tibia_up = femur_up + np.arccos(_cosine(at_knee)) - _HALF_TURN
+    # The angles at the hip and at the knee, from their cosines.
+    angles = np.empty((2, *x.shape))
+    np.divide(leg.femur_square + square - leg.tibia_square, leg.twice_femur * side, out=angles[0])
+    np.divide(leg.sum_of_squares - square, leg.twice_product, out=angles[1])
+    at_hip, at_knee = np.arccos(_cosine(angles), out=angles)
+    femur_up = np.arctan2(up, outward) + at_hip
+    tibia_up = femur_up + at_knee - _HALF_TURN
 
     joints = np.empty((*x.shape, JOINTS_PER_LEG))
     np.subtract(np.arctan2(y, x), robot.mount_yaws_rad, out=joints[..., 0])

@@ -9,6 +9,16 @@ from hexctl.backends.sim.terrain import Floor
 from hexctl.palette import BACKGROUND
 from hexctl.recording import paths, style
 from hexctl.recording.rrd import load_rerun
+from hexctl.recording.series import (
+    DEVIATION,
+    MARGIN,
+    SUSPICION,
+    TEMPERATURES,
+    TORQUES,
+    VELOCITY,
+    VOLTAGES,
+    Series,
+)
 from hexctl.robot.model import Robot
 
 #: The eye, as seen along the line of travel, in stance radii: behind, to the right, above.
@@ -42,21 +52,17 @@ def make_blueprint(
     hidden = rrb.PlotLegend(visible=False)
     # All legs have a lane in a window of 760 points.
     scene = rrb.Vertical(scene_view(robot, heading_rad, floor), _lanes_view(), row_shares=[5, 6])
-    evidence = [plot(paths.SUSPICION, "evidence, alarm at 1")] if watched else []
-    reports = [
-        plot(path, name, plot_legend=hidden)
-        for path, name in ((paths.TEMPERATURES, "servos (°C)"), (paths.VOLTAGES, "servos (V)"))
-        if servos
-    ]
+    evidence = [plot_of(SUSPICION)] if watched else []
+    reports = [plot_of(one, plot_legend=hidden) for one in (TEMPERATURES, VOLTAGES) if servos]
     side = rrb.Vertical(
         rrb.Tabs(_summary_view(), _events_view(), active_tab=1 if live else 0),
-        plot(paths.DEVIATION, "deviation from the line (m), left +", plot_legend=hidden),
-        plot(paths.MARGIN, "stability margin (m), unstable below 0", plot_legend=hidden),
+        plot_of(DEVIATION, plot_legend=hidden),
+        plot_of(MARGIN, plot_legend=hidden),
         rrb.Tabs(
             *evidence,
             *(plot(paths.leg_path(leg), f"leg {leg} (rad)") for leg in paths.LEGS),
-            plot(paths.TORQUES, "torques (N m)", plot_legend=hidden),
-            plot(paths.VELOCITY, "commanded velocity"),
+            plot_of(TORQUES, plot_legend=hidden),
+            plot_of(VELOCITY),
             *reports,
         ),
         row_shares=[10, 4, 4, 6],
@@ -159,6 +165,11 @@ def _events_view() -> Any:
     import rerun.blueprint as rrb
 
     return rrb.TextLogView(origin=paths.EVENTS, name="events")
+
+
+def plot_of(series: Series, **more: Any) -> Any:
+    """View of a series over the time that all views share."""
+    return plot(series.path, series.title, **more)
 
 
 def plot(origin: str, name: str, **more: Any) -> Any:

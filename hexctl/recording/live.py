@@ -13,13 +13,12 @@ from typing import Any, Self
 
 from hexctl.backends.clock import PERIOD_S, WallClock
 from hexctl.backends.sim.terrain import Floor
-from hexctl.control.log import COLUMNS, TickLog
+from hexctl.control.log import COLUMN_NAMES, TickLog
 from hexctl.control.trace import TrialFrame
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import RecordingError, RobotFaultError
 from hexctl.gait.gait import make_gait
-from hexctl.recording.rerun_program import viewer_binary
-from hexctl.recording.viewer import LOCAL, check_display, free_port, web_options, web_url
+from hexctl.recording.viewer import LOCAL, check_display, free_port, viewer_binary, web_options, web_url
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import yaw_rad
@@ -172,7 +171,7 @@ class LiveView:
 def rows_of(log: TickLog, start: int, stop: int) -> dict[str, Any]:
     """Rows [start, stop) of a log and what happened in them, which `append` of the feeder takes."""
     return {
-        "rows": {name: log.rows(name, start, stop) for name, _, _ in COLUMNS},
+        "rows": {name: log.rows(name, start, stop) for name in COLUMN_NAMES},
         "frame": log.frame,
         "pose_known": log.pose_known,
         "contacts_known": log.contacts_known,

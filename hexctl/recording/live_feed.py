@@ -17,8 +17,8 @@ from hexctl.recording.blueprint import make_blueprint
 from hexctl.recording.recording import APPLICATION_ID
 from hexctl.recording.rrd import Layout, free_streams, load_rerun
 from hexctl.recording.scene import LEVEL, send_scene
-from hexctl.recording.tracks.block_writer import BlockWriter
-from hexctl.recording.tracks.columns import Subject
+from hexctl.recording.tracks.columns import Block, Subject
+from hexctl.recording.tracks.parts import send_parts
 from hexctl.recording.viewer import LOCAL
 from hexctl.robot.loader import load_meshes
 from hexctl.robot.meshes import Meshes
@@ -52,7 +52,8 @@ class Feed:
         if self._began_at_s is None:
             times_s = log["time_s"]
             self._began_at_s = block["at_s"] - float(times_s[-1] - times_s[0])
-        BlockWriter(self._stream, self._subject, log, start, len(log), self._began_at_s).write()
+        for _ in send_parts(Block(self._stream, self._subject, log, start, len(log), self._began_at_s)):
+            pass
 
     def close(self) -> None:
         """Send the remaining rows to the viewer."""

@@ -1,7 +1,6 @@
 """A recorded trial, read back from its .rrd file as arrays."""
 
 import json
-import warnings
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -13,15 +12,15 @@ from numpy.typing import NDArray
 
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.trace import PHASES
-from hexctl.errors import HexctlError, InputError, MissingExtraError
+from hexctl.errors import HexctlError, InputError
 from hexctl.recording import paths, style
-from hexctl.recording.rerun_program import check_sound
-from hexctl.recording.rrd import check_name, check_there, load_rerun
-from hexctl.recording.tracks.servo_tracks import READINGS
+from hexctl.recording.rrd import check_name
+from hexctl.recording.rrd_reader import entity_of, read_chunks
+from hexctl.recording.series import SERVOS, SUSPICION, TORQUES, VELOCITY, Series
 from hexctl.robot.formats.json_model import robot_from_json
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wxyz
-from hexctl.types import JOINT_KINDS, N_JOINTS, N_LEGS, ArrayFields, BoolArray, FloatArray
+from hexctl.types import JOINT_KINDS, N_LEGS, ArrayFields, BoolArray, FloatArray
 
 Rows = NDArray[np.int64]
 
@@ -142,13 +141,12 @@ def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
     """
     path = Path(path)
     check_name(path)
-    check_there(path)
     columns = _Columns(path)
     times_ns, joints_rad = _joints(columns, path)
     properties = columns.properties("trial") or {"title": columns.name()}
     at = _Ticks(times_ns)
     position_m, quaternion = _pose(columns, at)
-    servos = {name: at.samples(columns, entity, N_JOINTS) for name, entity in READINGS.items()}
+    servos = {str(series.source): at.samples(columns, series) for series in SERVOS}
     return RecordedTrial(
         path=path,
         robot=robot or _robot(columns, path),
@@ -162,10 +160,10 @@ def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
         base_position_world=position_m,
         base_quaternion_world=quaternion,
         foot_contacts=_contacts(columns, at),
-        torques_nm=at.samples(columns, paths.TORQUES, N_JOINTS),
-        velocity_body=at.samples(columns, paths.VELOCITY, 3),
+        torques_nm=at.samples(columns, TORQUES),
+        velocity_body=at.samples(columns, VELOCITY),
         leg_conditions=_leg_conditions(columns, at),
-        leg_suspicion=_without_alarm(at.samples(columns, paths.SUSPICION, N_LEGS + 1)),
+        leg_suspicion=_without_alarm(at.samples(columns, SUSPICION)),
         servos={name: samples for name, samples in servos.items() if samples.rows.size},
         events=tuple(_events(columns, at)),
         floor_quaternion=columns.static_quaternion(paths.GROUND),
@@ -198,24 +196,8 @@ class _Columns:
     def __init__(self, path: Path) -> None:
         self._chunks: dict[str, list[Any]] = defaultdict(list)
         self._end_ns: int | None = None
-        try:
-            load_rerun()
-            from rerun.chunk import RrdReader
-        except (ImportError, MissingExtraError) as error:
-            raise MissingExtraError("reading a recording", "view") from error
-        check_sound(path)
-        try:
-            with warnings.catch_warnings():
-                # Recordings of a program that was killed lack their index, and those of long walks at first.
-                warnings.filterwarnings("ignore", message="RRD file has no footer")
-                for chunk in RrdReader(path).stream().to_chunks():
-                    self._chunks[chunk.entity_path].append(chunk.to_record_batch())
-        except (OSError, RuntimeError, ValueError) as error:
-            reason = " ".join(str(error).split())
-            trouble = "cannot be read" if isinstance(error, OSError) else "is damaged"
-            raise InputError(
-                f"recording: {path} {trouble} ({reason}); allowed: a recording that hexctl run made"
-            ) from error
+        for batch in read_chunks(path):
+            self._chunks[entity_of(batch)].append(batch)
 
     def cut(self, end_ns: int) -> None:
         """Leave out what is later than a time."""
@@ -310,9 +292,9 @@ class _Ticks:
         found = np.searchsorted(self.times_ns, times_ns, side="right") - 1
         return np.asarray(np.clip(found, 0, len(self.times_ns) - 1), dtype=np.int64)
 
-    def samples(self, columns: _Columns, entity: str, width: int) -> Samples:
-        """Scalars of an entity."""
-        times_ns, values = columns.numbers(entity, "Scalars:scalars", width)
+    def samples(self, columns: _Columns, series: Series) -> Samples:
+        """The numbers of a series."""
+        times_ns, values = columns.numbers(series.path, "Scalars:scalars", len(series.names))
         return Samples(self.rows(times_ns), values)
 
     def held(self, times_ns: Rows, states: list[str], names: tuple[str, ...]) -> Rows:

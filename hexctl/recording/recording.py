@@ -3,7 +3,6 @@
 import time
 import uuid
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -14,11 +13,8 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
 from hexctl.recording import paths
 from hexctl.recording.blueprint import make_blueprint
-from hexctl.recording.rerun_program import write_index
 from hexctl.recording.rrd import (
-    check_messages,
     check_name,
-    check_whole,
     create_file,
     disconnect,
     flush,
@@ -26,11 +22,12 @@ from hexctl.recording.rrd import (
     save_stream,
     size_of,
 )
+from hexctl.recording.rrd_reader import check_end
 from hexctl.recording.scene import LEVEL, send_scene
 from hexctl.recording.tracks.balance import Tally
-from hexctl.recording.tracks.block_writer import BlockWriter
 from hexctl.recording.tracks.columns import Block, Subject
 from hexctl.recording.tracks.events import send_outcome
+from hexctl.recording.tracks.parts import send_parts
 from hexctl.recording.trial_summary import make_markdown, make_properties
 from hexctl.robot.formats.json_model import robot_to_json
 from hexctl.robot.meshes import Meshes
@@ -40,19 +37,7 @@ APPLICATION_ID = "hexctl"
 
 #: Rows are written when there are this many or the last write was this long ago: chunks cost time and space.
 BLOCK_TICKS = 2000
-BLOCK_S = 1.0
-
-#: A walk that may take longer is recorded without an index at first: what Rerun keeps in memory for it grows
-#: by 150 kB a second.
-LONG_S = 120.0
-
-
-@dataclass(frozen=True, slots=True)
-class _Pending:
-    """Rows of a log up to `stop` that are not written yet."""
-
-    log: TickLog
-    stop: int
+BLOCK_S = 2.0
 
 
 class Recording:
@@ -74,7 +59,6 @@ class Recording:
         meshes: Meshes | None = None,
         watched: bool = False,
         servos: bool = False,
-        long: bool | None = None,
     ) -> None:
         """Create the file, with the scene and the layout in it.
 
@@ -87,8 +71,6 @@ class Recording:
             meshes: of the robot's parts; None draws solids of its geometry.
             watched: whether the walk watches its legs; the layout then has the evidence against them.
             servos: whether the servos may report temperatures and voltages; the layout then has them.
-            long: whether the walk may take longer than `LONG_S`; None takes it from the plan. The file then
-                gets its index by `write_index`, which is called once it is closed.
 
         Raises InputError for a file that exists or cannot be written, and
         MissingExtraError without Rerun.
@@ -97,21 +79,20 @@ class Recording:
         self.path = path
         self._subject = Subject(robot, plan, floor or LEVEL, meshes or {})
         self._title = title
-        self._pending: _Pending | None = None
+        self._log: TickLog | None = None
+        self._due = 0
         self._created_at_s, self._began_at_s = time.time(), 0.0
         self._tally = Tally()
         self._last: Block | None = None
-        self._writer: BlockWriter | None = None
-        self._steps: Iterator[None] = iter(())
+        self._parts: Iterator[None] | None = None
         self._written, self._written_at_s = 0, time.monotonic()
         check_name(path)
         create_file(path)
         self._stream: Any = rr.RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
         floor = self._subject.floor
         blueprint = make_blueprint(robot, plan.heading_rad, floor, watched=watched, servos=servos)
-        self._sound = True
-        self._indexed = not (plan.duration_s > LONG_S if long is None else long)
-        save_stream(self._stream, path, blueprint, index=self._indexed)
+        # An index would be a fifth of the file of a short walk, and grow in memory by 150 kB a second.
+        save_stream(self._stream, path, blueprint, index=False)
         self._stream.send_recording_name(title)
         # With it a recording can be exported without the robot's file, as it was then.
         self._stream.send_property("robot", rr.AnyValues(name=robot.name, model=robot_to_json(robot)))
@@ -134,12 +115,10 @@ class Recording:
         """
         if start == 0:
             self._began_at_s = self._beginning_s(log, stop)
-        self._pending = _Pending(log, stop)
-        if self._writer is not None:
+        self._log, self._due = log, stop
+        if self._parts is not None:
             self._write_part()
-            return
-        waited_s = time.monotonic() - self._written_at_s
-        if stop - self._written >= BLOCK_TICKS or waited_s >= BLOCK_S:
+        elif stop - self._written >= BLOCK_TICKS or time.monotonic() - self._written_at_s >= BLOCK_S:
             self._begin_to_write()
 
     def finish(self, result: TrialResult, facts: Mapping[str, Any]) -> None:
@@ -152,8 +131,7 @@ class Recording:
         Raises RecordingError when the disk did not take everything.
         """
         rr = load_rerun()
-        self._sound = False
-        self._write_pending()
+        self._write_all()
         flush(self._stream, self.path)
         written = size_of(self.path)
         self._send_summary(result, facts)
@@ -164,38 +142,19 @@ class Recording:
             send_outcome(self._last, result)
         flush(self._stream, self.path)
         self.close()
-        if self._indexed:
-            check_whole(self.path)
-        else:
-            check_messages(self.path, written)
-        self._sound = True
+        check_end(self.path, written)
 
     def close(self) -> None:
         """Close the file; a second call does nothing."""
         if self._stream is not None:
-            self._write_pending()
+            self._write_all()
             stream, self._stream = self._stream, None
             disconnect(stream)
 
     def discard(self) -> None:
         """Close the file and delete it: nothing was done that it could show."""
-        self._sound = False
         self.close()
         self.path.unlink(missing_ok=True)
-
-    @property
-    def index_due(self) -> bool:
-        """Whether `write_index` has something to do, once the file is closed."""
-        return self._sound and not self._indexed
-
-    def write_index(self) -> None:
-        """Give the closed file of a long walk its index: best when the robot needs nothing any more.
-
-        It takes 30 s for an hour of walking. Without it, also where it fails, the file opens all the same.
-        Nothing is done where `finish` has raised: what a full disk lost must not look whole.
-        """
-        if self.index_due and self._stream is None:
-            self._indexed = write_index(self.path)
 
     def _send_summary(self, result: TrialResult | None, facts: Mapping[str, Any]) -> None:
         subject, share = self._subject, self._tally.share
@@ -203,39 +162,36 @@ class Recording:
         document = load_rerun().TextDocument(text, media_type="text/markdown")
         self._stream.log(paths.SUMMARY, document, static=True)
 
-    def _write_pending(self) -> None:
+    def _write_all(self) -> None:
         """Send all rows that are not written yet."""
         self._write_parts()
         self._begin_to_write()
         self._write_parts()
 
     def _write_parts(self) -> None:
-        while self._writer is not None:
+        while self._parts is not None:
             self._write_part()
 
     def _begin_to_write(self) -> None:
-        """Take the pending rows; `_write_part` sends them."""
-        if self._pending is None or self._stream is None:
-            return
-        log, start, stop = self._pending.log, self._written, self._pending.stop
-        self._written, self._written_at_s, self._pending = stop, time.monotonic(), None
-        if stop > start:
-            self._writer = BlockWriter(self._stream, self._subject, log, start, stop, self._began_at_s)
-            self._steps = self._writer.steps()
+        """Take the rows that are due; `_write_part` sends them."""
+        start, self._written, self._written_at_s = self._written, self._due, time.monotonic()
+        if self._log is not None and self._stream is not None and self._due > start:
+            block = Block(self._stream, self._subject, self._log, start, self._due, self._began_at_s)
+            self._parts = self._send(block)
+
+    def _send(self, block: Block) -> Iterator[None]:
+        self._tally += yield from send_parts(block)
+        self._last = block
 
     def _write_part(self) -> None:
         """Send the next part of the rows that were taken."""
-        writer, self._writer = self._writer, None
-        if writer is None:
-            return
+        parts, due = self._parts, self._due
         # After rows that cannot be sent nothing is tried: the file can still be closed.
-        pending, self._pending = self._pending, None
-        for _ in self._steps:
-            self._writer, self._pending = writer, pending
-            return
-        self._pending = pending
-        self._tally += writer.tally
-        self._last = writer.block
+        self._parts, self._due = None, self._written
+        for _ in parts or ():
+            self._parts = parts
+            break
+        self._due = due
 
     def _beginning_s(self, log: TickLog, stop: int) -> float:
         """Wall clock at the first tick of a log, in s since 1970.

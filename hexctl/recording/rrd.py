@@ -2,7 +2,6 @@
 
 import errno
 import os
-import struct
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -15,6 +14,9 @@ from typing import Any, BinaryIO, Self
 
 from hexctl.errors import InputError, MissingExtraError, RecordingError, argument
 from hexctl.files import file_instead
+
+#: The version of Rerun that hexctl needs: each minor version may change the format of files.
+RERUN = "0.41"
 
 #: Bound on a flush: a disk that hangs must not hang the program.
 FLUSH_TIMEOUT_S = 30.0
@@ -98,7 +100,9 @@ class Layout:
 
 
 def save_stream(stream: Any, path: Path, blueprint: Any, *, index: bool = True) -> None:
-    """Have a stream write to a file that opens with a layout; without an index its memory does not grow.
+    """Have a stream write to a file that opens with a layout.
+
+    Rerun keeps what its index needs in memory until the file is closed.
 
     Raises RecordingError for a file that cannot be written, or was deleted since it was made.
     """
@@ -190,11 +194,8 @@ def _bounded(call: Callable[[], object], timeout_s: float) -> Exception | None:
 #: Rerun recognises its files by this suffix.
 SUFFIX = ".rrd"
 
-#: A recording with an index ends with this, up to a few bytes.
+#: A file with an index ends with this, up to a few bytes.
 END, END_PADDING = b"RRF2FOOT", 8
-
-#: What precedes each message of a file: its kind, and its length in bytes.
-MESSAGE_HEAD = struct.Struct("<QQ")
 
 #: Rerun 0.41 hangs when layout and scene, which take less than this, do not fit on the disk.
 ROOM_BYTES = 500_000
@@ -247,33 +248,11 @@ def _check_room(file: BinaryIO, path: Path) -> None:
 
 
 def check_whole(path: Path) -> None:
-    """Raise RecordingError for a closed recording without its index: Rerun may not report a full disk."""
-    if not has_index(path):
-        raise RecordingError(f"{path}: the recording is incomplete; is the disk full?")
-
-
-def has_index(path: Path) -> bool:
-    """Whether a recording ends with an index of its contents, which is written last of all."""
+    """Raise RecordingError for a closed file without its index: Rerun may not report a full disk."""
     with path.open("rb") as file:
         file.seek(-min(len(END) + END_PADDING, path.stat().st_size), os.SEEK_END)
-        return END in file.read()
-
-
-def check_messages(path: Path, start: int) -> None:
-    """Raise RecordingError unless whole messages, one or more, follow the first `start` bytes of a recording.
-
-    These are messages themselves: what a file without an index held when it was last flushed.
-    """
-    size, at = path.stat().st_size, start
-    with path.open("rb") as file:
-        while at < size:
-            file.seek(at)
-            head = file.read(MESSAGE_HEAD.size)
-            if len(head) < MESSAGE_HEAD.size:
-                break
-            at += MESSAGE_HEAD.size + MESSAGE_HEAD.unpack(head)[1]
-    if not start < at == size:
-        raise RecordingError(f"{path}: the recording is incomplete; is the disk full?")
+        if END not in file.read():
+            raise RecordingError(f"{path}: the recording is incomplete; is the disk full?")
 
 
 def check_there(path: Path) -> None:

@@ -14,12 +14,13 @@ from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.palette import TEXT_COLOR
 from hexctl.recording import paths, style
 from hexctl.recording.rrd import load_rerun
+from hexctl.recording.series import ALL
 from hexctl.recording.style import GROUND_COLOR
 from hexctl.robot.failure import Failure
 from hexctl.robot.meshes import Meshes, PartMesh
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import xyzw
-from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS, ArrayFields, FloatArray
+from hexctl.types import JOINT_KINDS, N_LEGS, ArrayFields, FloatArray
 
 #: Radius of the mark at a leg that was noticed, in radii of its coxa.
 MARK_SIZE = 1.8
@@ -60,23 +61,10 @@ def send_scene(stream: Any, robot: Robot, plan: TrialPlan, floor: Floor, meshes:
         send_leg(stream, robot, plan, meshes, leg)
     _send_frame(stream, robot)
     _send_looks(stream, robot)
-    for path, name, color in (
-        (paths.DEVIATION, "left of the line (m)", style.DEVIATION_COLOR),
-        (paths.MARGIN, "inside the feet (m)", style.MARGIN_COLOR),
-    ):
-        line = rr.SeriesLines(colors=[color], names=[name], widths=[2.0])
-        stream.log(path, line, static=True)
-    colors = [style.SERIES[kind][1] for kind in JOINT_KINDS] * N_LEGS
-    names = ("forward (m/s)", "left (m/s)", "turn (rad/s)")
-    stream.log(paths.VELOCITY, rr.SeriesLines(names=names, colors=colors[:3]), static=True)
-    for path in (paths.TORQUES, paths.TEMPERATURES, paths.VOLTAGES, paths.CURRENTS, paths.AGES):
-        stream.log(path, rr.SeriesLines(colors=colors, names=JOINT_NAMES), static=True)
-    evidence = rr.SeriesLines(
-        colors=[*style.LEG_COLORS, style.ALARM_COLOR],
-        names=[*(f"leg {leg}" for leg in paths.LEGS), "alarm"],
-        widths=[1.5] * (N_LEGS + 1),
-    )
-    stream.log(paths.SUSPICION, evidence, static=True)
+    for series in ALL:
+        widths = {} if series.widths is None else {"widths": series.widths}
+        lines = rr.SeriesLines(colors=list(series.colors), names=list(series.names), **widths)
+        stream.log(series.path, lines, static=True)
 
 
 def _send_frame(stream: Any, robot: Robot) -> None:

@@ -17,6 +17,7 @@ from hexctl.recording.blueprint import make_blueprint, plot, side_panels, up_to_
 from hexctl.recording.recorded_trial import RecordedTrial, read_trial
 from hexctl.recording.recording import APPLICATION_ID
 from hexctl.recording.rrd import disconnect, flush, load_rerun, save_stream
+from hexctl.recording.rrd_reader import stream_of
 
 #: Differs from that of trials: a viewer keeps one layout per application.
 SIDE_BY_SIDE_ID = "hexctl side by side"
@@ -99,15 +100,13 @@ def _name(trial: RecordedTrial) -> str:
 
 def _copy(trial: RecordedTrial, name: str, path: Path) -> None:
     """Write a recording once more, with another name and with the list of recordings open."""
-    from rerun.chunk import RrdReader
-
     heading_rad = math.radians(float(trial.properties.get("heading_deg", 0.0)))
     flags = {"watched": trial.leg_suspicion.rows.size > 0, "servos": bool(trial.servos)}
     blueprint = make_blueprint(trial.robot, heading_rad, _floor(trial), several=True, **flags)
     stream = load_rerun().RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
     save_stream(stream, path, blueprint)
     try:
-        stream.send_chunks(RrdReader(trial.path).stream())
+        stream.send_chunks(stream_of(trial.path))
         stream.send_recording_name(name)
         flush(stream, path)
     finally:
@@ -150,9 +149,7 @@ def _write_scene(path: Path, lanes: Sequence[_Lane]) -> None:
 
 def _walk_chunks(lane: _Lane, *, with_floor: bool) -> Iterator[Any]:
     """What a recording has of its walk, below the entity of its lane."""
-    from rerun.chunk import RrdReader
-
-    for chunk in RrdReader(lane.trial.path).stream().to_chunks():
+    for chunk in stream_of(lane.trial.path).to_chunks():
         entity = chunk.entity_path.lstrip("/")
         floor = entity == paths.GROUND and not with_floor
         # Labels of legs would cover one another, and the names of the walks.

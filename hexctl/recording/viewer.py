@@ -1,5 +1,6 @@
 """Rerun's viewer: in a window, or served to a browser on this computer."""
 
+import importlib.util
 import os
 import shutil
 import socket
@@ -16,17 +17,31 @@ from types import TracebackType
 from typing import Any, Self
 from urllib.parse import quote, unquote, urlencode
 
-from hexctl.errors import InputError, RecordingError
+from hexctl.errors import InputError, MissingExtraError, RecordingError
 from hexctl.files import file_instead
-from hexctl.recording.rerun_program import check_sound, viewer_binary
-from hexctl.recording.rrd import check_there
-
-#: How an .rrd file begins.
-MAGIC = b"RRF"
+from hexctl.recording.rrd_reader import check_viewable
 
 LOCAL = "127.0.0.1"
 
 NO_DISPLAY = "the viewer finds no display"
+
+
+def viewer_binary() -> Path:
+    """Path of Rerun's executable; the `rerun` on the PATH is a wrapper that does not pass signals on.
+
+    Raises MissingExtraError when it is not installed.
+    """
+    try:
+        package = importlib.util.find_spec("rerun_cli")
+    except ValueError:
+        package = None
+    if package is None or package.origin is None:
+        raise MissingExtraError("the viewer", "view")
+    folder = Path(package.origin).parent
+    for name in ("rerun", "rerun.exe"):
+        if (folder / name).is_file():
+            return folder / name
+    raise MissingExtraError("the viewer", "view")
 
 
 def open_viewer(paths: Sequence[Path]) -> int:
@@ -69,24 +84,6 @@ def newest_recording(folder: Path, *, leave_out: str | None = None) -> Path:
     if not found:
         raise InputError(f"no recording (*.rrd) under {folder}; hexctl run writes one")
     return max(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
-
-
-def check_recording(path: Path) -> None:
-    """Raise InputError for a file that is not there, or is not a recording."""
-    check_there(path)
-    try:
-        with path.open("rb") as file:
-            head = file.read(len(MAGIC))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be opened: {error.strerror}") from error
-    if head != MAGIC:
-        raise InputError(f"{path}: is not a Rerun recording; give an .rrd file that hexctl wrote")
-
-
-def check_viewable(path: Path) -> None:
-    """Raise InputError for a file that is no recording, or at which the viewer would end."""
-    check_recording(path)
-    check_sound(path)
 
 
 def check_display() -> None:

@@ -11,8 +11,6 @@ from pathlib import Path
 from types import NoneType, TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
-import numpy as np
-
 from hexctl.backends.base import connection_notes
 from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.registry import BackendOptions, make_servos
@@ -39,10 +37,10 @@ from hexctl.errors import InputError, MissingExtraError, argument, check_type
 from hexctl.files import folder_trouble, write_trouble
 from hexctl.gait.gait import DEFAULT_GAIT
 from hexctl.options import chosen_options
-from hexctl.robot.configs import shipped_text
 from hexctl.robot.failure import FailureEvent, check_healings
 from hexctl.robot.loader import RobotFile, load_robot_file
 from hexctl.robot.model import Robot
+from hexctl.runs.outcome import events_seen, failure_values, gait_values, tick_values, world_text
 from hexctl.runs.run_spec import RunSpec, plan_of, spec_of
 from hexctl.waiting import comes_true
 
@@ -150,7 +148,6 @@ class Run:
         )
         servos = make_servos(self.spec.backend, options)
         with ExitStack() as stack:
-            stack.callback(self._write_index)
             self._guard = stack.enter_context(Guard(servos))
             self.notes = (
                 *self._without_effect(),
@@ -168,11 +165,6 @@ class Run:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stack.__exit__(kind, error, trace)
-
-    def _write_index(self) -> None:
-        """Complete the recording of a long walk, once the robot is no longer connected."""
-        if self._recording is not None:
-            self._recording.write_index()
 
     @property
     def title(self) -> str:
@@ -199,11 +191,6 @@ class Run:
     def robot_file(self) -> Path | None:
         """File of the robot, None for a robot that is not from a file."""
         return None if self._file is None else self._file.path
-
-    @property
-    def index_due(self) -> bool:
-        """Whether the recording gets its index when the robot is no longer connected: 30 s for an hour."""
-        return self._recording is not None and self._recording.index_due
 
     @property
     def recording_path(self) -> Path | None:
@@ -351,84 +338,27 @@ class Run:
         return path
 
     def _outcome(self, trial: TrialResult, log: TickLog, wall_s: float) -> dict[str, Any]:
-        spec, plan, guard = self.spec, self.plan, self._guard
-        assert guard is not None  # noqa: S101  connected, or there would be no trial
-        work_us = log["work_s"] * 1e6  # (ticks,)
-        quantiles = np.percentile(work_us, [50, 99, 100]) if len(log) else np.zeros(3)
+        """Everything of a walk as plain values."""
+        assert self._guard is not None  # noqa: S101  connected, or there would be no trial
+        planned = (*self._world_events, *self.spec.events) if self.spec.simulated else events_seen(log)
         return {
-            "gait": self._gait_values() if self._has_gait else None,
-            "failed_leg": plan.belief.leg if plan.belief else None,
-            "failure": str(plan.belief) if plan.belief else None,
-            "further_failures": {str(one.leg): str(one) for one in plan.further_failures},
-            "events": self._event_texts(trial.duration_s, log),
+            "gait": gait_values(self.spec, self.plan) if self._has_gait else None,
+            **failure_values(self.plan, planned, trial.duration_s),
             **trial.to_dict(),
-            "ideal_yaw_change_deg": math.degrees(plan.turn_rate_rad_s * trial.duration_s),
-            "ticks": len(log),
-            "overruns": guard.clock.overruns,
-            "standstill_s": None if guard.standstill is None else round(guard.standstill.duration_s, 1),
-            "refused_commands": guard.counters.refused,
-            "positions_doubted": guard.positions.doubted,
-            "servo_link": guard.link_counts or None,
-            "tick_us": dict(zip(("p50", "p99", "max"), (round(float(q), 1) for q in quantiles), strict=True)),
-            "realtime_factor": round(len(log) * PERIOD_S / wall_s, 2) if wall_s > 0 else None,
-            "backend": spec.backend,
+            "ideal_yaw_change_deg": math.degrees(self.plan.turn_rate_rad_s * trial.duration_s),
+            **tick_values(self._guard, log, wall_s),
+            "backend": self.spec.backend,
             "robot": self.robot.name,
-            "world": self._world_text(),
-            "seed": spec.seed,
+            "world": world_text(self.spec),
+            "seed": self.spec.seed,
             "recording": None if self._recording is None else str(self._recording.path),
-            "options": chosen_options(spec),
-        }
-
-    def _gait_values(self) -> dict[str, Any]:
-        """The gait as plain values."""
-        gait = self.plan.gait
-        return {
-            "name": self.spec.gait_text,
-            "slots": list(gait.slots),
-            "code": gait.code(self.plan.failed_legs),
-            "posture": gait.posture.to_dict(),
-            "swing_share": gait.swing_share,
-            "phases": None if gait.phases is None else list(gait.phases),
-            "then": list(self.spec.then),
+            "options": chosen_options(self.spec),
         }
 
     @property
     def _world_events(self) -> tuple[FailureEvent, ...]:
         """Legs that the simulated world lets fail and heal."""
         return self._world.events if self.spec.simulated else ()
-
-    def _event_texts(self, until_s: float, log: TickLog) -> list[str]:
-        """What failed and healed by a time: by options and by the world itself, or as a twin has told."""
-        planned = (*self._world_events, *self.spec.events)
-        events = planned if self.spec.simulated else _events_told(log)
-        in_order = sorted(events, key=lambda event: event.at_s)
-        return [str(event) for event in in_order if event.at_s < until_s]
-
-    def _world_text(self) -> str | None:
-        if not self.spec.simulated:
-            return None
-        world = self.spec.world
-        return "custom" if isinstance(world, World) else shipped_text("worlds", world or DEFAULT_WORLD)
-
-
-def _events_told(log: TickLog) -> list[FailureEvent]:
-    """Legs that a simulation at the other end of a link let fail and heal, before the walk at its start.
-
-    What it had broken when it was first heard of is no event.
-    """
-    if log.walk_from is None:
-        return []
-    times_s, last = log["time_s"], len(log) - 1
-    changes = [change for change in log.leg_changes if change.by == "world"][1:]
-    return [
-        FailureEvent(
-            at_s=round(max(0.0, float(times_s[min(change.row, last)] - times_s[log.walk_from])), 3),
-            leg=leg,
-            failure=failure,
-        )
-        for change in changes
-        for leg, failure in change.differences
-    ]
 
 
 def _as_it_may_stand(robot: Robot, plan: TrialPlan) -> list[TrialPlan]:

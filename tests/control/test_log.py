@@ -8,7 +8,7 @@ import pytest
 
 from hexctl.backends.clock import Tick
 from hexctl.control.log import Recorders, TickLog
-from hexctl.control.row_store import CHUNK_ROWS
+from hexctl.control.table import CHUNK_ROWS
 from hexctl.control.trace import PHASES
 from hexctl.errors import InputError, MissingExtraError
 from hexctl.types import JOINT_NAMES, JointTargets, RobotState

@@ -84,9 +84,9 @@ def test_a_session_is_exported_without_what_it_has_lost(
     name, folder = session
     told: list[InputError] = []
     path = export(name, to=kind, output=tmp_path / "out", folder=folder, on_damage=told.append)
-    assert [one.split("/")[-1] for one in map(str, told)] == [
-        "trial-001.rrd is damaged, and Rerun cannot read it; allowed: a recording that hexctl run made",
-        "trial-003.rrd is not there; allowed: a recording that hexctl run made",
+    assert [one.split("/")[-1].split(",")[0].split(";")[0] for one in map(str, told)] == [
+        "trial-001.rrd is damaged",
+        "trial-003.rrd is not there",
     ]
     if kind == "mcap":
         assert sorted(one.name for one in path.iterdir()) == ["trial-002", "trial-004"]

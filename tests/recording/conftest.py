@@ -23,15 +23,20 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import TrialResult
 from hexctl.gait.gait import NAMED_SLOTS, Gait
 from hexctl.recording.recording import Recording
-from hexctl.recording.rerun_program import READ, viewer_binary
-from hexctl.recording.rrd import MESSAGE_HEAD
+from hexctl.recording.rrd_reader import CHUNK, MESSAGE_HEAD
+from hexctl.recording.rrd_reader import HEAD_BYTES as STREAM_HEAD_BYTES
 from hexctl.recording.sessions.session_overview import Overview, OverviewTrial
 from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 
-#: Bytes of a file of Rerun before its first message, and the kind of messages that hold a chunk.
-STREAM_HEAD_BYTES, CHUNK = 12, 2
+#: Reads a recording with Rerun's reader.
+READ = """
+import sys
+from rerun.chunk import RrdReader
+for chunk in RrdReader(sys.argv[1]).stream().to_chunks():
+    chunk.to_record_batch()
+"""
 
 #: Bytes from one place of a message that is damaged to the next that is tried.
 STRIDE = 13
@@ -159,9 +164,7 @@ def damage(path: Path) -> Path:
     places = (at for start, stop in messages for at in range(start + (stop - start) * 3 // 4, stop, STRIDE))
     for at in places:
         damaged.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
-        command = [str(viewer_binary()), "rrd", "stats", str(damaged)]
-        code = subprocess.run(command, capture_output=True, timeout=60, check=False).returncode
-        if code > 1 and _exit_code_of_reader(damaged) == -signal.SIGABRT:
+        if _exit_code_of_reader(damaged) == -signal.SIGABRT:
             return damaged
     raise AssertionError(f"no byte of {path} ends Rerun's reader")
 

@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 
-from hexctl.control.log import COLUMNS, TickLog
+from hexctl.control.log import COLUMN_NAMES, TickLog
 from hexctl.recording import live_feed
 from hexctl.recording.live import rows_of
 from hexctl.runs.run import run
@@ -33,7 +33,7 @@ def test_rows_that_cross_the_pipe_are_the_rows_of_the_log() -> None:
     assert [text for _, text in log.notes if text.startswith("noticed: leg 2")]
     assert other.notes == log.notes
     assert other.leg_changes == log.leg_changes
-    for name, _, _ in COLUMNS:
+    for name in COLUMN_NAMES:
         np.testing.assert_array_equal(other[name], log[name])
 
 

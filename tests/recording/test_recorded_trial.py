@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import rerun as rr
 
-from hexctl.control.log import COLUMNS, TickLog
-from hexctl.control.row_store import ServoRows
+from hexctl.control.log import COLUMN_NAMES, TickLog
+from hexctl.control.table import ServoRows
 from hexctl.errors import InputError
 from hexctl.recording.recorded_trial import LEG_CONDITIONS, RecordedTrial, read_trial
 from hexctl.recording.recording import Recording
@@ -28,7 +28,7 @@ def read(tmp_path_factory: Any, trial: Trial) -> RecordedTrial:
 def changed(trial: Trial, **columns: Any) -> Trial:
     """The trial with other columns in its log."""
     log = TickLog()
-    log.extend({name: trial.log[name] for name, _, _ in COLUMNS} | columns)
+    log.extend({name: trial.log[name] for name in COLUMN_NAMES} | columns)
     return replace(trial, log=log)
 
 
@@ -154,7 +154,7 @@ def test_of_a_program_that_was_killed_while_it_wrote_all_is_read_but_the_last_bl
             break
     for _ in range(parts):
         recording._write_part()
-    recording._writer = recording._pending = None  # nothing more gets to the disk
+    recording._parts, recording._due = None, recording._written  # nothing more gets to the disk
     recording.close()
     with warnings.catch_warnings():
         warnings.simplefilter("error")

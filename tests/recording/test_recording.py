@@ -13,7 +13,7 @@ import rerun as rr
 
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
-from hexctl.control.log import COLUMNS, Recorders, TickLog
+from hexctl.control.log import COLUMN_NAMES, Recorders, TickLog
 from hexctl.control.trace import PHASES
 from hexctl.control.trial import run_trial
 from hexctl.errors import HexctlError, InputError, RecordingError
@@ -22,7 +22,7 @@ from hexctl.recording import paths, rrd
 from hexctl.recording import recording as module
 from hexctl.recording.blueprint import make_blueprint
 from hexctl.recording.recording import Recording
-from hexctl.recording.rerun_program import viewer_binary
+from hexctl.recording.viewer import viewer_binary
 from hexctl.types import JOINT_KINDS
 from tests.recording.conftest import ReadBack, Trial, make_plan, write
 
@@ -141,11 +141,13 @@ def test_outcome_is_text_and_properties(read: ReadBack) -> None:
     assert any(f"**{100 * stability:.0f} %** of the walk" in text for text in texts)
 
 
-def test_rerun_finds_nothing_wrong_with_the_file(written: Path) -> None:
-    done = subprocess.run(
-        [str(viewer_binary()), "rrd", "verify", str(written)], capture_output=True, text=True
-    )
-    assert done.returncode == 0, done.stderr
+def test_rerun_adds_an_index_and_finds_nothing_wrong(written: Path, tmp_path: Path) -> None:
+    indexed = tmp_path / "indexed.rrd"
+    for command in (("optimize", written, "-o", indexed), ("verify", indexed)):
+        done = subprocess.run(
+            [str(viewer_binary()), "rrd", *map(str, command)], capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stderr
 
 
 def test_blocks_give_the_same_recording(
@@ -165,7 +167,7 @@ def test_blocks_that_come_fast_wait_for_the_end(trial: Trial, read: ReadBack, tm
 def test_without_a_pose_the_robot_stands_at_the_origin(trial: Trial, tmp_path: Path) -> None:
     log = TickLog()
     nowhere = {"base_position_world": np.nan, "base_quaternion_world": np.nan}
-    log.extend({name: trial.log[name] * nowhere.get(name, 1) for name, _, _ in COLUMNS})
+    log.extend({name: trial.log[name] * nowhere.get(name, 1) for name in COLUMN_NAMES})
     path = tmp_path / "blind.rrd"
     with Recording(path, trial.robot, make_plan(trial.robot), title="blind") as recording:
         recording.write_block(log, 0, len(log))
@@ -182,7 +184,7 @@ def test_where_the_position_is_lost_for_a_while_nothing_is_drawn(trial: Trial, t
     position[lost] = np.nan
     log = TickLog()
     log.frame = trial.log.frame
-    log.extend({name: trial.log[name] for name, _, _ in COLUMNS} | {"base_position_world": position})
+    log.extend({name: trial.log[name] for name in COLUMN_NAMES} | {"base_position_world": position})
     paths_read = []
     for block_ticks in (len(log), 7):
         path = tmp_path / f"{block_ticks}.rrd"
@@ -279,7 +281,6 @@ CHILD = """
 import pickle, sys, time
 from pathlib import Path
 from hexctl.recording import recording as module
-from hexctl.recording.rrd import END_PADDING, check_whole
 from hexctl.recording.recording import Recording
 module.BLOCK_TICKS = 1
 trial = pickle.load(sys.stdin.buffer)
@@ -290,7 +291,7 @@ KILLED = (
     CHILD
     + """
 recording.write_block(trial["log"], 0, 200)
-while recording._writer is not None:  # each tick writes a part
+while recording._parts is not None:  # each tick writes a part
     recording.write_block(trial["log"], 0, 200)
 time.sleep(1.0)
 print("written", flush=True)

@@ -9,7 +9,7 @@ import pytest
 
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
-from hexctl.control.log import COLUMNS, TickLog
+from hexctl.control.log import COLUMN_NAMES, TickLog
 from hexctl.control.trace import PHASES
 from hexctl.control.trial import run_trial
 from hexctl.gait.foot_trajectory import gait_feet_body
@@ -32,7 +32,7 @@ def rewritten(trial: Trial, **columns: np.ndarray) -> TickLog:
     """The trial's log with other columns."""
     log = TickLog()
     log.frame = trial.log.frame
-    log.extend({name: columns.get(name, trial.log[name]) for name, _, _ in COLUMNS})
+    log.extend({name: columns.get(name, trial.log[name]) for name in COLUMN_NAMES})
     return log
 
 

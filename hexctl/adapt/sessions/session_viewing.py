@@ -14,13 +14,12 @@ from hexctl.adapt.sessions.search_steps import search_steps
 from hexctl.adapt.sessions.store import StoreError, load_session, stored_names
 from hexctl.adapt.sessions.walk_records import BASELINE_INDEX, BaselineRecord, TrialRecord, WalkRecord
 from hexctl.errors import HexctlError, InputError, RecordingError
-from hexctl.recording.rerun_program import OnDamage, log_damage, look_at
+from hexctl.recording.rrd_reader import OnDamage, check_viewable, log_damage
 from hexctl.recording.sessions.session_figures import write_overview_file
 from hexctl.recording.sessions.session_overview import Overview, OverviewTrial, SearchStep, drawable
 from hexctl.recording.side_by_side import write_together
 from hexctl.recording.viewer import (
     FileServer,
-    check_viewable,
     free_port,
     newest_recording,
     open_viewer,
@@ -258,7 +257,6 @@ def _serve(
 
 def _sound_ones(recordings: RecordingPaths, on_damage: OnDamage) -> RecordingPaths:
     """Recordings at which no viewer ends that opens them from an overview."""
-    look_at(recordings.values())
     sound: RecordingPaths = {}
     for key, path in recordings.items():
         try:

@@ -186,9 +186,7 @@ def _recorders(
     common: dict[str, Any] = {"title": title, "floor": floor, "watched": True, "servos": servos}
     found: list[Recorder] = []
     if record is not None:
-        # A drive has no planned end.
-        recording = Recording(record, loaded.robot, plan, meshes=loaded.meshes, long=True, **common)
-        stack.callback(recording.write_index)
+        recording = Recording(record, loaded.robot, plan, meshes=loaded.meshes, **common)
         found.append(stack.enter_context(recording))
     if view and (live := open_window(note_no_window)) is not None:
         stack.enter_context(live)

@@ -136,8 +136,6 @@ def _walk(
         if never_commanded(done.outcome):
             note_never_commanded()
             return INTERRUPTED
-        if run.index_due and not as_json:
-            print_note(f"hexctl: the walk is done; writing the index of {run.recording_path}")
     if found is not None:
         done.outcome["diagnosis"] = found.result.diagnosis.to_dict()
     print_result(*([json.dumps(done.outcome)] if as_json else summary(done.outcome, clear)))

@@ -179,8 +179,10 @@ class LegMonitor:
         state = self._without_wild(state)
         torques_nm = state.joint_torques_nm
         if torques_nm is not None:
-            # A sum is finite only if every term is, and is cheaper than asking each one.
-            total_nm = np.add.reduce(torques_nm, axis=None)
+            # A sum is finite only if every term is, and is cheaper than asking each one; of one robot most so
+            # without NumPy.
+            one = torques_nm.ndim == 1
+            total_nm = sum(torques_nm.tolist()) if one else np.add.reduce(torques_nm, axis=None)
             # Not all servos lose their power at once and keep their positions: their torques are not told.
             if not math.isfinite(total_nm) or (total_nm == 0 and not torques_nm.any()):
                 state = replace(state, joint_torques_nm=None)
@@ -262,7 +264,7 @@ class LegMonitor:
             return state
         jumps = np.abs(measured_rad - self._before_rad) > self._wild_rad
         if not np.count_nonzero(jumps):
-            if self._wild_ticks.any():
+            if np.count_nonzero(self._wild_ticks):
                 self._wild_ticks[...] = 0
             np.copyto(self._before_rad, measured_rad)
             return state
@@ -274,7 +276,7 @@ class LegMonitor:
     def _listen(self, stale: BoolArray | None) -> None:
         """Count for how long legs have had a silent servo; nothing else is known of them meanwhile."""
         if stale is None:
-            if self._silent_s.any():
+            if np.count_nonzero(self._silent_s):
                 self._silent_s[...], self._ratios[_SILENCE] = 0.0, 0.0
             return
         legs = stale.reshape(*self.ratio.shape, JOINTS_PER_LEG).any(axis=-1)

@@ -138,7 +138,7 @@ class MonitoredWalk(Controller):
         """Joint angles at this step, leading shape + (18,)."""
         if (phases := self.walk.leg_phases) is not None and not self._stopping:
             self._monitor.update(state, phases)
-            if self._monitor.new.any():
+            if np.count_nonzero(self._monitor.new):  # half the time of `any`
                 self._respond(step)
             for due in [due for due in self._unsettled if step >= due[0]]:
                 self._unsettled.remove(due)

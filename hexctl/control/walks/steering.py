@@ -23,7 +23,7 @@ from hexctl.control.trace import TrialFrame
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError, check_type
 from hexctl.robot.rotations import components, yaw_rad
-from hexctl.types import ArrayFields, BoolArray, FloatArray, RobotState, any_of, chosen
+from hexctl.types import ArrayFields, BoolArray, FloatArray, RobotState, any_of, chosen, within
 
 #: Position or yaw that stays away for longer than this is lost: its part of the law then decays.
 LOST_AFTER_S = 1.0
@@ -408,7 +408,7 @@ class CourseHold:
         turn_rad = gains.turn * error_rad + gains.turn_integral * self._turned_rad
         outward = (abs(turn_rad) >= self._most_turn_rad) & (turn_rad * error_rad > 0)
         self._turned_rad = self._turned_rad + cycles * error_rad * ~(self._yaw.lost | outward)
-        self._turn_rad = -np.minimum(np.maximum(turn_rad, -self._most_turn_rad), self._most_turn_rad)
+        self._turn_rad = -within(turn_rad, self._most_turn_rad)
 
     def _velocity(self) -> FloatArray:
         aside_m = self._deviation_m + self._gains.integral * self._pull_m

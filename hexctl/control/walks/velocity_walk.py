@@ -78,6 +78,8 @@ class VelocityWalk(Controller):
         self._changes = [(group[0].at_s, [change.gait for change in group]) for group in together]
         self._use(self._pattern_of(self.gaits))
         self._cycles = np.zeros(self._shape)[()]
+        #: Cycles, phases, and the normalised times of the legs that follow from these.
+        self._phases_of: tuple[FloatArray | None, FloatArray | None, FloatArray] = None, None, self._cycles
         self.velocity_body: FloatArray = np.zeros((*self._shape, 3))
         self.limited_steps = np.zeros(self._shape, dtype=int)[()]
         self.foot_offsets_m: FloatArray | None = None
@@ -106,7 +108,7 @@ class VelocityWalk(Controller):
             cycles = dt_s * pace_hz
             self._cycles = self._cycles + cycles
             self._change(step, cycles)
-        u = part_of_cycle(self._cycles[..., np.newaxis] + self._pattern.phases)
+        u = self.leg_phases
         feet = feet_at_phases(self._robot, self._pattern, u, strokes, self._envelope(step))
         if self.foot_offsets_m is not None:
             feet = feet + self.foot_offsets_m
@@ -162,7 +164,10 @@ class VelocityWalk(Controller):
     @property
     def leg_phases(self) -> FloatArray:  # type: ignore[override]  # from the last step
         """Normalised time of each leg in the last step, leading shape + (6,)."""
-        return part_of_cycle(self._cycles[..., np.newaxis] + self._pattern.phases)
+        cycles, phases = self._cycles, self._pattern.phases
+        if self._phases_of[0] is not cycles or self._phases_of[1] is not phases:
+            self._phases_of = cycles, phases, part_of_cycle(cycles[..., np.newaxis] + phases)
+        return self._phases_of[2]
 
     def stop(self, step: int) -> int:
         """Begin the soft stop at a step; it takes `soft_stop_steps`."""

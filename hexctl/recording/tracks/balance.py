@@ -10,12 +10,8 @@ from hexctl.ik.support_polygon import carried, centre_of_mass_of, support, to_wo
 from hexctl.recording import paths, style
 from hexctl.recording.rrd import load_rerun
 from hexctl.recording.scene import on_floor
-from hexctl.recording.tracks.columns import (
-    KEPT_BITS,
-    Block,
-    compact,
-    rounded,
-)
+from hexctl.recording.series import MARGIN
+from hexctl.recording.tracks.columns import Block, compact
 from hexctl.types import BoolArray, FloatArray
 
 #: The polygon lies this much above the ribbon and the line, and the mark of the centre above the polygon.
@@ -92,9 +88,7 @@ def _send_centre(block: Block, rows: NDArray[np.int64], centres: FloatArray, ins
 def _send_margin(block: Block, rows: NDArray[np.int64], margin_m: FloatArray) -> None:
     """Send how far inside the polygon the centre is, where there is one."""
     finite = np.isfinite(margin_m)
-    if finite.any():
-        columns = load_rerun().Scalars.columns(scalars=rounded(margin_m[finite], KEPT_BITS))
-        block.send(paths.MARGIN, rows[finite], columns)
+    block.plot(MARGIN, rows[finite], margin_m[finite])
 
 
 def _colors(inside: BoolArray, steady: style.Color, unsteady: style.Color) -> NDArray[np.uint32]:

@@ -15,6 +15,7 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.ik.support_polygon import foot_heights_body
 from hexctl.recording import paths
 from hexctl.recording.rrd import load_rerun
+from hexctl.recording.series import KEPT_BITS, Series
 from hexctl.robot.meshes import Meshes, PartMesh
 from hexctl.robot.model import Robot
 from hexctl.types import JOINT_KINDS, BoolArray, FloatArray
@@ -26,12 +27,6 @@ SPARSE_TICKS = 5
 
 #: Resolution of the wall clock: half a second keeps its column small.
 WALL_STEP_NS = 500_000_000
-
-#: Binary places of stored numbers: an error of 8 micrometres or microradians at most.
-KEPT_BITS = 16
-
-#: Binary places of stored torques: an error of 2 mN m at most.
-TORQUE_BITS = 8
 
 #: Quaternion (w, x, y, z) of a body that stands level and faces along the x axis.
 LEVEL_AHEAD = np.array([1.0, 0.0, 0.0, 0.0])
@@ -140,6 +135,12 @@ class Block:
     def send(self, path: str, rows: Rows, columns: Any) -> None:
         """Send columns for rows."""
         self._send(path, {name: times[rows] for name, times in self._times.items()}, columns)
+
+    def plot(self, series: Series, rows: NDArray[np.int64], values: FloatArray) -> None:
+        """Send numbers of a series for rows, (rows,) or (rows, numbers); nothing for no rows."""
+        if rows.size:
+            scalars = self._rr.Scalars.columns(scalars=rounded(values, series.bits).ravel())
+            self.send(series.path, rows, scalars.partition(np.full(rows.size, len(series.names))))
 
     def send_at(self, path: str, log_rows: Sequence[int], columns: Any) -> None:
         """Send columns for a few rows counted from the start of the log; also for some before the block."""

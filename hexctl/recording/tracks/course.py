@@ -7,14 +7,8 @@ from hexctl.control.trace import PHASES, TrialFrame
 from hexctl.recording import paths, style
 from hexctl.recording.rrd import load_rerun
 from hexctl.recording.scene import course_world, on_floor, path_end_m
-from hexctl.recording.tracks.columns import (
-    KEPT_BITS,
-    SPARSE_TICKS,
-    Block,
-    compact,
-    posed_rows,
-    rounded,
-)
+from hexctl.recording.series import DEVIATION
+from hexctl.recording.tracks.columns import SPARSE_TICKS, Block, compact, posed_rows
 from hexctl.types import FloatArray
 
 #: An arrow is as long as the robot goes in this time.
@@ -73,18 +67,15 @@ def send_deviation(block: Block) -> None:
     rows = np.flatnonzero(block.in_walk() & block.posed)
     if frame is not None and rows.size:
         deviation = frame.path(block.column("base_position_world")[rows])[:, 1]
-        columns = load_rerun().Scalars.columns(scalars=rounded(deviation, KEPT_BITS))
-        block.send(paths.DEVIATION, rows, columns)
+        block.plot(DEVIATION, rows, deviation)
 
 
 def send_velocity(block: Block) -> None:
-    """Send the velocity that a steered walk commands now and then, as scalars and as an arrow."""
+    """Send the velocity that a steered walk commands, ten times a second, as an arrow."""
     velocity, rows, rr = block.column("velocity_body"), block.sparse(), load_rerun()
     rows = rows[np.isfinite(velocity[rows]).all(axis=-1)]
     if not rows.size:
         return
-    scalars = rr.Scalars.columns(scalars=rounded(velocity[rows], KEPT_BITS).ravel())
-    block.send(paths.VELOCITY, rows, scalars.partition(np.full(rows.size, 3)))
     # Not as static data: an arrow without a vector is an error of the scene, and open-loop walks have none.
     arrows = rr.Arrows3D.columns(
         vectors=compact(ARROW_S * np.column_stack([velocity[rows, :2], np.zeros(rows.size)])),

@@ -8,10 +8,11 @@ import numpy as np
 from hexctl.control.log import LegChange
 from hexctl.recording import paths, style
 from hexctl.recording.rrd import load_rerun
-from hexctl.recording.tracks.columns import TORQUE_BITS, Block, rounded
+from hexctl.recording.series import SUSPICION
+from hexctl.recording.tracks.columns import Block
 from hexctl.robot.failure import Failure, in_words, in_words_with_share
 from hexctl.robot.meshes import PartMesh
-from hexctl.types import JOINT_KINDS, N_LEGS
+from hexctl.types import JOINT_KINDS
 
 #: Evidence is drawn up to this many alarms: beyond, it says nothing more.
 MOST_ALARMS = 3.0
@@ -24,10 +25,7 @@ def send_suspicion(block: Block) -> None:
     due = np.zeros(len(ratio), dtype=bool)
     due[block.sparse()] = True
     rows = np.flatnonzero(known & (due | (ratio.max(axis=-1) > 1.0)))
-    if rows.size:
-        drawn = np.column_stack([np.minimum(ratio[rows], MOST_ALARMS), np.ones(rows.size)])
-        scalars = load_rerun().Scalars.columns(scalars=rounded(drawn, TORQUE_BITS).ravel())
-        block.send(paths.SUSPICION, rows, scalars.partition(np.full(rows.size, N_LEGS + 1)))
+    block.plot(SUSPICION, rows, np.column_stack([np.minimum(ratio[rows], MOST_ALARMS), np.ones(rows.size)]))
 
 
 def send_lanes(block: Block) -> None:

@@ -19,7 +19,7 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.cli.main import exit_code
 from hexctl.control.log import TickLog
 from hexctl.recording import live, viewer
-from hexctl.recording.rerun_program import viewer_binary
+from hexctl.recording.viewer import viewer_binary
 from hexctl.runs.run import run
 from tests.adapt.walking import SPEC, result_of
 from tests.recording.conftest import damage
@@ -320,8 +320,8 @@ def test_a_session_is_shown_without_what_is_damaged_and_names_it(
         assert "▶ 2" not in table
         assert "▶ 3" not in table
         damage, emptied = capsys.readouterr().err.splitlines()
-        assert damage.startswith(f"hexctl: recording: {lost} is damaged, and Rerun cannot read it")
-        assert emptied.startswith(f"hexctl: {empty}: is not a Rerun recording")
+        assert damage.startswith(f"hexctl: recording: {lost} is damaged")
+        assert emptied.startswith(f"hexctl: recording: {empty} is not a Rerun recording")
 
 
 def test_an_old_overview_that_leads_to_damage_is_not_opened(
@@ -376,5 +376,5 @@ def test_a_damaged_recording_is_named_before_anything_is_shown(
     monkeypatch.setattr(viewer, "viewer_binary", viewer_binary)
     assert exit_code(["view", str(walk), str(damaged), *options]) == 2
     told = capsys.readouterr().err
-    assert told.startswith(f"hexctl: recording: {damaged} is damaged, and Rerun cannot read it")
+    assert told.startswith(f"hexctl: recording: {damaged} is damaged")
     assert told.count("\n") == 1

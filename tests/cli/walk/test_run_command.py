@@ -16,8 +16,7 @@ import pytest
 from hexctl.backends import mock
 from hexctl.cli.main import exit_code
 from hexctl.recording import recording
-from hexctl.recording.rrd import ROOM_BYTES, has_index
-from hexctl.recording.tracks.block_writer import BlockWriter
+from hexctl.recording.rrd import ROOM_BYTES
 from tests.adapt.walking import stored_session
 from tests.backends.fake_time import FakeTime
 from tests.cli.kits import Kit
@@ -149,20 +148,6 @@ def test_a_terminal_shows_progress_before_the_robot_is_loaded_and_the_result_at_
     finally:
         shown.end()
     assert text.index("loading") < text.index("1 of 1 s") < text.index("ant in world flat")
-
-
-def test_a_long_walk_says_that_it_writes_its_index(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(recording, "LONG_S", 0.5)
-    path = tmp_path / "long.rrd"
-    command = ["run", "--duration", "1", "--record", str(path)]
-    assert exit_code(command) == 0
-    assert capsys.readouterr().err == f"hexctl: the walk is done; writing the index of {path}\n"
-    assert has_index(path)
-    path.unlink()
-    assert run_json(capsys, *command)["recording"] == str(path)
-    assert has_index(path)
 
 
 def test_two_runs_at_once_leave_two_recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -365,7 +350,7 @@ def test_a_recording_that_fails_costs_neither_the_walk_nor_its_result(
         raise RuntimeError("no space\nleft")
 
     monkeypatch.setattr(recording, "BLOCK_TICKS", block_ticks)
-    monkeypatch.setattr(BlockWriter, "steps", fail)
+    monkeypatch.setattr(recording, "send_parts", fail)
     assert _run("Kit", "--turn", "5", "--json") == 3
     printed = capsys.readouterr()
     outcome = _strict(printed.out)

@@ -11,10 +11,10 @@ import rerun as rr
 
 from hexctl.errors import InputError, RecordingError
 from hexctl.palette import INVALID_COLOR, deviation_color
-from hexctl.recording.rerun_program import viewer_binary
 from hexctl.recording.sessions import session_figures as module
 from hexctl.recording.sessions.session_figures import visible_m, write_overview_file
 from hexctl.recording.sessions.session_overview import OverviewTrial, make_table
+from hexctl.recording.viewer import viewer_binary
 from tests.recording.conftest import SESSION, ReadBack, make_overview, make_trial
 
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from hexctl.control.log import COLUMNS, TickLog
-from hexctl.control.row_store import ServoRows
+from hexctl.control.log import COLUMN_NAMES, TickLog
+from hexctl.control.table import ServoRows
 from hexctl.recording import paths
 from hexctl.types import FloatArray, ServoReadings
 from tests.recording.conftest import ReadBack, Trial, write
@@ -29,7 +29,7 @@ def _readings(second: int) -> ServoReadings:
 
 def _with_servos(trial: Trial) -> Trial:
     log = TickLog()
-    log.extend({name: trial.log[name] for name, _, _ in COLUMNS})
+    log.extend({name: trial.log[name] for name in COLUMN_NAMES})
     log.frame, log.contacts_known = trial.log.frame, trial.log.contacts_known
     log.servo_rows = ServoRows((row, _readings(row // 50)) for row in range(0, len(log), 50))
     return replace(trial, log=log)

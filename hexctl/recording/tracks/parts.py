@@ -1,65 +1,38 @@
-"""Writer of blocks: sends everything that rows of a log hold, part by part."""
+"""The parts of a block: everything that rows of a log hold, leg by leg and track by track."""
 
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Callable, Generator
 
 import numpy as np
 
-from hexctl.control.log import TickLog
 from hexctl.recording import paths
 from hexctl.recording.rrd import load_rerun
 from hexctl.recording.tracks.balance import Tally, send_balance
-from hexctl.recording.tracks.columns import (
-    Block,
-    LinkColumns,
-    Rows,
-    Subject,
-)
+from hexctl.recording.tracks.columns import Block, LinkColumns, Rows
 from hexctl.recording.tracks.course import send_course, send_deviation, send_ribbon, send_trail, send_velocity
 from hexctl.recording.tracks.events import send_events
 from hexctl.recording.tracks.failures import send_lanes, send_looks, send_suspicion
 from hexctl.recording.tracks.gait_tracks import send_feet, send_gait, send_guard, send_phases
-from hexctl.recording.tracks.servo_tracks import send_servos, send_torques
+from hexctl.recording.tracks.servo_tracks import send_samples, send_servos
 from hexctl.robot.rotations import xyzw
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, FloatArray
 
 
-class BlockWriter:
-    """Sends rows [start, stop) of a log to a recording stream.
+def send_parts(block: Block) -> Generator[None, None, Tally]:
+    """Send everything that rows of a log hold part by part: all of it takes longer than a tick of a robot.
 
-    The output depends only on these rows and earlier ones, so a log written in blocks equals the same log
-    written in one piece.
-
-    Attributes:
-        block: the rows.
-        tally: how steady the robot was, once all is sent.
+    What is sent depends only on these rows and earlier ones, so a log that is sent in blocks equals the same
+    log sent in one piece. Returns how steady the robot was.
     """
-
-    def __init__(
-        self, stream: Any, subject: Subject, log: TickLog, start: int, stop: int, began_at_s: float = 0.0
-    ) -> None:
-        """Take rows of a log whose first tick was at a time of the wall clock, in s since 1970."""
-        self.block = Block(stream, subject, log, start, stop, began_at_s)
-        self.tally = Tally()
-
-    def write(self) -> Tally:
-        """Send everything that the rows hold, and return how steady the robot was."""
-        for _ in self.steps():
-            pass
-        return self.tally
-
-    def steps(self) -> Iterator[None]:
-        """Send everything part by part: all of it takes longer than a tick of a walking robot."""
-        block, links = self.block, LinkColumns(self.block.stop - self.block.start)
-        for leg in paths.LEGS:
-            _send_leg(block, links, leg)
-            yield
-            send_looks(block, leg)
-            yield
-        for send in PARTS:
-            send(block)
-            yield
-        self.tally = send_balance(block)
+    links = LinkColumns(block.stop - block.start)
+    for leg in paths.LEGS:
+        _send_leg(block, links, leg)
+        yield
+        send_looks(block, leg)
+        yield
+    for send in PARTS:
+        send(block)
+        yield
+    return send_balance(block)
 
 
 def _send_base(block: Block) -> None:
@@ -107,7 +80,7 @@ PARTS: tuple[Callable[[Block], None], ...] = (
     send_course,
     send_ribbon,
     send_deviation,
-    send_torques,
+    send_samples,
     send_velocity,
     send_suspicion,
     send_lanes,

@@ -1,0 +1,167 @@
+"""Reads files of Rerun (.rrd) with Arrow: Rerun's own reader ends the process at some damage.
+
+A file is a head and messages, each with its kind and its length. The message of a chunk is a protobuf message
+with an Arrow stream, compressed with LZ4, as Rerun writes it in the version `RERUN`.
+"""
+
+import logging
+import struct
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from hexctl.errors import InputError, MissingExtraError, RecordingError
+from hexctl.recording.rrd import RERUN, check_there
+
+_LOG = logging.getLogger(__name__)
+
+#: Called with the error of each recording that is left out.
+OnDamage = Callable[[InputError], object]
+
+#: How a file begins, the rest of its head, and the head of a message.
+MAGIC, HEAD_BYTES, MESSAGE_HEAD = b"RRF2", 12, struct.Struct("<QQ")
+
+#: Kind of a message that holds a chunk.
+CHUNK = 2
+
+#: Fields of such a message: how it is compressed (2 is LZ4), the size of the Arrow stream, and the stream.
+COMPRESSION, LZ4, SIZE, STREAM = 2, 2, 3, 5
+
+#: LZ4 compresses no better than this: a size beyond is damage.
+MOST_RATIO = 256
+
+
+def read_chunks(path: Path) -> Iterator[Any]:
+    """Chunks of a file as Arrow record batches, those of its layout included.
+
+    The last message may be cut off, as by a power cut; it is left out.
+
+    Raises InputError for a file that is missing, damaged, or of another version of Rerun, and
+    MissingExtraError without Rerun.
+    """
+    try:
+        import pyarrow
+    except ImportError as error:
+        raise MissingExtraError("reading a recording", "view") from error
+    check_recording(path)
+    try:
+        with path.open("rb") as file:
+            file.seek(HEAD_BYTES)
+            for message in _chunk_messages(file):
+                yield _batch(message)
+    except (pyarrow.ArrowException, OSError, ValueError, LookupError, ArithmeticError, MemoryError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise InputError(
+            f"recording: {path} is damaged, or not of Rerun {RERUN} ({reason}); "
+            "allowed: a recording that hexctl run made"
+        ) from error
+
+
+def stream_of(path: Path) -> Any:
+    """Rerun's stream of the chunks of a recording, which `read_chunks` has read before."""
+    from rerun.chunk import RrdReader
+
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="RRD file has no footer")
+        return RrdReader(path).stream()
+
+
+def log_damage(error: InputError) -> None:
+    """Log the error of a recording that is left out."""
+    _LOG.warning("left out: %s", error)
+
+
+def check_recording(path: Path) -> None:
+    """Raise InputError for a file that is not there, or does not begin as a recording."""
+    check_there(path)
+    try:
+        with path.open("rb") as file:
+            head = file.read(len(MAGIC))
+    except OSError as error:
+        raise InputError(f"recording: {path} cannot be opened ({error.strerror})") from error
+    if head != MAGIC:
+        raise InputError(f"recording: {path} is not a Rerun recording; give an .rrd file that hexctl wrote")
+
+
+def check_viewable(path: Path) -> None:
+    """Raise what `read_chunks` raises for a recording, at which a viewer would end too."""
+    for _ in read_chunks(path):
+        pass
+
+
+def check_end(path: Path, start: int) -> None:
+    """Raise RecordingError unless complete messages follow the first `start` bytes of a recording.
+
+    These are messages themselves, and what the file held when it was last flushed.
+    """
+    size, at = path.stat().st_size, start
+    with path.open("rb") as file:
+        while at < size:
+            file.seek(at)
+            head = file.read(MESSAGE_HEAD.size)
+            if len(head) < MESSAGE_HEAD.size:
+                break
+            at += MESSAGE_HEAD.size + MESSAGE_HEAD.unpack(head)[1]
+    if not start < at == size:
+        raise RecordingError(f"{path}: the recording is incomplete; is the disk full?")
+
+
+def entity_of(batch: Any) -> str:
+    """Path of the entity of a chunk, such as `/world/robot`."""
+    return str(batch.schema.metadata[b"rerun:entity_path"].decode())
+
+
+def _chunk_messages(file: BinaryIO) -> Iterator[bytes]:
+    """Messages with chunks up to the end of a file, or to one that is cut off."""
+    while len(head := file.read(MESSAGE_HEAD.size)) == MESSAGE_HEAD.size:
+        kind, length = MESSAGE_HEAD.unpack(head)
+        message = file.read(length)
+        if len(message) < length:
+            return
+        if kind == CHUNK:
+            yield message
+
+
+def _batch(message: bytes) -> Any:
+    """The record batch of a message, with all of its content checked."""
+    import pyarrow
+
+    fields = dict(_fields(message))
+    stream, size = fields[STREAM], int(fields.get(SIZE, 0))
+    if fields.get(COMPRESSION) == LZ4:
+        if not 0 < size <= MOST_RATIO * len(stream):
+            raise ValueError(f"a chunk of {size} bytes")
+        stream = pyarrow.decompress(stream, size, codec="lz4_raw")
+    batch = pyarrow.ipc.open_stream(stream).read_next_batch()
+    batch.validate(full=True)
+    if "\0" in batch.schema.to_string() or not entity_of(batch):
+        raise ValueError("a column without a name")
+    return batch
+
+
+def _fields(message: bytes) -> Iterator[tuple[int, Any]]:
+    """Numbers and values of the fields of a protobuf message: integers and bytes."""
+    at = 0
+    while at < len(message):
+        key, at = _varint(message, at)
+        number, kind = key >> 3, key & 7
+        value, at = _varint(message, at)
+        if kind == 0:
+            yield number, value
+        elif kind == 2:
+            yield number, message[at : at + value]
+            at += value
+        else:
+            raise ValueError(f"a field of kind {kind}")
+
+
+def _varint(message: bytes, at: int) -> tuple[int, int]:
+    value = shift = 0
+    while True:
+        byte = message[at]
+        value, shift, at = value | (byte & 127) << shift, shift + 7, at + 1
+        if byte < 128:
+            return value, at
+        if shift > 63:
+            raise ValueError("a number of more than 64 bits")

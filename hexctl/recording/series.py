@@ -1,0 +1,88 @@
+"""The series of a recording: numbers that are stored, plotted and read back, each declared once."""
+
+from typing import NamedTuple
+
+from hexctl.recording import paths, style
+from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS
+
+#: Binary places of stored numbers: an error of 8 micrometres or microradians at most.
+KEPT_BITS = 16
+
+#: Binary places of measured quantities: an error of 2 mN m at most.
+COARSE_BITS = 8
+
+
+class Series(NamedTuple):
+    """Numbers of one entity.
+
+    Attributes:
+        path: the entity.
+        title: of the plot.
+        names: of the lines, one for each number.
+        colors: of the lines.
+        bits: binary places that are stored.
+        widths: of the lines; None leaves them to the viewer.
+        source: column of the log, or attribute of `ServoReadings`; None if a track calculates the numbers.
+    """
+
+    path: str
+    title: str
+    names: tuple[str, ...]
+    colors: tuple[style.Color, ...]
+    bits: int = KEPT_BITS
+    widths: tuple[float, ...] | None = None
+    source: str | None = None
+
+
+_JOINT_COLORS = tuple(style.SERIES[kind][1] for kind in JOINT_KINDS) * N_LEGS
+
+
+def _of_joints(path: str, title: str, source: str) -> Series:
+    return Series(path, title, tuple(JOINT_NAMES), _JOINT_COLORS, COARSE_BITS, source=source)
+
+
+DEVIATION = Series(
+    paths.DEVIATION,
+    "deviation from the line (m), left +",
+    ("left of the line (m)",),
+    (style.DEVIATION_COLOR,),
+    widths=(2.0,),
+)
+MARGIN = Series(
+    paths.MARGIN,
+    "stability margin (m), unstable below 0",
+    ("inside the feet (m)",),
+    (style.MARGIN_COLOR,),
+    widths=(2.0,),
+)
+TORQUES = _of_joints(paths.TORQUES, "torques (N m)", "joint_torques_nm")
+VELOCITY = Series(
+    paths.VELOCITY,
+    "commanded velocity",
+    ("forward (m/s)", "left (m/s)", "turn (rad/s)"),
+    _JOINT_COLORS[:3],
+    source="velocity_body",
+)
+SUSPICION = Series(
+    paths.SUSPICION,
+    "evidence, alarm at 1",
+    (*(f"leg {leg}" for leg in paths.LEGS), "alarm"),
+    (*style.LEG_COLORS, style.ALARM_COLOR),
+    COARSE_BITS,
+    widths=(1.5,) * (N_LEGS + 1),
+)
+TEMPERATURES = _of_joints(paths.TEMPERATURES, "servos (°C)", "temperatures_c")
+VOLTAGES = _of_joints(paths.VOLTAGES, "servos (V)", "voltages_v")
+
+#: What is stored ten times a second of the log, where all of it is known.
+SAMPLED = (TORQUES, VELOCITY)
+
+#: What single servos report, once a second.
+SERVOS = (
+    TEMPERATURES,
+    VOLTAGES,
+    _of_joints(paths.CURRENTS, "servos (A)", "currents_a"),
+    _of_joints(paths.AGES, "ages of the joint angles (s)", "ages_s"),
+)
+
+ALL = (DEVIATION, MARGIN, SUSPICION, *SAMPLED, *SERVOS)

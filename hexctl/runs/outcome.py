@@ -1,0 +1,90 @@
+"""The outcome of a run as plain values: parts of the object that `hexctl run --json` prints."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from hexctl.backends.clock import PERIOD_S
+from hexctl.backends.sim.world import DEFAULT_WORLD, World
+from hexctl.control.guard import Guard
+from hexctl.control.log import TickLog
+from hexctl.control.trial_plan import TrialPlan
+from hexctl.robot.configs import shipped_text
+from hexctl.robot.failure import FailureEvent
+from hexctl.runs.run_spec import RunSpec
+
+
+def gait_values(spec: RunSpec, plan: TrialPlan) -> dict[str, Any]:
+    """The gait of a plan, with the name that its spec gives it."""
+    gait = plan.gait
+    return {
+        "name": spec.gait_text,
+        "slots": list(gait.slots),
+        "code": gait.code(plan.failed_legs),
+        "posture": gait.posture.to_dict(),
+        "swing_share": gait.swing_share,
+        "phases": None if gait.phases is None else list(gait.phases),
+        "then": list(spec.then),
+    }
+
+
+def failure_values(plan: TrialPlan, events: Sequence[FailureEvent], until_s: float) -> dict[str, Any]:
+    """Failures of a plan, and those of events that came before a time of the walk."""
+    in_order = sorted(events, key=lambda event: event.at_s)
+    return {
+        "failed_leg": plan.belief.leg if plan.belief else None,
+        "failure": str(plan.belief) if plan.belief else None,
+        "further_failures": {str(one.leg): str(one) for one in plan.further_failures},
+        "events": [str(event) for event in in_order if event.at_s < until_s],
+    }
+
+
+def tick_values(guard: Guard, log: TickLog, wall_s: float) -> dict[str, Any]:
+    """What the ticks of a walk took, and what the guard counted.
+
+    Args:
+        guard: of the robot that walked.
+        log: of the walk.
+        wall_s: how long it took by the clock on the wall.
+    """
+    work_us = log["work_s"] * 1e6  # (ticks,)
+    quantiles = np.percentile(work_us, [50, 99, 100]) if len(log) else np.zeros(3)
+    return {
+        "ticks": len(log),
+        "overruns": guard.clock.overruns,
+        "standstill_s": None if guard.standstill is None else round(guard.standstill.duration_s, 1),
+        "refused_commands": guard.counters.refused,
+        "positions_doubted": guard.positions.doubted,
+        "servo_link": guard.link_counts or None,
+        "tick_us": dict(zip(("p50", "p99", "max"), (round(float(q), 1) for q in quantiles), strict=True)),
+        "realtime_factor": round(len(log) * PERIOD_S / wall_s, 2) if wall_s > 0 else None,
+    }
+
+
+def world_text(spec: RunSpec) -> str | None:
+    """Name of the simulated world; None on a robot that is not simulated here."""
+    if not spec.simulated:
+        return None
+    world = spec.world
+    return "custom" if isinstance(world, World) else shipped_text("worlds", world or DEFAULT_WORLD)
+
+
+def events_seen(log: TickLog) -> list[FailureEvent]:
+    """Legs that a simulation at the other end of a link let fail and heal, before the walk at its start.
+
+    What was broken when the link began is no event.
+    """
+    if log.walk_from is None:
+        return []
+    times_s, last = log["time_s"], len(log) - 1
+    changes = [change for change in log.leg_changes if change.by == "world"][1:]
+    return [
+        FailureEvent(
+            at_s=round(max(0.0, float(times_s[min(change.row, last)] - times_s[log.walk_from])), 3),
+            leg=leg,
+            failure=failure,
+        )
+        for change in changes
+        for leg, failure in change.differences
+    ]
