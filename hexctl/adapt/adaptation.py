@@ -22,7 +22,6 @@ from hexctl.adapt.reset_free import ResetFreeRunner, arena_of, at_home, connecte
 from hexctl.adapt.runner import TrialRunner, at_finer_step, check_not_interrupted
 from hexctl.adapt.search import check_parts, extended, new_spec
 from hexctl.adapt.search_progress import SearchBar
-from hexctl.adapt.sessions.code_trust import check_trusted
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_optimizer import make_search
 from hexctl.adapt.sessions.session_spec import SessionSpec
@@ -123,7 +122,7 @@ class Adaptation:
         """
         session = name if isinstance(name, Session) else load_session(name, folder)
         given = {part for part, value in options.items() if value is not None}
-        check_trusted(session.spec, given, trust=trust)
+        session.spec.check_trusted(given, trust=trust)
         spec = session.spec if budget is None else extended(session, budget)
         adaptation = cls(spec, folder=folder, **options)
         adaptation._resumed, adaptation._budget = session, budget
@@ -256,7 +255,7 @@ class Adaptation:
         """Session to be continued, as it stands now that no other process adds to it."""
         stack.enter_context(held(name, store.folder))
         session = self._resumed = load_session(name, store.folder)
-        check_trusted(session.spec, self._given, trust=self._trust)  # it may have changed since
+        session.spec.check_trusted(self._given, trust=self._trust)  # it may have changed since
         left = remove_unfinished(store.folder_of(name), session)
         self._tell(None if left is None else f"removed {left}: its trial was killed and is walked again")
         if self._budget is not None:

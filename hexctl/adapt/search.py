@@ -173,7 +173,7 @@ def _with_target(spec: SessionSpec, target: float | str | None) -> SessionSpec:
     except ValueError:
         raise InputError(f"{argument('target')}: got {target!r}; allowed: {allowed}") from None
     if not text.endswith("%"):
-        return replace(spec, target_m=value)
+        return replace(spec, target=None, target_m=value)
     if not 0 < value <= 100:
         raise InputError(f"{argument('target')}: got {target}; allowed: {allowed}")
     if spec.objective_unit != "m":

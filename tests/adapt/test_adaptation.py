@@ -565,7 +565,7 @@ def test_a_session_whose_folder_is_deleted_ends_with_one_error(tmp_path: Path) -
             shutil.rmtree(tmp_path / "runs")
 
     adaptation = Adaptation(new_spec(failed_leg=5, prior="none", budget=6), record=False)
-    with pytest.raises(StoreError, match="deleted or moved"):
+    with pytest.raises(StoreError, match="was deleted"):
         adaptation.run(on_trial=delete)
     assert list_sessions(tmp_path / "runs") == []
 
@@ -578,5 +578,5 @@ def test_a_recording_that_cannot_be_written_does_not_hide_that_the_store_is_gone
         shutil.rmtree(tmp_path / "runs")
         raise RecordingError("runs/trial-001.rrd: the recording cannot be written")
 
-    with mock.patch.object(TrialRunner, "walk", lose), pytest.raises(StoreError, match="deleted or moved"):
+    with mock.patch.object(TrialRunner, "walk", lose), pytest.raises(StoreError, match="was deleted"):
         adaptation.run()

@@ -25,7 +25,6 @@ def test_recordings_of_a_session_are_those_in_its_folder_wherever_they_were_writ
     with pytest.raises(InputError, match="has no recordings to export"):
         recordings_to_export([session.name], tmp_path / "runs")
     folder = tmp_path / "runs" / session.name
-    folder.mkdir()
     (folder / "trial-002.rrd").write_bytes(b"")
     found = recordings_to_export([session.name], tmp_path / "runs")
     assert found.paths == (folder / "trial-001.rrd", folder / "trial-002.rrd")

@@ -25,7 +25,6 @@ def session(tmp_path_factory: pytest.TempPathFactory, trial: Path) -> tuple[Sess
     store = SessionStore(tmp_path_factory.mktemp("a session") / "übung 1%")
     session = store.create(SPEC)
     folder = store.folder_of(session.name)
-    folder.mkdir()
     for index, off_m in enumerate(DEVIATIONS_M, start=1):
         result = result_of(off_m)
         recording = folder / f"trial-{index:03d}.rrd"

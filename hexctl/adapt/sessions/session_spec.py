@@ -1,14 +1,22 @@
 """The spec of a session: the options of its search, resolved, and what was found out when it began."""
 
 import math
+from collections.abc import Collection
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from hexctl.adapt.adapt_options import AdaptOptions
 from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.control.trial_plan import Hold, SelfRotation
+from hexctl.errors import InputError, argument
 from hexctl.recording.sessions.session_overview import METRES, mark_text, score_text
 from hexctl.robot.failure import Failure
+
+#: Options that may name code, `module:Name`, with the argument that gives such a part instead.
+_PARTS = {"optimizer": "optimizer", "objective": "objective", "backend": "servos", "policy": "policy"}
+
+#: Begins names of the running script, which is loaded already.
+_SCRIPT = "__main__:"
 
 #: The policy of sessions whose trials watch no legs.
 UNWATCHED = "walk-on"
@@ -112,6 +120,30 @@ class SessionSpec(AdaptOptions):
         """The simulation's own uncertainty of a score; empty if unknown, or if the score is no end."""
         uncertain = self.uncertainty_m > 0 and self.objective == "final"
         return score_text(self.uncertainty_m, METRES) if uncertain else ""
+
+    @property
+    def foreign_parts(self) -> dict[str, str]:
+        """Options that name code to be imported, `module:Name`, and these names."""
+        named = {option: str(getattr(self, option)) for option in _PARTS}
+        return {
+            option: name for option, name in named.items() if ":" in name and not name.startswith(_SCRIPT)
+        }
+
+    def check_trusted(self, given: Collection[str], *, trust: bool) -> None:
+        """Check that a session imports no code that the caller does not vouch for.
+
+        Args:
+            given: arguments that the caller gives in place of what the spec names.
+            trust: whether the caller vouches for the session.
+
+        Raises InputError for a part that is named as `module:Name`.
+        """
+        for option, name in self.foreign_parts.items():
+            if not trust and _PARTS[option] not in given:
+                raise InputError(
+                    f"session: its {option} is code to be imported, got {name!r}; allowed: names that hexctl "
+                    f"ships; if you trust the session and that module, add {argument('trust')}"
+                )
 
     def as_json(self) -> dict[str, Any]:
         """The spec as `hexctl adapt --json` prints it: leg and kind of the failure, heading in degrees."""

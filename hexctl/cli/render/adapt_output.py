@@ -18,7 +18,6 @@ from hexctl.adapt.optimizers.bayes import SURE
 from hexctl.adapt.optimizers.shipped import TRIM
 from hexctl.adapt.runner import LegFailedError
 from hexctl.adapt.search_progress import CONFIRMATION_WALKS, SearchBar
-from hexctl.adapt.sessions.code_trust import foreign_parts
 from hexctl.adapt.sessions.comparison import scores_without_search
 from hexctl.adapt.sessions.recommendation import Contender, recommended, straightest_baseline
 from hexctl.adapt.sessions.search_session import Session, trials_text
@@ -319,7 +318,7 @@ def finding_parts(session: Session) -> list[RenderableType]:
 
 def resume_command(session: Session) -> str:
     """Command that continues a session of this user."""
-    trust = " --trust" if foreign_parts(session.spec) else ""
+    trust = " --trust" if session.spec.foreign_parts else ""
     return f"hexctl adapt --resume {shlex.quote(session.name)}{trust}"
 
 

@@ -1,17 +1,20 @@
 """The spec of a session: what was asked for, as it was resolved, is what is stored and continued."""
 
 import json
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from hexctl.adapt.adapt_options import AdaptOptions
+from hexctl.adapt.adaptation import Adaptation
 from hexctl.adapt.runner import TrialRunner
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.store import FILE_NAME, SessionStore, list_sessions, load_session
 from hexctl.cli.main import exit_code
+from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
 from tests.adapt.walking import Landscape
 
@@ -60,3 +63,31 @@ def test_a_session_continues_as_it_began_whatever_the_settings_say_by_then(
     assert len(again.trials) == 4
     assert (again.spec.duration_s, again.spec.optimizer, again.spec.seed) == (7.0, "pso", 0)
     capsys.readouterr()
+
+
+@pytest.mark.parametrize("field", ["optimizer", "objective", "backend", "policy"])
+def test_a_session_imports_no_code_without_trust(field: str) -> None:
+    spec = new_spec(failed_leg=5)
+    spec.check_trusted((), trust=False)
+    named: dict[str, Any] = {field: "planted:Thing"}
+    foreign = replace(spec, **named)
+    with pytest.raises(InputError, match="trust"):
+        foreign.check_trusted((), trust=False)
+    foreign.check_trusted((), trust=True)
+    foreign.check_trusted({"servos" if field == "backend" else field}, trust=False)
+
+
+def test_resuming_a_foreign_session_runs_none_of_its_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "planted_score.py").write_text("open('ran', 'w').close()\ndef score(result): return 1.0\n")
+    foreign = replace(new_spec(failed_leg=5, budget=2), objective="planted_score:score")
+    store = SessionStore(tmp_path / "runs")
+    name = store.create(foreign).name
+    for session in (name, load_session(name, tmp_path / "runs")):
+        with pytest.raises(InputError, match="trust"):
+            Adaptation.resume(session, folder=tmp_path / "runs", record=False)
+    assert not (tmp_path / "ran").exists()
+    Adaptation.resume(name, folder=tmp_path / "runs", record=False, trust=True)
+    assert (tmp_path / "ran").exists()
