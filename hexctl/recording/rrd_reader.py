@@ -5,6 +5,7 @@ with an Arrow stream, compressed with LZ4, as Rerun writes it in the version `RE
 """
 
 import logging
+import os
 import struct
 import warnings
 from collections.abc import Callable, Iterator
@@ -114,11 +115,12 @@ def entity_of(batch: Any) -> str:
 
 def _chunk_messages(file: BinaryIO) -> Iterator[bytes]:
     """Messages with chunks up to the end of a file, or to one that is cut off."""
+    size = os.fstat(file.fileno()).st_size
     while len(head := file.read(MESSAGE_HEAD.size)) == MESSAGE_HEAD.size:
         kind, length = MESSAGE_HEAD.unpack(head)
-        message = file.read(length)
-        if len(message) < length:
+        if length > size - file.tell():
             return
+        message = file.read(length)
         if kind == CHUNK:
             yield message
 
@@ -135,7 +137,7 @@ def _batch(message: bytes) -> Any:
         stream = pyarrow.decompress(stream, size, codec="lz4_raw")
     batch = pyarrow.ipc.open_stream(stream).read_next_batch()
     batch.validate(full=True)
-    if "\0" in batch.schema.to_string() or not entity_of(batch):
+    if not all(batch.schema.names) or "\0" in batch.schema.to_string() or not entity_of(batch):
         raise ValueError("a column without a name")
     return batch
 

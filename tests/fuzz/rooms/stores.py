@@ -296,13 +296,12 @@ TARGETS = (
     Target(
         name="study-walks", read=_walks, seeds=(_walk_file(), b"[]"), words=NUMBERS, most_bytes=1000, times=50
     ),
-    # No spoiled ones in tests: Rerun's reader ends the process on some, as README.md says.
     Target(
         name="recording",
         read=_of_file("recording.rrd", read_trial),
         seeds=(_recording(),),
         words=(b"RRF2", b"FOOT"),
         most_bytes=60_000,
-        times=10,
+        times=100,
     ),
 )
