@@ -8,6 +8,8 @@ from typing import Literal
 #: How a number has its sign: not at all, in two's complement, or in its bit 10 or 15.
 Sign = Literal["none", "twos", "bit10", "bit15"]
 
+_SIGN_BITS = {"bit10": 1 << 10, "bit15": 1 << 15}
+
 
 @dataclass(frozen=True, slots=True)
 class Register:
@@ -27,12 +29,11 @@ class Register:
 
     def value(self, raw: int) -> float:
         """Number of raw, unsigned bits, in its unit."""
-        bits = 8 * self.size
-        if self.sign == "twos" and raw >= 1 << (bits - 1):
-            raw -= 1 << bits
-        elif self.sign in ("bit10", "bit15"):
-            flag = 1 << int(self.sign[3:])
+        flag = _SIGN_BITS.get(self.sign, 0)
+        if flag:
             raw = -(raw & (flag - 1)) if raw & flag else raw & (flag - 1)
+        elif self.sign == "twos" and raw >> (8 * self.size - 1):
+            raw -= 1 << 8 * self.size
         return raw * self.scale
 
     def raw(self, value: float) -> int:
@@ -40,8 +41,8 @@ class Register:
         number = round(value / self.scale)
         if number < 0 and self.sign == "twos":
             return number + (1 << 8 * self.size)
-        if number < 0 and self.sign in ("bit10", "bit15"):
-            return -number | 1 << int(self.sign[3:])
+        if number < 0 and self.sign in _SIGN_BITS:
+            return -number | _SIGN_BITS[self.sign]
         return number
 
 
