@@ -15,6 +15,7 @@ from hexctl.recording import paths
 from hexctl.recording.blueprint import make_blueprint
 from hexctl.recording.rrd import (
     check_name,
+    check_whole,
     create_file,
     disconnect,
     flush,
@@ -37,7 +38,11 @@ APPLICATION_ID = "hexctl"
 
 #: Rows are written when there are this many or the last write was this long ago: chunks cost time and space.
 BLOCK_TICKS = 2000
-BLOCK_S = 2.0
+BLOCK_S = 4.0
+
+#: Longer walks have no index: Rerun keeps it in memory until the end, and it grows by 150 kB a second.
+#: `rerun rrd optimize` adds one.
+INDEXED_S = 600.0
 
 
 class Recording:
@@ -91,8 +96,8 @@ class Recording:
         self._stream: Any = rr.RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
         floor = self._subject.floor
         blueprint = make_blueprint(robot, plan.heading_rad, floor, watched=watched, servos=servos)
-        # An index would be a fifth of the file of a short walk, and grow in memory by 150 kB a second.
-        save_stream(self._stream, path, blueprint, index=False)
+        self._indexed = plan.duration_s <= INDEXED_S
+        save_stream(self._stream, path, blueprint, index=self._indexed)
         self._stream.send_recording_name(title)
         # With it a recording can be exported without the robot's file, as it was then.
         self._stream.send_property("robot", rr.AnyValues(name=robot.name, model=robot_to_json(robot)))
@@ -142,7 +147,7 @@ class Recording:
             send_outcome(self._last, result)
         flush(self._stream, self.path)
         self.close()
-        check_end(self.path, written)
+        check_whole(self.path) if self._indexed else check_end(self.path, written)
 
     def close(self) -> None:
         """Close the file; a second call does nothing."""
