@@ -1,124 +1,134 @@
-"""Settings of a comparison of holds: robots, unseen worlds, legs, failures, and what the walks hold."""
+"""Holds compared: where walks in held-out worlds end open loop, with the yaw, and with the pose."""
 
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from hexctl.backends.sim.world import MAX_MEMBERS, DomainRandomization, World
-from hexctl.control.trial_plan import AUTO_ROTATION, SELF_ROTATIONS
-from hexctl.control.walks.turning import check_plan
-from hexctl.errors import InputError, LimitError, ReachError, check_type
-from hexctl.robot.failure_grammar import KINDS, parse_kind
-from hexctl.robot.model import Robot
-from hexctl.study.holds.hold_conditions import HOLDS, INTACT, HoldCase, HoldConditions, with_sensors
-from hexctl.study.study_options import WORLDS
-from hexctl.study.study_plan import check_each, check_robot, check_setting
-from hexctl.types import N_LEGS
+from hexctl.control.trial_plan import AUTO_ROTATION, AskedRotation
+from hexctl.options import Typed
+from hexctl.robot.failure_grammar import parse_kind
+from hexctl.study.experiment import Drawing, plain
+from hexctl.study.held_out import INTACT
+from hexctl.study.held_out_experiment import (
+    HeldOutExperiment,
+    Record,
+    division_sections,
+    table_of,
+)
+from hexctl.study.holds import hold_report as report
+from hexctl.study.holds.hold_walks import Hold, HoldCase, HoldPlace
+from hexctl.study.plan import check_walkable
+from hexctl.study.reports.report_page import Bullets, Picture, Section, markdown
+from hexctl.study.verdicts.claim_evidence import Bar
+from hexctl.study.walk_cache import Walked
 
-#: Members of the families before this one were looked at: those of the transfer benchmark, 200 to 214 of
-#: `transfer`, with which this comparison was built, and 215 to 243, on which it was measured before.
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+#: Earlier members of the families were used while this comparison was built.
 FIRST_WORLD = 250
 
-#: The family of unseen worlds, unless told otherwise.
+#: Default family of worlds.
 FAMILY = "transfer"
-
-#: What is wrong with each leg, unless told otherwise.
-FAILURES = ("locked", "limp", "missing", "weak:0.5", "stuck:coxa")
 
 
 @dataclass(frozen=True, kw_only=True)
-class HoldPlan:
-    """Settings of one comparison.
+class HoldPlan(HeldOutExperiment):
+    """Settings of a comparison of holds.
 
     Attributes:
-        robots: models of the robots.
-        families: the unseen worlds by the name of their family.
-        worlds: number of worlds of each family.
-        first_world: number of the first of them.
-        legs: the failed legs, ascending.
-        failures: of each leg, in the words of `parse_kind`; intact robots walk beside them.
-        holds: what the walks hold, of `hexctl.study.holds.hold_conditions.HOLDS`.
-        self_rotation: where the failed leg points during the walk; with `auto` to the rear under the hold
-            `heading`, and as it is under the others, as `hexctl run --gait auto` walks under `heading` and
-            `line`. The open loop then walks the gait that holds the line.
-        duration_s: length of each walk.
-        exact_sensors: whether the worlds keep the sensors that their family gives them, instead of
-            `hexctl.study.holds.hold_conditions.SENSORS`.
+        holds: feedback of the walks.
+        self_rotation: direction of the failed leg during the walk. With `auto`, it points to the rear under
+            the hold `heading` and stays as it is under the others, as `hexctl run --gait auto` does. Walks
+            in open loop then have the gait of those that hold the line.
     """
 
-    robots: tuple[Robot, ...]
-    families: dict[str, DomainRandomization]
-    worlds: int = 10
+    NAME: ClassVar[str] = "holds"
+    REPORT: ClassVar[str] = "holds.html"
+    TITLE: ClassVar[str] = "hexctl study --hold"
+    HEADING: ClassVar[str] = "Open loop, with the yaw, with the pose"
+
     first_world: int = FIRST_WORLD
-    legs: tuple[int, ...] = tuple(range(1, N_LEGS + 1))
-    failures: tuple[str, ...] = FAILURES
-    holds: tuple[str, ...] = HOLDS
-    self_rotation: str = AUTO_ROTATION
-    duration_s: float = 30.0
-    exact_sensors: bool = False
+    failures: Annotated[tuple[str, ...], Typed(flag="failure")] = (
+        "locked",
+        "limp",
+        "missing",
+        "weak:0.5",
+        "stuck:coxa",
+    )
+    holds: tuple[Hold, ...] = ("none", "heading", "line")
+    self_rotation: AskedRotation = AUTO_ROTATION
 
-    def __post_init__(self) -> None:
-        for name in ("robots", "legs", "failures", "holds"):
-            check_type(getattr(self, name), tuple, f"plan.{name}", "a tuple")
-        for robot in self.robots:
-            check_robot(robot)
-        check_type(self.families, dict, "plan.families", "families of worlds by name")
-        for family in self.families.values():
-            allowed = "a DomainRandomization, as load_randomization('transfer') gives"
-            check_type(family, DomainRandomization, "plan.families", allowed)
-        for failure in self.failures:
-            check_type(failure, str, "plan.failures", KINDS)
-        for name in ("worlds", "first_world"):
-            check_type(getattr(self, name), int, f"plan.{name}")
-        check_type(self.duration_s, float, "plan.duration_s")
-        check_type(self.exact_sensors, bool, "plan.exact_sensors")
-
-    def conditions(self) -> list[HoldConditions]:
-        """Conditions of all walks, robot by robot and world by world."""
-        return [
-            HoldConditions(
-                robot=robot,
-                family=name,
-                number=number,
-                kind=family.kind(number).name,
-                world=self._sensed(world),
-                self_rotation=self.self_rotation,
-                duration_s=self.duration_s,
-            )
-            for robot in self.robots
-            for name, family in self.families.items()
-            for number, world in enumerate(family.members(self.first_world, self.worlds), self.first_world)
-        ]
-
-    def _sensed(self, world: World) -> World:
-        return world if self.exact_sensors else with_sensors(world)
+    def places(self) -> list[HoldPlace]:
+        """Return each robot in each world."""
+        return [HoldPlace(self_rotation=self.self_rotation, **one) for one in self.members()]
 
     def cases(self) -> list[HoldCase]:
-        """Cases under each of the conditions: intact, then leg by leg."""
+        """Return the cases in each place: intact, then leg by leg."""
         broken = [(0, INTACT), *((leg, failure) for leg in self.legs for failure in self.failures)]
         return [
             HoldCase(leg=leg, failure=failure, hold=hold) for leg, failure in broken for hold in self.holds
         ]
 
-    def walked(self) -> list[tuple[HoldConditions, list[HoldCase]]]:
-        """Conditions of all walks, and the cases under each."""
-        return [(one, self.cases()) for one in self.conditions()]
+    def walked(self) -> Walked:
+        """Return the cases to walk, place by place."""
+        cases = self.cases()
+        return [(place, cases) for place in self.places()]
 
     def check(self) -> None:
-        """Raise InputError for anything that is not allowed, before anything runs."""
-        check_each("robot", [robot.name for robot in self.robots])
-        check_each("world", list(self.families))
-        check_each("legs", self.legs, tuple(range(1, N_LEGS + 1)))
-        check_each("failure", self.failures)
-        check_each("holds", self.holds, HOLDS)
-        most = min(int(WORLDS.high), MAX_MEMBERS - self.first_world)
-        check_setting("worlds", self.worlds, 1 <= self.worlds <= most, f"1..{most}")
-        turn = self.self_rotation
-        allowed = (AUTO_ROTATION, *SELF_ROTATIONS)
-        check_setting("self_rotation", turn, turn in allowed, ", ".join(allowed))
+        """Raise InputError for settings that are not allowed, before anything runs."""
+        super().check()
         for failure in self.failures:
             parse_kind(self.legs[0], failure)
-        for one in self.conditions()[:: len(self.families) * self.worlds]:
+        for place in self.places()[:: len(self.families) * self.worlds]:
             for case in self.cases():
-                try:
-                    check_plan(one.robot, one.trial(case).plan)
-                except (ReachError, LimitError) as error:
-                    raise InputError(f"{one.robot.name}, leg {case.leg} {case.failure}: {error}") from error
+                check_walkable(f"leg {case.leg} {case.failure}", place.trial(case))
+
+    def columns(self, rows: "DataFrame") -> "DataFrame":
+        """Return the walks with what is derived from them."""
+        return report.with_ends(rows)
+
+    def statistics(self, rows: "DataFrame") -> list[Record]:
+        """Return the statistics of each group of walks and hold."""
+        return [
+            {"division": division, "group": name, "hold": hold}
+            | report.statistics(some[some["hold"] == hold])
+            for division, name, some in report.divisions(rows)
+            for hold in self.holds
+        ]
+
+    def bars(self, rows: "DataFrame") -> list[Bar]:
+        """Return the bars that the walks are to reach."""
+        return report.hold_bars(rows, self.duration_s)
+
+    def numbers(self, found: "DataFrame") -> dict[str, Any]:
+        """Return settings and results as plain JSON values."""
+        return super().numbers(found) | plain(self, "holds", "self_rotation")
+
+    def lines(self, found: "DataFrame") -> list[str]:
+        """Return the table of all walks of a failed leg, and the verdicts."""
+        failed = [one for one in self.statistics(found) if one["division"] == "all"]
+        return [*markdown(table_of(failed, report.COLUMNS)), *super().lines(found)]
+
+    def tables(self, found: "DataFrame") -> "Mapping[str, DataFrame]":
+        """Return the table of all walks."""
+        return {"holds": found.rename(columns={"kind_of_world": "kind"}).drop(columns=["speed", "open_m"])}
+
+    def drawings(self, found: "DataFrame") -> Sequence[Drawing]:
+        """Return the figures of the report."""
+        here = (
+            "Heights are numbers of walks. Lines are means, dots 90th percentiles. The scale is logarithmic."
+        )
+        return (
+            Drawing(name="holds", draw=lambda: report.holds_figure(self, found), here=here),
+            Drawing(name="holds_by_failure", draw=lambda: report.failures_figure(self, found), here=here),
+        )
+
+    def sections(self, found: "DataFrame", pictures: Mapping[str, Picture]) -> Iterator[Section]:
+        """Return the parts of the report."""
+        rotation = f" Self-rotation: {self.self_rotation}."
+        yield Section("", [self.settings_text(len(found)) + rotation])
+        yield self.bars_section(found)
+        yield Section("How to read this", [Bullets(report.READING)])
+        yield Section("Where walks end", list(pictures.values()))
+        yield from division_sections(self.statistics(found), report.COLUMNS)

@@ -1,41 +1,57 @@
-"""The report of a comparison of holds: one HTML page, with figures and a table of all walks beside it."""
+"""Statistics, bars and figures of compared holds."""
 
 from collections.abc import Iterator
-from dataclasses import asdict
-from pathlib import Path
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hexctl.files import atomic_write
 from hexctl.palette import REMEDY_COLORS, hex_color
-from hexctl.study.holds.hold_conditions import SENSORS
-from hexctl.study.holds.hold_findings import HoldFindings, HoldStatistics, hold_bars
-from hexctl.study.landscapes.versions import code_versions
-from hexctl.study.reports.figure_style import grid_of, label_axes, new_figure, save_figure
-from hexctl.study.reports.report_page import Bullets, Picture, Section, Table, render_page
-from hexctl.study.reports.study_tables import number
-from hexctl.study.verdicts.claim_evidence import cm, share_text
-from hexctl.types import BoolArray, FloatArray
+from hexctl.study.held_out import INTACT
+from hexctl.study.held_out_experiment import (
+    Columns,
+    Record,
+    groups,
+    mean,
+    percentile,
+    world_names,
+    worlds_text,
+)
+from hexctl.study.reports.figure_style import grid_of, label_axes, new_figure
+from hexctl.study.verdicts.claim_evidence import (
+    Bar,
+    clustered_error,
+    cm,
+    cm_with_error,
+    limit_text,
+    share_text,
+    share_with_error,
+    too_short,
+)
+from hexctl.study.walk_cache import ENDED
+from hexctl.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from pandas import DataFrame
 
-REPORT = "holds.html"
-TABLE = "holds.parquet"
-FIGURES = ("holds", "holds_by_failure")
+    from hexctl.study.holds.hold_plan import HoldPlan
 
-#: What is held, in the words of the report.
+#: The family of worlds with robots as they are built, in which intact robots are judged.
+REAL = "real"
+
+#: Share of walks that may make no progress.
+NO_PROGRESS = 0.03
+
+#: Holds in the words of the report, and their colours.
 HOLD_NAMES = {"none": "open loop", "heading": "yaw alone", "line": "pose"}
+HOLD_COLORS = dict(zip(HOLD_NAMES, map(hex_color, REMEDY_COLORS), strict=True))
 
-#: Colours of what is held.
-HOLD_COLORS = dict(zip(("none", "heading", "line"), map(hex_color, REMEDY_COLORS), strict=True))
-
-#: The scale of the figures, in cm, and the bins in each factor of ten.
+#: Scale of the figures, in cm, and the bins in each factor of ten.
 LOW_CM, HIGH_CM, BINS = 0.005, 500.0, 10
 
-#: Height of the highest bin of a histogram, where a row is 1 high; the text is above.
+#: Height of the highest bin of a histogram in a row of height 1; the text is above.
 HEIGHT = 0.7
 
 READING = (
@@ -49,62 +65,200 @@ READING = (
     "Nine of ten: the 90th percentile. The bars are judged by the numbers themselves, not by intervals.",
 )
 
-HEADER = (
-    "",
-    "holds",
-    "walks",
-    "final: mean",
-    "nine of ten",
-    "greatest",
-    "on the way: nine of ten",
-    "no progress",
-    "fell",
-    "stopped",
-    "progress over ideal",
-    "over open loop",
-)
+
+def with_ends(rows: "DataFrame") -> "DataFrame":
+    """Return walks with their final deviation and speed, NaN if they did not end on their feet.
+
+    Column `open_m` is the progress of the same walk in open loop, NaN if that was not walked.
+    """
+    ended = rows["status"].isin(ENDED)
+    rows = rows.assign(
+        final_m=rows["signed_m"].abs().where(ended),
+        speed=(rows["distance_m"] / rows["ideal_distance_m"]).where(ended),
+    )
+    same = ["robot", "family", "world", "leg", "failure"]
+    open_loop = rows[rows["hold"] == "none"].set_index(same)
+    open_m = (open_loop["speed"] * open_loop["ideal_distance_m"]).rename("open_m")
+    return rows.join(open_m, on=same)
 
 
-def holds_figure(findings: HoldFindings) -> "Figure":
-    """Distributions of the final deviation of all robots with a failed leg, a row for each hold."""
-    figure, panels = new_figure(1, 1, (9.0, 0.9 + 1.1 * len(findings.plan.holds)))
-    _, _, damaged = next(findings.groups())
-    _draw(panels[0], findings, damaged)
-    worlds = findings.statistics(findings.plan.holds[0], damaged).worlds
-    robots = ", ".join(robot.name for robot in findings.plan.robots)
-    title = f"{robots}, one leg failed, {worlds} unseen worlds, {findings.plan.duration_s:g} s, no trial"
+def divisions(rows: "DataFrame") -> Iterator[tuple[str, str, "DataFrame"]]:
+    """Return name of a division, name of a group in it, and its walks.
+
+    All divisions but that by failure leave intact robots out.
+    """
+    failed = rows[rows["failure"] != INTACT]
+    yield "all", "one leg failed", failed
+    yield from groups(rows, {"failure": "failure"})
+    floor = failed.assign(floor=np.where(failed["rough"], "rough", "even"))
+    columns = {"robot": "robot", "family": "family", "leg": "leg", "kind of world": "kind_of_world"}
+    yield from groups(floor, columns | {"floor": "floor"})
+
+
+def statistics(rows: "DataFrame") -> Record:
+    """Return the statistics of some walks with one hold; standard errors over worlds, NaN for one world.
+
+    Walks that fell, diverged or were stopped have no deviation; those without progress have. `over_open` is
+    the progress over that of the same walks open loop, both summed.
+    """
+    worlds, final_m, speed = world_names(rows).to_numpy(), *_arrays(rows, "final_m", "speed")
+    ended = np.isfinite(final_m)
+    progress_m, open_m = speed * rows["ideal_distance_m"].to_numpy(), rows["open_m"].to_numpy()
+    over_open, over_open_error = _ratio(progress_m, open_m, worlds)
+    fell = int((rows["status"] == "fell").sum())
+    return {
+        "walks": len(rows),
+        "worlds": len(np.unique(worlds)),
+        "mean_m": mean(final_m[ended]),
+        "mean_error_m": float(clustered_error(final_m[ended], worlds[ended])),
+        "p90_m": percentile(final_m[ended], 90),
+        "max_m": percentile(final_m[ended], 100),
+        "way_p90_m": percentile(rows["max_m"].to_numpy()[ended], 90),
+        "no_progress": int((rows["status"] == "no_progress").sum()),
+        "fell": fell,
+        "others": len(rows) - int(ended.sum()) - fell,
+        "over_ideal": mean(speed[ended]),
+        "over_ideal_error": float(clustered_error(speed[ended], worlds[ended])),
+        "over_open": over_open,
+        "over_open_error": over_open_error,
+    }
+
+
+def _arrays(rows: "DataFrame", *names: str) -> list[FloatArray]:
+    return [rows[name].to_numpy() for name in names]
+
+
+def _ratio(above: FloatArray, below: FloatArray, worlds: Any) -> tuple[float, float]:
+    """Sum of some values over that of others, pairs with NaN left out, and its standard error over worlds."""
+    known = np.isfinite(above) & np.isfinite(below)
+    above, below, worlds = above[known], below[known], worlds[known]
+    if not known.any() or below.sum() <= 0:
+        return float("nan"), float("nan")
+    ratio = float(above.sum() / below.sum())
+    return ratio, float(clustered_error((above - ratio * below) / below.mean(), worlds))
+
+
+def _count(name: str) -> Any:
+    """Text of a number of walks and their share."""
+    return lambda one: f"{one[name]} ({share_text(one[name] / one['walks'])})" if one[name] else "0"
+
+
+COLUMNS: Columns = {
+    "holds": lambda one: HOLD_NAMES[one["hold"]],
+    "walks": lambda one: worlds_text(one["walks"], one["worlds"]),
+    "final: mean": lambda one: cm_with_error(one["mean_m"], one["mean_error_m"]),
+    "nine of ten": lambda one: cm(one["p90_m"]),
+    "greatest": lambda one: cm(one["max_m"]),
+    "on the way: nine of ten": lambda one: cm(one["way_p90_m"]),
+    "no progress": _count("no_progress"),
+    "fell": _count("fell"),
+    "stopped": _count("others"),
+    "progress over ideal": lambda one: share_with_error(one["over_ideal"], one["over_ideal_error"]),
+    "over open loop": lambda one: share_with_error(one["over_open"], one["over_open_error"]),
+}
+
+
+def hold_bars(rows: "DataFrame", duration_s: float) -> list[Bar]:
+    """Return the bars that walks reach; none is judged on walks that are too short."""
+    line, heading = (rows[rows["hold"] == hold] for hold in ("line", "heading"))
+    bars: list[Bar] = []
+    if len(line):
+        bars += _line_bars(line[line["failure"] != INTACT])
+    if len(heading):
+        found = statistics(heading[heading["failure"] != INTACT])
+        bars.append(_length("heading_mean", "yaw: mean of the final deviation", found["mean_m"], 0.05, 0.03))
+        bars.append(_length("heading_p90", "yaw: nine of ten final deviations", found["p90_m"], 0.10, 0.06))
+    if len(intact := line[(line["failure"] == INTACT) & (line["family"] == REAL)]):
+        found, what = statistics(intact), f"pose, intact robots, {REAL} worlds"
+        bars.append(_length("intact_mean", f"{what}: mean of the final deviation", found["mean_m"], 0.005))
+        bars.append(_length("intact_max", f"{what}: greatest final deviation", found["max_m"], 0.03))
+    reason = too_short(duration_s)
+    return [replace(bar, holds=None, not_judged=reason) for bar in bars] if reason else bars
+
+
+def _line_bars(rows: "DataFrame") -> Iterator[Bar]:
+    """Bars of walks of a failed leg that hold their line."""
+    found = statistics(rows)
+    final = "of the final deviation"
+    yield _length("line_mean", f"pose: mean {final}", found["mean_m"], 0.006, 0.003)
+    yield _length("line_p90", "pose: nine of ten final deviations", found["p90_m"], 0.012, 0.006)
+    yield _length("line_max", "pose: greatest final deviation", found["max_m"], 0.05, 0.025)
+    what = "pose: nine of ten greatest deviations on the way"
+    yield _length("line_way", what, found["way_p90_m"], 0.04, 0.025)
+    if rows["rough"].any():
+        rough = statistics(rows[rows["rough"]])
+        yield _length("line_rough", f"pose, rough floors: mean {final}", rough["mean_m"], 0.012, 0.008)
+    share = found["no_progress"] / found["walks"]
+    yield Bar(
+        name="line_no_progress",
+        asked=f"pose: walks without progress at most {NO_PROGRESS:.0%} (stretch: none)",
+        measured=f"{found['no_progress']} of {found['walks']}, {share:.1%}",
+        holds=share <= NO_PROGRESS,
+    )
+    yield Bar(
+        name="line_falls",
+        asked="pose: no walk falls or is stopped",
+        measured=f"{found['fell']} fell, {found['others']} diverged or were stopped",
+        holds=found["fell"] + found["others"] == 0,
+    )
+    if rows["open_m"].notna().any():
+        yield _at_least("line_over_open", "pose: progress over open loop", found["over_open"], 1.0)
+    what = "pose: mean progress over the ideal (stretch: 0.9)"
+    yield _at_least("line_over_ideal", what, found["over_ideal"], 0.75)
+
+
+def _length(name: str, what: str, value_m: float, most_m: float, stretch_m: float | None = None) -> Bar:
+    """Bar of a length that is to be at most so long; NaN misses it."""
+    stretch = "" if stretch_m is None else f" (stretch: {limit_text(stretch_m)})"
+    asked = f"{what} at most {limit_text(most_m)}{stretch}"
+    return Bar(name=name, asked=asked, measured=cm(value_m), holds=bool(value_m <= most_m))
+
+
+def _at_least(name: str, what: str, value: float, least: float) -> Bar:
+    return Bar(
+        name=name, asked=f"{what} at least {least:g}", measured=f"{value:.3f}", holds=bool(value >= least)
+    )
+
+
+def holds_figure(plan: "HoldPlan", rows: "DataFrame") -> "Figure":
+    """Draw the distributions of the final deviation of robots with a failed leg, a row for each hold."""
+    figure, panels = new_figure(1, 1, (9.0, 0.9 + 1.1 * len(plan.holds)))
+    failed = rows[rows["failure"] != INTACT]
+    _draw(panels[0], plan, failed)
+    robots, worlds = ", ".join(robot.name for robot in plan.robots), world_names(failed).nunique()
+    title = f"{robots}, one leg failed, {worlds} unseen worlds, {plan.duration_s:g} s, no trial"
     _finish(figure, panels, 1, title)
     return figure
 
 
-def failures_figure(findings: HoldFindings) -> "Figure":
-    """The same for each failure, and for intact robots."""
-    groups = [(name, which) for division, name, which in findings.groups() if division == "failure"]
-    rows, columns = grid_of(len(groups))
-    figure, panels = new_figure(rows, columns, (5.2 * columns, (0.7 + 0.8 * len(findings.plan.holds)) * rows))
-    for panel, (name, which) in zip(panels, groups, strict=False):
-        _draw(panel, findings, which)
+def failures_figure(plan: "HoldPlan", rows: "DataFrame") -> "Figure":
+    """Draw the same for each failure, and for intact robots."""
+    each = list(groups(rows, {"failure": "failure"}))
+    across, columns = grid_of(len(each))
+    figure, panels = new_figure(across, columns, (5.2 * columns, (0.7 + 0.8 * len(plan.holds)) * across))
+    for panel, (_, name, some) in zip(panels, each, strict=False):
+        _draw(panel, plan, some)
         panel.set_title(name, fontsize=9)
-    _finish(figure, panels, len(groups), "By failure")
+    _finish(figure, panels, len(each), "By failure")
     return figure
 
 
-def _draw(panel: "Axes", findings: HoldFindings, which: BoolArray) -> None:
+def _draw(panel: "Axes", plan: "HoldPlan", rows: "DataFrame") -> None:
     """Draw a histogram for each hold, one above the other, with mean, 90th percentile and maximum."""
     edges = np.geomspace(LOW_CM, HIGH_CM, round(BINS * np.log10(HIGH_CM / LOW_CM)) + 1)
-    names = []
-    for row, hold in enumerate(findings.plan.holds):
-        final_cm = 100 * findings.rows(hold).final_m[which]
-        final_cm = np.clip(final_cm[np.isfinite(final_cm)], LOW_CM, HIGH_CM)
-        found = findings.statistics(hold, which)
-        base = -float(row)
+    for row, hold in enumerate(plan.holds):
+        some = rows[rows["hold"] == hold]
+        found, base = statistics(some), -float(row)
+        final_cm = np.clip(100 * some["final_m"].dropna().to_numpy(), LOW_CM, HIGH_CM)
         _histogram(panel, final_cm, edges, base, HOLD_COLORS[hold])
-        for value_m, style in ((found.mean_m, "-"), (found.p90_m, ":")):
-            panel.plot([100 * value_m] * 2, [base, base + HEIGHT], style, color="#222222", linewidth=1.3)
-        said = f"mean {cm(found.mean_m)}, nine of ten below {cm(found.p90_m)}, greatest {cm(found.max_m)}"
+        for name, style in (("mean_m", "-"), ("p90_m", ":")):
+            at_cm = [100 * found[name]] * 2
+            panel.plot(at_cm, [base, base + HEIGHT], style, color="#222222", linewidth=1.3)
+        ends = [cm(found[name]) for name in ("mean_m", "p90_m", "max_m")]
+        said = "mean {}, nine of ten below {}, greatest {}".format(*ends)
         panel.text(LOW_CM * 1.15, base + HEIGHT + 0.06, said, fontsize=8)
-        names.append(HOLD_NAMES[hold])
-    panel.set_ylim(1 - len(names), 1)
+    panel.set_ylim(1 - len(plan.holds), 1)
+    names = [HOLD_NAMES[hold] for hold in plan.holds]
     panel.set_yticks([0.3 - row for row in range(len(names))], names)
     panel.tick_params(axis="y", length=0)
 
@@ -126,139 +280,3 @@ def _finish(figure: "Figure", panels: "list[Axes]", used: int, title: str) -> No
     for panel in panels:
         panel.grid(visible=False, axis="y")
     figure.suptitle(title, fontsize=11)
-
-
-def write_hold_report(findings: HoldFindings, folder: Path) -> Path:
-    """Write table, figures and the report into a folder; path of the report."""
-    _write_table(findings, folder)
-    for name, draw in zip(FIGURES, (holds_figure, failures_figure), strict=True):
-        save_figure(draw(findings), folder, name)
-    sections = [*_head(findings), *_pictures(folder), *_tables(findings)]
-    heading = "Open loop, with the yaw, with the pose"
-    atomic_write(folder / REPORT, render_page("hexctl study --hold", heading, sections))
-    return folder / REPORT
-
-
-def holds_json(findings: HoldFindings) -> dict[str, Any]:
-    """Settings and results of a comparison as JSON values; null where there is no number."""
-    plan = findings.plan
-    return {
-        "robots": [robot.name for robot in plan.robots],
-        "families": list(plan.families),
-        "first_world": plan.first_world,
-        "worlds": plan.worlds,
-        "legs": list(plan.legs),
-        "failures": list(plan.failures),
-        "holds": list(plan.holds),
-        "self_rotation": plan.self_rotation,
-        "duration_s": plan.duration_s,
-        "sensors": None if plan.exact_sensors else SENSORS,
-        "code": code_versions(),
-        "walks": len(findings.walks),
-        "bars": [bar.as_json() for bar in hold_bars(findings)],
-        "statistics": [
-            {"division": division, "group": name, "hold": hold} | _numbers(findings.statistics(hold, which))
-            for division, name, which in findings.groups()
-            for hold in plan.holds
-        ],
-    }
-
-
-def _numbers(found: HoldStatistics) -> dict[str, Any]:
-    values = asdict(found)
-    return {name: number(value) if isinstance(value, float) else value for name, value in values.items()}
-
-
-def holds_lines(findings: HoldFindings) -> list[str]:
-    """Table of all walks with a failed leg, as lines of Markdown."""
-    (_, name, which), *_ = findings.groups()
-    lines = ["| " + " | ".join(HEADER) + " |", "|---" * len(HEADER) + "|"]
-    rows = [_row(name, hold, findings.statistics(hold, which)) for hold in findings.plan.holds]
-    return [*lines, *("| " + " | ".join(row) + " |" for row in rows)]
-
-
-def _head(findings: HoldFindings) -> Iterator[Section]:
-    plan = findings.plan
-    numbers = f"{plan.first_world} to {plan.first_world + plan.worlds - 1}"
-    sensors = (
-        "Sensors as the worlds have them."
-        if plan.exact_sensors
-        else "Sensors 40 ms late, with 1 cm and 0.5 degrees of noise; 5 % of the poses are lost."
-    )
-    settings = (
-        f"{', '.join(robot.name for robot in plan.robots)}; worlds {numbers} of "
-        f"{' and '.join(plan.families)}; legs {', '.join(map(str, plan.legs))}, each "
-        f"{', '.join(plan.failures)}, and intact robots; self-rotation {plan.self_rotation}; "
-        f"{plan.duration_s:g} s a walk; {len(findings.walks)} walks. {sensors}"
-    )
-    yield Section("", [settings])
-    rows = [(bar.asked, bar.measured, bar.verdict) for bar in hold_bars(findings)]
-    yield Section("Bars", [Table(("asked", "measured", "verdict"), rows)])
-    yield Section("How to read this", [Bullets(READING)])
-
-
-def _pictures(folder: Path) -> Iterator[Section]:
-    here = (
-        "Heights are numbers of walks. The line is the mean, the dots nine of ten. The scale is logarithmic."
-    )
-    pictures = [Picture(folder / f"{name}.svg", "Not in the paper.", here) for name in FIGURES]
-    yield Section("Where walks end", pictures)
-
-
-def _tables(findings: HoldFindings) -> Iterator[Section]:
-    """A table for each division of the walks."""
-    rows: dict[str, list[tuple[str, ...]]] = {}
-    for division, name, which in findings.groups():
-        some = [_row(name, hold, findings.statistics(hold, which)) for hold in findings.plan.holds]
-        rows.setdefault(division, []).extend(some)
-    for division, lines in rows.items():
-        title = "All" if division == "all" else f"By {division}"
-        yield Section(title, [Table(HEADER, lines)])
-    yield Section("Versions", [", ".join(f"{name} {value}" for name, value in code_versions().items())])
-
-
-def _row(name: str, hold: str, found: HoldStatistics) -> tuple[str, ...]:
-    return (
-        name,
-        HOLD_NAMES[hold],
-        f"{found.walks} in {found.worlds} world{'s' * (found.worlds != 1)}",
-        cm(found.mean_m) + (f" ± {cm(found.mean_error_m)}" if np.isfinite(found.mean_error_m) else ""),
-        cm(found.p90_m),
-        cm(found.max_m),
-        cm(found.way_p90_m),
-        _count(found.no_progress, found.walks),
-        _count(found.fell, found.walks),
-        _count(found.others, found.walks),
-        _with_error(found.over_ideal, found.over_ideal_error),
-        _with_error(found.over_open, found.over_open_error),
-    )
-
-
-def _count(count: int, walks: int) -> str:
-    return f"{count} ({share_text(count / walks)})" if count else "0"
-
-
-def _with_error(value: float, error: float) -> str:
-    if not np.isfinite(value):
-        return "-"
-    return f"{value:.2f}" + (f" ± {error:.2f}" if np.isfinite(error) else "")
-
-
-def _write_table(findings: HoldFindings, folder: Path) -> None:
-    """Write a row for each walk."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    rows = []
-    for place, walk in findings.walks:
-        values = asdict(walk)
-        case = values.pop("case")
-        where = {
-            "robot": place.robot.name,
-            "family": place.family,
-            "world": place.number,
-            "kind": place.kind,
-            "rough": place.rough,
-        }
-        rows.append(where | case | values | {"slots": list(walk.slots), "final_m": walk.final_m})
-    pq.write_table(pa.Table.from_pylist(rows), folder / TABLE)

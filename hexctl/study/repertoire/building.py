@@ -5,36 +5,21 @@ from pathlib import Path
 
 import numpy as np
 
-from hexctl.adapt.prior.prior import check_place
-from hexctl.control.monitor.repertoire import (
-    Repertoire,
-    Situation,
-    parts_of,
-)
+from hexctl.control.monitor.repertoire import Repertoire, Situation, parts_of
 from hexctl.control.monitor.repertoire_store import SUFFIX, save_repertoire
-from hexctl.errors import InputError, argument
-from hexctl.study.landscapes.benchmark_walks import walk_all
-from hexctl.study.landscapes.cache import LandscapeCache
-from hexctl.study.landscapes.evaluate import Progress, Silent, check_jobs
 from hexctl.study.landscapes.versions import code_versions
-from hexctl.study.prior_building import TIME_STEP_S
+from hexctl.study.prior_building import TIME_STEP_S, begin_build
 from hexctl.study.repertoire.repertoire_plan import FIRST_WORLD, RepertoirePlan, texts_of
-from hexctl.study.repertoire.repertoire_walks import (
-    CandidateWalk,
-    RepertoireCase,
-    repertoire_cache,
-    walk_cases,
-)
-
-#: Situations whose walks are simulated together in a world.
-TOGETHER = 8
+from hexctl.study.repertoire.repertoire_walks import CandidateWalk, RepertoireCase
+from hexctl.study.walk_cache import WalkCache
+from hexctl.study.walking import Progress, walk_all
 
 
 def build_repertoire(
     plan: RepertoirePlan,
     path: Path,
     *,
-    cache: LandscapeCache | None = None,
+    cache: WalkCache | None = None,
     jobs: int | None = None,
     dask: str | None = None,
     progress: Progress | None = None,
@@ -46,8 +31,7 @@ def build_repertoire(
     Args:
         plan: robot, situations and worlds.
         path: of the file, ending in `.npz`; an existing file is replaced.
-        cache: of landscapes, beside which the walks are kept; None is the one of the command line,
-            `runs/study-cache`.
+        cache: earlier walks; None is the one of the command line, `runs/study-cache`.
         jobs: threads that simulate; None is all cores here, one for each chunk on a Dask worker.
         dask: address of a Dask scheduler whose workers simulate; None simulates here.
         progress: observer.
@@ -55,31 +39,10 @@ def build_repertoire(
     Raises InputError for a plan, a path or an address that cannot be used, RepertoireFileError or CacheError
     when the disk refuses a file.
     """
-    cache, progress = cache or LandscapeCache(), progress or Silent()
-    check_jobs(jobs)
-    plan.check()
-    if path.suffix != SUFFIX or path.is_dir():
-        raise InputError(f"{argument('out')}: got {path}; allowed: a file whose name ends in {SUFFIX}")
-    cache.probe()
-    check_place(path)
-    groups = {
-        situation: place // TOGETHER
-        for place, situation in enumerate(
-            dict.fromkeys((case.failures, case.heading_deg) for case in plan.cases)
-        )
-    }
-    walks = walk_all(
-        plan.walked(),
-        repertoire_cache(cache),
-        walk_cases,
-        lambda case: groups[case.failures, case.heading_deg],
-        progress,
-        jobs,
-        dask=dask,
-    )
-    for note in cache.notes:
-        progress.note(note)
-    repertoire = repertoire_of(plan, [walk for _, walk in walks])
+    cache = cache or WalkCache()
+    begin_build(plan, path, SUFFIX, cache, jobs)
+    walks = walk_all(plan.walked(), cache, jobs=jobs, dask=dask, progress=progress)
+    repertoire = repertoire_of(plan, [walk for some in walks for walk in some])
     save_repertoire(repertoire, path)
     return repertoire
 

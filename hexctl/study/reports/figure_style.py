@@ -22,6 +22,7 @@ def check_drawing() -> None:
     try:
         import jinja2  # noqa: F401
         import matplotlib  # noqa: F401
+        import pandas  # noqa: F401
         import pyarrow  # noqa: F401
     except ModuleNotFoundError as error:
         raise MissingExtraError("hexctl study", "study") from error

@@ -1,8 +1,6 @@
 """Figures of a study: paths seen from above, and best-so-far over evaluations."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,10 +18,10 @@ from hexctl.palette import (
     scale_stops,
 )
 from hexctl.study.default_gaits import DefaultWalk
+from hexctl.study.experiment import Drawing
 from hexctl.study.landscapes.landscape import Landscape
-from hexctl.study.reports.figure_style import color_of, grid_of, label_axes, line_of, new_figure, save_figure
-from hexctl.study.searches import Curve, Findings, Searches
-from hexctl.study.study_plan import BASELINE
+from hexctl.study.reports.figure_style import color_of, grid_of, label_axes, line_of, new_figure
+from hexctl.study.searches import BASELINE, Curve, Findings, Searches
 from hexctl.study.verdicts.claim_evidence import cm
 from hexctl.study.verdicts.trajectories import EARLY, EARLY_M, LATE, LATE_M, ends, within
 from hexctl.types import FloatArray
@@ -319,91 +317,65 @@ def _square(column: int, row: int, verdict: str, label: str = "") -> Any:
     return Rectangle(corner, 0.92, 0.92, fill=judged, color=color, alpha=alpha, label=label)
 
 
-@dataclass(frozen=True, kw_only=True)
-class FigureEntry:
-    """One figure of the report.
-
-    Attributes:
-        name: of its files, without the ending.
-        paper: what the paper shows and says there.
-        here: how to read it.
-        draw: draws it; None where the study has nothing to show.
-    """
-
-    name: str
-    paper: str
-    here: str
-    draw: "Callable[[Findings], Figure | None]"
-
-
-FIGURES = (
-    FigureEntry(
-        name="trajectories_without_self_rotation",
-        paper="Fig. 3: with leg 2 or 3 failed the robot goes left, with 5 or 6 right, with 1 or 4 straight "
-        "or to either side.",
-        here="All gaits of each leg; grey ones are invalid (they fell or made less than half the way).",
-        draw=lambda findings: trajectories_figure(
-            [findings.without(leg) for leg in findings.plan.legs], "All gaits, without self-rotation"
-        ),
+#: What the paper shows in its figures, and how to read those of a study.
+CAPTIONS = {
+    "trajectories_without_self_rotation": (
+        "Fig. 3: with leg 2 or 3 failed the robot goes left, with 5 or 6 right, with 1 or 4 straight or to "
+        "either side.",
+        "All gaits of each leg; grey ones are invalid (they fell or made less than half the way).",
     ),
-    FigureEntry(
-        name="trajectories_with_self_rotation",
-        paper="Fig. 6: after turning on the spot there are gaits with a small deviation for every leg.",
-        here="The same gaits after the robot has turned until the failed leg trails, or leads if asked for.",
-        draw=lambda findings: (
-            None
-            if findings.plan.self_rotation == "none"
-            else trajectories_figure(
-                [findings.rotated(leg) for leg in findings.plan.legs], "All gaits, with self-rotation"
-            )
-        ),
+    "trajectories_with_self_rotation": (
+        "Fig. 6: after turning on the spot there are gaits with a small deviation for every leg.",
+        "The same gaits after the robot has turned until the failed leg trails, or leads if asked for.",
     ),
-    FigureEntry(
-        name="examples",
-        paper="Fig. 4 and 9: legs 2 and 6 with an arbitrary gait, and with a gait that was found.",
-        here="A dot every five seconds. The paper does not name its gaits; ours is code 57 on the left, the "
-        "best of all gaits on the right.",
-        draw=examples_figure,
+    "examples": (
+        "Fig. 4 and 9: legs 2 and 6 with an arbitrary gait, and with a gait that was found.",
+        "A dot every five seconds. The paper does not name its gaits; ours is code 57 on the left, the best "
+        "of all gaits on the right.",
     ),
-    FigureEntry(
-        name="convergence_paper_count",
-        paper="Fig. 7: curves fall within 20 evaluations, are flat after, and end around 2.5 cm.",
-        here="A repeated code costs an evaluation, as in the paper. A run without a valid gait so far is "
-        "left out of the mean. The scale is logarithmic. The spread of every optimizer is in "
-        "convergence.parquet. Level lines: where the robot ends with its default gait and with the tripod.",
-        draw=lambda findings: convergence_figure(findings, paper_count=True),
+    "convergence_paper_count": (
+        "Fig. 7: curves fall within 20 evaluations, are flat after, and end around 2.5 cm.",
+        "A repeated code costs an evaluation, as in the paper. A run without a valid gait so far is left out "
+        "of the mean. The scale is logarithmic. The spread of every optimizer is in convergence.parquet. "
+        "Level lines: where the robot ends with its default gait and with the tripod.",
     ),
-    FigureEntry(
-        name="convergence_fresh_count",
-        paper="Not in the paper: hexctl walks no gait twice, so a search does not pay for repetitions.",
-        here="A dot marks where a search has, on average, asked for its last code of its own; random untried "
+    "convergence_fresh_count": (
+        "Not in the paper: hexctl walks no gait twice, so a search does not pay for repetitions.",
+        "A dot marks where a search has, on average, asked for its last code of its own; random untried "
         "codes follow from there. After 120 evaluations every gait is known.",
-        draw=lambda findings: convergence_figure(findings, paper_count=False),
     ),
-    FigureEntry(
-        name="convergence_means",
-        paper="Abstract: 10 cm with 20 evaluations, 2.5 cm with 40 to 60, on average.",
-        here="All legs and runs together. Triangles: 10 cm at 20 and 2.5 cm at 60 evaluations.",
-        draw=means_figure,
+    "convergence_means": (
+        "Abstract: 10 cm with 20 evaluations, 2.5 cm with 40 to 60, on average.",
+        "All legs and runs together. Triangles: 10 cm at 20 and 2.5 cm at 60 evaluations.",
     ),
-    FigureEntry(
-        name="best_trajectories",
-        paper="Fig. 8: the best trajectories keep the direction reasonably well for each failed leg.",
-        here="The best gait of each run, by the paper's count; the more runs found it, the thicker the line.",
-        draw=best_figure,
+    "best_trajectories": (
+        "Fig. 8: the best trajectories keep the direction reasonably well for each failed leg.",
+        "The best gait of each run, by the paper's count; the more runs found it, the thicker the line.",
     ),
-)
+}
 
 
-def draw_figures(
-    findings: Findings, folder: Path, on_figure: Callable[[str], None] = lambda _: None
-) -> list[FigureEntry]:
-    """Write all figures as SVG into a folder; those that this study has."""
-    drawn = []
-    for entry in FIGURES:
-        figure = entry.draw(findings)
-        if figure is not None:
-            save_figure(figure, folder, entry.name)
-            drawn.append(entry)
-        on_figure(entry.name)
-    return drawn
+def study_drawings(findings: Findings) -> list[Drawing]:
+    """Return the figures of a study."""
+    draw = {
+        "trajectories_without_self_rotation": lambda: _all_gaits(findings, turned=False),
+        "trajectories_with_self_rotation": lambda: _all_gaits(findings, turned=True),
+        "examples": lambda: examples_figure(findings),
+        "convergence_paper_count": lambda: convergence_figure(findings, paper_count=True),
+        "convergence_fresh_count": lambda: convergence_figure(findings, paper_count=False),
+        "convergence_means": lambda: means_figure(findings),
+        "best_trajectories": lambda: best_figure(findings),
+    }
+    return [
+        Drawing(name=name, draw=draw[name], here=here, paper=paper)
+        for name, (paper, here) in CAPTIONS.items()
+    ]
+
+
+def _all_gaits(findings: Findings, *, turned: bool) -> "Figure | None":
+    """All gaits without or with self-rotation; None with the latter if there is none."""
+    if turned and findings.plan.self_rotation == "none":
+        return None
+    landscape_of = findings.rotated if turned else findings.without
+    title = f"All gaits, {'with' if turned else 'without'} self-rotation"
+    return trajectories_figure([landscape_of(leg) for leg in findings.plan.legs], title)

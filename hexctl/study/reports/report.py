@@ -1,26 +1,18 @@
 """The report of a study: one HTML page that needs no other file, with figures and tables next to it."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from pathlib import Path
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
-from hexctl.files import atomic_write
-from hexctl.study.landscapes.landscape import Landscape
-from hexctl.study.landscapes.versions import code_versions
-from hexctl.study.reports.figures import FigureEntry, draw_figures
-from hexctl.study.reports.report_page import Block, Bullets, Fold, Picture, Section, Table, render_page
+from hexctl.study.reports.report_page import Block, Bullets, Fold, Picture, Section, Table
 from hexctl.study.reports.study_summary import summary
-from hexctl.study.reports.study_tables import SHOWN, TABLES, write_tables
+from hexctl.study.reports.study_tables import SHOWN
 from hexctl.study.searches import NULL_DRAWS, Curve, Findings
 from hexctl.study.verdicts.assumptions import HEADER, assumption_rows
 from hexctl.study.verdicts.claim_evidence import Claim, cm, limit_text
 from hexctl.study.verdicts.claims import expected_best_rank
 from hexctl.study.verdicts.distance_criterion import LATE_ABOVE_BEST_M, BarRow, bar_rows
 from hexctl.study.verdicts.trajectories import EARLY, EARLY_M, LATE, LATE_M, left_share, within
-from hexctl.study.verdicts.verdict_uncertainty import StudyUncertainty
-
-REPORT = "report.html"
 
 READING = (
     "A claim holds, does not hold, or there is no evidence: the numbers decide nothing, a symmetry implies "
@@ -60,41 +52,12 @@ DEFAULT_GAITS = (
 )
 
 
-def write_report(
-    findings: Findings,
-    claims: Sequence[Claim],
-    uncertainty: StudyUncertainty,
-    folder: Path,
-    on_figure: Callable[[str], None] = lambda _: None,
-) -> Path:
-    """Write tables, figures and the report into a folder; path of the report.
-
-    Args:
-        findings: landscapes and searches.
-        claims: judged by them, as `claims_of` gives.
-        uncertainty: of the walks.
-        folder: for the files.
-        on_figure: called with the name of each figure that is done.
-    """
-    write_tables(findings, folder)
-    drawn = draw_figures(findings, folder, on_figure)
-    path = folder / REPORT
-    sections = [
-        *_verdicts(findings, claims, uncertainty),
-        *_pictures(drawn, folder),
-        *_numbers(findings, uncertainty),
-    ]
-    heading = "Gaits for a failed leg: the paper's experiments repeated"
-    atomic_write(path, render_page("hexctl study", heading, sections))
-    return path
-
-
-def _verdicts(
-    findings: Findings, claims: Sequence[Claim], uncertainty: StudyUncertainty
-) -> Iterator[Section]:
+def study_sections(findings: Findings, pictures: Mapping[str, Picture]) -> Iterator[Section]:
+    """Return the parts of the report of a study."""
     parameters = Fold("Parameters of the world", _parameters(findings))
-    yield Section("", [summary(findings, claims), _settings(findings), uncertainty.sentence, parameters])
-    yield Section("Claims of the paper", [_claims(claims)])
+    sentence = findings.uncertainty.sentence
+    yield Section("", [summary(findings), _settings(findings), sentence, parameters])
+    yield Section("Claims of the paper", [_claims(findings.claims)])
     yield Section("How to read this", [Bullets([*READING, _stuck(findings)])])
     left_open = (
         "What the paper leaves open, and how it is read here; numbers are those of ant on the flat "
@@ -104,6 +67,9 @@ def _verdicts(
     yield Section("The bar: mean over legs and runs", _bar_blocks(findings))
     if findings.default_walks:
         yield Section("Without a search", [DEFAULT_GAITS, _defaults(findings)])
+    for name, picture in pictures.items():
+        yield Section(name.replace("_", " ").capitalize(), [picture])
+    yield from _numbers(findings)
 
 
 def _bar_blocks(findings: Findings) -> list[Block]:
@@ -117,14 +83,8 @@ def _bar_blocks(findings: Findings) -> list[Block]:
     return [bar, "Each gait paid for once:", fresh, "By the paper's count:", paper]
 
 
-def _pictures(drawn: Iterable[FigureEntry], folder: Path) -> Iterator[Section]:
-    for entry in drawn:
-        picture = Picture(folder / f"{entry.name}.svg", entry.paper, entry.here)
-        yield Section(entry.name.replace("_", " ").capitalize(), [picture])
-
-
-def _numbers(findings: Findings, uncertainty: StudyUncertainty) -> Iterator[Section]:
-    yield Section("Landscapes", [_landscapes(findings.landscapes.values(), uncertainty)])
+def _numbers(findings: Findings) -> Iterator[Section]:
+    yield Section("Landscapes", [_landscapes(findings)])
     yield Section("Means over all legs and runs, with standard deviation", [_means(findings)])
     title = "Means of each leg over its runs, with standard deviation, by the paper's count"
     yield Section(title, [_leg_means(findings)])
@@ -133,9 +93,6 @@ def _numbers(findings: Findings, uncertainty: StudyUncertainty) -> Iterator[Sect
         "count buys."
     )
     yield Section("Distinct codes", [distinct, _distinct(findings)])
-    beside = f"Beside this page: {', '.join(TABLES)}, and each figure as SVG."
-    versions = ", ".join(f"{name} {value}" for name, value in code_versions().items())
-    yield Section("Files and versions", [beside, versions])
 
 
 def _settings(findings: Findings) -> str:
@@ -206,7 +163,7 @@ def _share(share: float) -> str:
     return "" if share == 1 else f" [{share:.0%} of the runs]"
 
 
-def _landscapes(landscapes: Iterable[Landscape], uncertainty: StudyUncertainty) -> Table:
+def _landscapes(findings: Findings) -> Table:
     header = ("leg", "self-rotation", "gaits", "valid", "end left", "within 10 cm", "within 2.5 cm", "best")
     rows = [
         (
@@ -217,9 +174,9 @@ def _landscapes(landscapes: Iterable[Landscape], uncertainty: StudyUncertainty) 
             f"{left_share(landscape):.0%}",
             str(within(landscape, EARLY_M)),
             str(within(landscape, LATE_M)),
-            uncertainty.beside(landscape.best_m),
+            findings.uncertainty.beside(landscape.best_m),
         )
-        for landscape in landscapes
+        for landscape in findings.landscapes.values()
     ]
     return Table(header, rows)
 

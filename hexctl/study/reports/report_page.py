@@ -80,6 +80,12 @@ class Section:
         return re.sub(r"[^a-z0-9]+", "-", self.title.lower()).strip("-")
 
 
+def markdown(table: Table) -> list[str]:
+    """Return a table as lines of Markdown."""
+    lines = [table.header, ["---"] * len(table.header), *table.rows]
+    return ["| " + " | ".join(line) + " |" for line in lines]
+
+
 def render_page(title: str, heading: str, sections: Iterable[Section]) -> str:
     """HTML text of a page; every text in it is escaped.
 

@@ -5,8 +5,7 @@ from statistics import fmean
 
 import numpy as np
 
-from hexctl.study.searches import Findings
-from hexctl.study.study_plan import BASELINE
+from hexctl.study.searches import BASELINE, Findings
 from hexctl.study.verdicts.claim_evidence import Claim, cm
 from hexctl.study.verdicts.trajectories import EARLY
 
@@ -20,9 +19,9 @@ COUNTED = {
 }
 
 
-def summary(findings: Findings, claims: Sequence[Claim]) -> str:
+def summary(findings: Findings) -> str:
     """Three sentences for the top of a report."""
-    return " ".join((_experiment(findings), _verdicts(claims), _searches(findings)))
+    return " ".join((_experiment(findings), _verdicts(findings.claims), _searches(findings)))
 
 
 def _experiment(findings: Findings) -> str:

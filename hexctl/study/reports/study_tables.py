@@ -1,51 +1,47 @@
 """The numbers of a study: Parquet tables and one JSON object."""
 
-import math
-from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hexctl.study.experiment import plain
 from hexctl.study.landscapes.landscape import NUMBERS, Landscape
 from hexctl.study.landscapes.versions import code_versions
 from hexctl.study.searches import Findings, Searches
-from hexctl.study.verdicts.claim_evidence import Claim
+from hexctl.study.verdicts.claim_evidence import number
 from hexctl.study.verdicts.distance_criterion import BarRow, bar_rows
 from hexctl.study.verdicts.trajectories import left_share, within
-from hexctl.study.verdicts.verdict_uncertainty import StudyUncertainty
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 COUNT_NAMES = {True: "paper", False: "fresh"}
 
-TABLES = ("landscapes.parquet", "convergence.parquet", "runs.parquet")
 
-
-def write_tables(findings: Findings, folder: Path) -> None:
-    """Write landscapes (a row per gait), convergence (per evaluation) and runs (per run and evaluation)."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
+def study_tables(findings: Findings) -> "dict[str, DataFrame]":
+    """Return landscapes (a row per gait), convergence (per evaluation) and runs (per run and evaluation)."""
+    from pandas import DataFrame, concat
 
     searches = list(findings.searches.values())
-    contents = (
-        [_landscape_columns(landscape) for landscape in findings.landscapes.values()],
-        [_curve_columns(search) for search in searches],
-        [_run_columns(search) for search in searches],
-    )
-    for name, parts in zip(TABLES, contents, strict=True):
-        pq.write_table(pa.concat_tables([pa.table(part) for part in parts]), folder / name)
+    contents = {
+        "landscapes": [_landscape_columns(landscape) for landscape in findings.landscapes.values()],
+        "convergence": [_curve_columns(search) for search in searches],
+        "runs": [_run_columns(search) for search in searches],
+    }
+    return {name: concat([DataFrame(part) for part in parts]) for name, parts in contents.items()}
 
 
 def _landscape_columns(landscape: Landscape) -> dict[str, Any]:
     """Columns with a row per gait; paths end where the walk ended."""
-    spec, n = landscape.spec, len(landscape.codes)
+    spec = landscape.spec
     paths = [path[np.isfinite(path[:, 0])] for path in landscape.paths_m]
     return {
-        "robot": [spec.robot.name] * n,
-        "leg": np.full(n, spec.leg),
-        "failure": [spec.failure] * n,
-        "self_rotation": [spec.self_rotation] * n,
         "code": landscape.codes,
+        "robot": spec.robot.name,
+        "leg": spec.leg,
+        "failure": spec.failure,
+        "self_rotation": spec.self_rotation,
         "slots": [spec.space.slots_of(code) for code in landscape.codes.tolist()],
         "status": landscape.status.tolist(),
         "final_m": landscape.final_m,
@@ -57,12 +53,11 @@ def _landscape_columns(landscape: Landscape) -> dict[str, Any]:
 
 def _curve_columns(search: Searches) -> dict[str, Any]:
     """Columns with a row per evaluation."""
-    curve, budget = search.curve, len(search.curve.mean)
-    names = ("mean", "std", "median", "p10", "p90")
+    curve = search.curve
     return {
-        **_head(search, budget),
-        "evaluation": np.arange(1, budget + 1),
-        **{f"{name}_m": getattr(curve, name) for name in names},
+        **_head(search),
+        "evaluation": np.arange(1, len(curve.mean) + 1),
+        **{f"{name}_m": getattr(curve, name) for name in ("mean", "std", "median", "p10", "p90")},
         "share_of_runs": curve.share,
     }
 
@@ -71,7 +66,7 @@ def _run_columns(search: Searches) -> dict[str, Any]:
     """Columns with a row per run and evaluation; code 0 follows the end of a run that tried all codes."""
     runs, budget = search.codes.shape
     return {
-        **_head(search, runs * budget),
+        **_head(search),
         "seed": np.repeat(search.seeds, budget),
         "evaluation": np.tile(np.arange(1, budget + 1), runs),
         "code": search.codes.ravel(),
@@ -80,38 +75,35 @@ def _run_columns(search: Searches) -> dict[str, Any]:
     }
 
 
-def _head(search: Searches, rows: int) -> dict[str, Any]:
-    return {
-        "leg": np.full(rows, search.leg),
-        "optimizer": [search.optimizer] * rows,
-        "count": [COUNT_NAMES[search.paper_count]] * rows,
-    }
+def _head(search: Searches) -> dict[str, Any]:
+    return {"leg": search.leg, "optimizer": search.optimizer, "count": COUNT_NAMES[search.paper_count]}
 
 
 #: Numbers of evaluations at which tables show the curves, up to the budget.
 SHOWN = (1, 10, 20, 40, 60, 120)
 
 
-def summary_json(
-    findings: Findings, claims: Sequence[Claim], uncertainty: StudyUncertainty
-) -> dict[str, Any]:
-    """Settings and results of a study as JSON values; null where there is no number."""
+def summary_json(findings: Findings) -> dict[str, Any]:
+    """Return settings and results of a study as JSON values; null if there is no number."""
     plan = findings.plan
+    names = [
+        "legs",
+        "optimizers",
+        "runs",
+        "budget",
+        "duration_s",
+        "seed",
+        "failure",
+        "self_rotation",
+        "worlds",
+    ]
     return {
         "robot": plan.robot.name,
         "world": plan.world.model_dump(mode="json"),
-        "legs": list(plan.legs),
-        "optimizers": list(plan.optimizers),
-        "runs": plan.runs,
-        "budget": plan.budget,
-        "duration_s": plan.duration_s,
-        "seed": plan.seed,
-        "failure": plan.failure,
-        "self_rotation": plan.self_rotation,
-        "worlds": plan.worlds,
-        "uncertainty": uncertainty.as_json(),
+        **plain(plan, *names),
+        "uncertainty": findings.uncertainty.as_json(),
         "code": code_versions(),
-        "claims": [{**asdict(claim), "verdict": claim.verdict} for claim in claims],
+        "claims": [{**asdict(claim), "verdict": claim.verdict} for claim in findings.claims],
         "bars": [_bar(row) for count in (False, True) for row in bar_rows(findings, paper_count=count)],
         "landscapes": [_landscape(landscape) for landscape in findings.landscapes.values()],
         "default_gaits": [{**asdict(walk), "final_m": walk.final_m} for walk in findings.default_walks],
@@ -161,8 +153,3 @@ def _curve(findings: Findings, optimizer: str, *, paper_count: bool) -> dict[str
         "distinct_codes": [int(search.distinct.mean()) for search in searches],
         "own_codes_until_stuck": [round(float(search.own_codes.mean()), 1) for search in searches],
     }
-
-
-def number(value: float) -> float | None:
-    """Number for JSON: None for NaN and infinity."""
-    return float(value) if math.isfinite(value) else None

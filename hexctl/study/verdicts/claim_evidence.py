@@ -215,11 +215,31 @@ def too_short(duration_s: float) -> str:
     return f"walks of {duration_s:g} s, needs at least {JUDGED_FROM_S:g} s"
 
 
+def number(value: float) -> float | None:
+    """Return a number for JSON: None for NaN and infinity."""
+    return float(value) if math.isfinite(value) else None
+
+
 def cm(value_m: float) -> str:
     """Length in m as text in cm."""
     if not np.isfinite(value_m):
         return "none"
     return f"{100 * value_m:.1f} cm" if abs(value_m) >= 0.01 else f"{100 * value_m:.2f} cm"
+
+
+def with_error(value: float, error: float, text: Callable[[float], str] = "{:.2f}".format) -> str:
+    """Text of a value with its standard error, if that is known."""
+    return text(value) + (f" ± {text(error)}" if np.isfinite(error) else "")
+
+
+def cm_with_error(value_m: float, error_m: float) -> str:
+    """Text of a length in m with its standard error, in cm."""
+    return with_error(value_m, error_m, cm)
+
+
+def share_with_error(value: float, error: float) -> str:
+    """Text of a share with its standard error; a dash if it is unknown."""
+    return with_error(value, error) if np.isfinite(value) else "-"
 
 
 def limit_text(value_m: float) -> str:

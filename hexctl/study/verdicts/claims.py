@@ -10,8 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hexctl.study.searches import Findings, mean_of
-from hexctl.study.study_plan import BASELINE
+from hexctl.study.searches import BASELINE, Findings, mean_of
 from hexctl.study.verdicts.claim_evidence import (
     ABOUT,
     NULL_SHARE,

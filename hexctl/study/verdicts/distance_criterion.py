@@ -1,5 +1,6 @@
 """The project's own bar: how near the line every optimizer is to be after 20 and after 60 evaluations."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from statistics import fmean
 
@@ -88,3 +89,16 @@ def _row(findings: Findings, optimizer: str, evaluations: int, leg: int | None, 
         share=float(curve.share[evaluations - 1]),
         not_judged=too_short(findings.plan.duration_s),
     )
+
+
+def missed_lines(findings: Findings) -> Iterator[str]:
+    """Optimizers that miss the bar for distances, or that none does."""
+    rows = [row for row in bar_rows(findings, paper_count=False) if row.leg is None and row.holds is not None]
+    missed = [row for row in rows if not row.holds]
+    for row in missed:
+        yield (
+            f"bar missed: {row.optimizer} {cm(row.mean_m)} after {row.evaluations} evaluations, "
+            f"{cm(row.over_m)} over"
+        )
+    if rows and not missed:
+        yield "bar held by all optimizers, each gait paid for once"

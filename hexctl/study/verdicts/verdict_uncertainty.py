@@ -25,8 +25,8 @@ class StudyUncertainty:
         failure: of their legs.
     """
 
-    known: SimulationUncertainty | None
-    duration_s: float
+    known: SimulationUncertainty | None = None
+    duration_s: float = JUDGED_FROM_S
     failure: str = MEASURED_FAILURE
 
     @classmethod

@@ -18,8 +18,7 @@ from hexctl.cli.main import exit_code
 from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.robot.failure import Failure
 from hexctl.study.prior_building import PriorPlan
-from hexctl.study.repertoire import building
-from hexctl.study.repertoire.repertoire_walks import CandidateWalk, RepertoireCase, RepertoireConditions
+from hexctl.study.repertoire.repertoire_walks import CandidateWalk, RepertoireCase, RepertoirePlace
 from tests.adapt.priors import MadeUpModel, MadeUpWorld, key_of, made_up_prior, made_up_score_prior
 from tests.robots import shipped
 
@@ -590,7 +589,7 @@ def test_a_repertoire_is_built_continued_and_shown(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def walk(
-        _conditions: RepertoireConditions, cases: Sequence[RepertoireCase], _threads: int = 1
+        _place: RepertoirePlace, cases: Sequence[RepertoireCase], _threads: int = 1
     ) -> list[CandidateWalk]:
         if Path("cut").exists():
             raise KeyboardInterrupt
@@ -601,7 +600,7 @@ def test_a_repertoire_is_built_continued_and_shown(
             for case, speed in zip(cases, speeds, strict=True)
         ]
 
-    monkeypatch.setattr(building, "walk_cases", walk)
+    monkeypatch.setattr(RepertoirePlace, "walk", walk)
     words = [*REPERTOIRE, "--family", "transfer", "--pairs", "limp", "--jobs", "1"]
     assert exit_code(words) == 130
     assert "walks are saved in runs/study-cache; the same command continues" in capsys.readouterr().err
