@@ -17,8 +17,7 @@ from hexctl.study.landscapes.versions import code_versions
 from hexctl.study.plan import check_legs, check_setting
 from hexctl.study.reports.report_page import Section, Table
 from hexctl.study.study_options import ALL_LEGS, WORLDS
-from hexctl.study.verdicts.claim_evidence import Bar, number
-from hexctl.study.verdicts.verdict_lines import bar_lines
+from hexctl.study.verdicts.claim_evidence import Bar, bar_lines, number
 from hexctl.study.walk_cache import Walked
 from hexctl.types import FloatArray
 

@@ -15,9 +15,8 @@ from hexctl.adapt.optimizers.population import POPULATION
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World
 from hexctl.errors import InputError
-from hexctl.study.default_gaits import DefaultWalk
-from hexctl.study.landscapes.landscape import Landscape
-from hexctl.study.verdicts.claim_evidence import Claim
+from hexctl.study.landscapes.landscape import GaitWalk, Landscape
+from hexctl.study.verdicts.claim_evidence import Claim, number
 from hexctl.study.verdicts.experiments import landscape_by_symmetry
 from hexctl.study.verdicts.verdict_uncertainty import StudyUncertainty
 from hexctl.types import ArrayFields, FloatArray
@@ -208,6 +207,40 @@ def codes_until_stuck(optimizer: str, space: GaitSpace, seed: int, scores: Float
         stale = stale + 1 if code in tried else 0
         tried.add(code)
     return len(tried)
+
+
+#: Gaits of a robot that knows of no failure: its default one, and the tripod.
+DEFAULT_GAITS = ("demo", "tripod")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DefaultWalk:
+    """One walk with a default gait, under the conditions of a landscape.
+
+    Attributes:
+        leg: the failed leg.
+        gait: one of `DEFAULT_GAITS`.
+        status: one of `hexctl.control.trial_result.STATUSES`.
+        signed_m: deviation at the end, positive to the left; None if unknown.
+        distance_m: progress along the heading; None if unknown.
+    """
+
+    leg: int
+    gait: str
+    status: str
+    signed_m: float | None
+    distance_m: float | None
+
+    @classmethod
+    def of(cls, leg: int, walk: GaitWalk) -> "DefaultWalk":
+        """Return the walk of a leg."""
+        ends = {"signed_m": number(walk.signed_m), "distance_m": number(walk.distance_m)}
+        return cls(leg=leg, gait=str(walk.case), status=walk.status, **ends)
+
+    @property
+    def final_m(self) -> float | None:
+        """Deviation at the end; None for an invalid walk."""
+        return None if self.status != "ok" or self.signed_m is None else abs(self.signed_m)
 
 
 #: Called after each leg with the number of legs that were searched.

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hexctl.study.default_gaits import DefaultWalk
 from hexctl.study.reports.figures import convergence_figure
+from hexctl.study.searches import DefaultWalk
 from hexctl.study.verdicts.claim_evidence import cm
 from tests.study.made_up import made_up_findings, reported, spread_out, summarised
 

@@ -25,7 +25,8 @@ from hexctl.study.plan import check_each, check_families, check_setting, check_w
 from hexctl.study.recovery import recovery_report as report
 from hexctl.study.recovery.episodes import AUTO_GAIT, RecoveryCase, RecoveryPlace
 from hexctl.study.recovery.methods import DEFAULT_METHODS, NOTHING, method_of
-from hexctl.study.reports.report_page import Bullets, Picture, Section, Table, markdown
+from hexctl.study.reports.report_page import Picture, Section, Table, markdown
+from hexctl.study.reports.texts import reading
 from hexctl.study.study_options import RUNS
 from hexctl.study.verdicts.claim_evidence import Bar
 
@@ -261,7 +262,7 @@ class RecoveryPlan(HeldOutExperiment):
         gaits = f" Gaits {', '.join(self.gaits)}; failures within the gait cycle after 8 s."
         yield Section("", [self.settings_text(len(found)) + gaits, *report.aside_lines(found)])
         yield self.bars_section(found)
-        yield Section("How to read this", [Bullets(report.READING)])
+        yield reading("recovery")
         if LINE in self.protocols:
             yield Section("Where walks end, and how fast", list(pictures.values()))
             yield from division_sections(self.statistics(found), report.COLUMNS)

@@ -55,29 +55,6 @@ OTHER_COLORS = tuple(map(hex_color, OTHER_REMEDY_COLORS))
 #: Lower end of the scale of deviations, in cm.
 LOW_CM = 0.01
 
-READING = (
-    "nothing walks on; told is an oracle that is told leg and kind in the tick of the failure; recover "
-    "notices by itself. Both glide to the same gaits.",
-    "stop-diagnose stops at an alarm, makes the standing test, and begins anew on its line with the gait for "
-    "what the test has found; its alarms are these findings. decentralised steps each leg by its own load "
-    "and its neighbours'. open-loop-best is told which leg it is and walks on in open loop, with the gait "
-    "that ended nearest its line in trials of that failure in that world, which are counted apart.",
-    "Deviations are those of the simulation's true pose from the line that the walk began on.",
-    "Right leg: the first alarm of the walk, after the failure, is of that leg. Right kind: the joint and "
-    "the kind too, among failures that matter: with nothing done they change the end by more than 2 cm, or "
-    "the speed by more than 10 %, against the intact walk in the same world and direction, or the robot "
-    "falls.",
-    "Speed kept: from 5 s after the failure on, over that of the intact walk. The worst cell is the mean "
-    "over worlds of one robot, gait, leg and failure.",
-    "90 % after: from the failure until the mean speed over a cycle is 90 % of the later one again.",
-    "Where a robot makes no progress with six good legs, its walks are counted apart, in no other number.",
-    "± is the standard error over worlds. Intervals of shares are Wilson's, 95 %, of walks taken to be "
-    "independent.",
-    "hexaheal: one leg or two lose their torque after 4 s of 14 s, on an even floor; recovered is a walk "
-    "without a fall that has half of the commanded speed or more over its last 8 s. second: one leg does so "
-    "after 8 s of 36 s and another 10 s later, in either order, judged by the same rule.",
-)
-
 #: Columns that may be empty have a type all the same, so that tables can be joined.
 TYPES = {
     "noticed_leg": "Int64",

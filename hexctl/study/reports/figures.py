@@ -7,7 +7,6 @@ import numpy as np
 
 from hexctl.palette import (
     BAR_COLOR,
-    BEST_OF_ALL_COLOR,
     GREY,
     INVALID_COLOR,
     LEGEND_M,
@@ -17,13 +16,21 @@ from hexctl.palette import (
     hex_color,
     scale_stops,
 )
-from hexctl.study.default_gaits import DefaultWalk
 from hexctl.study.experiment import Drawing
 from hexctl.study.landscapes.landscape import Landscape
-from hexctl.study.reports.figure_style import color_of, grid_of, label_axes, line_of, new_figure
-from hexctl.study.searches import BASELINE, Curve, Findings, Searches
-from hexctl.study.verdicts.claim_evidence import cm
-from hexctl.study.verdicts.trajectories import EARLY, EARLY_M, LATE, LATE_M, ends, within
+from hexctl.study.reports.figure_style import (
+    color_of,
+    draw_best_of_all,
+    finish_curves,
+    grid_of,
+    label_axes,
+    line_of,
+    new_figure,
+)
+from hexctl.study.reports.texts import texts
+from hexctl.study.searches import BASELINE, Curve, DefaultWalk, Findings, Searches
+from hexctl.study.verdicts.claim_evidence import EARLY, EARLY_M, LATE, LATE_M, cm
+from hexctl.study.verdicts.trajectories import ends, within
 from hexctl.types import FloatArray
 
 if TYPE_CHECKING:
@@ -32,9 +39,6 @@ if TYPE_CHECKING:
 
 #: Width of a panel and of the colour bar, in inches.
 PANEL_IN, BAR_IN = 4.3, 1.0
-
-#: Width of a legend's entry, in inches.
-LEGEND_ENTRY_IN = 2.0
 
 #: Opacity of a verdict without an interval.
 PALE = 0.4
@@ -198,9 +202,7 @@ def convergence_figure(findings: Findings, *, paper_count: bool) -> "Figure":
             _draw_spread(panel, name, search.curve)
             _mark_stuck(panel, search)
         best = findings.rotated(leg).best_m
-        panel.axhline(
-            best, color=hex_color(BEST_OF_ALL_COLOR), linewidth=1.2, linestyle=":", label="best of all gaits"
-        )
+        draw_best_of_all(panel, best)
         own = _draw_defaults(panel, findings.defaults(leg))
         panel.set_title("\n".join([f"leg {leg}:  best of all gaits {_on_scale(best)}", *own]), fontsize=9)
     counted = "repetitions counted (the paper's count)" if paper_count else "each gait paid for once"
@@ -235,9 +237,7 @@ def means_figure(findings: Findings) -> "Figure":
     for panel, paper_count in zip(panels, (True, False), strict=True):
         for name in findings.plan.optimizers:
             _draw_curve(panel, name, findings.mean_curve(name, paper_count=paper_count))
-        panel.axhline(
-            best, color=hex_color(BEST_OF_ALL_COLOR), linewidth=1.2, linestyle=":", label="best of all gaits"
-        )
+        draw_best_of_all(panel, best)
         panel.plot(
             [EARLY, LATE], [EARLY_M, LATE_M], "v", color=hex_color(BAR_COLOR), markersize=7, label="bars"
         )
@@ -268,19 +268,9 @@ def _mark_stuck(panel: "Axes", search: Searches) -> None:
 
 
 def _finish_curves(figure: "Figure", panels: "list[Axes]", used: int, title: str) -> None:
-    """Give all panels a logarithmic scale and labels, and the figure one legend."""
+    finish_curves(figure, panels, used, "evaluations", "deviation from the line", title)
     for panel in panels[:used]:
-        panel.set_yscale("log")
-        panel.axhline(LATE_M, color=hex_color(BAR_COLOR), linewidth=0.5)
-        panel.axhline(EARLY_M, color=hex_color(BAR_COLOR), linewidth=0.5)
-        panel.set_yticks([0.01, 0.025, 0.1, 0.5, 1.0], ["1 cm", "2.5 cm", "10 cm", "50 cm", "1 m"])
-        panel.minorticks_off()
         panel.set_ylim(bottom=LOW_M)
-    label_axes(panels, used, "evaluations", "deviation from the line")
-    handles, labels = panels[0].get_legend_handles_labels()
-    columns = min(len(labels), max(2, int(figure.get_figwidth() / LEGEND_ENTRY_IN)))
-    figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=9, frameon=False)
-    figure.suptitle(title, fontsize=11, wrap=True)
 
 
 def verdicts_figure(rows: Sequence[tuple[str, Sequence[str]]], columns: Sequence[str]) -> "Figure":
@@ -317,44 +307,6 @@ def _square(column: int, row: int, verdict: str, label: str = "") -> Any:
     return Rectangle(corner, 0.92, 0.92, fill=judged, color=color, alpha=alpha, label=label)
 
 
-#: What the paper shows in its figures, and how to read those of a study.
-CAPTIONS = {
-    "trajectories_without_self_rotation": (
-        "Fig. 3: with leg 2 or 3 failed the robot goes left, with 5 or 6 right, with 1 or 4 straight or to "
-        "either side.",
-        "All gaits of each leg; grey ones are invalid (they fell or made less than half the way).",
-    ),
-    "trajectories_with_self_rotation": (
-        "Fig. 6: after turning on the spot there are gaits with a small deviation for every leg.",
-        "The same gaits after the robot has turned until the failed leg trails, or leads if asked for.",
-    ),
-    "examples": (
-        "Fig. 4 and 9: legs 2 and 6 with an arbitrary gait, and with a gait that was found.",
-        "A dot every five seconds. The paper does not name its gaits; ours is code 57 on the left, the best "
-        "of all gaits on the right.",
-    ),
-    "convergence_paper_count": (
-        "Fig. 7: curves fall within 20 evaluations, are flat after, and end around 2.5 cm.",
-        "A repeated code costs an evaluation, as in the paper. A run without a valid gait so far is left out "
-        "of the mean. The scale is logarithmic. The spread of every optimizer is in convergence.parquet. "
-        "Level lines: where the robot ends with its default gait and with the tripod.",
-    ),
-    "convergence_fresh_count": (
-        "Not in the paper: hexctl walks no gait twice, so a search does not pay for repetitions.",
-        "A dot marks where a search has, on average, asked for its last code of its own; random untried "
-        "codes follow from there. After 120 evaluations every gait is known.",
-    ),
-    "convergence_means": (
-        "Abstract: 10 cm with 20 evaluations, 2.5 cm with 40 to 60, on average.",
-        "All legs and runs together. Triangles: 10 cm at 20 and 2.5 cm at 60 evaluations.",
-    ),
-    "best_trajectories": (
-        "Fig. 8: the best trajectories keep the direction reasonably well for each failed leg.",
-        "The best gait of each run, by the paper's count; the more runs found it, the thicker the line.",
-    ),
-}
-
-
 def study_drawings(findings: Findings) -> list[Drawing]:
     """Return the figures of a study."""
     draw = {
@@ -366,10 +318,8 @@ def study_drawings(findings: Findings) -> list[Drawing]:
         "convergence_means": lambda: means_figure(findings),
         "best_trajectories": lambda: best_figure(findings),
     }
-    return [
-        Drawing(name=name, draw=draw[name], here=here, paper=paper)
-        for name, (paper, here) in CAPTIONS.items()
-    ]
+    captions = texts("captions")
+    return [Drawing(name=name, draw=figure, **captions[name]) for name, figure in draw.items()]
 
 
 def _all_gaits(findings: Findings, *, turned: bool) -> "Figure | None":

@@ -1,55 +1,19 @@
 """The report of a study: one HTML page that needs no other file, with figures and tables next to it."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from statistics import fmean
 
 import numpy as np
 
 from hexctl.study.reports.report_page import Block, Bullets, Fold, Picture, Section, Table
-from hexctl.study.reports.study_summary import summary
 from hexctl.study.reports.study_tables import SHOWN
-from hexctl.study.searches import NULL_DRAWS, Curve, Findings
+from hexctl.study.reports.texts import reading, texts
+from hexctl.study.searches import BASELINE, NULL_DRAWS, Curve, Findings
 from hexctl.study.verdicts.assumptions import HEADER, assumption_rows
-from hexctl.study.verdicts.claim_evidence import Claim, cm, limit_text
+from hexctl.study.verdicts.claim_evidence import EARLY, EARLY_M, LATE, LATE_M, Claim, cm, limit_text
 from hexctl.study.verdicts.claims import expected_best_rank
 from hexctl.study.verdicts.distance_criterion import LATE_ABOVE_BEST_M, BarRow, bar_rows
-from hexctl.study.verdicts.trajectories import EARLY, EARLY_M, LATE, LATE_M, left_share, within
-
-READING = (
-    "A claim holds, does not hold, or there is no evidence: the numbers decide nothing, a symmetry implies "
-    "it, or it holds on random numbers, too. Each of the three is a result.",
-    'Where the paper gives a number, "about" is that number plus or minus half of it, on both sides: a mean '
-    "far below it is not what the paper reports either, and the table says which side is missed.",
-    "Legs that a symmetry of the robot turns into one another are one experiment and have one vote. "
-    "Intervals are 95 % intervals of the mean over worlds that differ in what the paper leaves open "
-    "(friction, stiffness of the servos, contact time); with one world there is none.",
-    "Random numbers: the scores of each landscape dealt out at random over the codes, "
-    f"{NULL_DRAWS} times. A claim about searches that holds there, too, says nothing about the encoding or "
-    "the search.",
-    "Final deviation (the paper's F) counts, of valid trials only: a robot that fell, or made less than half "
-    "of the ideal distance, is behind every other, however near to the line it stands.",
-    "A run that has found no valid gait yet has no best-so-far. It is left out of means and percentiles; the "
-    "share of the runs that are in them is in convergence.parquet, and in the tables where it is not all.",
-    "Two counts of evaluations: the paper's, where a repeated code costs one, and hexctl's, where each gait "
-    "is paid for once. The paper's claims are judged by the paper's count, the bar is shown by both.",
-    "Searches with a population on the one line of codes converge and then ask for nothing new. By the fresh "
-    "count random untried codes follow, so what a long curve gains later is the random search's "
-    "work.",
-    "The random baseline is strong: the best of n gaits drawn from 120 without repetition has the expected "
-    f"rank 121/(n + 1), which is {expected_best_rank(EARLY):.1f} after {EARLY} and "
-    f"{expected_best_rank(LATE):.1f} after {LATE}.",
-    "dps is a reconstruction from published parents: the equations of the original are not open to us.",
-    "No parameter was tuned on these landscapes. Simulator, floor friction and servos are not the paper's, "
-    "which does not give them; directions and orders of magnitude compare, single numbers do not.",
-)
-
-
-DEFAULT_GAITS = (
-    "The gaits that the robot would use anyway, its default one and the tripod, walked with the same failed "
-    "leg, self-rotation and world. They are no part of the landscapes: the tripod has no code. Where one of "
-    "them ends nearer to the line than a search, the search was not needed. A tripod that is its own mirror "
-    "image about the trailing leg ends near the line on a robot and in a world that are symmetric, too, and "
-    "in no other. Searches: the median of the runs and, in brackets, the best one, each gait paid for once."
-)
+from hexctl.study.verdicts.trajectories import left_share, within
 
 
 def study_sections(findings: Findings, pictures: Mapping[str, Picture]) -> Iterator[Section]:
@@ -58,7 +22,8 @@ def study_sections(findings: Findings, pictures: Mapping[str, Picture]) -> Itera
     sentence = findings.uncertainty.sentence
     yield Section("", [summary(findings), _settings(findings), sentence, parameters])
     yield Section("Claims of the paper", [_claims(findings.claims)])
-    yield Section("How to read this", [Bullets([*READING, _stuck(findings)])])
+    ranks = {"early": expected_best_rank(EARLY), "late": expected_best_rank(LATE)}
+    yield reading("study", Bullets([_stuck(findings)]), draws=NULL_DRAWS, **ranks)
     left_open = (
         "What the paper leaves open, and how it is read here; numbers are those of ant on the flat "
         "floor, leg locked, after the turn."
@@ -66,7 +31,7 @@ def study_sections(findings: Findings, pictures: Mapping[str, Picture]) -> Itera
     yield Section("Assumptions", [left_open, Table(HEADER, assumption_rows())])
     yield Section("The bar: mean over legs and runs", _bar_blocks(findings))
     if findings.default_walks:
-        yield Section("Without a search", [DEFAULT_GAITS, _defaults(findings)])
+        yield Section("Without a search", [texts("default_gaits"), _defaults(findings)])
     for name, picture in pictures.items():
         yield Section(name.replace("_", " ").capitalize(), [picture])
     yield from _numbers(findings)
@@ -239,3 +204,73 @@ def _distinct(findings: Findings) -> Table:
         rows.append([name, *cells])
     legs = [f"leg {leg}" for leg in findings.searched]
     return Table(("optimizer", *legs), rows)
+
+
+#: Beginnings of verdicts, and how the summary counts them.
+COUNTED = {
+    "holds": "hold",
+    "does not hold": "do not hold",
+    "no evidence": "have no evidence",
+    "not judged": "are not judged",
+    "not measured": "are not measured",
+}
+
+
+def summary(findings: Findings) -> str:
+    """Three sentences for the top of a report."""
+    return " ".join((_experiment(findings), _verdicts(findings.claims), _best_search(findings)))
+
+
+def _experiment(findings: Findings) -> str:
+    plan = findings.plan
+    legs = f"leg {plan.legs[0]}" if len(plan.legs) == 1 else f"each of {len(plan.legs)} legs"
+    search = "one search" if len(plan.optimizers) == 1 else f"{len(plan.optimizers)} searches"
+    return (
+        f"{plan.robot.name} walked 120 gaits for {plan.duration_s:g} s with {legs} {plan.failure}, "
+        f"and {search} looked for the straightest gait."
+    )
+
+
+def _verdicts(claims: Sequence[Claim]) -> str:
+    counts = {
+        words: sum(claim.verdict.startswith(begin) for claim in claims) for begin, words in COUNTED.items()
+    }
+    *others, last = [f"{count} {words}" for words, count in counts.items() if count]
+    listed = f"{', '.join(others)} and {last}" if others else last
+    return f"Of the paper's {len(claims)} claims, {listed}."
+
+
+def _best_search(findings: Findings) -> str:
+    """The best search, the random baseline and the best default gait, in one sentence."""
+    after = min(EARLY, findings.plan.budget)
+    means_m = {
+        name: float(findings.mean_curve(name, paper_count=False).mean[after - 1])
+        for name in findings.plan.optimizers
+    }
+    found = {name: mean_m for name, mean_m in means_m.items() if np.isfinite(mean_m)}
+    if not found:
+        return f"No search found a valid gait within {after} evaluations."
+    best = min(found, key=found.__getitem__)
+    parts = [f"{cm(found[best])} with the best search ({best})"]
+    if BASELINE in found and best != BASELINE:
+        parts.append(f"{cm(found[BASELINE])} with random search")
+    parts += _without_a_search(findings)
+    listed = parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+    return f"After {after} evaluations, the mean deviation from the line is {listed}."
+
+
+def _without_a_search(findings: Findings) -> list[str]:
+    """Mean deviation with the best default gait; empty if each of them is invalid for some leg."""
+    ends_m: dict[str, list[float | None]] = {}
+    for walk in findings.default_walks:
+        if walk.leg in findings.searched:
+            ends_m.setdefault(walk.gait, []).append(walk.final_m)
+    means_m = {
+        gait: fmean(final_m for final_m in ends if final_m is not None)
+        for gait, ends in ends_m.items()
+        if None not in ends
+    }
+    if not means_m:
+        return []
+    best = min(means_m, key=means_m.__getitem__)
+    return [f"{cm(means_m[best])} with the {best} gait, which needs no search"]

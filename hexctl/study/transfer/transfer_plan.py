@@ -27,7 +27,7 @@ from hexctl.study.study_options import ALL_LEGS, BUDGET, RUNS, WORLDS
 from hexctl.study.transfer import transfer_report as report
 from hexctl.study.transfer.transfer_report import TransferFound
 from hexctl.study.transfer.transfer_searches import PRIORED, search_worlds
-from hexctl.study.verdicts.verdict_lines import bar_lines
+from hexctl.study.verdicts.claim_evidence import bar_lines
 from hexctl.study.verdicts.verdict_uncertainty import StudyUncertainty
 from hexctl.study.walk_cache import Walked
 from hexctl.types import N_LEGS

@@ -7,15 +7,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hexctl.adapt.optimizers.shipped import BAYES
-from hexctl.palette import BAR_COLOR, BEST_OF_ALL_COLOR, hex_color
 from hexctl.study.experiment import Drawing, plain
 from hexctl.study.landscapes.versions import code_versions
-from hexctl.study.reports.figure_style import grid_of, label_axes, line_of, new_figure
-from hexctl.study.reports.report_page import Block, Bullets, Picture, Section, Table
+from hexctl.study.reports.figure_style import draw_best_of_all, finish_curves, grid_of, line_of, new_figure
+from hexctl.study.reports.report_page import Block, Picture, Section, Table
+from hexctl.study.reports.texts import reading
 from hexctl.study.searches import BASELINE
 from hexctl.study.transfer.transfer_searches import (
-    NEAR_M,
-    NEARER_M,
     PRIORED,
     Curves,
     by_seconds,
@@ -26,7 +24,15 @@ from hexctl.study.transfer.transfer_searches import (
     sure_share,
     walked_s,
 )
-from hexctl.study.verdicts.claim_evidence import Bar, cm, cm_with_error, number, too_short
+from hexctl.study.verdicts.claim_evidence import (
+    EARLY_M,
+    LATE_M,
+    Bar,
+    cm,
+    cm_with_error,
+    number,
+    too_short,
+)
 from hexctl.study.verdicts.verdict_uncertainty import StudyUncertainty
 from hexctl.types import FloatArray
 
@@ -38,7 +44,7 @@ if TYPE_CHECKING:
     from hexctl.study.transfer.transfer_plan import TransferPlan
 
 #: Mean deviation over all worlds and legs, the trials within which it is required, and the stretch goal.
-ASKED = ((NEAR_M, 4, 2), (NEARER_M, 12, 6))
+ASKED = ((EARLY_M, 4, 2), (LATE_M, 12, 6))
 
 #: Most trials that `bayes` may need beyond random search, in any kind of world.
 MORE_THAN_RANDOM = 2
@@ -127,7 +133,7 @@ def _against_random(found: TransferFound) -> Iterator[Bar]:
         return
     for kind in found.kinds:
         bayes, random = (by_trials(found.of(name, kind)) for name in (BAYES, BASELINE))
-        for bound_m in (NEAR_M, NEARER_M):
+        for bound_m in (EARLY_M, LATE_M):
             ours, theirs = bayes.trials_to(bound_m), random.trials_to(bound_m)
             if theirs is None and ours is None:
                 continue  # out of reach of both
@@ -145,6 +151,9 @@ def _trials(count: int | None) -> str:
 
 #: Points of the curves over seconds.
 SECONDS = 120
+
+#: What the figures show.
+UP = "deviation of the best gait so far"
 
 
 def trials_figure(found: TransferFound) -> "Figure":
@@ -170,9 +179,9 @@ def _curves_figure(
     for panel, (what, title) in zip(panels, titles.items(), strict=True):
         for name, curve in curves.items():
             _line(panel, name, at, getattr(curve, what))
-        _floor(panel, floor)
+        draw_best_of_all(panel, floor)
         panel.set_title(f"{title};  best of all gaits {cm(floor)}", fontsize=9)
-    _label(figure, panels, 3, across, f"All worlds and legs, over {across}")
+    finish_curves(figure, panels, 3, across, UP, f"All worlds and legs, over {across}")
     return figure
 
 
@@ -186,9 +195,9 @@ def kinds_figure(found: TransferFound) -> "Figure":
         for name in found.plan.optimizers:
             _line(panel, name, trials, by_trials(found.of(name, kind)).mean)
         here = of(found.runs, kind=kind)
-        _floor(panel, floor_m(here)[0])
+        draw_best_of_all(panel, floor_m(here)[0])
         panel.set_title(f"{kind}, {places(here)} worlds and legs", fontsize=9)
-    _label(figure, panels, len(kinds), "trials", "Mean, by the kind of world")
+    finish_curves(figure, panels, len(kinds), "trials", UP, "Mean, by the kind of world")
     return figure
 
 
@@ -197,47 +206,8 @@ def _line(panel: "Axes", name: str, across: FloatArray, values: FloatArray) -> N
     panel.plot(across, values, linewidth=2.2 if strong else 1.1, label=name, **line_of(name))
 
 
-def _floor(panel: "Axes", floor_m: float) -> None:
-    panel.axhline(
-        floor_m, color=hex_color(BEST_OF_ALL_COLOR), linewidth=1.2, linestyle=":", label="best of all gaits"
-    )
-
-
-def _label(figure: "Figure", panels: "list[Axes]", used: int, across: str, title: str) -> None:
-    """Give all panels a logarithmic scale and labels, and the figure one legend."""
-    for panel in panels[:used]:
-        panel.set_yscale("log")
-        for bound_m in (NEAR_M, NEARER_M):
-            panel.axhline(bound_m, color=hex_color(BAR_COLOR), linewidth=0.5)
-        panel.set_yticks([0.01, 0.025, 0.1, 0.5, 1.0], ["1 cm", "2.5 cm", "10 cm", "50 cm", "1 m"])
-        panel.minorticks_off()
-    label_axes(panels, used, across, "deviation of the best gait so far")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=9, frameon=False)
-    figure.suptitle(title, fontsize=11)
-
-
 #: Trials at which tables show the curves, as far as the budget goes.
 SHOWN = (1, 2, 3, 4, 6, 8, 10, 15, 20, 40, 60)
-
-READING = (
-    "Deviation of the best gait found so far, as the landscape has it: every gait of every world and leg was "
-    "walked, and searches look their trials up.",
-    "A search that has found no valid gait yet counts with the worst valid gait of its landscape.",
-    "bayes stops when it is sure of its target; its curve is flat from there on.",
-    "bayes-early ends a walk once its outcome is known well enough: it learns less per trial and more per "
-    "second.",
-    "The worlds are drawn from wider ranges than the prior's, and every other one is of a kind that no world "
-    "of the prior is. Earlier worlds of the same family were used while bayes was developed, these never "
-    "were; the other searches have the paper's parameters.",
-    "Trials have no noise here: a repeat gives the same end. That bayes is sure says that it measured a gait "
-    "within its target; how it does under noise is not told by this page.",
-    "Outcomes in intervals: each gait's first walk, where it was walked out; walks that were cut short are "
-    "not among them.",
-    "Seconds are of walking; settling, self-rotation and stopping come on top, some 12 s a trial.",
-    "The legs of one world are correlated: a kind with 3 worlds has 18 curves, but only 3 worlds. The "
-    "standard error of a mean counts worlds, not curves.",
-)
 
 
 def drawings(found: TransferFound) -> list[Drawing]:
@@ -262,7 +232,7 @@ def transfer_json(found: TransferFound) -> dict[str, Any]:
         "landscapes_without_valid_gait": found.without,
         "best_of_all_m": number(floor),
         "best_of_all_standard_error_m": number(error_m),
-        "reachable": {f"{bound:g}": places(found.reachable(bound)) for bound in (NEAR_M, NEARER_M)},
+        "reachable": {f"{bound:g}": places(found.reachable(bound)) for bound in (EARLY_M, LATE_M)},
         "bars": [bar.as_json() for bar in transfer_bars(found)],
         "optimizers_found": {name: _found(found.of(name)) for name in found.plan.optimizers},
     }
@@ -277,7 +247,7 @@ def _found(runs: "DataFrame") -> dict[str, Any]:
             for what in ("mean", "median", "p90")
         },
         "standard_error_m": {str(count): number(error_m[count - 1]) for count in shown},
-        "trials_to": {f"{bound:g}": curves.trials_to(bound) for bound in (NEAR_M, NEARER_M)},
+        "trials_to": {f"{bound:g}": curves.trials_to(bound) for bound in (EARLY_M, LATE_M)},
         "walked_s": number(walked_s(runs)),
         "coverage": number(share),
         "outcomes": outcomes,
@@ -290,7 +260,7 @@ def sections(found: TransferFound, pictures: Mapping[str, Picture]) -> Iterator[
     for name, picture in pictures.items():
         yield Section(name.removeprefix("transfer_").replace("_", " ").capitalize(), [picture])
     yield Section("All worlds and legs", _curves(found, found.runs))
-    yield Section("Where some gait is within 2.5 cm", _curves(found, found.reachable(NEARER_M)))
+    yield Section("Where some gait is within 2.5 cm", _curves(found, found.reachable(LATE_M)))
     for kind in found.kinds:
         yield Section(f"Kind {kind}", _curves(found, of(found.runs, kind=kind)))
     yield Section("How sure bayes was", [_sure_table(found)])
@@ -307,11 +277,11 @@ def _verdicts(found: TransferFound) -> Iterator[Section]:
     yield Section("", [settings, found.uncertainty.sentence])
     rows = [(bar.asked, bar.measured, bar.verdict) for bar in transfer_bars(found)]
     yield Section("Bars", [Table(("asked", "measured", "verdict"), rows)])
-    yield Section("How to read this", [Bullets(READING), _reach(found)])
+    yield reading("transfer", _reach(found))
 
 
 def _reach(found: TransferFound) -> str:
-    within = [places(found.reachable(bound)) for bound in (NEAR_M, NEARER_M)]
+    within = [places(found.reachable(bound)) for bound in (EARLY_M, LATE_M)]
     return (
         f"Best of all gaits: {cm_with_error(*floor_m(found.runs))} on average. Of {places(found.runs)} "
         f"worlds and legs {within[0]} have a valid gait within 10 cm and {within[1]} one within 2.5 cm; "

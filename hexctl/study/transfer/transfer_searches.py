@@ -141,10 +141,6 @@ def _search(
     )
 
 
-#: Deviations that are asked for.
-NEAR_M, NEARER_M = 0.10, 0.025
-
-
 def search_worlds(
     plan: "TransferPlan", landscapes: Sequence[Landscape], on_landscape: OnLandscape = lambda _: None
 ) -> "DataFrame":

@@ -1,7 +1,7 @@
 """Evidence for a claim: numbers of several worlds, tolerances, intervals over worlds, and three verdicts."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from statistics import NormalDist
@@ -11,6 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.types import FloatArray
+
+#: After 20 evaluations about 10 cm, after 60 about 2.5 cm, says the paper.
+EARLY, EARLY_M = 20, 0.10
+LATE, LATE_M = 60, 0.025
 
 #: What "about" means for a number of the paper: up to this share more or less.
 ABOUT = 0.5
@@ -309,3 +313,16 @@ def make_claim(statement: str, rule: str, measured: str, judgement: Judgement, *
         no_evidence=judgement.no_evidence,
         **others,
     )
+
+
+def verdict_lines(verdicts: Iterable[tuple[str, str]]) -> list[str]:
+    """Verdicts in a column before their statements; reasons why there is none in lines of their own below."""
+    pairs = [(verdict.partition(": "), statement) for verdict, statement in verdicts]
+    lines = [f"{verdict:<15} {statement}" for (verdict, _, _), statement in pairs]
+    reasons = dict.fromkeys(f"{verdict}: {reason}" for (verdict, _, reason), _ in pairs if reason)
+    return [*lines, *reasons]
+
+
+def bar_lines(bars: Iterable[Bar]) -> list[str]:
+    """Verdicts of a benchmark's bars, each with what was asked and measured."""
+    return verdict_lines((bar.verdict, f"{bar.asked}: {bar.measured}") for bar in bars)

@@ -13,6 +13,10 @@ import numpy as np
 from hexctl.study.searches import BASELINE, Findings, mean_of
 from hexctl.study.verdicts.claim_evidence import (
     ABOUT,
+    EARLY,
+    EARLY_M,
+    LATE,
+    LATE_M,
     NULL_SHARE,
     Claim,
     Measure,
@@ -27,10 +31,6 @@ from hexctl.study.verdicts.claim_evidence import (
     too_short,
 )
 from hexctl.study.verdicts.trajectories import (
-    EARLY,
-    EARLY_M,
-    LATE,
-    LATE_M,
     experiment_text,
     goes_both_ways,
     rotation_helps,

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 from statistics import fmean
 
 from hexctl.study.searches import Findings
-from hexctl.study.verdicts.claim_evidence import cm, too_short, verdict_of
-from hexctl.study.verdicts.trajectories import EARLY, EARLY_M, LATE, LATE_M
+from hexctl.study.verdicts.claim_evidence import EARLY, EARLY_M, LATE, LATE_M, cm, too_short, verdict_of
 
 #: Where no gait is within `LATE_M`, the bar is this much above the best gait that there is.
 LATE_ABOVE_BEST_M = 0.01

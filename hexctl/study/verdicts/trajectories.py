@@ -9,6 +9,8 @@ from hexctl.control.walks.turning import turn_needed_rad
 from hexctl.study.landscapes.landscape import Landscape
 from hexctl.study.searches import Findings
 from hexctl.study.verdicts.claim_evidence import (
+    EARLY_M,
+    LATE_M,
     Claim,
     Judgement,
     Measure,
@@ -19,10 +21,6 @@ from hexctl.study.verdicts.claim_evidence import (
     share_text,
 )
 from hexctl.study.verdicts.experiments import is_mirror_of, is_own_mirror
-
-#: After 20 evaluations about 10 cm, after 60 about 2.5 cm, says the paper.
-EARLY, EARLY_M = 20, 0.10
-LATE, LATE_M = 60, 0.025
 
 #: A side is not judged on fewer valid gaits than this.
 MIN_VALID = 10

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hexctl.study.held_out import INTACT
-from hexctl.study.holds.hold_report import divisions, statistics
+from hexctl.study.holds.hold_plan import divisions, statistics
 from hexctl.study.holds.hold_walks import HoldCase
 from hexctl.study.verdicts.claim_evidence import clustered_error
 from tests.robots import shipped

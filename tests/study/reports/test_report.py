@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from hexctl.study.reports.figures import CAPTIONS
+from hexctl.study.reports.texts import texts
 from hexctl.study.searches import Findings
 from tests.study.made_up import made_up, made_up_findings, reported, spread_out, summarised
 
@@ -31,9 +31,9 @@ def folder(findings: Findings, tmp_path_factory: pytest.TempPathFactory) -> Path
 def test_the_page_holds_all_figures_itself(folder: Path) -> None:
     text = (folder / "report.html").read_text(encoding="utf-8")
     images = re.findall(r'src="data:image/svg\+xml;base64,([^"]+)"', text)
-    assert len(images) == len(CAPTIONS)
+    assert len(images) == len(texts("captions"))
     assert [base64.b64decode(image) for image in images] == [
-        (folder / f"{name}.svg").read_bytes() for name in CAPTIONS
+        (folder / f"{name}.svg").read_bytes() for name in texts("captions")
     ]
 
 
@@ -67,7 +67,7 @@ def test_the_page_says_what_holds_and_how_to_read_it(folder: Path) -> None:
 
 
 def test_every_figure_is_there_as_svg(folder: Path) -> None:
-    for name in CAPTIONS:
+    for name in texts("captions"):
         assert ElementTree.parse(folder / f"{name}.svg").getroot().tag.endswith("svg")  # noqa: S314
 
 
