@@ -28,15 +28,7 @@ FoundT = TypeVar("FoundT")
 
 @dataclass(kw_only=True)
 class Work:
-    """On what an experiment runs, and how long its parts took.
-
-    Attributes:
-        cache: earlier walks.
-        jobs: threads that simulate; None is all cores.
-        dask: address of a Dask scheduler; None simulates here.
-        progress: observer.
-        times_s: wall time of the finished parts, by name.
-    """
+    """On what an experiment runs, and how long its parts took."""
 
     cache: WalkCache
     jobs: int | None = None
@@ -82,11 +74,7 @@ class Result(Generic[FoundT]):
     """Result of an experiment.
 
     Attributes:
-        plan: the experiment.
-        found: what it found.
         report: the HTML page; tables and figures are files in its folder.
-        notes: remarks on damaged files of the cache.
-        times_s: wall time of the parts, by name.
     """
 
     plan: "Experiment[FoundT]"

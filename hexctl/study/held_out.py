@@ -33,9 +33,7 @@ class HeldOutPlace(Place[CaseT, WalkT]):
     """A robot in a member of a family of worlds.
 
     Attributes:
-        family: name of the family.
         number: number of the world in its family, and the seed of everything drawn in it.
-        kind: kind of the world, as the family names it.
     """
 
     family: str

@@ -79,13 +79,7 @@ class HeldOutExperiment(Experiment["DataFrame"]):
     """Settings of an experiment whose walks are compared in held-out worlds.
 
     Attributes:
-        robots: models of the robots.
-        families: the families of worlds, by name.
-        worlds: number of worlds of each family.
-        first_world: number of the first of them.
-        legs: legs that fail, ascending.
         failures: how each of them fails, as `parse_kind` reads it; intact robots walk as well.
-        duration_s: length of each walk.
         exact_sensors: whether worlds keep the sensors that their family gives them, instead of `SENSORS`.
     """
 

@@ -55,13 +55,7 @@ class PriorPlan(Plan):
     """Settings of one prior.
 
     Attributes:
-        robot: model of the robot.
-        family: distribution of plausible worlds.
-        worlds: number of worlds per leg.
-        legs: the failed legs, ascending.
         failure: in the words of `parse_kind`; with `unknown` each world draws what breaks.
-        self_rotation: where the failed leg points during the walk.
-        duration_s: length of each walk.
         hold: what the walks hold by feedback, with another than `none` the prior is of their
             scores.
         posture: of the gaits, one of `hexctl.control.assessment.static_stability.POSTURES`; None is the one

@@ -42,7 +42,6 @@ class Curve(ArrayFields):
     Attributes:
         mean: over the runs.
         std: standard deviation over the runs (of the runs themselves, not an estimate for others).
-        median: over the runs.
         p10: a tenth of the runs is below.
         p90: a tenth of the runs is above.
         share: of the runs that have found a valid gait.
@@ -61,8 +60,6 @@ class Searches(ArrayFields):
     """All runs of one optimizer in one landscape, counted by one rule.
 
     Attributes:
-        leg: the failed leg.
-        optimizer: its name.
         paper_count: True where repetitions cost an evaluation each, False where each code is paid for once.
         seeds: of the runs, (R,).
         codes: what was evaluated, 0 after the end of a run that had tried all codes, (R, B).
@@ -218,11 +215,8 @@ class DefaultWalk:
     """One walk with a default gait, under the conditions of a landscape.
 
     Attributes:
-        leg: the failed leg.
         gait: one of `DEFAULT_GAITS`.
-        status: one of `hexctl.control.trial_result.STATUSES`.
         signed_m: deviation at the end, positive to the left; None if unknown.
-        distance_m: progress along the heading; None if unknown.
     """
 
     leg: int
@@ -252,10 +246,8 @@ class Findings:
     """The results of one study in one world, with those in the other worlds.
 
     Attributes:
-        plan: its settings.
         landscapes: by leg and self-rotation.
         searches: by leg, optimizer, and whether repetitions count (the paper's count).
-        world: the simulated world.
         nearby: the results in worlds like this one, over which claims are judged, too.
         nulls: the searches of the heuristics in landscapes of random numbers, see `null_findings`.
         default_walks: walks with the gaits that the robot would use anyway.
@@ -338,15 +330,6 @@ class Findings:
         if known.any():
             means[known] = np.nanmean(np.array(votes)[:, known], axis=0)
         return means
-
-    def mean_at(self, optimizer: str, evaluations: int, *, paper_count: bool) -> float:
-        """Mean best-so-far over all legs and runs after a number of evaluations, in m.
-
-        Only runs that have found a valid gait by then are in it; NaN when the budget is smaller.
-        """
-        if evaluations > self.plan.budget:
-            return float("nan")
-        return float(self.mean_curve(optimizer, paper_count=paper_count).mean[evaluations - 1])
 
 
 def search_all(plan: "StudyPlan", landscapes: list[Landscape], on_leg: OnLeg = lambda _: None) -> Findings:

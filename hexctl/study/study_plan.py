@@ -70,14 +70,8 @@ class StudyPlan(Experiment[Findings]):
     """Settings of one study; the defaults are the paper's.
 
     Attributes:
-        robot: model of the robot.
-        world: simulated world.
-        legs: failed legs, ascending.
         optimizers: names as in `hexctl.adapt.optimizers.shipped`.
         runs: seeded runs of each optimizer on each leg.
-        budget: evaluations of a run.
-        duration_s: length of each walk.
-        seed: seed of everything.
         failure: failure of each leg, as `parse_kind` reads it, such as `limp` or `weak:0.5`.
         self_rotation: self-rotation before the walks that the optimizers search.
         worlds: number of worlds in which claims are judged: `world` and others like it (`nearby_worlds`).

@@ -52,7 +52,6 @@ class Place(ABC, Generic[CaseT, WalkT]):
     """A robot in a world. The place and a case decide a walk.
 
     Attributes:
-        robot: model of the robot.
         world: simulated world, its sensors included.
     """
 
@@ -127,7 +126,6 @@ class WalkCache:
     """Walks in a folder, one compressed file for each place.
 
     Attributes:
-        folder: folder of the files.
         notes: one line for each damaged file; its walks are simulated again.
     """
 

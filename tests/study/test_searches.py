@@ -108,8 +108,8 @@ def test_half_a_landscape_is_not_searched() -> None:
 def test_means_are_over_legs_and_runs() -> None:
     findings = made_up_findings(spread_out(1.0), legs=(1, 4), optimizers=("random",), runs=4, budget=20)
     each = [findings.searches[leg, "random", False].best_m[:, 19] for leg in (1, 4)]
-    assert findings.mean_at("random", 20, paper_count=False) == pytest.approx(np.concatenate(each).mean())
-    assert math.isnan(findings.mean_at("random", 21, paper_count=False))
+    mean = findings.mean_curve("random", paper_count=False).mean[19]
+    assert mean == pytest.approx(np.concatenate(each).mean())
 
 
 def test_runs_have_seeds_of_their_own_that_adapt_takes() -> None:

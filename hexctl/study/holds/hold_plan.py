@@ -231,7 +231,6 @@ class HoldPlan(HeldOutExperiment):
     """Settings of a comparison of holds.
 
     Attributes:
-        holds: feedback of the walks.
         self_rotation: direction of the failed leg during the walk. With `auto`, it points to the rear under
             the hold `heading` and stays as it is under the others, as `hexctl run --gait auto` does. Walks
             in open loop then have the gait of those that hold the line.

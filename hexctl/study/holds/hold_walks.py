@@ -27,7 +27,6 @@ class HoldCase:
     Attributes:
         leg: failed leg, 1..6; 0 for an intact robot.
         failure: failure of the leg, as `parse_kind` reads it; `intact` without one.
-        hold: feedback of the walk.
     """
 
     leg: int
@@ -45,16 +44,9 @@ class HoldWalk:
     """Outcome of one walk; deviations are those of the simulation's true pose, NaN if unknown.
 
     Attributes:
-        case: its case.
-        slots: slots of the gait.
         body_raise: raise of the body, as a fraction of the robot's size.
-        held: feedback that the walk had.
-        status: one of `hexctl.control.trial_result.STATUSES`.
         why: why it was stopped, or the likely cause of a walk without progress.
         signed_m: deviation at the end, positive to the left.
-        mean_m: mean of the absolute deviation during the walk.
-        max_m: maximum of the absolute deviation during the walk.
-        distance_m: progress along the line.
         ideal_distance_m: progress of a robot whose feet do not slip.
         clipped_ticks: ticks in which the guard changed the targets.
     """
@@ -113,7 +105,6 @@ class HoldPlace(HeldOutPlace[HoldCase, HoldWalk]):
 
     Attributes:
         self_rotation: direction of the failed leg during the walk, as in `HoldPlan`.
-        duration_s: length of each walk.
     """
 
     WALK: ClassVar[type] = HoldWalk

@@ -44,11 +44,7 @@ class GaitWalk:
 
     Attributes:
         case: code of the gait, or its name.
-        status: one of `hexctl.control.trial_result.STATUSES`.
         signed_m: deviation at the end, positive to the left.
-        mean_m: mean of the absolute deviation during the walk.
-        max_m: maximum of the absolute deviation during the walk.
-        distance_m: progress along the heading.
         turned_rad: how far the self-rotation before the walk turned.
         path_m: progress and signed deviation, five points a second.
     """
@@ -96,11 +92,8 @@ class LandscapeSpec(Place[int | str, GaitWalk]):
     """Settings of a landscape: everything that decides its numbers except the code that computes them.
 
     Attributes:
-        robot: model of the robot.
-        world: the simulated world.
         leg: the failed leg, 1..6.
         self_rotation: where the failed leg points during the walk: `rear`, `front`, or `none`: no turn.
-        duration_s: length of each walk.
         failure: of the leg, in the words of `parse_kind`, such as `limp` or `weak:0.5`.
         seed: of sensor noise, rough floors, and what an `unknown` failure breaks.
         placed: True to put the robot down as its self-rotation would leave it, instead of turning.

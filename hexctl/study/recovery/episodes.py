@@ -42,12 +42,10 @@ class RecoveryCase:
     """One walk under some conditions.
 
     Attributes:
-        gait: name of the gait on six legs, or `auto`.
         legs: those that fail, all in the same way, in this order; none in an intact walk.
         failure: how, in the words of `parse_kind`; `intact` without any.
         at_s: when the first fails, since the walk began; in an intact walk the moment from which on it is
             compared.
-        heading_deg: direction of travel.
         method: what the robot does about it, as `method_of` has it.
         apart_s: time from one leg's failure to that of the next.
     """
@@ -75,11 +73,7 @@ class Episode:
 
     Attributes:
         case: what failed, and what the robot was to do about it.
-        status: as in `hexctl.control.trial_result.STATUSES`.
         why: why it was stopped, or the likely cause of a walk without progress; None for neither.
-        duration_s: how long it walked.
-        alarms: what was noticed, in the order of time.
-        pace_hz: gait cycles per second.
         ideal_m_s: speed that is commanded before the failure.
         signed_m: deviation from the original line at the end, positive to the left.
         way_m: greatest absolute deviation after the failure.
@@ -228,12 +222,7 @@ class Track(ArrayFields):
 
 @dataclass(frozen=True, kw_only=True)
 class RecoveryPlace(HeldOutPlace[RecoveryCase, Episode]):
-    """A robot in a world, under a protocol.
-
-    Attributes:
-        protocol: name of the protocol.
-        duration_s: length of each walk.
-    """
+    """A robot in a world, under a protocol."""
 
     WALK: ClassVar[type] = Episode
 

@@ -59,12 +59,8 @@ class RepertoirePlan(Plan):
     """Settings of one repertoire.
 
     Attributes:
-        robot: model of the robot.
         families: of plausible worlds, by name.
-        worlds: number of worlds of each family.
-        directions: number of directions of travel.
         failures: of single legs, in the words of `parse_kind`.
-        pair_failures: of both legs of a pair.
         codes: how many next codes by the static margin are candidates, and as many drawn at random, as a
             check of that ranking.
     """

@@ -37,7 +37,6 @@ class RepertoireCase:
 
     Attributes:
         failures: leg and words of each failure, such as `5:stuck:femur`.
-        heading_deg: direction of travel.
         candidate: gait and posture that the robot changes to.
     """
 
@@ -52,7 +51,6 @@ class CandidateWalk:
 
     Attributes:
         case: what failed, and how the robot walked on.
-        status: as in `hexctl.control.trial_result.STATUSES`.
         speed: along the line while it was measured, as a share of what was commanded before the failure; NaN
             for a walk that did not end on its feet.
         cost: of transport of the whole walk.

@@ -49,17 +49,10 @@ class TransferPlan(Experiment[TransferFound]):
     """Settings of one benchmark.
 
     Attributes:
-        robot: model of the robot.
         family: held-out worlds, never those of a prior.
-        prior: prior of `bayes`.
-        worlds: number of worlds of the family.
-        legs: failed legs, ascending.
         optimizers: names as in `hexctl.adapt.optimizers.shipped`, `bayes` and `bayes-early`.
         runs: seeded runs of each optimizer in each world and leg; `bayes` has no seed and one run.
-        budget: trials of a run.
-        duration_s: length of each walk.
         target_m: deviation that `bayes` aims at.
-        seed: seed of the searches.
         failure: failure of each leg, as `parse_kind` reads it; with `unknown` each world draws what breaks,
             and the searches do not know it.
         one_leg: one leg fails in each world, the next one in the next world, instead of all in every world.

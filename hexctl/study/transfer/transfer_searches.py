@@ -45,7 +45,6 @@ class Course(ArrayFields):
         codes: the gaits walked, in order; fewer than the budget when the search was sure, (T,).
         best_m: deviation of the best gait after each trial of the budget, constant after the last trial,
             (B,); that of the worst valid gait as long as no valid one was found.
-        walked_s: seconds walked by then, (B,).
         held: of the gaits walked for the first time, whether they ended inside their 90 % interval; empty for
             searches without predictions.
         sure: whether the search ended because it was sure of its target.

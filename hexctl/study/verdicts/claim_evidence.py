@@ -278,9 +278,6 @@ class Bar:
     """What is asked of a benchmark, and what was measured.
 
     Attributes:
-        name: stable name.
-        asked: what is asked.
-        measured: what was found.
         holds: whether it holds; None where it cannot be judged.
         not_judged: why it cannot be judged; empty where it can.
     """

@@ -16,12 +16,10 @@ class BarRow:
     """One optimizer against the bar at one number of evaluations.
 
     Attributes:
-        optimizer: its name.
         paper_count: which count of evaluations.
         evaluations: 20 or 60.
         leg: the leg, or None for all legs together.
         mean_m: mean best-so-far over the runs that have found a valid gait; NaN when there is none.
-        limit_m: the bar.
         share: of the runs that are in the mean.
         not_judged: why the mean cannot be judged; empty where it can.
     """

@@ -21,8 +21,6 @@ class StudyUncertainty:
 
     Attributes:
         known: as measured; None where it was not.
-        duration_s: how long the walks take.
-        failure: of their legs.
     """
 
     known: SimulationUncertainty | None = None
