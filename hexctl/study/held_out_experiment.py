@@ -3,7 +3,7 @@
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -15,7 +15,8 @@ from hexctl.study.experiment import Experiment, Work, plain
 from hexctl.study.held_out import SENSORS, members, with_sensors
 from hexctl.study.landscapes.versions import code_versions
 from hexctl.study.plan import check_legs, check_setting
-from hexctl.study.reports.report_page import Section, Table
+from hexctl.study.reports.report_page import Picture, Section, Table
+from hexctl.study.reports.texts import reading
 from hexctl.study.study_options import ALL_LEGS, WORLDS
 from hexctl.study.verdicts.claim_evidence import Bar, bar_lines, number
 from hexctl.study.walk_cache import Walked
@@ -83,6 +84,10 @@ class HeldOutExperiment(Experiment["DataFrame"]):
         exact_sensors: whether worlds keep the sensors that their family gives them, instead of `SENSORS`.
     """
 
+    #: Column by whose values walks are compared, and the columns of the tables.
+    BY: ClassVar[str]
+    COLUMNS: ClassVar[Columns]
+
     robots: Annotated[tuple[Robot, ...], Typed(flag="robot")]
     families: Annotated[dict[str, DomainRandomization], Typed(flag="world")]
     worlds: Annotated[int, WORLDS] = 10
@@ -115,13 +120,28 @@ class HeldOutExperiment(Experiment["DataFrame"]):
         work.lap("walks")
         return rows
 
+    @staticmethod
     @abstractmethod
-    def columns(self, rows: "DataFrame") -> "DataFrame":
+    def columns(rows: "DataFrame") -> "DataFrame":
         """Return the walks with what is derived from them."""
 
+    @staticmethod
     @abstractmethod
+    def divisions(rows: "DataFrame") -> "Iterator[tuple[str, str, DataFrame]]":
+        """Return name of a division, name of a group in it, and its walks."""
+
+    @staticmethod
+    @abstractmethod
+    def summary(rows: "DataFrame") -> Record:
+        """Return the statistics of some walks."""
+
     def statistics(self, rows: "DataFrame") -> list[Record]:
-        """Return the statistics of each group of walks."""
+        """Return the statistics of each group of walks, for each of the values that are compared."""
+        return [
+            {"division": division, "group": name, self.BY: value} | self.summary(some[some[self.BY] == value])
+            for division, name, some in self.divisions(rows)
+            for value in getattr(self, f"{self.BY}s")
+        ]
 
     @abstractmethod
     def bars(self, rows: "DataFrame") -> list[Bar]:
@@ -159,18 +179,23 @@ class HeldOutExperiment(Experiment["DataFrame"]):
             f"{self.duration_s:g} s. {sensors}"
         )
 
-    def bars_section(self, found: "DataFrame") -> Section:
-        """Return the part of the report with the bars."""
+    def remarks(self, found: "DataFrame") -> list[str]:
+        """Return further texts at the head of the report."""
+        return []
+
+    def sections(self, found: "DataFrame", pictures: Mapping[str, Picture]) -> Iterator[Section]:
+        """Return the parts of the report: settings, bars, figures, and a table for each division."""
+        yield Section("", [self.settings_text(len(found)), *self.remarks(found)])
         rows = [(bar.asked, bar.measured, bar.verdict) for bar in self.bars(found)]
-        return Section("Bars", [Table(("asked", "measured", "verdict"), rows)])
-
-
-def division_sections(records: Sequence[Record], columns: Columns) -> Iterator[Section]:
-    """Return a part of the report for each division, with its table."""
-    for division in dict.fromkeys(one["division"] for one in records):
-        some = [one for one in records if one["division"] == division]
-        title = "All" if division == "all" else f"By {division}"
-        yield Section(title, [table_of(some, columns)])
+        yield Section("Bars", [Table(("asked", "measured", "verdict"), rows)])
+        yield reading(self.NAME)
+        if pictures:
+            yield Section("Where walks end", list(pictures.values()))
+        records = self.statistics(found)
+        for division in dict.fromkeys(one["division"] for one in records):
+            some = [one for one in records if one["division"] == division]
+            title = "All" if division == "all" else f"By {division}"
+            yield Section(title, [table_of(some, self.COLUMNS)])
 
 
 def _json(values: Record) -> dict[str, Any]:

@@ -122,33 +122,22 @@ def mean_of(best_m: FloatArray) -> FloatArray:
 
 
 def search_landscape(
-    landscape: Landscape, optimizer: str, seeds: Sequence[int], budget: int
-) -> tuple[Searches, Searches]:
-    """Runs of an optimizer that looks up every gait in a landscape: by the fresh count and the paper's.
+    landscape: Landscape,
+    optimizer: str,
+    seeds: Sequence[int],
+    budget: int,
+    counts: Sequence[bool] = (False, True),
+) -> list[Searches]:
+    """Return the runs of an optimizer that looks up every gait, for each count: fresh and the paper's.
 
-    Raises InputError for a landscape that does not hold all gaits.
+    With the paper's count only, the number of own codes is not determined (0). Raises InputError for a
+    landscape that does not hold all gaits.
     """
-    _check_whole(landscape)
     space, scores = landscape.spec.space, landscape.scores
-    own = [codes_until_stuck(optimizer, space, seed, scores) for seed in seeds]
-    fresh, paper = (
-        _searches(landscape, optimizer, seeds, budget, paper_count=count, own=own) for count in (False, True)
-    )
-    return fresh, paper
-
-
-def search_by_paper_count(
-    landscape: Landscape, optimizer: str, seeds: Sequence[int], budget: int
-) -> Searches:
-    """Runs of an optimizer by the paper's count alone, with no number of own codes (0)."""
-    _check_whole(landscape)
-    return _searches(landscape, optimizer, seeds, budget, paper_count=True, own=[0] * len(seeds))
-
-
-def _check_whole(landscape: Landscape) -> None:
-    size = landscape.spec.space.size
-    if len(landscape.scores) != size:
-        raise InputError(f"{landscape.spec.title}: got {len(landscape.scores)} gaits; allowed: {size}")
+    if len(scores) != space.size:
+        raise InputError(f"{landscape.spec.title}: got {len(scores)} gaits; allowed: {space.size}")
+    own = [codes_until_stuck(optimizer, space, seed, scores) if False in counts else 0 for seed in seeds]
+    return [_searches(landscape, optimizer, seeds, budget, paper_count=count, own=own) for count in counts]
 
 
 def _searches(
@@ -353,12 +342,8 @@ def _search_world(plan: "StudyPlan", walked: list[Landscape], number: int, on_le
         leg = landscape.spec.leg
         seeds = [plan.seed_of(leg, run, number) for run in range(plan.runs)]
         for optimizer in plan.optimizers:
-            if number:
-                searches[leg, optimizer, True] = search_by_paper_count(
-                    landscape, optimizer, seeds, plan.budget
-                )
-                continue
-            for search in search_landscape(landscape, optimizer, seeds, plan.budget):
+            counts = (True,) if number else (False, True)
+            for search in search_landscape(landscape, optimizer, seeds, plan.budget, counts):
                 searches[leg, optimizer, search.paper_count] = search
         if not number:
             on_leg(count)
@@ -411,7 +396,8 @@ def _null_of(findings: Findings, number: int, random: np.random.Generator) -> Fi
         landscape = landscapes[leg, plan.self_rotation] = permuted(findings.rotated(leg), random)
         seeds = [plan.seed_of(leg, run, number) for run in range(plan.runs)]
         for name in findings.heuristics:
-            searches[leg, name, True] = search_by_paper_count(landscape, name, seeds, plan.budget)
+            (search,) = search_landscape(landscape, name, seeds, plan.budget, (True,))
+            searches[leg, name, True] = search
     return Findings(plan=plan, landscapes=landscapes, searches=searches, world=findings.world)
 
 

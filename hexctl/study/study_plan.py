@@ -39,6 +39,7 @@ from hexctl.study.verdicts.distance_criterion import missed_lines
 from hexctl.study.verdicts.experiments import experiments_of
 from hexctl.study.verdicts.verdict_uncertainty import StudyUncertainty
 from hexctl.study.walk_cache import Walked
+from hexctl.study.walking import walk_all
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -183,7 +184,9 @@ class StudyPlan(Experiment[Findings]):
         )
         landscapes = work.evaluate(self.specs())
         own = [(replace(self.searched_specs()[0], leg=leg), DEFAULT_GAITS) for leg in self.legs]
-        walks = zip(self.legs, work.walk(own), strict=True)
+        work.progress.stage("the robot's own gaits", len(self.legs))
+        walks = zip(self.legs, walk_all(own, work.cache, jobs=work.jobs), strict=True)
+        work.progress.step(len(self.legs))
         work.lap("landscapes")
         work.progress.stage("searches, leg by leg", len(self.searched_specs()))
         findings = search_all(self, landscapes, lambda _: work.progress.step())

@@ -4,7 +4,7 @@ import math
 import socket
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from os import cpu_count
 from threading import enumerate as enumerate_threads
@@ -95,7 +95,14 @@ def walk_all(
     Raises InputError for an address that does not answer, CacheError when the disk refuses a file,
     RobotFaultError when a worker runs other code.
     """
-    progress, noted = progress or Silent(), len(cache.notes)
+    with nullcontext() if dask is None else dask_executor(dask) as executor:
+        return _walk_all(walked, cache, executor, jobs, progress or Silent())
+
+
+def _walk_all(
+    walked: Walked, cache: WalkCache, executor: Executor | None, jobs: int | None, progress: Progress
+) -> list[list[Any]]:
+    noted = len(cache.notes)
     known = {place.fingerprint: cache.load(place) for place, _ in walked}
     for note in cache.notes[noted:]:
         progress.note(note)
@@ -105,7 +112,7 @@ def walk_all(
         progress.stage("walks (Ctrl-C stops, the same command continues)", left)
     cases = {place.fingerprint: cases for place, cases in walked}
     steps = [chunk.walk for chunk in todo]
-    for chunk, walks in as_finished(steps, jobs) if dask is None else finished_on_dask(steps, dask, jobs):
+    for chunk, walks in as_finished(steps, jobs) if executor is None else _elsewhere(steps, executor, jobs):
         saved = known[chunk.place.fingerprint]
         saved.update((walk.case, walk) for walk in walks)
         cache.save(chunk.place, saved.values())
@@ -172,28 +179,19 @@ def simulating() -> bool:
     return any(thread.name.startswith(THREADS) for thread in enumerate_threads())
 
 
-def finished_on_dask(
-    walks: Sequence[Callable[[int], Done]], address: str, jobs: int | None
+def _elsewhere(
+    walks: Sequence[Callable[[int], Done]], executor: Executor, jobs: int | None
 ) -> Iterator[Done]:
-    """What picklable functions return as they finish on a Dask cluster.
-
-    Args:
-        walks: simulate; each is called with the number of threads that it may use.
-        address: of the scheduler.
-        jobs: threads of each; None is one.
-
-    Raises InputError for an address that does not answer, RobotFaultError when a worker runs other code.
-    """
-    with dask_executor(address) as executor:
-        futures = [executor.submit(_walked_elsewhere, walk, jobs or 1) for walk in walks]
-        try:
-            for future in as_completed(futures):
-                versions, done = future.result()
-                _check_versions(versions)
-                yield done
-        finally:
-            for future in futures:
-                future.cancel()
+    """What picklable functions return as they finish on a cluster, with so many threads each; None is one."""
+    futures = [executor.submit(_walked_elsewhere, walk, jobs or 1) for walk in walks]
+    try:
+        for future in as_completed(futures):
+            versions, done = future.result()
+            _check_versions(versions)
+            yield done
+    finally:
+        for future in futures:
+            future.cancel()
 
 
 @contextmanager

@@ -28,7 +28,7 @@ def test_a_study_from_python(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     assert result.report == folder / "report.html"
     assert result.found.plan.legs == (2,)
     assert json.loads((folder / "study.json").read_text()) == json.loads(json.dumps(result.to_json()))
-    assert progress.walks == 240 + 2  # the default gaits, too
+    assert progress.walks == 240
     assert progress.steps == sum(steps for _, steps in progress.stages)
     assert cache.count(plan().walked()) == (240, 240)
 

@@ -1,7 +1,7 @@
 """Holds compared: where walks in held-out worlds end open loop, with the yaw, and with the pose."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
@@ -17,7 +17,6 @@ from hexctl.study.held_out_experiment import (
     Columns,
     HeldOutExperiment,
     Record,
-    division_sections,
     groups,
     mean,
     percentile,
@@ -28,17 +27,16 @@ from hexctl.study.held_out_experiment import (
 from hexctl.study.holds.hold_walks import Hold, HoldCase, HoldPlace
 from hexctl.study.plan import check_walkable
 from hexctl.study.reports.figure_style import grid_of, label_axes, new_figure
-from hexctl.study.reports.report_page import Picture, Section, markdown
-from hexctl.study.reports.texts import reading
+from hexctl.study.reports.report_page import markdown
 from hexctl.study.verdicts.claim_evidence import (
     Bar,
     clustered_error,
     cm,
     cm_with_error,
+    judged_bars,
     limit_text,
     share_text,
     share_with_error,
-    too_short,
 )
 from hexctl.study.walk_cache import ENDED
 from hexctl.types import FloatArray
@@ -178,8 +176,7 @@ def hold_bars(rows: "DataFrame", duration_s: float) -> list[Bar]:
         found, what = statistics(intact), f"pose, intact robots, {REAL} worlds"
         bars.append(_length("intact_mean", f"{what}: mean of the final deviation", found["mean_m"], 0.005))
         bars.append(_length("intact_max", f"{what}: greatest final deviation", found["max_m"], 0.03))
-    reason = too_short(duration_s)
-    return [replace(bar, holds=None, not_judged=reason) for bar in bars] if reason else bars
+    return judged_bars(bars, duration_s)
 
 
 def _line_bars(rows: "DataFrame") -> Iterator[Bar]:
@@ -241,6 +238,12 @@ class HoldPlan(HeldOutExperiment):
     TITLE: ClassVar[str] = "hexctl study --hold"
     HEADING: ClassVar[str] = "Open loop, with the yaw, with the pose"
 
+    BY: ClassVar[str] = "hold"
+    COLUMNS: ClassVar[Columns] = COLUMNS
+    columns = staticmethod(with_ends)
+    divisions = staticmethod(divisions)
+    summary = staticmethod(statistics)
+
     first_world: int = FIRST_WORLD
     failures: Annotated[tuple[str, ...], Typed(flag="failure")] = (
         "locked",
@@ -277,18 +280,6 @@ class HoldPlan(HeldOutExperiment):
             for case in self.cases():
                 check_walkable(f"leg {case.leg} {case.failure}", place.trial(case))
 
-    def columns(self, rows: "DataFrame") -> "DataFrame":
-        """Return the walks with what is derived from them."""
-        return with_ends(rows)
-
-    def statistics(self, rows: "DataFrame") -> list[Record]:
-        """Return the statistics of each group of walks and hold."""
-        return [
-            {"division": division, "group": name, "hold": hold} | statistics(some[some["hold"] == hold])
-            for division, name, some in divisions(rows)
-            for hold in self.holds
-        ]
-
     def bars(self, rows: "DataFrame") -> list[Bar]:
         """Return the bars that the walks are to reach."""
         return hold_bars(rows, self.duration_s)
@@ -316,14 +307,9 @@ class HoldPlan(HeldOutExperiment):
             Drawing(name="holds_by_failure", draw=partial(failures_figure, self, found), here=here),
         )
 
-    def sections(self, found: "DataFrame", pictures: Mapping[str, Picture]) -> Iterator[Section]:
-        """Return the parts of the report."""
-        rotation = f" Self-rotation: {self.self_rotation}."
-        yield Section("", [self.settings_text(len(found)) + rotation])
-        yield self.bars_section(found)
-        yield reading("holds")
-        yield Section("Where walks end", list(pictures.values()))
-        yield from division_sections(self.statistics(found), COLUMNS)
+    def remarks(self, found: "DataFrame") -> list[str]:
+        """Return the self-rotation in words."""
+        return [f"Self-rotation: {self.self_rotation}."]
 
 
 def holds_figure(plan: HoldPlan, rows: "DataFrame") -> "Figure":

@@ -16,9 +16,9 @@ from hexctl.robot.failure_grammar import parse_coming_kind
 from hexctl.study.experiment import Drawing, plain
 from hexctl.study.held_out import FAILURES, INTACT
 from hexctl.study.held_out_experiment import (
+    Columns,
     HeldOutExperiment,
     Record,
-    division_sections,
     table_of,
 )
 from hexctl.study.plan import check_each, check_families, check_setting, check_walkable
@@ -26,7 +26,6 @@ from hexctl.study.recovery import recovery_report as report
 from hexctl.study.recovery.episodes import AUTO_GAIT, RecoveryCase, RecoveryPlace
 from hexctl.study.recovery.methods import DEFAULT_METHODS, NOTHING, method_of
 from hexctl.study.reports.report_page import Picture, Section, Table, markdown
-from hexctl.study.reports.texts import reading
 from hexctl.study.study_options import RUNS
 from hexctl.study.verdicts.claim_evidence import Bar
 
@@ -75,6 +74,12 @@ class RecoveryPlan(HeldOutExperiment):
     REPORT: ClassVar[str] = "recovery.html"
     TITLE: ClassVar[str] = "hexctl study --recovery"
     HEADING: ClassVar[str] = "Legs fail in mid-walk"
+
+    BY: ClassVar[str] = "method"
+    COLUMNS: ClassVar[Columns] = report.COLUMNS
+    columns = staticmethod(report.compared)
+    divisions = staticmethod(report.divisions)
+    summary = staticmethod(report.statistics)
 
     first_world: int = FIRST_WORLD
     failures: Annotated[tuple[str, ...], Typed(flag="failure")] = FAILURES
@@ -172,19 +177,6 @@ class RecoveryPlan(HeldOutExperiment):
         for (_, gait, _), trial in gaits.items():
             check_walkable(gait, trial)
 
-    def columns(self, rows: "DataFrame") -> "DataFrame":
-        """Return the walks with what is derived from them."""
-        return report.compared(rows)
-
-    def statistics(self, rows: "DataFrame") -> list[Record]:
-        """Return the statistics of each group of walks and method."""
-        return [
-            {"division": division, "group": name, "method": method}
-            | report.statistics(some[some["method"] == method])
-            for division, name, some in report.divisions(rows)
-            for method in self.methods
-        ]
-
     def bars(self, rows: "DataFrame") -> list[Bar]:
         """Return the bars that the method `recover` is to reach."""
         return report.recovery_bars(rows, self.duration_s)
@@ -257,15 +249,14 @@ class RecoveryPlan(HeldOutExperiment):
         here = "Dots are means, lines reach from the 1st to the 99th percentile."
         return (Drawing(name="recovery", draw=lambda: report.recovery_figure(self, found), here=here),)
 
+    def remarks(self, found: "DataFrame") -> list[str]:
+        """Return the gaits, and what is left out of all numbers."""
+        gaits = f"Gaits {', '.join(self.gaits)}; failures within the gait cycle after 8 s."
+        return [gaits, *report.aside_lines(found)]
+
     def sections(self, found: "DataFrame", pictures: Mapping[str, Picture]) -> Iterator[Section]:
-        """Return the parts of the report."""
-        gaits = f" Gaits {', '.join(self.gaits)}; failures within the gait cycle after 8 s."
-        yield Section("", [self.settings_text(len(found)) + gaits, *report.aside_lines(found)])
-        yield self.bars_section(found)
-        yield reading("recovery")
-        if LINE in self.protocols:
-            yield Section("Where walks end, and how fast", list(pictures.values()))
-            yield from division_sections(self.statistics(found), report.COLUMNS)
+        """Return the parts of the report, those of the protocols judged by HexaHeal's rule included."""
+        yield from super().sections(found, pictures)
         for protocol in self.ruled:
             tables = [self._rule_table(found, protocol), self._set_table(found, protocol)]
             yield Section(report.RULE_TITLES[protocol], tables)

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,10 +22,10 @@ from hexctl.study.verdicts.claim_evidence import (
     clustered_error,
     cm,
     cm_with_error,
+    judged_bars,
     limit_text,
     share_text,
     share_with_error,
-    too_short,
     wilson_interval,
 )
 from hexctl.types import FloatArray
@@ -287,9 +286,7 @@ def recovery_bars(rows: "DataFrame", duration_s: float) -> list[Bar]:
     judged = rows[rows["judged"] & (rows["method"] == JUDGED)]
     if (rows["protocol"] == "line").any():
         bars = [*_alarm_bars(judged, rows[rows["n_legs"] == 0]), *_walk_bars(judged)]
-        if reason := too_short(duration_s):
-            bars = [replace(bar, holds=None, not_judged=reason) for bar in bars]
-    return [*bars, *_rule_bars(rows), *_second_bars(rows)]
+    return [*judged_bars(bars, duration_s), *_rule_bars(rows), *_second_bars(rows)]
 
 
 def _alarm_bars(rows: "DataFrame", intact: "DataFrame") -> Iterator[Bar]:

@@ -1,7 +1,7 @@
 """The report of the transfer benchmark: bars, figures and tables of the runs of its searches."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,8 +30,8 @@ from hexctl.study.verdicts.claim_evidence import (
     Bar,
     cm,
     cm_with_error,
+    judged_bars,
     number,
-    too_short,
 )
 from hexctl.study.verdicts.verdict_uncertainty import StudyUncertainty
 from hexctl.types import FloatArray
@@ -98,8 +98,7 @@ def transfer_bars(found: TransferFound) -> list[Bar]:
     if BAYES not in found.plan.optimizers:
         return []
     bars = [*_means(found), *_against_random(found), _coverage(found)]
-    reason = too_short(found.plan.duration_s)
-    return [replace(bar, holds=None, not_judged=reason) for bar in bars] if reason else bars
+    return judged_bars(bars, found.plan.duration_s)
 
 
 def _coverage(found: TransferFound) -> Bar:

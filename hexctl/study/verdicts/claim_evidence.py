@@ -1,8 +1,8 @@
 """Evidence for a claim: numbers of several worlds, tolerances, intervals over worlds, and three verdicts."""
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from statistics import NormalDist
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hexctl.study.reports.texts import texts
 from hexctl.types import FloatArray
 
 #: After 20 evaluations about 10 cm, after 60 about 2.5 cm, says the paper.
@@ -298,17 +299,34 @@ class Bar:
         return {"name": self.name, "asked": self.asked, "measured": self.measured, "holds": self.holds}
 
 
-def make_claim(statement: str, rule: str, measured: str, judgement: Judgement, **others: str) -> Claim:
-    """Claim with a judgement; `others` are further texts of a `Claim`."""
+def judged_bars(bars: Iterable[Bar], duration_s: float) -> list[Bar]:
+    """Return bars of distances; none is judged on walks that are too short."""
+    reason = too_short(duration_s)
+    return [replace(bar, holds=None, not_judged=reason) if reason else bar for bar in bars]
+
+
+def make_claim(
+    name: str,
+    measured: str,
+    judgement: Judgement,
+    *,
+    values: Mapping[str, object] | None = None,
+    beside: str = "",
+    symmetric: str = "",
+    null: str = "",
+) -> Claim:
+    """Return the claim of a short name with a judgement; `values` stand in the text of its rule."""
+    text = texts("claims")[name]
     return Claim(
-        claim=statement,
-        rule=rule,
+        claim=text["claim"],
+        rule=text["rule"].format(**(values or {})),
         measured=measured,
-        beside=others.pop("beside", ""),
+        beside=beside,
         holds=judgement.holds,
         not_judged=judgement.not_judged,
         no_evidence=judgement.no_evidence,
-        **others,
+        symmetric=symmetric,
+        null=null,
     )
 
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from hexctl.study.reports.texts import texts
 from hexctl.study.searches import BASELINE, Findings, mean_of
 from hexctl.study.verdicts.claim_evidence import (
     ABOUT,
@@ -77,13 +78,12 @@ def converges(findings: Findings) -> Claim:
     budget, best = findings.plan.budget, [findings.rotated(group[0]).best_m for group in findings.experiments]
     enough = [measure] if every.size and budget >= LATE else []
     return make_claim(
-        "The optimizers converge to about 2.5 cm in most cases",
-        f"more than half of the cases (experiment and heuristic) have a mean at the end of {text}, by the "
-        "paper's count",
+        "ends at 2.5 cm",
         f"{measures_text([measure], share_text, MORE_THAN_HALF)} after {budget} evaluations; {low} of "
         f"{every.size} below, {high} above; median case {cm(_median(every))}",
         judge_all(enough, MORE_THAN_HALF),
         beside=f"best of all gaits: {', '.join(map(cm, best))}; {_random(findings, budget)}",
+        values={"about": text},
     )
 
 
@@ -123,10 +123,10 @@ def fast_then_flat(findings: Findings) -> Claim:
     tolerance = Tolerance(FAST, 1.0)
     measures = _per_heuristic(findings, _early_share, 1.0) if findings.plan.budget > EARLY else []
     return make_claim(
-        "Convergence is fastest in the first 20 evaluations and relatively flat from 20 to 120",
-        f"the first 20 evaluations make at least {FAST:.0%} of the improvement of each heuristic's mean",
+        "fast, then flat",
         measures_text(measures, share_text, tolerance),
         judge_all(measures, tolerance),
+        values={"fast": FAST},
     )
 
 
@@ -145,12 +145,11 @@ def minimal_by_60(findings: Findings) -> Claim:
         else []
     )
     return make_claim(
-        "Minimal values are reached in about 40 to 60 evaluations",
-        f"each heuristic's mean comes within 0.5 cm of where it ends after {tolerance.low:g} to "
-        f"{tolerance.high:g} evaluations (40 - {ABOUT:.0%} to 60 + {ABOUT:.0%}), by the paper's count",
+        "40 to 60",
         measures_text(measures, lambda count: f"{count:.0f}", tolerance),
         judge_all(measures, tolerance),
         beside=f"expected best rank of {LATE} random draws: {expected_best_rank(LATE):.1f} of 120",
+        values={"low": tolerance.low, "high": tolerance.high, "about": ABOUT},
     )
 
 
@@ -162,31 +161,26 @@ def _converged_after(curve: FloatArray) -> float:
 
 def ten_cm_by_20(findings: Findings) -> Claim:
     """Claim about the first 20 evaluations."""
-    return _mean_claim(
-        findings, "A deviation of about 10 cm is reached in less than 20 evaluations", EARLY, EARLY_M
-    )
+    return _mean_claim(findings, "10 cm by 20", EARLY, EARLY_M)
 
 
 def late_mean(findings: Findings) -> Claim:
     """Claim of the abstract about 40 to 60 evaluations."""
-    return _mean_claim(
-        findings, "A deviation of 2.5 cm on average is reached with 40 to 60 evaluations", LATE, LATE_M
-    )
+    return _mean_claim(findings, "2.5 cm by 60", LATE, LATE_M)
 
 
-def _mean_claim(findings: Findings, statement: str, evaluations: int, about_m: float) -> Claim:
+def _mean_claim(findings: Findings, name: str, evaluations: int, about_m: float) -> Claim:
     """Claim about the mean of each heuristic after a number of evaluations."""
     tolerance, text = _about(about_m)
     enough = evaluations <= findings.plan.budget
     measures = _per_heuristic(findings, lambda curve: curve[evaluations - 1]) if enough else []
     return make_claim(
-        statement,
-        f"after {evaluations}, each heuristic's mean over experiments and runs is {text}, by the paper's "
-        "count",
+        name,
         measures_text(measures, cm, tolerance),
         judge_all(measures, tolerance),
         beside=f"{_random(findings, evaluations)}; expected best rank of {evaluations} random draws: "
         f"{expected_best_rank(evaluations):.1f} of 120",
+        values={"evaluations": evaluations, "about": text},
     )
 
 
@@ -199,8 +193,7 @@ def competitive(findings: Findings) -> Claim:
                    for one in findings.worlds]  # fmt: skip
         measures = [Measure("spread", tuple(float(spread) for spread in spreads))]
     return make_claim(
-        "All heuristics are competitive under few evaluations",
-        "by 60, the worst heuristic's mean is within 2.5 cm of the best's, by the paper's count",
+        "competitive",
         measures_text(measures, cm, tolerance),
         judge_all(measures, tolerance),
         beside=_random(findings, LATE),
@@ -219,8 +212,7 @@ def best_keep_line(findings: Findings) -> Claim:
         for group in (findings.experiments if findings.heuristics else ())
     ]
     return make_claim(
-        "With the best gaits found, the robot keeps the direction reasonably well for each failed leg",
-        "each heuristic's best run ends within 10 cm of the line for each leg",
+        "best keep the line",
         "the heuristics' best runs, worst of them: " + measures_text(measures, cm, tolerance),
         judge_all(measures, tolerance),
     )
@@ -257,10 +249,7 @@ OF_SEARCHES = (
 )  # fmt: skip
 
 #: Short names of all claims, in the order of `claims_of`.
-NAMES = (
-    "left", "right", "both sides", "turn helps", "gaits near the line", "ends at 2.5 cm", "fast, then flat",
-    "40 to 60", "10 cm by 20", "2.5 cm by 60", "competitive", "best keep the line",
-)  # fmt: skip
+NAMES = tuple(texts("claims"))
 
 
 def claims_of(findings: Findings) -> list[Claim]:

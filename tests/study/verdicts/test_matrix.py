@@ -85,7 +85,7 @@ def test_a_verdict_of_one_world_is_in_brackets_and_pale() -> None:
     plan = made_up_findings(spread_out(0.25), legs=(2,), optimizers=("random",), runs=1, budget=5).plan
     one, three = (Cell(title="", plan=replace(plan, worlds=worlds)) for worlds in (1, 3))
     red, grey = (
-        make_claim("", "", "", judgement) for judgement in (Judgement(False), Judgement(None, "why"))
+        make_claim("competitive", "", judgement) for judgement in (Judgement(False), Judgement(None, "why"))
     )
     assert (one.short_verdict(red), three.short_verdict(red)) == ("(does not hold)", "does not hold")
     assert one.short_verdict(grey) == three.short_verdict(grey) == "no evidence"
