@@ -114,22 +114,22 @@ class Experiment(Plan, Generic[FoundT]):
         """Walk all cases and sum them up."""
 
     @abstractmethod
-    def numbers(self, found: FoundT) -> dict[str, Any]:
+    def numbers(self, found: FoundT, /) -> dict[str, Any]:
         """Return settings and results as plain JSON values; null if there is no number."""
 
     @abstractmethod
-    def lines(self, found: FoundT) -> list[str]:
+    def lines(self, found: FoundT, /) -> list[str]:
         """Return tables and verdicts as lines of text."""
 
     @abstractmethod
-    def sections(self, found: FoundT, pictures: Mapping[str, Picture]) -> Iterator[Section]:
+    def sections(self, found: FoundT, pictures: Mapping[str, Picture], /) -> Iterator[Section]:
         """Return the parts of the report, with the figures that were drawn."""
 
-    def drawings(self, found: FoundT) -> Sequence[Drawing]:
+    def drawings(self, found: FoundT, /) -> Sequence[Drawing]:
         """Return the figures of the report."""
         return ()
 
-    def tables(self, found: FoundT) -> "Mapping[str, DataFrame]":
+    def tables(self, found: FoundT, /) -> "Mapping[str, DataFrame]":
         """Return the tables to write, by the name of their file without the ending."""
         return {}
 

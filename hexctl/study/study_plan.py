@@ -1,8 +1,8 @@
 """The paper's study: all gaits of each failed leg, all optimizers on them, and the paper's claims."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
 
@@ -16,12 +16,11 @@ from hexctl.options import Range
 from hexctl.robot.failure import UNKNOWN
 from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.model import Robot
-from hexctl.study.experiment import Drawing, Experiment, Work
+from hexctl.study.experiment import Experiment, Work
 from hexctl.study.landscapes.landscape import N_CODES, LandscapeSpec
 from hexctl.study.plan import check_legs, check_setting, check_walks
 from hexctl.study.reports.figures import study_drawings
 from hexctl.study.reports.report import study_sections
-from hexctl.study.reports.report_page import Picture, Section
 from hexctl.study.reports.study_tables import study_tables, summary_json
 from hexctl.study.searches import (
     BASELINE,
@@ -42,7 +41,7 @@ from hexctl.study.walk_cache import Walked
 from hexctl.study.walking import walk_all
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
+    pass
 
 #: Default self-rotation of the landscapes that the optimizers search.
 WITH: SelfRotation = "rear"
@@ -86,6 +85,11 @@ class StudyPlan(Experiment[Findings]):
     TITLE: ClassVar[str] = "hexctl study"
     HEADING: ClassVar[str] = "Gaits for a failed leg: the paper's experiments repeated"
     UNIT: ClassVar[str] = "gaits"
+
+    numbers = staticmethod(summary_json)
+    tables = staticmethod(study_tables)
+    drawings = staticmethod(study_drawings)
+    sections = staticmethod(study_sections)
 
     robot: Robot
     world: World = field(default_factory=World)
@@ -198,26 +202,10 @@ class StudyPlan(Experiment[Findings]):
             uncertainty=uncertainty,
         )
 
-    def numbers(self, found: Findings) -> dict[str, Any]:
-        """Return settings and results as plain JSON values."""
-        return summary_json(found)
-
     def lines(self, found: Findings) -> list[str]:
         """Return the claims and the bars that are missed as lines of text."""
         claims = verdict_lines((claim.verdict, claim.claim) for claim in found.claims)
         return [*claims, *missed_lines(found), *found.uncertainty.lines]
-
-    def tables(self, found: Findings) -> "Mapping[str, DataFrame]":
-        """Return the tables of gaits, curves and runs."""
-        return study_tables(found)
-
-    def drawings(self, found: Findings) -> Sequence[Drawing]:
-        """Return the figures of the report."""
-        return study_drawings(found)
-
-    def sections(self, found: Findings, pictures: Mapping[str, Picture]) -> Iterator[Section]:
-        """Return the parts of the report."""
-        return study_sections(found, pictures)
 
 
 def nearby_worlds(world: World, count: int) -> list[World]:

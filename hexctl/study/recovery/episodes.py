@@ -232,7 +232,7 @@ class RecoveryPlace(HeldOutPlace[RecoveryCase, Episode]):
     @property
     def title(self) -> str:
         """Name for progress and messages."""
-        return f"{super().title}, {self.protocol}"
+        return f"{self.robot.name}, {self.protocol}, {self.family}:{self.number} ({self.kind})"
 
     @property
     def stem(self) -> str:

@@ -1,9 +1,9 @@
 """The transfer benchmark: adaptation in worlds outside every prior."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.prior.prior import Prior, PriorKey, load_prior
@@ -17,23 +17,21 @@ from hexctl.gait.gait import make_gait
 from hexctl.options import Range
 from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.model import Robot
-from hexctl.study.experiment import Drawing, Experiment, Work
+from hexctl.study.experiment import Experiment, Work
 from hexctl.study.landscapes.landscape import LandscapeSpec
 from hexctl.study.plan import check_legs, check_setting, check_walks
 from hexctl.study.prior_building import WHOLE_S, in_whole_steps
-from hexctl.study.reports.report_page import Picture, Section
 from hexctl.study.searches import BASELINE, HEURISTICS
 from hexctl.study.study_options import ALL_LEGS, BUDGET, RUNS, WORLDS
 from hexctl.study.transfer import transfer_report as report
 from hexctl.study.transfer.transfer_report import TransferFound
 from hexctl.study.transfer.transfer_searches import PRIORED, search_worlds
-from hexctl.study.verdicts.claim_evidence import bar_lines
 from hexctl.study.verdicts.verdict_uncertainty import StudyUncertainty
 from hexctl.study.walk_cache import Walked
 from hexctl.types import N_LEGS
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
+    pass
 
 #: The family of unseen worlds.
 UNSEEN = "transfer"
@@ -63,6 +61,12 @@ class TransferPlan(Experiment[TransferFound]):
     TITLE: ClassVar[str] = "hexctl study --transfer"
     HEADING: ClassVar[str] = "Adaptation in worlds outside every prior"
     UNIT: ClassVar[str] = "gaits"
+
+    numbers = staticmethod(report.transfer_json)
+    lines = staticmethod(report.transfer_lines)
+    tables = staticmethod(report.transfer_tables)
+    drawings = staticmethod(report.drawings)
+    sections = staticmethod(report.sections)
 
     robot: Robot
     family: DomainRandomization
@@ -152,26 +156,6 @@ class TransferPlan(Experiment[TransferFound]):
         work.lap("searches")
         without = sum(not landscape.valid.any() for landscape in landscapes)
         return TransferFound(plan=self, runs=runs, without=without, uncertainty=uncertainty)
-
-    def numbers(self, found: TransferFound) -> dict[str, Any]:
-        """Return settings and results as plain JSON values."""
-        return report.transfer_json(found)
-
-    def lines(self, found: TransferFound) -> list[str]:
-        """Return the verdicts as lines of text."""
-        return bar_lines(report.transfer_bars(found))
-
-    def tables(self, found: TransferFound) -> "Mapping[str, DataFrame]":
-        """Return the table of all trials."""
-        return {"transfer": report.trials_table(found.runs)}
-
-    def drawings(self, found: TransferFound) -> Sequence[Drawing]:
-        """Return the figures of the report."""
-        return report.drawings(found)
-
-    def sections(self, found: TransferFound, pictures: Mapping[str, Picture]) -> Iterator[Section]:
-        """Return the parts of the report."""
-        return report.sections(found, pictures)
 
 
 def find_transfer_prior(

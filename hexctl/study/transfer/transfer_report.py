@@ -28,6 +28,7 @@ from hexctl.study.verdicts.claim_evidence import (
     EARLY_M,
     LATE_M,
     Bar,
+    bar_lines,
     cm,
     cm_with_error,
     judged_bars,
@@ -316,16 +317,19 @@ def _sure_table(found: TransferFound) -> Table:
     return Table(header, rows)
 
 
-def trials_table(runs: "DataFrame") -> "DataFrame":
-    """Return a row for each trial of each run."""
+def transfer_lines(found: TransferFound) -> list[str]:
+    """Return the verdicts as lines of text."""
+    return bar_lines(transfer_bars(found))
+
+
+def transfer_tables(found: TransferFound) -> "dict[str, DataFrame]":
+    """Return the table of all trials: a row for each trial of each run."""
+    runs = found.runs
     counts = [len(codes) for codes in runs["codes"]]
-    columns = ["world", "kind", "leg", "optimizer", "run"]
-    table = runs[columns].loc[runs.index.repeat(counts)]
-    return table.assign(
-        trial=np.concatenate([np.arange(1, count + 1) for count in counts]),
-        code=np.concatenate(runs["codes"].to_list()),
-        **{
-            name: np.concatenate([values[:count] for values, count in zip(runs[name], counts, strict=True)])
-            for name in ("best_m", "walked_s")
-        },
-    )
+    table = runs[["world", "kind", "leg", "optimizer", "run"]].loc[runs.index.repeat(counts)]
+    ends = {
+        name: np.concatenate([values[:count] for values, count in zip(runs[name], counts, strict=True)])
+        for name in ("best_m", "walked_s")
+    }
+    trials = np.concatenate([np.arange(1, count + 1) for count in counts])
+    return {"transfer": table.assign(trial=trials, code=np.concatenate(runs["codes"].to_list()), **ends)}
