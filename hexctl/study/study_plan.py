@@ -20,8 +20,7 @@ from hexctl.study.experiment import Experiment, Work
 from hexctl.study.landscapes.landscape import N_CODES, LandscapeSpec
 from hexctl.study.plan import check_legs, check_setting, check_walks
 from hexctl.study.reports.figures import study_drawings
-from hexctl.study.reports.report import study_sections
-from hexctl.study.reports.study_tables import study_tables, summary_json
+from hexctl.study.reports.report import study_sections, study_tables, summary_json
 from hexctl.study.searches import (
     BASELINE,
     DEFAULT_GAITS,
@@ -33,8 +32,7 @@ from hexctl.study.searches import (
 )
 from hexctl.study.study_options import ALL_LEGS, BUDGET, RUNS
 from hexctl.study.verdicts.claim_evidence import verdict_lines
-from hexctl.study.verdicts.claims import claims_of
-from hexctl.study.verdicts.distance_criterion import missed_lines
+from hexctl.study.verdicts.claims import claims_of, missed_lines
 from hexctl.study.verdicts.experiments import experiments_of
 from hexctl.study.verdicts.verdict_uncertainty import StudyUncertainty
 from hexctl.study.walk_cache import Walked

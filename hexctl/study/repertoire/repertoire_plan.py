@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
+from pathlib import Path
 from typing import Annotated, Literal
 from zlib import crc32
 
@@ -22,9 +23,12 @@ from hexctl.control.monitor.repertoire import (
     BodySymmetry,
     Candidate,
     FailedParts,
+    Repertoire,
+    Situation,
     moved_parts,
     parts_of,
 )
+from hexctl.control.monitor.repertoire_store import SUFFIX, save_repertoire
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.turning import check_plan
 from hexctl.errors import LimitError, ReachError
@@ -35,10 +39,12 @@ from hexctl.robot.failure import Failure
 from hexctl.robot.failure_grammar import parse_coming_kind, parse_kind
 from hexctl.robot.model import Robot
 from hexctl.study.held_out import FAILURES, members
+from hexctl.study.landscapes.versions import code_versions
 from hexctl.study.plan import Plan, check_families
-from hexctl.study.prior_building import coarse_world
-from hexctl.study.repertoire.repertoire_walks import RepertoireCase, RepertoirePlace
-from hexctl.study.walk_cache import Walked
+from hexctl.study.prior_building import TIME_STEP_S, begin_build, coarse_world
+from hexctl.study.repertoire.repertoire_walks import CandidateWalk, RepertoireCase, RepertoirePlace
+from hexctl.study.walk_cache import WalkCache, Walked
+from hexctl.study.walking import Progress, walk_all
 from hexctl.types import N_LEGS
 
 #: Members of the families from this one on are walked.
@@ -198,3 +204,81 @@ def texts_of(failures: Sequence[Failure]) -> tuple[str, ...]:
     """Failures as the events of a walk name them, without the angle at which a joint sticks."""
     kinds = [f"{one.kind}:{one.joint}" if one.joint else one.kind for one in failures]
     return tuple(f"{one.leg}:{kind}" for one, kind in zip(failures, kinds, strict=True))
+
+
+def build_repertoire(
+    plan: RepertoirePlan,
+    path: Path,
+    *,
+    cache: WalkCache | None = None,
+    jobs: int | None = None,
+    dask: str | None = None,
+    progress: Progress | None = None,
+) -> Repertoire:
+    """Simulate the candidates of all situations in the worlds of a plan, and write the repertoire to a file.
+
+    Simulated walks are saved while this runs: a call that was interrupted is continued by the next one.
+
+    Args:
+        plan: robot, situations and worlds.
+        path: of the file, ending in `.npz`; an existing file is replaced.
+        cache: earlier walks; None is the one of the command line, `runs/study-cache`.
+        jobs: threads that simulate; None is all cores here, one for each chunk on a Dask worker.
+        dask: address of a Dask scheduler whose workers simulate; None simulates here.
+        progress: observer.
+
+    Raises InputError for a plan, a path or an address that cannot be used, RepertoireFileError or CacheError
+    when the disk refuses a file.
+    """
+    cache = cache or WalkCache()
+    begin_build(plan, path, SUFFIX, cache, jobs)
+    walks = walk_all(plan.walked(), cache, jobs=jobs, dask=dask, progress=progress)
+    repertoire = repertoire_of(plan, [walk for some in walks for walk in some])
+    save_repertoire(repertoire, path)
+    return repertoire
+
+
+def repertoire_of(plan: RepertoirePlan, walks: Sequence[CandidateWalk]) -> Repertoire:
+    """Repertoire of a plan from its walks, world by world in the order of `plan.walked()`."""
+    by_case: dict[RepertoireCase, list[CandidateWalk]] = {case: [] for case in plan.cases}
+    for walk in walks:
+        by_case[walk.case].append(walk)
+    situations = []
+    for failures, heading_deg in plan.situations:
+        candidates = plan.candidates(failures, heading_deg)
+        rows = [
+            by_case[RepertoireCase(failures=texts_of(failures), heading_deg=heading_deg, candidate=candidate)]
+            for candidate in candidates
+        ]
+        situations.append(
+            Situation(
+                failed=parts_of(failures),
+                heading_deg=heading_deg,
+                candidates=candidates,
+                speeds=np.array([[walk.speed for walk in row] for row in rows]),
+                costs=np.array([[walk.cost for walk in row] for row in rows]),
+            )
+        )
+    gait = plan.gait
+    return Repertoire(
+        robot=plan.robot.name,
+        robot_fingerprint=plan.robot.fingerprint,
+        pace_hz=gait.pace_hz,
+        amplitude=gait.amplitude,
+        height=gait.height,
+        direction_step_deg=plan.step_deg,
+        symmetries=plan.symmetries,
+        situations=tuple(situations),
+        origin={
+            "families": list(plan.families),
+            "first_world": FIRST_WORLD,
+            "worlds": plan.worlds,
+            "time_step_s": TIME_STEP_S,
+            "code": code_versions(),
+        },
+    )
+
+
+def repertoire_file_name(plan: RepertoirePlan) -> str:
+    """Name of a repertoire's file."""
+    return plan.robot.name + SUFFIX

@@ -14,7 +14,7 @@ from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
 from hexctl.study import walking
 from hexctl.study.repertoire import repertoire_walks
-from hexctl.study.repertoire.building import build_repertoire, repertoire_of
+from hexctl.study.repertoire.repertoire_plan import build_repertoire, repertoire_of
 from hexctl.study.repertoire.repertoire_walks import CandidateWalk, RepertoireCase, RepertoirePlace
 from hexctl.study.walk_cache import WalkCache
 from tests.study.repertoire.made_up import plan
