@@ -78,7 +78,7 @@ class PriorPlan(Plan):
         super().__post_init__()
         if self.posture is None:
             object.__setattr__(self, "posture", usual_posture(self.hold))
-        check_families({"it": self.family}, "family")
+        check_families({"one in which legs fail": self.family}, "family")
 
     def specs(self) -> list[LandscapeSpec]:
         """Landscapes to simulate, world by world, so that any beginning of the list covers all legs.

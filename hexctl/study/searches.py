@@ -404,10 +404,5 @@ def _null_of(findings: Findings, number: int, random: np.random.Generator) -> Fi
 def permuted(landscape: Landscape, random: np.random.Generator) -> Landscape:
     """Landscape whose gaits have changed places at random."""
     order = random.permutation(len(landscape.codes))
-    return Landscape(
-        spec=landscape.spec,
-        codes=landscape.codes,
-        status=landscape.status[order],
-        numbers=landscape.numbers[order],
-        paths_m=landscape.paths_m[order],
-    )
+    mixed = {name: getattr(landscape, name)[order] for name in ("status", "numbers", "paths_m")}
+    return replace(landscape, **mixed)

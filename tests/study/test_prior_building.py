@@ -114,7 +114,7 @@ def test_another_number_of_worlds_is_refused(worlds: int) -> None:
 
 
 def test_a_prior_is_not_built_of_worlds_in_which_legs_fail_on_the_way() -> None:
-    with pytest.raises(InputError, match=r"^family: got it; allowed: a family without"):
+    with pytest.raises(InputError, match=r"^family: got one in which legs fail; allowed: a family without"):
         replace(plan(worlds=2), family=load_randomization("failing"))
 
 

@@ -58,16 +58,13 @@ def experiments_of(
     return tuple(sorted(groups))
 
 
-def is_own_mirror(robot: Robot, world: World, leg: int, self_rotation: str, failure: str = "locked") -> bool:
-    """Whether a leg's landscape is its own mirror image: every gait has one that ends on the other side."""
-    symmetries = symmetries_of(robot, world, self_rotation, failure)
-    return any(symmetry.mirrored and symmetry.legs[leg - 1] == leg for symmetry in symmetries)
-
-
 def is_mirror_of(
     robot: Robot, world: World, leg: int, other: int, self_rotation: str, failure: str = "locked"
 ) -> bool:
-    """Whether the landscape of a leg is the mirror image of another leg's."""
+    """Whether the landscape of a leg is the mirror image of another leg's, or of itself.
+
+    In one that is its own, every gait has another one that ends on the other side.
+    """
     symmetries = symmetries_of(robot, world, self_rotation, failure)
     return any(symmetry.mirrored and symmetry.legs[leg - 1] == other for symmetry in symmetries)
 

@@ -20,7 +20,7 @@ from hexctl.study.verdicts.claim_evidence import (
     measures_text,
     share_text,
 )
-from hexctl.study.verdicts.experiments import is_mirror_of, is_own_mirror
+from hexctl.study.verdicts.experiments import is_mirror_of
 
 #: A side is not judged on fewer valid gaits than this.
 MIN_VALID = 10
@@ -129,7 +129,7 @@ def goes_both_ways(findings: Findings) -> Claim:
     tolerance = Tolerance(BOTH, 1 - BOTH)
     measures = _sides(findings, legs, 1)
     judgement, symmetric = judge_all(measures, tolerance), ""
-    if legs and all(is_own_mirror(plan.robot, findings.world, leg, "none", plan.failure) for leg in legs):
+    if legs and all(_mirrored(findings, leg, leg) for leg in legs):
         symmetric = "robot and world are their own mirror image with this leg failed"
         if not judgement.not_judged:
             judgement = Judgement(None, no_evidence="the mirror symmetry alone implies it")

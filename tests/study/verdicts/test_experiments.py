@@ -7,7 +7,7 @@ from hexctl.adapt.prior.samples import Symmetries, Symmetry
 from hexctl.backends.sim.world import World
 from hexctl.control.batch import run_sim_trials
 from hexctl.study.landscapes.landscape import GaitWalk, Landscape
-from hexctl.study.verdicts.experiments import experiments_of, image_of, is_own_mirror, landscape_by_symmetry
+from hexctl.study.verdicts.experiments import experiments_of, image_of, is_mirror_of, landscape_by_symmetry
 from tests.robots import shipped
 from tests.study.made_up import made_up, spec, spread_out
 
@@ -42,9 +42,9 @@ def test_other_robots_have_fewer_symmetries() -> None:
 
 
 def test_a_jammed_coxa_has_a_left_and_a_right() -> None:
-    assert is_own_mirror(shipped(), World(), 1, "none")
-    assert not is_own_mirror(shipped(), World(), 1, "none", "stuck:coxa:30")
-    assert is_own_mirror(shipped(), World(), 1, "none", "stuck:tibia:30")
+    assert is_mirror_of(shipped(), World(), 1, 1, "none")
+    assert not is_mirror_of(shipped(), World(), 1, 1, "none", "stuck:coxa:30")
+    assert is_mirror_of(shipped(), World(), 1, 1, "none", "stuck:tibia:30")
 
 
 def mirror() -> Symmetry:
