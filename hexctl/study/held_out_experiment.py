@@ -175,7 +175,8 @@ class HeldOutExperiment(Experiment["DataFrame"]):
         return (
             f"{', '.join(robot.name for robot in self.robots)}; worlds {self.first_world} to "
             f"{self.first_world + self.worlds - 1} of {' and '.join(self.families)}; legs "
-            f"{', '.join(map(str, self.legs))}, each {', '.join(self.failures)}; {walks} walks of "
+            f"{', '.join(map(str, self.legs))}, each {', '.join(self.failures)}, and intact robots; "
+            f"{walks} walks of "
             f"{self.duration_s:g} s. {sensors}"
         )
 

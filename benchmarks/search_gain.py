@@ -1,7 +1,7 @@
 """What trials bring to steered walks: how much slower than the fastest of all gaits the best one tried is.
 
 All gaits walk once in worlds outside every prior, and searches are replayed on what they did, so that each of
-them could be judged after any number of trials. `python -m hexctl.study.holds.search_gain` prints the table
+them could be judged after any number of trials. `python -m benchmarks.search_gain` prints the table
 of `docs/steering.md`.
 """
 
