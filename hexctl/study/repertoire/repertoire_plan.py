@@ -217,18 +217,7 @@ def build_repertoire(
 ) -> Repertoire:
     """Simulate the candidates of all situations in the worlds of a plan, and write the repertoire to a file.
 
-    Simulated walks are saved while this runs: a call that was interrupted is continued by the next one.
-
-    Args:
-        plan: robot, situations and worlds.
-        path: of the file, ending in `.npz`; an existing file is replaced.
-        cache: earlier walks; None is the one of the command line, `runs/study-cache`.
-        jobs: threads that simulate; None is all cores here, one for each chunk on a Dask worker.
-        dask: address of a Dask scheduler whose workers simulate; None simulates here.
-        progress: observer.
-
-    Raises InputError for a plan, a path or an address that cannot be used, RepertoireFileError or CacheError
-    when the disk refuses a file.
+    Arguments and errors are those of `hexctl.study.prior_building.build_prior`.
     """
     cache = cache or WalkCache()
     begin_build(plan, path, SUFFIX, cache, jobs)
