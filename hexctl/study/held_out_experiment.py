@@ -36,7 +36,11 @@ def frame_of(walked: Walked, walks: Sequence[Sequence[Any]]) -> "DataFrame":
     """Return a row for each walk: the columns of its place, its case and its outcome."""
     from pandas import DataFrame
 
-    rows = [place.row(walk) for (place, _), some in zip(walked, walks, strict=True) for walk in some]  # type: ignore[attr-defined]
+    rows = [
+        place.row(walk)  # type: ignore[attr-defined]
+        for (place, _), some in zip(walked, walks, strict=True)
+        for walk in some
+    ]
     return DataFrame(rows)
 
 
@@ -158,7 +162,10 @@ class HeldOutExperiment(Experiment["DataFrame"]):
             "code": code_versions(),
             "walks": len(found),
             "bars": [bar.as_json() for bar in self.bars(found)],
-            "statistics": [_json(one) for one in self.statistics(found)],
+            "statistics": [
+                {name: number(value) if isinstance(value, float) else value for name, value in one.items()}
+                for one in self.statistics(found)
+            ],
         }
 
     def lines(self, found: "DataFrame") -> list[str]:
@@ -197,7 +204,3 @@ class HeldOutExperiment(Experiment["DataFrame"]):
             some = [one for one in records if one["division"] == division]
             title = "All" if division == "all" else f"By {division}"
             yield Section(title, [table_of(some, self.COLUMNS)])
-
-
-def _json(values: Record) -> dict[str, Any]:
-    return {name: number(value) if isinstance(value, float) else value for name, value in values.items()}

@@ -89,20 +89,12 @@ def _matrix(options: StudyOptions, _runs: Path) -> MatrixPlan:
     return MatrixPlan(cells=cells)
 
 
-def _hold(options: StudyOptions, _runs: Path) -> HoldPlan:
-    return HoldPlan(**_held_out(options, HoldPlan, (hold_plan.FAMILY,)))
-
-
-def _recovery(options: StudyOptions, _runs: Path) -> RecoveryPlan:
-    return RecoveryPlan(**_held_out(options, RecoveryPlan, recovery_plan.FAMILIES))
-
-
 _PLANS: dict[str, Callable[[StudyOptions, Path], Experiment[Any]]] = {
     PAPER: _paper,
     TRANSFER: _transfer,
     MATRIX: _matrix,
-    HOLD: _hold,
-    RECOVERY: _recovery,
+    HOLD: lambda options, _: HoldPlan(**_held_out(options, HoldPlan, (hold_plan.FAMILY,))),
+    RECOVERY: lambda options, _: RecoveryPlan(**_held_out(options, RecoveryPlan, recovery_plan.FAMILIES)),
 }
 
 

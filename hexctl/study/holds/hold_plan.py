@@ -105,7 +105,8 @@ def statistics(rows: "DataFrame") -> Record:
     Walks that fell, diverged or were stopped have no deviation; those without progress have. `over_open` is
     the progress over that of the same walks open loop, both summed.
     """
-    worlds, final_m, speed = world_names(rows).to_numpy(), *_arrays(rows, "final_m", "speed")
+    worlds = world_names(rows).to_numpy()
+    final_m, speed = rows["final_m"].to_numpy(), rows["speed"].to_numpy()
     ended = np.isfinite(final_m)
     progress_m, open_m = speed * rows["ideal_distance_m"].to_numpy(), rows["open_m"].to_numpy()
     over_open, over_open_error = _ratio(progress_m, open_m, worlds)
@@ -126,10 +127,6 @@ def statistics(rows: "DataFrame") -> Record:
         "over_open": over_open,
         "over_open_error": over_open_error,
     }
-
-
-def _arrays(rows: "DataFrame", *names: str) -> list[FloatArray]:
-    return [rows[name].to_numpy() for name in names]
 
 
 def _ratio(above: FloatArray, below: FloatArray, worlds: Any) -> tuple[float, float]:

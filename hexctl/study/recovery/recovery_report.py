@@ -197,16 +197,14 @@ def _if_noticing(text: Any) -> Any:
     return lambda one: text(one) if method_of(one["method"]).notices else "-"
 
 
-def _delay_text(one: Record) -> str:
-    return f"{one['delay_median']:.2f}, {one['delay_p95']:.2f}" if one["right_leg"] else "-"
-
-
 COLUMNS: Columns = {
     "method": lambda one: str(one["method"]),
     "walks": lambda one: worlds_text(one["episodes"], one["worlds"]),
     "right leg": _if_noticing(lambda one: counted(one["right_leg"], one["episodes"])),
     "right kind, of those that matter": _if_noticing(lambda one: counted(one["right_kind"], one["matter"])),
-    "alarm after: median, 95 of 100 (cycles)": _if_noticing(_delay_text),
+    "alarm after: median, 95 of 100 (cycles)": _if_noticing(
+        lambda one: f"{one['delay_median']:.2f}, {one['delay_p95']:.2f}" if one["right_leg"] else "-"
+    ),
     "early alarms": _if_noticing(lambda one: str(one["early"])),
     "final: mean": lambda one: cm_with_error(one["mean_m"], one["mean_error_m"]),
     "99 of 100": lambda one: cm(one["p99_m"]),
@@ -338,7 +336,7 @@ def _walk_bars(rows: "DataFrame") -> Iterator[Bar]:
         asked=f"no fall in {ENOUGH} or more episodes",
         measured=f"{found['fell']} fell, {found['others']} diverged or were stopped, of {found['episodes']}",
         holds=failed == 0 if enough else None,
-        not_judged="" if enough else _few(found["episodes"]),
+        not_judged="" if enough else f"{found['episodes']} episodes, needs {ENOUGH}",
     )
     kept = [_number(legs[name], ".1%", never="never") for name in ("kept", "kept_worst")]
     yield Bar(
@@ -390,12 +388,8 @@ def _share_bar(name: str, what: str, count: int, of: int, least: tuple[float, fl
         asked=f"{what}: at least {least[0]:.0%} (stretch: {least[1]:.1%}), of {enough} or more",
         measured=counted(count, of),
         holds=count >= least[0] * of if of >= enough else None,
-        not_judged="" if of >= enough else _few(of, enough),
+        not_judged="" if of >= enough else f"{of} episodes, needs {enough}",
     )
-
-
-def _few(episodes: int, enough: int | None = None) -> str:
-    return f"{episodes} episodes, needs {ENOUGH if enough is None else enough}"
 
 
 def recovery_figure(plan: "RecoveryPlan", rows: "DataFrame") -> "Figure":

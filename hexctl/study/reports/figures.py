@@ -90,22 +90,15 @@ def examples_figure(findings: Findings) -> "Figure | None":
         return None
     figure, panels = new_figure(len(legs), 2, (11.0, 3.2 * len(legs) + 0.4))
     for row, leg in enumerate(legs):
-        best = _best_row(findings.rotated(leg))
-        pairs = [(findings.without(leg), _example_row(findings.without(leg))), (findings.rotated(leg), best)]
+        plain, turned = findings.without(leg), findings.rotated(leg)
+        example = plain.row_of(EXAMPLE_CODE) if EXAMPLE_CODE in plain.spec.codes else 0
+        pairs = [(plain, example), (turned, int(turned.scores.argmin()))]
         for panel, (landscape, chosen) in zip(panels[2 * row :], pairs, strict=False):
             _draw_example(panel, landscape, chosen)
     _finish_paths(
         figure, panels, len(panels), "Left: an arbitrary gait. Right: self-rotation and the best gait"
     )
     return figure
-
-
-def _example_row(landscape: Landscape) -> int:
-    return landscape.row_of(EXAMPLE_CODE) if EXAMPLE_CODE in landscape.spec.codes else 0
-
-
-def _best_row(landscape: Landscape) -> int:
-    return int(landscape.scores.argmin())
 
 
 def _found(findings: Findings, leg: int) -> "tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]":

@@ -1,6 +1,6 @@
 """The report of a study: one HTML page that needs no other file, with figures and tables next to it."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
@@ -24,10 +24,14 @@ if TYPE_CHECKING:
 
 def study_sections(findings: Findings, pictures: Mapping[str, Picture]) -> Iterator[Section]:
     """Return the parts of the report of a study."""
-    parameters = Fold("Parameters of the world", _parameters(findings))
+    world = findings.plan.world.model_dump()
+    values = [(name, str(value)) for name, value in world.items() if name != "sensor_noise"]
+    parameters = Fold("Parameters of the world", Table(("parameter", "value"), values))
     sentence = findings.uncertainty.sentence
     yield Section("", [summary(findings), _settings(findings), sentence, parameters])
-    yield Section("Claims of the paper", [_claims(findings.claims)])
+    header = ("claim of the paper", "holds here if", "measured here", "beside it", "verdict")
+    rows = [(one.claim, one.rule, one.measured, _beside(one), one.verdict) for one in findings.claims]
+    yield Section("Claims of the paper", [Table(header, rows)])
     ranks = {"early": expected_best_rank(EARLY), "late": expected_best_rank(LATE)}
     yield reading("study", Bullets([_stuck(findings)]), draws=NULL_DRAWS, **ranks)
     left_open = (
@@ -78,13 +82,6 @@ def _settings(findings: Findings) -> str:
     )
 
 
-def _parameters(findings: Findings) -> Table:
-    """The simulated world, by the names of its file."""
-    world = findings.plan.world.model_dump()
-    rows = [(name, str(value)) for name, value in world.items() if name != "sensor_noise"]
-    return Table(("parameter", "value"), rows)
-
-
 def _stuck(findings: Findings) -> str:
     """After how many codes the searches of this study were stuck."""
     means = {
@@ -95,11 +92,6 @@ def _stuck(findings: Findings) -> str:
     return (
         f"Distinct codes until a search is stuck, means of the runs of each leg: {each or 'none searched'}."
     )
-
-
-def _claims(claims: Iterable[Claim]) -> Table:
-    rows = [(claim.claim, claim.rule, claim.measured, _beside(claim), claim.verdict) for claim in claims]
-    return Table(("claim of the paper", "holds here if", "measured here", "beside it", "verdict"), rows)
 
 
 def _beside(claim: Claim) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from hexctl.palette import GREY, VERDICT_COLORS, Color
+from hexctl.palette import GREY, VERDICT_COLORS
 
 #: File in `hexctl/study/templates`.
 TEMPLATE = "report.html"
@@ -106,10 +106,5 @@ def render_page(title: str, heading: str, sections: Iterable[Section]) -> str:
         title=title,
         heading=heading,
         sections=list(sections),
-        colors={name: _channels(color) for name, color in colors.items()},
+        colors={name: " ".join(map(str, color)) for name, color in colors.items()},
     )
-
-
-def _channels(color: Color) -> str:
-    """Colour for `rgb(... / opacity)` in CSS."""
-    return " ".join(map(str, color))

@@ -98,12 +98,8 @@ class TransferPlan(Experiment[TransferFound]):
                 place=f"world {number} ({self.family.kind(number).name})",
             )
             for number, world in zip(numbers, worlds, strict=True)
-            for leg in self._legs_in(number)
+            for leg in ((self.legs[number % len(self.legs)],) if self.one_leg else self.legs)
         ]
-
-    def _legs_in(self, number: int) -> tuple[int, ...]:
-        """Legs that fail in a world."""
-        return (self.legs[number % len(self.legs)],) if self.one_leg else self.legs
 
     def kind_of(self, spec: LandscapeSpec) -> str:
         """Kind of a landscape's world."""

@@ -77,12 +77,14 @@ def converges(findings: Findings) -> Claim:
     measure = Measure("of the cases", tuple(_share_within(values, tolerance) for values in finals), most=1.0)
     every = np.concatenate(finals) if finals else np.zeros(0)
     low, high = int((every < tolerance.low).sum()), int((every > tolerance.high).sum())
+    known = every[np.isfinite(every)]
+    median_m = float(np.median(known)) if known.size else float("nan")
     budget, best = findings.plan.budget, [findings.rotated(group[0]).best_m for group in findings.experiments]
     enough = [measure] if every.size and budget >= LATE else []
     return make_claim(
         "ends at 2.5 cm",
         f"{measures_text([measure], share_text, MORE_THAN_HALF)} after {budget} evaluations; {low} of "
-        f"{every.size} below, {high} above; median case {cm(_median(every))}",
+        f"{every.size} below, {high} above; median case {cm(median_m)}",
         judge_all(enough, MORE_THAN_HALF),
         beside=f"best of all gaits: {', '.join(map(cm, best))}; {_random(findings, budget)}",
         values={"about": text},
@@ -237,11 +239,6 @@ def _random(findings: Findings, evaluations: int) -> str:
     known = evaluations <= findings.plan.budget
     mean_m = findings.voted_curve(BASELINE)[evaluations - 1] if known else float("nan")
     return f"random: {cm(float(mean_m))} after {evaluations}"
-
-
-def _median(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if known.size else float("nan")
 
 
 #: Claims about the robot, and claims about searches, which are tried on random numbers, too.

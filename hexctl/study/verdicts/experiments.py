@@ -33,11 +33,11 @@ def symmetries_of(
     Without self-rotation the direction of travel is fixed in the body, and only what keeps it counts.
     """
     return tuple(
-        symmetry
-        for symmetry in Symmetries(robot).all
-        if (self_rotation != "none" or symmetry.keeps_heading)
-        and (_is_identity(symmetry) or _world_allows(world, symmetry))
-        and not (symmetry.mirrored and _one_sided(failure))
+        one
+        for one in Symmetries(robot).all
+        if (self_rotation != "none" or one.keeps_heading)
+        and ((one.keeps_heading and not one.mirrored) or _world_allows(world, one))
+        and not (one.mirrored and _one_sided(failure))
     )
 
 
@@ -108,10 +108,6 @@ def landscape_by_symmetry(known: Sequence[Landscape], leg: int) -> Landscape:
             if symmetry.legs[spec.leg - 1] == leg:
                 return image_of(landscape, symmetry)
     raise KeyError(f"leg {leg}")
-
-
-def _is_identity(symmetry: Symmetry) -> bool:
-    return symmetry.keeps_heading and not symmetry.mirrored
 
 
 def _one_sided(failure: str) -> bool:

@@ -208,13 +208,15 @@ def rotation_helps(findings: Findings) -> Claim:
     before = [Measure(legs_text(group), tuple(pair[0])) for group, pair in zip(turning, pairs, strict=True)]
     gain = [_gain(pairs)] if pairs else []
     here = [f"leg {leg} {within(findings.without(leg), EARLY_M)}" for leg in findings.plan.legs]
+    expected = [expected_within(findings.rotated(group[0]), EARLY_M) for group in findings.experiments]
+    numbers = ", ".join(f"{count:.1f}" for count in expected)
     return make_claim(
         "gaits near the line",
         f"gaits within 10 cm: {measures_text(after, lambda count: f'{count:.3g}', enough)}; of the same "
         f"gaits more than without: {measures_text(gain, lambda count: f'{count:+.1f}', more)}",
         _judge_near(judge_all(after, enough), judge_all(before, enough), judge_all(gain, more)),
         beside="without self-rotation: " + ", ".join(here),
-        null=_smooth_text(findings),
+        null=f"{numbers} gaits within 10 cm if deviations up to the median were spread evenly",
     )
 
 
@@ -256,13 +258,6 @@ def _gain(pairs: Sequence[tuple[list[int], list[int]]]) -> Measure:
         f"{', '.join(map(str, turned))} against {', '.join(map(str, without))}" for without, turned in pairs
     )
     return Measure("mean", tuple(gains.mean(axis=0).tolist()), each, least=-np.inf)
-
-
-def _smooth_text(findings: Findings) -> str:
-    """Gaits that chance puts near the line, one number for each experiment."""
-    expected = [expected_within(findings.rotated(group[0]), EARLY_M) for group in findings.experiments]
-    numbers = ", ".join(f"{count:.1f}" for count in expected)
-    return f"{numbers} gaits within 10 cm if deviations up to the median were spread evenly"
 
 
 def expected_within(landscape: Landscape, limit_m: float) -> float:
