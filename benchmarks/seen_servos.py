@@ -14,7 +14,7 @@ from hexctl.control.trial import run_trial
 from hexctl.control.trial_result import TrialResult
 from hexctl.robot.loader import load_robot
 from hexctl.robot.rotations import about_z, wrapped_rad, yaw_rad
-from hexctl.study.holds.hold_conditions import HoldCase, HoldConditions
+from hexctl.study.holds.hold_walks import HoldCase, HoldPlace
 from hexctl.types import RobotState
 from hexctl.vision.detection.camera import Camera, place_camera
 from hexctl.vision.detection.floor import averaged_corners
@@ -159,7 +159,7 @@ def held_walk(
     even = {"slope_deg": 0.0, "roughness_m": 0.0, "state_latency_s": 0.0, "lost_poses": 0.0}
     world = drawn.model_copy(update={**even, "sensor_noise": type(drawn.sensor_noise)()})
     case = HoldCase(leg=leg, failure=failure, hold="line")
-    conditions = HoldConditions(
+    conditions = HoldPlace(
         robot=robot, family="transfer", number=number, kind="even", world=world, duration_s=duration_s
     )
     simulated = SimServos(robot, world=world, failure=case.leg_failure, seed=number)

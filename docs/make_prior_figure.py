@@ -20,11 +20,11 @@ from hexctl.backends.sim.world import load_world
 from hexctl.control.assessment.score import progress_floor_m
 from hexctl.palette import BEST_COLOR, LINE_COLOR, hex_color
 from hexctl.robot.loader import load_robot
-from hexctl.study.landscapes.cache import LandscapeCache
-from hexctl.study.landscapes.evaluate import Silent, fill, simulate_here
 from hexctl.study.landscapes.landscape import Landscape, LandscapeSpec
 from hexctl.study.reports.figure_style import label_axes, new_figure
 from hexctl.study.transfer.transfer_searches import walk_of
+from hexctl.study.walk_cache import WalkCache
+from hexctl.study.walking import evaluate
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,7 +41,7 @@ def walked() -> Landscape:
     spec = LandscapeSpec(
         robot=robot, world=load_world(WORLD), leg=LEG, self_rotation="rear", seed=2, place=WORLD
     )
-    return fill([spec], LandscapeCache(), simulate_here(), Silent())[0]
+    return evaluate([spec], WalkCache())[0]
 
 
 def draw(panel: "Axes", search: Bayes, truth: Landscape, order: np.ndarray, tried: list[int]) -> None:

@@ -253,7 +253,7 @@ def _check_value(what: str, value: Any, kind: Any, marks: Sequence[Any]) -> None
         return
     words = next((get_args(one) for one in kinds if get_origin(one) is Literal), ())
     if words and value not in words:
-        raise InputError(f"{what}: got {value}; allowed: {', '.join(words)}")
+        raise InputError(f"{what}: got {value}; allowed: {', '.join(map(str, words))}")
     allowed = next((mark for mark in marks if isinstance(mark, Range)), None)
     if allowed is not None:
         number = isinstance(value, float | int) and not isinstance(value, bool)

@@ -14,7 +14,7 @@ from hexctl.cli.interrupts import (
 )
 
 #: Modules of which something may still run when a command is over.
-MAY_HANG = ("recording.rrd", "study.landscapes.evaluate")
+MAY_HANG = ("recording.rrd", "study.walking")
 
 
 def main() -> None:
@@ -46,8 +46,8 @@ def main() -> None:
         sys.stderr.write(f"hexctl: {interrupted}\n")
         code = INTERRUPTED
     forget_deferred()
-    rrd, evaluate = (sys.modules.get(f"hexctl.{name}") for name in MAY_HANG)
-    if (rrd is not None and rrd.stuck()) or (code and evaluate is not None and evaluate.simulating()):
+    rrd, walking = (sys.modules.get(f"hexctl.{name}") for name in MAY_HANG)
+    if (rrd is not None and rrd.stuck()) or (code and walking is not None and walking.simulating()):
         # Python would wait for Rerun, and Rerun for a disk that takes nothing more; or for walks that nothing
         # stops, and crash where another Ctrl-C cuts that short.
         sys.stdout.flush()

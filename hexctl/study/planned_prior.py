@@ -14,9 +14,7 @@ from hexctl.settings import find_settings
 from hexctl.study.planned_work import PlannedWork
 from hexctl.study.prior_building import PriorPlan, build_prior, prior_file_name
 from hexctl.study.prior_options import PriorOptions
-from hexctl.study.repertoire.building import build_repertoire, repertoire_file_name
-from hexctl.study.repertoire.repertoire_plan import RepertoirePlan
-from hexctl.study.repertoire.repertoire_walks import repertoire_cache
+from hexctl.study.repertoire.repertoire_plan import RepertoirePlan, build_repertoire, repertoire_file_name
 
 Planned = PlannedWork[dict[str, Any]]
 
@@ -43,7 +41,7 @@ def _prior(options: PriorOptions, runs: Path) -> Planned:
         worlds=options.worlds or 16,
         legs=tuple(options.legs),
         failure=options.failure,
-        self_rotation=suited_rotation(rotation, options.hold, chosen_gait=True),
+        self_rotation=suited_rotation(rotation, options.hold, chosen_gait=True),  # type: ignore[arg-type]
         hold=options.hold,
         duration_s=options.duration_s,
     )
@@ -53,7 +51,7 @@ def _prior(options: PriorOptions, runs: Path) -> Planned:
         build_prior(plan, path, jobs=options.jobs, dask=options.dask, **how)
         return {"prior": str(path), **describe_prior(path)}
 
-    return PlannedWork(plan=plan, begin=begin, saved=lambda cache: cache.count(plan.specs()))
+    return PlannedWork(plan=plan, begin=begin)
 
 
 def _repertoire(options: PriorOptions, runs: Path) -> Planned:
@@ -73,9 +71,4 @@ def _repertoire(options: PriorOptions, runs: Path) -> Planned:
         build_repertoire(plan, path, jobs=options.jobs, dask=options.dask, **how)
         return {"repertoire": str(path), **describe_repertoire(path)}
 
-    return PlannedWork(
-        plan=plan,
-        begin=begin,
-        saved=lambda cache: repertoire_cache(cache).count(plan.walked()),
-        unit="walks",
-    )
+    return PlannedWork(plan=plan, begin=begin)

@@ -1,6 +1,6 @@
 """The study that options ask for, planned."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from datetime import datetime
 from functools import partial
@@ -15,28 +15,19 @@ from hexctl.options import listed
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.settings import find_settings
+from hexctl.study.experiment import Experiment, Result
+from hexctl.study.held_out_experiment import HeldOutExperiment
 from hexctl.study.holds import hold_plan
 from hexctl.study.holds.hold_plan import HoldPlan
-from hexctl.study.holds.hold_walks import HoldCache
 from hexctl.study.planned_work import PlannedWork
 from hexctl.study.recovery import recovery_plan
 from hexctl.study.recovery.recovery_plan import RecoveryPlan
-from hexctl.study.recovery.recovery_walks import EpisodeCache
-from hexctl.study.study import ReportResult, run_holds, run_recovery, run_study, run_transfer
 from hexctl.study.study_options import HOLD, MATRIX, PAPER, RECOVERY, TRANSFER, StudyOptions
 from hexctl.study.study_plan import StudyPlan
 from hexctl.study.transfer.transfer_plan import UNSEEN, TransferPlan, find_transfer_prior
-from hexctl.study.verdicts.matrix import (
-    FAILURES,
-    ROBOTS,
-    TIME_STEPS_S,
-    WORLDS,
-    MatrixPlan,
-    cells_of,
-    run_matrix,
-)
+from hexctl.study.verdicts.matrix import FAILURES, ROBOTS, TIME_STEPS_S, WORLDS, MatrixPlan, cells_of
 
-Planned = PlannedWork[ReportResult]
+Planned = PlannedWork[Result[Any]]
 
 
 def planned_study(options: StudyOptions, *, runs: Path | None = None) -> Planned:
@@ -53,30 +44,27 @@ def planned_study(options: StudyOptions, *, runs: Path | None = None) -> Planned
     check_type(options, StudyOptions, "options")
     runs = find_settings().runs if runs is None else runs
     folder = options.out or runs / f"study-{datetime.now():%Y%m%d-%H%M%S}"
-    planned = {PAPER: _paper, TRANSFER: _transfer, MATRIX: _matrix, HOLD: _hold, RECOVERY: _recovery}
-    return planned[options.kind](options, folder, runs)
+    plan = _PLANS[options.kind](options, runs)
+    begin = partial(plan.run, folder=folder, jobs=options.jobs, dask=options.dask)
+    return PlannedWork(plan=plan, begin=begin)
 
 
-def _paper(options: StudyOptions, folder: Path, _runs: Path) -> Planned:
-    plan = StudyPlan(
+def _paper(options: StudyOptions, _runs: Path) -> StudyPlan:
+    return StudyPlan(
         robot=load_robot(options.robot or "ant"),
         world=load_world(options.world or DEFAULT_WORLD),
         **_values(options, StudyPlan),
     )
-    begin = partial(run_study, plan, folder=folder, jobs=options.jobs, dask=options.dask)
-    return PlannedWork(plan=plan, begin=begin, saved=lambda cache: cache.count(plan.specs()))
 
 
-def _transfer(options: StudyOptions, folder: Path, runs: Path) -> Planned:
+def _transfer(options: StudyOptions, runs: Path) -> TransferPlan:
     robot = load_robot(options.robot or "ant")
-    plan = TransferPlan(
+    return TransferPlan(
         robot=robot,
         family=_family(options.world or UNSEEN),
         prior=_prior(options, robot, runs),
         **_values(options, TransferPlan),
     )
-    begin = partial(run_transfer, plan, folder=folder, jobs=options.jobs, dask=options.dask)
-    return PlannedWork(plan=plan, begin=begin, saved=lambda cache: cache.count(plan.specs()))
 
 
 def _prior(options: StudyOptions, robot: Robot, runs: Path) -> Prior:
@@ -87,7 +75,7 @@ def _prior(options: StudyOptions, robot: Robot, runs: Path) -> Prior:
     return find_transfer_prior(robot, legs, options.duration_s, prior_folders(runs), failure=failure)
 
 
-def _matrix(options: StudyOptions, folder: Path, _runs: Path) -> Planned:
+def _matrix(options: StudyOptions, _runs: Path) -> MatrixPlan:
     values = _values(options, StudyPlan)
     values.pop("failure", None)
     steps_ms = options.time_steps_ms
@@ -98,39 +86,29 @@ def _matrix(options: StudyOptions, folder: Path, _runs: Path) -> Planned:
         TIME_STEPS_S if steps_ms is None else [step_ms / 1000 for step_ms in steps_ms],
         **values,
     )
-    plan = MatrixPlan(cells=cells)
-    begin = partial(run_matrix, plan, folder=folder, jobs=options.jobs, dask=options.dask)
-    return PlannedWork(plan=plan, begin=begin, saved=lambda cache: cache.count(plan.specs()))
+    return MatrixPlan(cells=cells)
 
 
-def _hold(options: StudyOptions, folder: Path, _runs: Path) -> Planned:
-    plan = HoldPlan(
-        robots=tuple(load_robot(name) for name in _several(options.robot, ("ant",))),
-        families={name: _family(name) for name in _several(options.world, (hold_plan.FAMILY,))},
-        failures=_several(options.failure, hold_plan.FAILURES),
-        **_values(options, HoldPlan),
-    )
-    return PlannedWork(
-        plan=plan,
-        begin=partial(run_holds, plan, folder=folder, jobs=options.jobs),
-        saved=lambda cache: HoldCache(cache).count(plan.walked()),
-        unit="walks",
-    )
+_PLANS: dict[str, Callable[[StudyOptions, Path], Experiment[Any]]] = {
+    PAPER: _paper,
+    TRANSFER: _transfer,
+    MATRIX: _matrix,
+    HOLD: lambda options, _: HoldPlan(**_held_out(options, HoldPlan, (hold_plan.FAMILY,))),
+    RECOVERY: lambda options, _: RecoveryPlan(**_held_out(options, RecoveryPlan, recovery_plan.FAMILIES)),
+}
 
 
-def _recovery(options: StudyOptions, folder: Path, _runs: Path) -> Planned:
-    plan = RecoveryPlan(
-        robots=tuple(load_robot(name) for name in _several(options.robot, ("ant",))),
-        families={name: _family(name) for name in _several(options.world, recovery_plan.FAMILIES)},
-        failures=_several(options.failure, recovery_plan.FAILURES),
-        **_values(options, RecoveryPlan),
-    )
-    return PlannedWork(
-        plan=plan,
-        begin=partial(run_recovery, plan, folder=folder, jobs=options.jobs),
-        saved=lambda cache: EpisodeCache(cache).count(plan.walked()),
-        unit="walks",
-    )
+def _held_out(
+    options: StudyOptions, plan: type[HeldOutExperiment], families: Sequence[str]
+) -> dict[str, Any]:
+    """Values of the fields of an experiment in held-out worlds."""
+    values = _values(options, plan)
+    if options.failure is not None:
+        values["failures"] = listed(options.failure)
+    return values | {
+        "robots": tuple(load_robot(name) for name in _several(options.robot, ("ant",))),
+        "families": {name: _family(name) for name in _several(options.world, families)},
+    }
 
 
 def _values(options: StudyOptions, plan: Any) -> dict[str, Any]:

@@ -4,30 +4,36 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
-from hexctl.adapt.prior.prior import CHECKPOINTS, Prior, PriorKey, ScorePrior, check_place, save_prior
+from hexctl.adapt.prior.prior import CHECKPOINTS, SCORES, Prior, PriorKey, ScorePrior, check_place, save_prior
 from hexctl.adapt.prior.prior_files import SUFFIX
 from hexctl.adapt.stance import stance_deflection_rad
 from hexctl.backends.sim.distribution import Distribution
-from hexctl.backends.sim.world import DomainRandomization, World
+from hexctl.backends.sim.world import DomainRandomization, World, load_randomization
 from hexctl.control.assessment.static_stability import usual_posture
 from hexctl.control.guard import Guard
-from hexctl.control.trial_plan import TrialPlan
-from hexctl.errors import EStopError, InputError, SimulationDivergedError, argument, check_type
+from hexctl.control.trial_plan import SelfRotation, TrialPlan
+from hexctl.errors import EStopError, InputError, SimulationDivergedError, argument
 from hexctl.gait.gait import make_gait
+from hexctl.options import Range, options_of
 from hexctl.robot.failure import UNKNOWN
 from hexctl.robot.failure_grammar import parse_kind
+from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
-from hexctl.study.landscapes.cache import LandscapeCache
-from hexctl.study.landscapes.evaluate import Progress, Silent, check_jobs, evaluate
 from hexctl.study.landscapes.landscape import Landscape, LandscapeSpec
 from hexctl.study.landscapes.versions import code_versions
-from hexctl.study.prior_options import PRIOR_DURATION_S, PriorHold
-from hexctl.study.study_plan import check_robot, check_walks
+from hexctl.study.plan import Plan, check_families, check_legs, check_setting, check_walks
+from hexctl.study.prior_options import PRIOR_DURATION_S, PriorHold, PriorOptions
+from hexctl.study.study_options import ALL_LEGS
+from hexctl.study.walk_cache import WalkCache, Walked
+from hexctl.study.walking import Progress, Silent, check_jobs, evaluate
 from hexctl.types import N_JOINTS, N_LEGS, FloatArray
+
+if TYPE_CHECKING:
+    from hexctl.adapt.sessions.session_spec import SessionSpec
 
 #: Each leg has its own block of worlds, so that six legs see six times as many; each block is evenly spread.
 WORLDS_PER_LEG = 1024
@@ -40,51 +46,39 @@ MISS_DEG = Distribution(low=-1.0, high=1.0, scale="normal")
 #: move by 7 cm (rms over 12 worlds of `randomised`), where they differ by 81 cm between worlds.
 TIME_STEP_S = 0.004
 
-#: What the walks of a prior may hold: what a robot turns out to hold under `auto` is no matter of a plan.
-HOLDS = get_args(PriorHold)
-
 #: Walks last multiples of this: the ten checkpoints then fall on kept points of the path, five per second.
 WHOLE_S = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class PriorPlan:
+class PriorPlan(Plan):
     """Settings of one prior.
 
     Attributes:
-        robot: model of the robot.
-        family: distribution of plausible worlds.
-        worlds: number of worlds per leg.
-        legs: the failed legs, ascending.
         failure: in the words of `parse_kind`; with `unknown` each world draws what breaks.
-        self_rotation: where the failed leg points during the walk.
-        duration_s: length of each walk.
-        hold: what the walks hold by feedback, one of `HOLDS`; with another than `none` the prior is of their
+        hold: what the walks hold by feedback, with another than `none` the prior is of their
             scores.
         posture: of the gaits, one of `hexctl.control.assessment.static_stability.POSTURES`; None is the one
             that sessions under the hold have.
     """
 
+    UNIT: ClassVar[str] = "gaits"
+
     robot: Robot
     family: DomainRandomization
-    worlds: int = 16
-    legs: tuple[int, ...] = tuple(range(1, N_LEGS + 1))
+    worlds: Annotated[int, Range(low=2, high=WORLDS_PER_LEG, whole=True)] = 16
+    legs: tuple[int, ...] = ALL_LEGS
     failure: str = "locked"
-    self_rotation: str = "rear"
-    duration_s: float = 30.0
-    hold: str = "none"
+    self_rotation: SelfRotation = "rear"
+    duration_s: Annotated[float, PRIOR_DURATION_S] = 30.0
+    hold: PriorHold = "none"
     posture: str | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.posture is None:
             object.__setattr__(self, "posture", usual_posture(self.hold))
-        check_robot(self.robot)
-        allowed = "a DomainRandomization, as load_randomization('randomised') gives"
-        check_type(self.family, DomainRandomization, "plan.family", allowed)
-        if self.family.failures:
-            raise InputError(
-                "prior: got a family in which legs fail in mid-walk; allowed: one without `failures`"
-            )
+        check_families({"one in which legs fail": self.family}, "family")
 
     def specs(self) -> list[LandscapeSpec]:
         """Landscapes to simulate, world by world, so that any beginning of the list covers all legs.
@@ -97,7 +91,7 @@ class PriorPlan:
     def _specs_of(self, leg: int) -> list[LandscapeSpec]:
         first = (leg - 1) * WORLDS_PER_LEG
         members = enumerate(self.family.members(first, self.worlds), first)
-        worlds = [self._coarse(number, world) for number, world in members]
+        worlds = [coarse_world(self.family, number, world) for number, world in members]
         misses_deg = self.family.spare(MISS_DEG, first, self.worlds).tolist()
         return [
             LandscapeSpec(
@@ -117,11 +111,9 @@ class PriorPlan:
             for index, (world, miss_deg) in enumerate(zip(worlds, misses_deg, strict=True))
         ]
 
-    def _coarse(self, number: int, world: World) -> World:
-        """A member of the family with the prior's step, unless its kind sets one."""
-        if "time_step_s" in self.family.kind(number).world:
-            return world
-        return world.model_copy(update={"time_step_s": TIME_STEP_S})
+    def walked(self) -> Walked:
+        """Return the gaits to walk, landscape by landscape."""
+        return [(spec, spec.codes) for spec in self.specs()]
 
     def trial_plan(self) -> TrialPlan:
         """Trial of a session that the prior is for, self-rotation included, with the gait `demo`."""
@@ -141,59 +133,64 @@ class PriorPlan:
         return replace(key, posture=self.posture or "stance")
 
     def check(self) -> None:
-        """Raise InputError for anything that is not allowed, before anything runs."""
-        if not self.legs or not set(self.legs) <= set(range(1, N_LEGS + 1)):
-            raise InputError(
-                f"{argument('legs')}: got {list(self.legs)}; allowed: one or more of 1..{N_LEGS}"
-            )
-        if len(set(self.legs)) != len(self.legs):
-            raise InputError(f"{argument('legs')}: got {list(self.legs)}; allowed: each leg once")
-        if self.duration_s not in PRIOR_DURATION_S or not in_whole_steps(self.duration_s):
-            raise InputError(
-                f"{argument('duration_s')}: got {self.duration_s:g}; allowed: {PRIOR_DURATION_S.low:g} s or "
-                f"more, in steps of {WHOLE_S:g} s"
-            )
-        if self.hold not in HOLDS:
-            raise InputError(f"{argument('hold')}: got {self.hold}; allowed: {', '.join(HOLDS)}")
-        if not 2 <= self.worlds <= WORLDS_PER_LEG:
-            raise InputError(f"{argument('worlds')}: got {self.worlds}; allowed: 2..{WORLDS_PER_LEG}")
+        """Raise InputError for settings that are not allowed, before anything runs."""
+        super().check()
+        check_legs(self.legs)
+        whole = in_whole_steps(self.duration_s)
+        allowed = f"{PRIOR_DURATION_S.low:g} s or more, in steps of {WHOLE_S:g} s"
+        check_setting("duration_s", f"{self.duration_s:g}", whole, allowed)
         # Whether the gaits can be walked does not depend on the world.
-        check_walks(replace(self, worlds=1).specs())
+        check_walks(replace(self, worlds=2).specs()[: len(self.legs)])
+
+
+def coarse_world(family: DomainRandomization, number: int, world: World) -> World:
+    """Return a member of a family with the prior's time step, unless its kind sets one."""
+    if "time_step_s" in family.kind(number).world:
+        return world
+    return world.model_copy(update={"time_step_s": TIME_STEP_S})
+
+
+def begin_build(plan: Plan, path: Path, suffix: str, cache: WalkCache, jobs: int | None) -> None:
+    """Check everything that can be checked before walks are simulated for a file.
+
+    Raises InputError for a plan, a path or a number of jobs that cannot be used, CacheError and errors of
+    `check_place` when the disk refuses a file.
+    """
+    check_jobs(jobs)
+    plan.check()
+    if path.suffix != suffix or path.is_dir():
+        raise InputError(f"{argument('out')}: got {path}; allowed: a file whose name ends in {suffix}")
+    cache.probe()
+    check_place(path)
 
 
 def build_prior(
     plan: PriorPlan,
     path: Path,
     *,
-    cache: LandscapeCache | None = None,
+    cache: WalkCache | None = None,
     jobs: int | None = None,
     dask: str | None = None,
     progress: Progress | None = None,
 ) -> Prior | ScorePrior:
     """Simulate all gaits in the worlds of a plan, and write the prior to a file.
 
-    It is a `Prior` of where open-loop walks end, and a `ScorePrior` under a hold.
-
-    Simulated gaits are saved while this runs: a call that was interrupted is continued by the next one.
+    It is a `Prior` of where open-loop walks end, and a `ScorePrior` under a hold. Simulated gaits are saved
+    while this runs: a call that was interrupted is continued by the next one.
 
     Args:
         plan: robot, failure and worlds.
         path: of the file, ending in `.npz`; an existing file is replaced.
-        cache: of landscapes; None is the one of the command line, `runs/study-cache`.
-        jobs: threads per batch of gaits; None is all cores here, one on a Dask worker.
+        cache: earlier walks; None is the one of the command line, `runs/study-cache`.
+        jobs: threads that simulate; None is all cores here, one for each chunk on a Dask worker.
         dask: address of a Dask scheduler whose workers simulate; None simulates here.
         progress: observer.
 
-    Raises InputError for a plan, a path or an address that cannot be used, PriorFileError or CacheError when
-    the disk refuses a file.
+    Raises InputError for a plan, a path or an address that cannot be used, ArchiveFileError or CacheError
+    when the disk refuses a file.
     """
-    cache, progress = cache or LandscapeCache(), progress or Silent()
-    check_jobs(jobs)
-    plan.check()
-    if path.suffix != SUFFIX or path.is_dir():
-        raise InputError(f"{argument('out')}: got {path}; allowed: a file whose name ends in {SUFFIX}")
-    cache.probe()
-    check_place(path)
+    cache, progress = cache or WalkCache(), progress or Silent()
+    begin_build(plan, path, SUFFIX, cache, jobs)
     landscapes = evaluate(plan.specs(), cache, jobs=jobs, dask=dask, progress=progress)
     prior: Prior | ScorePrior
     if plan.hold == "none":
@@ -321,3 +318,46 @@ def _origin(plan: PriorPlan) -> dict[str, Any]:
         "time_step_s": TIME_STEP_S,
         "code": code_versions(),
     }
+
+
+def how_to_build_prior(spec: "SessionSpec") -> str:
+    """Command that builds a prior for a session's trials, as the end of a sentence.
+
+    Empty if none can be built: for other objectives and headings, short walks, failures with details.
+    """
+    hold = "line" if spec.hold == "auto" else spec.hold
+    objectives = ("final",) if hold == "none" else SCORES
+    if spec.objective not in objectives or spec.heading_rad or not _can_be_built(spec, hold):
+        return ""
+    values = {
+        "robot": spec.robot,
+        "failure": str(spec.broken),
+        "hold": hold,
+        "self_rotation": spec.self_rotation,
+        "duration_s": spec.duration_s,
+    }
+    usual = {option.name: option.default for option in options_of(PriorOptions)}
+    usual["self_rotation"] = "none" if hold == "line" else "rear"
+    flags = {option.name: option.flag for option in options_of(PriorOptions)}
+    words = [f" --{flags[name]} {_word(value)}" for name, value in values.items() if value != usual[name]]
+    return f"; this makes one: hexctl prior build{''.join(words)}"
+
+
+def _word(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float | int) else str(value)
+
+
+def _can_be_built(spec: "SessionSpec", hold: str) -> bool:
+    """Whether a prior for the trials of a session can be built."""
+    try:
+        PriorPlan(
+            robot=load_robot(spec.robot),
+            family=load_randomization("randomised"),
+            failure=str(spec.broken),
+            self_rotation=spec.self_rotation,
+            duration_s=spec.duration_s,
+            hold=hold,  # type: ignore[arg-type]
+        ).check()
+    except InputError:
+        return False
+    return True

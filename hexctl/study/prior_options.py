@@ -1,19 +1,16 @@
-"""Options of a prior or a repertoire that is built, and which options build the prior of a session."""
+"""Options of a prior or a repertoire that is built."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from hexctl.control.trial_plan import SelfRotation
-from hexctl.errors import InputError, argument
-from hexctl.options import RARE, Panel, Range, Typed, check_fields, check_used, listed, options_of
+from hexctl.errors import argument
+from hexctl.options import RARE, Panel, Range, Typed, check_fields, check_used, listed
 from hexctl.robot.failure_grammar import parse_legs
 from hexctl.study.compute_options import ComputeOptions
 from hexctl.study.study_options import ALL_LEGS
-
-if TYPE_CHECKING:
-    from hexctl.adapt.sessions.session_spec import SessionSpec
 
 PriorHold = Literal["none", "heading", "line"]
 
@@ -106,53 +103,3 @@ class PriorOptions(ComputeOptions):
             check_used(self, OF_PRIOR, f"without {argument('repertoire')}")
         else:
             check_used(self, OF_REPERTOIRE, f"with {argument('repertoire')}")
-
-
-def how_to_build_prior(spec: "SessionSpec") -> str:
-    """Command that builds a prior for a session's trials, as the end of a sentence.
-
-    Empty if none can be built: for other objectives and headings, short walks, failures with details.
-    """
-    from hexctl.adapt.prior.prior import SCORES
-
-    hold = "line" if spec.hold == "auto" else spec.hold
-    objectives = ("final",) if hold == "none" else SCORES
-    if spec.objective not in objectives or spec.heading_rad or not _can_be_built(spec, hold):
-        return ""
-    values = {
-        "robot": spec.robot,
-        "failure": str(spec.broken),
-        "hold": hold,
-        "self_rotation": spec.self_rotation,
-        "duration_s": spec.duration_s,
-    }
-    usual = {option.name: option.default for option in options_of(PriorOptions)}
-    usual["self_rotation"] = "none" if hold == "line" else "rear"
-    flags = {option.name: option.flag for option in options_of(PriorOptions)}
-    words = [f" --{flags[name]} {_word(value)}" for name, value in values.items() if value != usual[name]]
-    return f"; this makes one: hexctl prior build{''.join(words)}"
-
-
-def _word(value: object) -> str:
-    return f"{value:g}" if isinstance(value, float | int) else str(value)
-
-
-def _can_be_built(spec: "SessionSpec", hold: str) -> bool:
-    """Whether a prior for the trials of a session can be built."""
-    from hexctl.backends.sim.world import load_randomization
-    from hexctl.robot.loader import load_robot
-    from hexctl.study.prior_building import PriorPlan
-
-    plan = PriorPlan(
-        robot=load_robot(spec.robot),
-        family=load_randomization("randomised"),
-        failure=str(spec.broken),
-        self_rotation=spec.self_rotation,
-        duration_s=spec.duration_s,
-        hold=hold,
-    )
-    try:
-        plan.check()
-    except InputError:
-        return False
-    return True

@@ -1,8 +1,9 @@
 """Searches in known landscapes: every optimizer, many seeded runs, no simulation."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +15,21 @@ from hexctl.adapt.optimizers.population import POPULATION
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World
 from hexctl.errors import InputError
-from hexctl.study.default_gaits import DefaultWalk
-from hexctl.study.landscapes.landscape import Landscape
-from hexctl.study.study_plan import HEURISTICS, WITHOUT, StudyPlan
+from hexctl.study.landscapes.landscape import GaitWalk, Landscape
+from hexctl.study.verdicts.claim_evidence import Claim, number
 from hexctl.study.verdicts.experiments import landscape_by_symmetry
+from hexctl.study.verdicts.verdict_uncertainty import StudyUncertainty
 from hexctl.types import ArrayFields, FloatArray
+
+if TYPE_CHECKING:
+    from hexctl.study.study_plan import StudyPlan
+
+#: The five optimizers of the paper, and the baseline.
+HEURISTICS = ("pso", "psosp", "dps", "debest", "derand")
+BASELINE = "random"
+
+#: Self-rotation of the landscapes without one.
+WITHOUT = "none"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,7 +42,6 @@ class Curve(ArrayFields):
     Attributes:
         mean: over the runs.
         std: standard deviation over the runs (of the runs themselves, not an estimate for others).
-        median: over the runs.
         p10: a tenth of the runs is below.
         p90: a tenth of the runs is above.
         share: of the runs that have found a valid gait.
@@ -50,8 +60,6 @@ class Searches(ArrayFields):
     """All runs of one optimizer in one landscape, counted by one rule.
 
     Attributes:
-        leg: the failed leg.
-        optimizer: its name.
         paper_count: True where repetitions cost an evaluation each, False where each code is paid for once.
         seeds: of the runs, (R,).
         codes: what was evaluated, 0 after the end of a run that had tried all codes, (R, B).
@@ -114,33 +122,22 @@ def mean_of(best_m: FloatArray) -> FloatArray:
 
 
 def search_landscape(
-    landscape: Landscape, optimizer: str, seeds: Sequence[int], budget: int
-) -> tuple[Searches, Searches]:
-    """Runs of an optimizer that looks up every gait in a landscape: by the fresh count and the paper's.
+    landscape: Landscape,
+    optimizer: str,
+    seeds: Sequence[int],
+    budget: int,
+    counts: Sequence[bool] = (False, True),
+) -> list[Searches]:
+    """Return the runs of an optimizer that looks up every gait, for each count: fresh and the paper's.
 
-    Raises InputError for a landscape that does not hold all gaits.
+    With the paper's count only, the number of own codes is not determined (0). Raises InputError for a
+    landscape that does not hold all gaits.
     """
-    _check_whole(landscape)
     space, scores = landscape.spec.space, landscape.scores
-    own = [codes_until_stuck(optimizer, space, seed, scores) for seed in seeds]
-    fresh, paper = (
-        _searches(landscape, optimizer, seeds, budget, paper_count=count, own=own) for count in (False, True)
-    )
-    return fresh, paper
-
-
-def search_by_paper_count(
-    landscape: Landscape, optimizer: str, seeds: Sequence[int], budget: int
-) -> Searches:
-    """Runs of an optimizer by the paper's count alone, with no number of own codes (0)."""
-    _check_whole(landscape)
-    return _searches(landscape, optimizer, seeds, budget, paper_count=True, own=[0] * len(seeds))
-
-
-def _check_whole(landscape: Landscape) -> None:
-    size = landscape.spec.space.size
-    if len(landscape.scores) != size or not landscape.complete:
-        raise InputError(f"{landscape.spec.title}: got {landscape.done.sum()} gaits; allowed: {size}")
+    if len(scores) != space.size:
+        raise InputError(f"{landscape.spec.title}: got {len(scores)} gaits; allowed: {space.size}")
+    own = [codes_until_stuck(optimizer, space, seed, scores) if False in counts else 0 for seed in seeds]
+    return [_searches(landscape, optimizer, seeds, budget, paper_count=count, own=own) for count in counts]
 
 
 def _searches(
@@ -198,6 +195,37 @@ def codes_until_stuck(optimizer: str, space: GaitSpace, seed: int, scores: Float
     return len(tried)
 
 
+#: Gaits of a robot that knows of no failure: its default one, and the tripod.
+DEFAULT_GAITS = ("demo", "tripod")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DefaultWalk:
+    """One walk with a default gait, under the conditions of a landscape.
+
+    Attributes:
+        gait: one of `DEFAULT_GAITS`.
+        signed_m: deviation at the end, positive to the left; None if unknown.
+    """
+
+    leg: int
+    gait: str
+    status: str
+    signed_m: float | None
+    distance_m: float | None
+
+    @classmethod
+    def of(cls, leg: int, walk: GaitWalk) -> "DefaultWalk":
+        """Return the walk of a leg."""
+        ends = {"signed_m": number(walk.signed_m), "distance_m": number(walk.distance_m)}
+        return cls(leg=leg, gait=str(walk.case), status=walk.status, **ends)
+
+    @property
+    def final_m(self) -> float | None:
+        """Deviation at the end; None for an invalid walk."""
+        return None if self.status != "ok" or self.signed_m is None else abs(self.signed_m)
+
+
 #: Called after each leg with the number of legs that were searched.
 OnLeg = Callable[[int], None]
 
@@ -207,22 +235,24 @@ class Findings:
     """The results of one study in one world, with those in the other worlds.
 
     Attributes:
-        plan: its settings.
         landscapes: by leg and self-rotation.
         searches: by leg, optimizer, and whether repetitions count (the paper's count).
-        world: the simulated world.
         nearby: the results in worlds like this one, over which claims are judged, too.
         nulls: the searches of the heuristics in landscapes of random numbers, see `null_findings`.
-        default_walks: walks with the gaits that the robot would use anyway, where they were walked.
+        default_walks: walks with the gaits that the robot would use anyway.
+        claims: the paper's claims, judged by the results.
+        uncertainty: the simulation's own, of the walks.
     """
 
-    plan: StudyPlan
+    plan: "StudyPlan"
     landscapes: dict[tuple[int, str], Landscape]
     searches: dict[tuple[int, str, bool], Searches]
     world: World
     nearby: tuple["Findings", ...] = ()
     nulls: tuple["Findings", ...] = ()
     default_walks: tuple[DefaultWalk, ...] = ()
+    claims: tuple[Claim, ...] = ()
+    uncertainty: StudyUncertainty = field(default_factory=StudyUncertainty)
 
     @property
     def worlds(self) -> tuple["Findings", ...]:
@@ -290,17 +320,8 @@ class Findings:
             means[known] = np.nanmean(np.array(votes)[:, known], axis=0)
         return means
 
-    def mean_at(self, optimizer: str, evaluations: int, *, paper_count: bool) -> float:
-        """Mean best-so-far over all legs and runs after a number of evaluations, in m.
 
-        Only runs that have found a valid gait by then are in it; NaN when the budget is smaller.
-        """
-        if evaluations > self.plan.budget:
-            return float("nan")
-        return float(self.mean_curve(optimizer, paper_count=paper_count).mean[evaluations - 1])
-
-
-def search_all(plan: StudyPlan, landscapes: list[Landscape], on_leg: OnLeg = lambda _: None) -> Findings:
+def search_all(plan: "StudyPlan", landscapes: list[Landscape], on_leg: OnLeg = lambda _: None) -> Findings:
     """Run every optimizer on every leg, by both counts; `on_leg` gets the number of finished legs.
 
     `landscapes` are those of `plan.specs()`, in their order. In the worlds like the plan's own one the
@@ -313,7 +334,7 @@ def search_all(plan: StudyPlan, landscapes: list[Landscape], on_leg: OnLeg = lam
     return replace(findings, nulls=null_findings(findings))
 
 
-def _search_world(plan: StudyPlan, walked: list[Landscape], number: int, on_leg: OnLeg) -> Findings:
+def _search_world(plan: "StudyPlan", walked: list[Landscape], number: int, on_leg: OnLeg) -> Findings:
     """Searches in the landscapes of one world."""
     searches = {}
     rotated = [landscape for landscape in walked if landscape.spec.self_rotation == plan.self_rotation]
@@ -321,12 +342,8 @@ def _search_world(plan: StudyPlan, walked: list[Landscape], number: int, on_leg:
         leg = landscape.spec.leg
         seeds = [plan.seed_of(leg, run, number) for run in range(plan.runs)]
         for optimizer in plan.optimizers:
-            if number:
-                searches[leg, optimizer, True] = search_by_paper_count(
-                    landscape, optimizer, seeds, plan.budget
-                )
-                continue
-            for search in search_landscape(landscape, optimizer, seeds, plan.budget):
+            counts = (True,) if number else (False, True)
+            for search in search_landscape(landscape, optimizer, seeds, plan.budget, counts):
                 searches[leg, optimizer, search.paper_count] = search
         if not number:
             on_leg(count)
@@ -338,7 +355,7 @@ def _search_world(plan: StudyPlan, walked: list[Landscape], number: int, on_leg:
     )
 
 
-def _of_all_legs(plan: StudyPlan, walked: list[Landscape]) -> dict[tuple[int, str], Landscape]:
+def _of_all_legs(plan: "StudyPlan", walked: list[Landscape]) -> dict[tuple[int, str], Landscape]:
     """Landscapes of all legs, those that were not walked as images of others."""
     known = {
         rotation: [landscape for landscape in walked if landscape.spec.self_rotation == rotation]
@@ -379,17 +396,13 @@ def _null_of(findings: Findings, number: int, random: np.random.Generator) -> Fi
         landscape = landscapes[leg, plan.self_rotation] = permuted(findings.rotated(leg), random)
         seeds = [plan.seed_of(leg, run, number) for run in range(plan.runs)]
         for name in findings.heuristics:
-            searches[leg, name, True] = search_by_paper_count(landscape, name, seeds, plan.budget)
+            (search,) = search_landscape(landscape, name, seeds, plan.budget, (True,))
+            searches[leg, name, True] = search
     return Findings(plan=plan, landscapes=landscapes, searches=searches, world=findings.world)
 
 
 def permuted(landscape: Landscape, random: np.random.Generator) -> Landscape:
     """Landscape whose gaits have changed places at random."""
     order = random.permutation(len(landscape.codes))
-    return Landscape(
-        spec=landscape.spec,
-        codes=landscape.codes,
-        status=landscape.status[order],
-        numbers=landscape.numbers[order],
-        paths_m=landscape.paths_m[order],
-    )
+    mixed = {name: getattr(landscape, name)[order] for name in ("status", "numbers", "paths_m")}
+    return replace(landscape, **mixed)

@@ -1,85 +1,107 @@
-"""Settings of a study: legs, optimizers, runs and evaluations."""
+"""The paper's study: all gaits of each failed leg, all optimizers on them, and the paper's claims."""
 
-import math
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
 
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.space import GaitSpace
+from hexctl.backends.sim.distribution import Distribution
 from hexctl.backends.sim.world import World
-from hexctl.control.walks.turning import check_plan
-from hexctl.errors import InputError, LimitError, ReachError, argument, check_type
+from hexctl.control.trial_plan import DURATION_S, SelfRotation
+from hexctl.errors import argument
+from hexctl.options import Range
 from hexctl.robot.failure import UNKNOWN
-from hexctl.robot.failure_grammar import KINDS, parse_kind
+from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.model import Robot
+from hexctl.study.experiment import Experiment, Work
 from hexctl.study.landscapes.landscape import N_CODES, LandscapeSpec
-from hexctl.study.study_options import BUDGET, RUNS
+from hexctl.study.plan import check_legs, check_setting, check_walks
+from hexctl.study.reports.figures import study_drawings
+from hexctl.study.reports.report import study_sections, study_tables, summary_json
+from hexctl.study.searches import (
+    BASELINE,
+    DEFAULT_GAITS,
+    HEURISTICS,
+    WITHOUT,
+    DefaultWalk,
+    Findings,
+    search_all,
+)
+from hexctl.study.study_options import ALL_LEGS, BUDGET, RUNS
+from hexctl.study.verdicts.claim_evidence import verdict_lines
+from hexctl.study.verdicts.claims import claims_of, missed_lines
 from hexctl.study.verdicts.experiments import experiments_of
-from hexctl.study.verdicts.worlds import MAX_WORLDS, nearby_worlds
-from hexctl.types import N_LEGS
+from hexctl.study.verdicts.verdict_uncertainty import StudyUncertainty
+from hexctl.study.walk_cache import Walked
+from hexctl.study.walking import walk_all
 
-#: The five of the paper.
-HEURISTICS = ("pso", "psosp", "dps", "debest", "derand")
-BASELINE = "random"
+if TYPE_CHECKING:
+    pass
 
-#: Self-rotation of the landscapes: without, and as the optimizers search unless told otherwise.
-WITHOUT, WITH = "none", "rear"
-ROTATIONS = (WITHOUT, WITH)
-
-#: Self-rotations in which the optimizers may search.
-SELF_ROTATIONS = ("rear", "front", "none")
+#: Default self-rotation of the landscapes that the optimizers search.
+WITH: SelfRotation = "rear"
 
 #: A seed shows leg and run as decimal digits, which limits their numbers.
 MAX_SEED = 10_000
 
 
+#: What the paper leaves open and no leg is favoured by, as factors on the world's own values: floor, servos,
+#: contacts. Neither joint offsets nor a shifted trunk are among them: legs that are one experiment stay one.
+FACTORS = {
+    "friction": Distribution(low=1 / 1.3, high=1.3, scale="log"),
+    "servo_stiffness": Distribution(low=1 / 1.3, high=1.3, scale="log"),
+    "contact_time_s": Distribution(low=1 / 1.5, high=1.5, scale="log"),
+}
+
+#: Seed of the design, so that the same world always has the same neighbours.
+SEED = 13
+
+#: More neighbours than this narrow no interval worth the time.
+WORLDS = Range(low=1, high=100, whole=True)
+
+
 @dataclass(frozen=True, kw_only=True)
-class StudyPlan:
+class StudyPlan(Experiment[Findings]):
     """Settings of one study; the defaults are the paper's.
 
     Attributes:
-        robot: model of the robot.
-        world: the simulated world.
-        legs: the failed legs, ascending.
         optimizers: names as in `hexctl.adapt.optimizers.shipped`.
         runs: seeded runs of each optimizer on each leg.
-        budget: evaluations of a run.
-        duration_s: length of each walk.
-        seed: of everything.
-        failure: of each leg, in the words of `parse_kind`, such as `limp` or `weak:0.5`.
-        self_rotation: before the walks that the optimizers search: `rear`, `front` or `none`.
-        worlds: in how many worlds claims are judged: `world` and others like it (`nearby_worlds`).
+        failure: failure of each leg, as `parse_kind` reads it, such as `limp` or `weak:0.5`.
+        self_rotation: self-rotation before the walks that the optimizers search.
+        worlds: number of worlds in which claims are judged: `world` and others like it (`nearby_worlds`).
         by_symmetry: simulate one leg of each experiment (`experiments_of`), and take the others from it; in
             the worlds like `world` this is always done.
         without_gaits: number of gaits that are walked without self-rotation, drawn from all.
     """
 
+    NAME: ClassVar[str] = "study"
+    REPORT: ClassVar[str] = "report.html"
+    TITLE: ClassVar[str] = "hexctl study"
+    HEADING: ClassVar[str] = "Gaits for a failed leg: the paper's experiments repeated"
+    UNIT: ClassVar[str] = "gaits"
+
+    numbers = staticmethod(summary_json)
+    tables = staticmethod(study_tables)
+    drawings = staticmethod(study_drawings)
+    sections = staticmethod(study_sections)
+
     robot: Robot
     world: World = field(default_factory=World)
-    legs: tuple[int, ...] = tuple(range(1, N_LEGS + 1))
+    legs: tuple[int, ...] = ALL_LEGS
     optimizers: tuple[str, ...] = (*HEURISTICS, BASELINE)
-    runs: int = 30
-    budget: int = 120
-    duration_s: float = 30.0
-    seed: int = 0
+    runs: Annotated[int, RUNS] = 30
+    budget: Annotated[int, BUDGET] = 120
+    duration_s: Annotated[float, DURATION_S] = 30.0
+    seed: Annotated[int, Range(low=0, high=MAX_SEED, whole=True)] = 0
     failure: str = "locked"
-    self_rotation: str = WITH
-    worlds: int = 1
+    self_rotation: SelfRotation = WITH
+    worlds: Annotated[int, WORLDS] = 1
     by_symmetry: bool = False
-    without_gaits: int = N_CODES
-
-    def __post_init__(self) -> None:
-        check_robot(self.robot)
-        check_type(self.world, World, "plan.world", "a World, as load_world('slippery') gives")
-        for name in ("legs", "optimizers"):
-            check_type(getattr(self, name), (tuple, list), f"plan.{name}", "a tuple")
-        for name in ("runs", "budget", "seed", "worlds", "without_gaits"):
-            check_type(getattr(self, name), int, f"plan.{name}")
-        check_type(self.duration_s, float, "plan.duration_s")
-        check_type(self.failure, str, "plan.failure", KINDS)
-        check_type(self.self_rotation, str, "plan.self_rotation", ", ".join(SELF_ROTATIONS))
+    without_gaits: Annotated[int, Range(low=1, high=N_CODES, whole=True)] = N_CODES
 
     @property
     def rotations(self) -> tuple[str, ...]:
@@ -87,16 +109,16 @@ class StudyPlan:
         return tuple(dict.fromkeys((WITHOUT, self.self_rotation)))
 
     def specs(self) -> list[LandscapeSpec]:
-        """Specs of all landscapes, world by world and leg by leg."""
+        """Return the specs of all landscapes, world by world and leg by leg."""
         return [spec for specs in self.specs_by_world() for spec in specs]
 
     def specs_by_world(self) -> list[list[LandscapeSpec]]:
-        """Specs of the landscapes of each world, the plan's own world first."""
+        """Return the specs of the landscapes of each world, the plan's own world first."""
         worlds = nearby_worlds(self.world, self.worlds)
         return [self._specs_in(world, number) for number, world in enumerate(worlds)]
 
     def searched_specs(self) -> list[LandscapeSpec]:
-        """Specs of the landscapes of the plan's own world that the optimizers search."""
+        """Return the specs of the landscapes of the plan's own world that the optimizers search."""
         return [spec for spec in self.specs_by_world()[0] if spec.self_rotation == self.self_rotation]
 
     def _specs_in(self, world: World, number: int) -> list[LandscapeSpec]:
@@ -125,7 +147,7 @@ class StudyPlan:
         return tuple(group[0] for group in self.experiments(world, rotation))
 
     def experiments(self, world: World, rotation: str) -> tuple[tuple[int, ...], ...]:
-        """Legs in groups that are one experiment each, in a world and with a self-rotation."""
+        """Return the legs in groups that are one experiment each, in a world and with a self-rotation."""
         return experiments_of(self.robot, world, rotation, self.legs, self.failure)
 
     def _codes(self, rotation: str) -> tuple[int, ...]:
@@ -136,72 +158,78 @@ class StudyPlan:
         return tuple(sorted(drawn.tolist()))
 
     def seed_of(self, leg: int, run: int, world: int = 0) -> int:
-        """Seed of a run, counted from 0; `hexctl adapt --seed` repeats the run with it.
+        """Return the seed of a run, counted from 0; `hexctl adapt --seed` repeats the run with it.
 
-        Runs in other worlds, counted from 1, have seeds of their own.
+        Runs in other worlds, counted from 1, have other seeds.
         """
         return world * (MAX_SEED + 1) * 10_000 + self.seed * 10_000 + leg * 1_000 + run
 
     def check(self) -> None:
-        """Raise InputError for anything that is not allowed, before anything runs."""
-        _require(bool(self.legs), argument("legs"), "none", "one or more of 1..6")
-        unknown = [leg for leg in self.legs if not 1 <= leg <= N_LEGS]
-        _require(not unknown, argument("legs"), unknown, "1..6")
-        _require(len(set(self.legs)) == len(self.legs), argument("legs"), list(self.legs), "each leg once")
-        RUNS.check(argument("runs"), self.runs)
-        BUDGET.check(argument("budget"), self.budget)
-        _require(0 <= self.seed <= MAX_SEED, argument("seed"), self.seed, f"0..{MAX_SEED}")
-        turn = self.self_rotation
-        _require(turn in SELF_ROTATIONS, argument("self_rotation"), turn, ", ".join(SELF_ROTATIONS))
-        _require(1 <= self.worlds <= MAX_WORLDS, argument("worlds"), self.worlds, f"1..{MAX_WORLDS}")
-        gaits = self.without_gaits
-        _require(1 <= gaits <= N_CODES, argument("without_gaits"), gaits, f"1..{N_CODES}")
+        """Raise InputError for settings that are not allowed, before anything runs."""
+        super().check()
+        check_legs(self.legs)
         parse_kind(self.legs[0], self.failure)
-        _require(
-            self.failure != UNKNOWN,
-            argument("failure"),
-            self.failure,
-            "one that is the same in every leg; the transfer benchmark takes unknown",
-        )
-        _require(math.isfinite(self.duration_s), argument("duration_s"), self.duration_s, "a finite time")
-        self._check_optimizers()
+        allowed = "one that is the same in every leg; the transfer benchmark takes unknown"
+        check_setting("failure", self.failure, self.failure != UNKNOWN, allowed)
+        for name in self.optimizers:
+            make_optimizer(name, GaitSpace((self.legs[0],)), self.seed)
         check_walks(self.specs())
 
-    def _check_optimizers(self) -> None:
-        names = self.optimizers
-        _require(bool(names), argument("optimizers"), "none", "one or more names")
-        _require(len(set(names)) == len(names), argument("optimizers"), ",".join(names), "each name once")
-        for name in names:
-            make_optimizer(name, GaitSpace((self.legs[0],)), self.seed)
+    def walked(self) -> Walked:
+        """Return the gaits to walk, landscape by landscape."""
+        return [(spec, spec.codes) for spec in self.specs()]
+
+    def find(self, work: Work) -> Findings:
+        """Walk all gaits and the default ones, search the landscapes and judge the claims."""
+        uncertainty = StudyUncertainty.of(
+            self.robot, self.world, self.duration_s, work.cache.folder.parent, failure=self.failure
+        )
+        landscapes = work.evaluate(self.specs())
+        own = [(replace(self.searched_specs()[0], leg=leg), DEFAULT_GAITS) for leg in self.legs]
+        work.progress.stage("the robot's own gaits", len(self.legs))
+        walks = zip(self.legs, walk_all(own, work.cache, jobs=work.jobs), strict=True)
+        work.progress.step(len(self.legs))
+        work.lap("landscapes")
+        work.progress.stage("searches, leg by leg", len(self.searched_specs()))
+        findings = search_all(self, landscapes, lambda _: work.progress.step())
+        work.lap("searches")
+        return replace(
+            findings,
+            default_walks=tuple(DefaultWalk.of(leg, walk) for leg, some in walks for walk in some),
+            claims=tuple(claims_of(findings)),
+            uncertainty=uncertainty,
+        )
+
+    def lines(self, found: Findings) -> list[str]:
+        """Return the claims and the bars that are missed as lines of text."""
+        claims = verdict_lines((claim.verdict, claim.claim) for claim in found.claims)
+        return [*claims, *missed_lines(found), *found.uncertainty.lines]
 
 
-def check_robot(robot: object) -> None:
-    """Raise WrongTypeError unless the robot of a plan is a `Robot`."""
-    check_type(robot, Robot, "plan.robot", "a Robot, as load_robot('ant') gives")
+def nearby_worlds(world: World, count: int) -> list[World]:
+    """The world itself and `count` - 1 others like it.
+
+    The others differ in friction, stiffness of the servos and contact time, by `FACTORS`, in a quasi-random
+    design of which any beginning covers the ranges. Raises InputError for a count outside 1..`WORLDS`.
+    """
+    WORLDS.check(argument("worlds"), count)
+    if count == 1:
+        return [world]
+    shares = _design(count - 1)
+    return [world, *(_varied(world, row) for row in shares)]
 
 
-def check_walks(specs: Iterable[LandscapeSpec]) -> None:
-    """Raise InputError for a robot that cannot walk the gaits; those of a leg have the same joint ranges."""
-    for spec in specs:
-        try:
-            check_plan(spec.robot, spec.trial(spec.codes[0]).plan)
-        except (ReachError, LimitError) as error:
-            raise InputError(f"{spec.robot.name}, {spec.title}: {error}") from error
+def _design(count: int) -> list[list[float]]:
+    """Points of a Sobol design in the unit cube, one row per world."""
+    from scipy.stats.qmc import Sobol
+
+    sequence = Sobol(len(FACTORS), scramble=True, rng=np.random.default_rng(SEED))
+    # One at a time keeps SciPy from warning about the balance of what is left out.
+    return [sequence.random(1)[0].tolist() for _ in range(count)]
 
 
-def _require(holds: bool, what: str, got: object, allowed: str) -> None:
-    if not holds:
-        raise InputError(f"{what}: got {got}; allowed: {allowed}")
-
-
-def check_setting(name: str, got: object, holds: bool, allowed: str) -> None:
-    """Raise InputError for a setting, by its name, unless something holds."""
-    if not holds:
-        raise InputError(f"{argument(name)}: got {got}; allowed: {allowed}")
-
-
-def check_each(name: str, given: tuple[object, ...] | list[str], known: tuple[object, ...] = ()) -> None:
-    """Raise InputError unless there are values, each once, and all of them known."""
-    among = f" of {', '.join(map(str, known))}" if known else ""
-    fine = bool(given) and len(set(given)) == len(given) and (not known or set(given) <= set(known))
-    check_setting(name, ",".join(map(str, given)) or "none", fine, f"one or more{among}, each once")
+def _varied(world: World, shares: Sequence[float]) -> World:
+    values = world.model_dump()
+    for (name, factor), share in zip(FACTORS.items(), shares, strict=True):
+        values[name] = float(values[name] * factor.at(np.array(share)))
+    return World.model_validate(values)

@@ -308,7 +308,7 @@ def test_a_ctrl_c_after_the_end_of_a_command_is_no_signal_and_no_traceback(last:
 def test_an_interrupted_command_does_not_wait_for_walks_that_were_dropped() -> None:
     program = (
         "import threading\n"
-        "import hexctl.cli.main, hexctl.study.landscapes.evaluate\n"
+        "import hexctl.cli.main, hexctl.study.walking\n"
         "from hexctl.cli.entry import main\n"
         "def end():\n"
         "    threading.Thread(target=threading.Event().wait, name='simulate_0').start()\n"

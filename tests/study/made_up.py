@@ -1,6 +1,7 @@
 """Landscapes for tests: made up in an instant, or really walked for a moment."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +12,9 @@ from hexctl.study.landscapes.landscape import (
     NUMBERS,
     Landscape,
     LandscapeSpec,
-    Rows,
-    empty_landscape,
-    with_rows,
 )
-from hexctl.study.reports.report import write_report
-from hexctl.study.reports.study_tables import summary_json
 from hexctl.study.searches import Findings, search_all
-from hexctl.study.study_plan import ROTATIONS, StudyPlan
+from hexctl.study.study_plan import StudyPlan
 from hexctl.study.verdicts.claims import claims_of
 from hexctl.study.verdicts.verdict_uncertainty import StudyUncertainty
 from hexctl.types import FloatArray
@@ -47,15 +43,15 @@ def made_up(leg: int, self_rotation: str, signed_m: FloatArray, invalid: Sequenc
 
 def made_up_in(asked: LandscapeSpec, signed_m: FloatArray, invalid: Sequence[int] = ()) -> Landscape:
     """The landscape of a spec, made up likewise."""
-    empty = empty_landscape(asked)
     numbers = np.zeros((120, len(NUMBERS)))
     numbers[:, NUMBERS.index("signed_m")] = signed_m
     numbers[:, NUMBERS.index("distance_m")] = 4.0
-    status = np.where(np.isin(empty.codes, list(invalid)), "no_progress", "ok").astype("<U16")
-    paths = np.zeros((120, empty.spec.n_points, 2), dtype=np.float32)
-    paths[..., 0] = np.linspace(0, 4, empty.spec.n_points)
-    paths[..., 1] = signed_m[:, np.newaxis] * np.linspace(0, 1, empty.spec.n_points)
-    return with_rows(empty, Rows(codes=empty.codes, status=status, numbers=numbers, paths_m=paths))
+    codes = np.array(asked.codes)
+    status = np.where(np.isin(codes, list(invalid)), "no_progress", "ok").astype("<U16")
+    paths = np.zeros((120, asked.n_points, 2), dtype=np.float32)
+    paths[..., 0] = np.linspace(0, 4, asked.n_points)
+    paths[..., 1] = signed_m[:, np.newaxis] * np.linspace(0, 1, asked.n_points)
+    return Landscape(spec=asked, codes=codes, status=status, numbers=numbers, paths_m=paths)
 
 
 def spread_out(worst_m: float, sign: FloatArray | float = 1.0) -> FloatArray:
@@ -86,28 +82,24 @@ def made_up_findings(
     for leg in legs:
         sign = np.where(np.arange(120) < 120 * left[leg], 1.0, -1.0)
         signed = (spread_out(2.0, sign), rotated_m)
-        landscapes += [made_up(leg, rotation, m) for rotation, m in zip(ROTATIONS, signed, strict=True)]
+        landscapes += [
+            made_up(leg, rotation, m) for rotation, m in zip(("none", "rear"), signed, strict=True)
+        ]
     return search_all(plan, landscapes)
 
 
-def same(one: Rows, other: Rows) -> bool:
-    """Whether all numbers of two landscapes are equal to the last bit."""
-    return all(
-        np.array_equal(getattr(one, name), getattr(other, name), equal_nan=name in ("numbers", "paths_m"))
-        for name in ("codes", "status", "numbers", "paths_m")
-    )
+def judged(findings: Findings) -> Findings:
+    """The same with the paper's claims and the simulation's own uncertainty."""
+    plan = findings.plan
+    uncertainty = StudyUncertainty.of(plan.robot, plan.world, plan.duration_s)
+    return replace(findings, claims=tuple(claims_of(findings)), uncertainty=uncertainty)
 
 
 def reported(findings: Findings, folder: Path) -> Path:
     """Report of findings, in a folder."""
-    return write_report(findings, claims_of(findings), uncertainty_of(findings), folder)
+    return findings.plan.write(judged(findings), folder)
 
 
 def summarised(findings: Findings) -> dict[str, Any]:
     """Findings as in `study.json`."""
-    return summary_json(findings, claims_of(findings), uncertainty_of(findings))
-
-
-def uncertainty_of(findings: Findings) -> StudyUncertainty:
-    """The simulation's own uncertainty of the walks."""
-    return StudyUncertainty.of(findings.plan.robot, findings.plan.world, findings.plan.duration_s)
+    return findings.plan.numbers(judged(findings))

@@ -1,82 +1,15 @@
 """Walks with the gaits that a robot would use anyway, beside the landscapes of a study."""
 
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from hexctl.control.batch import run_sim_trial
-from hexctl.study import default_gaits
-from hexctl.study.default_gaits import DefaultWalk, default_trial, walk_default_gaits
-from hexctl.study.landscapes.cache import CacheError, LandscapeCache
 from hexctl.study.reports.figures import convergence_figure
-from hexctl.study.study_plan import StudyPlan
+from hexctl.study.searches import DefaultWalk
 from hexctl.study.verdicts.claim_evidence import cm
-from tests.robots import shipped
 from tests.study.made_up import made_up_findings, reported, spread_out, summarised
-from tests.trials import gait_of
-
-PLAN = StudyPlan(robot=shipped(), legs=(2, 5), failure="limp", duration_s=0.2)
-
-
-@pytest.fixture(scope="module")
-def walked(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the walks of the plan."""
-    folder = tmp_path_factory.mktemp("walked")
-    walk_default_gaits(PLAN, LandscapeCache(folder), jobs=1)
-    return folder
-
-
-def test_each_leg_walks_the_default_gait_and_the_tripod_as_a_trial_would(tmp_path: Path) -> None:
-    legs: list[None] = []
-    walks = walk_default_gaits(PLAN, LandscapeCache(tmp_path), jobs=1, on_leg=lambda: legs.append(None))
-    assert [(walk.leg, walk.gait) for walk in walks] == [
-        (leg, gait) for leg in (2, 5) for gait in ("demo", "tripod")
-    ]
-    assert len(legs) == 2
-    spec = PLAN.searched_specs()[1]
-    trial = default_trial(spec, "tripod")
-    assert trial.plan.gait == gait_of(PLAN.robot, "tripod")
-    assert trial == replace(spec.trial(1), plan=replace(spec.trial(1).plan, gait=trial.plan.gait))
-    alone = run_sim_trial(trial)
-    assert (walks[-1].status, walks[-1].distance_m) == (alone.status, alone.distance_m)
-    assert alone.deviation is not None
-    assert walks[-1].signed_m == alone.deviation.signed
-
-
-def test_walks_are_simulated_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    cache = LandscapeCache(tmp_path)
-    walks = walk_default_gaits(PLAN, cache, jobs=1)
-    monkeypatch.setattr(default_gaits, "run_sim_trials", None)
-    assert walk_default_gaits(PLAN, LandscapeCache(tmp_path)) == walks
-    with pytest.raises(TypeError):
-        walk_default_gaits(replace(PLAN, failure="locked"), cache)
-
-
-@pytest.mark.parametrize(
-    "content", ["", "[]", "{}", '[{"leg": 2}]', "[1, 2]", "null", '[{"leg": 9, "gait": "demo"}]']
-)
-def test_a_damaged_file_is_named_and_walked_again(content: str, walked: Path, tmp_path: Path) -> None:
-    shutil.copytree(walked, tmp_path, dirs_exist_ok=True)
-    cache = LandscapeCache(tmp_path)
-    walks = walk_default_gaits(PLAN, cache, jobs=1)
-    (damaged, _) = sorted(tmp_path.glob("*.default.json"))
-    damaged.write_text(content, encoding="utf-8")
-    assert walk_default_gaits(PLAN, cache, jobs=1) == walks
-    (note,) = cache.notes
-    assert damaged.name in note
-
-
-def test_a_disk_that_refuses_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(default_gaits, "atomic_write", refuse)
-    with pytest.raises(CacheError, match="No space left"):
-        walk_default_gaits(PLAN, LandscapeCache(tmp_path), jobs=1)
-
 
 WALKS = (
     DefaultWalk(leg=2, gait="demo", status="ok", signed_m=-0.35, distance_m=4.0),

@@ -19,4 +19,4 @@ def test_a_repertoire_has_the_options_of_its_plan() -> None:
     planned = planned_prior(options)
     assert isinstance(planned.plan, RepertoirePlan)
     assert (list(planned.plan.families), planned.plan.worlds) == (["transfer"], 4)
-    assert (planned.plan.directions, planned.plan.pair_failures, planned.unit) == (1, (), "walks")
+    assert (planned.plan.directions, planned.plan.pair_failures, planned.plan.UNIT) == (1, (), "walks")

@@ -8,11 +8,11 @@ import pytest
 from hexctl.backends.sim.world import load_world
 from hexctl.errors import InputError
 from hexctl.study.holds.hold_plan import HoldPlan
-from hexctl.study.landscapes.cache import LandscapeCache
 from hexctl.study.planned_study import planned_study
 from hexctl.study.recovery.recovery_plan import RecoveryPlan
 from hexctl.study.study_options import StudyOptions
 from hexctl.study.study_plan import StudyPlan
+from hexctl.study.walk_cache import WalkCache
 from tests.robots import shipped
 
 
@@ -39,7 +39,7 @@ def test_a_comparison_of_holds_takes_lists() -> None:
         ["ant", "pexod"],
         ["transfer", "real"],
     )
-    assert (plan.failures, plan.self_rotation, planned.unit) == (("limp", "stuck:femur"), "auto", "walks")
+    assert (plan.failures, plan.self_rotation, plan.UNIT) == (("limp", "stuck:femur"), "auto", "walks")
 
 
 def test_a_recovery_benchmark_has_the_options_of_its_plan() -> None:
@@ -74,7 +74,7 @@ def test_a_study_is_planned_and_run_in_one_call(tmp_path: Path) -> None:
         legs=(2,), duration_s=0.2, optimizers=("random",), runs=1, budget=2, jobs=1, out=tmp_path / "out"
     )
     planned = planned_study(options)
-    cache = LandscapeCache(tmp_path / "cache")
+    cache = WalkCache(tmp_path / "cache")
     assert planned.saved(cache) == (0, 240)
     result = planned.run(cache=cache)
     assert planned.saved(cache) == (240, 240)

@@ -18,9 +18,6 @@ from hexctl.study.landscapes.landscape import (
     NUMBERS,
     Landscape,
     LandscapeSpec,
-    Rows,
-    empty_landscape,
-    with_rows,
 )
 from hexctl.study.prior_building import (
     TIME_STEP_S,
@@ -117,7 +114,7 @@ def test_another_number_of_worlds_is_refused(worlds: int) -> None:
 
 
 def test_a_prior_is_not_built_of_worlds_in_which_legs_fail_on_the_way() -> None:
-    with pytest.raises(InputError, match=r"^prior: got a family in which legs fail"):
+    with pytest.raises(InputError, match=r"^family: got one in which legs fail; allowed: a family without"):
         replace(plan(worlds=2), family=load_randomization("failing"))
 
 
@@ -204,15 +201,14 @@ FALLEN = 7
 
 def _landscape(spec: LandscapeSpec, seed: int) -> Landscape:
     """A landscape of smooth random walks, of which one ends half way."""
-    empty, random = empty_landscape(spec), np.random.default_rng(seed)
+    codes, random = np.array(spec.codes), np.random.default_rng(seed)
     paths: FloatArray = random.normal(size=(120, spec.n_points, 2)).cumsum(axis=1) * 0.01
     paths[FALLEN - 1, spec.n_points // 2 :] = np.nan
     numbers = random.normal(size=(120, len(NUMBERS)))
     numbers[:, 0] = paths[:, -1, 1]
     status = np.full(120, "ok", dtype="<U16")
     status[FALLEN - 1] = "fell"
-    rows = Rows(codes=empty.codes, status=status, numbers=numbers, paths_m=paths.astype(np.float32))
-    return with_rows(empty, rows)
+    return Landscape(spec=spec, codes=codes, status=status, numbers=numbers, paths_m=paths.astype(np.float32))
 
 
 def test_a_prior_holds_what_a_session_would_have_been_shown() -> None:

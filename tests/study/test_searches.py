@@ -8,7 +8,7 @@ from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.shipped import OPTIMIZERS
 from hexctl.errors import InputError
-from hexctl.study.landscapes.landscape import Landscape, empty_landscape
+from hexctl.study.landscapes.landscape import Landscape
 from hexctl.study.searches import codes_until_stuck, curve_of, search_landscape
 from hexctl.types import FloatArray
 from tests.study.made_up import made_up, made_up_findings, spec, spread_out
@@ -99,15 +99,17 @@ def test_searches_get_stuck_and_random_does_not(landscape: Landscape) -> None:
 
 
 def test_half_a_landscape_is_not_searched() -> None:
-    with pytest.raises(InputError, match="got 0 gaits"):
-        search_landscape(empty_landscape(spec(duration_s=0.2)), "random", SEEDS, 10)
+    half = spec(duration_s=0.2, codes=range(1, 61))
+    few = Landscape.of(half, half.walk([1]) * 60)
+    with pytest.raises(InputError, match="got 60 gaits"):
+        search_landscape(few, "random", SEEDS, 10)
 
 
 def test_means_are_over_legs_and_runs() -> None:
     findings = made_up_findings(spread_out(1.0), legs=(1, 4), optimizers=("random",), runs=4, budget=20)
     each = [findings.searches[leg, "random", False].best_m[:, 19] for leg in (1, 4)]
-    assert findings.mean_at("random", 20, paper_count=False) == pytest.approx(np.concatenate(each).mean())
-    assert math.isnan(findings.mean_at("random", 21, paper_count=False))
+    mean = findings.mean_curve("random", paper_count=False).mean[19]
+    assert mean == pytest.approx(np.concatenate(each).mean())
 
 
 def test_runs_have_seeds_of_their_own_that_adapt_takes() -> None:

@@ -5,7 +5,7 @@ import pytest
 from hexctl.backends.sim.world import load_randomization
 from hexctl.errors import InputError, WrongTypeError
 from hexctl.study.prior_building import PriorPlan
-from hexctl.study.study_plan import ROTATIONS, StudyPlan
+from hexctl.study.study_plan import StudyPlan
 from hexctl.study.transfer.transfer_plan import TransferPlan
 from tests.robots import shipped
 
@@ -19,7 +19,7 @@ def test_the_default_is_the_papers_study() -> None:
     default.check()
     specs = default.specs()
     assert {(spec.leg, spec.self_rotation) for spec in specs} == {
-        (leg, rotation) for leg in range(1, 7) for rotation in ROTATIONS
+        (leg, rotation) for leg in range(1, 7) for rotation in ("none", "rear")
     }
     assert {len(spec.codes) for spec in specs} == {120}
     assert {spec.duration_s for spec in specs} == {30.0}
@@ -30,8 +30,8 @@ def test_the_default_is_the_papers_study() -> None:
     ("options", "message"),
     [
         ({"legs": ()}, "legs"),
-        ({"legs": (0,)}, "legs: got .0.; allowed: 1..6"),
-        ({"legs": (1, 1)}, "each leg once"),
+        ({"legs": (0,)}, "legs: got 0; allowed: one or more of 1..6"),
+        ({"legs": (1, 1)}, "each once"),
         ({"runs": 0}, "runs"),
         ({"runs": 1000}, "runs"),
         ({"budget": 0}, "budget"),
@@ -46,7 +46,7 @@ def test_the_default_is_the_papers_study() -> None:
         ({"without_gaits": 121}, "without_gaits"),
         ({"optimizers": ()}, "optimizers"),
         ({"optimizers": ("pso", "genetic")}, "genetic.*pso, psosp"),
-        ({"optimizers": ("pso", "pso")}, "each name once"),
+        ({"optimizers": ("pso", "pso")}, "each once"),
     ],
 )
 def test_what_is_not_allowed_is_said(options: dict[str, Any], message: str) -> None:
@@ -75,13 +75,13 @@ def test_more_worlds_walk_one_leg_of_each_experiment() -> None:
 
 
 def test_wrong_types_are_refused_at_once() -> None:
-    with pytest.raises(
-        WrongTypeError, match=r"plan.robot: got 'ant' \(str\); allowed: a Robot, as load_robot"
-    ):
+    with pytest.raises(WrongTypeError, match=r"^robot: got 'ant' \(str\)"):
         StudyPlan(robot="ant")  # type: ignore[arg-type]
-    with pytest.raises(WrongTypeError, match=r"plan.world: got 'slippery' \(str\); allowed: a World"):
+    with pytest.raises(WrongTypeError, match=r"^world: got 'slippery' \(str\)"):
         plan(world="slippery")
-    with pytest.raises(WrongTypeError, match=r"plan.family: got 'randomised' \(str\)"):
+    with pytest.raises(WrongTypeError, match=r"^family: got 'randomised' \(str\)"):
         PriorPlan(robot=shipped(), family="randomised")  # type: ignore[arg-type]
-    with pytest.raises(WrongTypeError, match=r"plan.prior: got None"):
+    with pytest.raises(WrongTypeError, match=r"^prior: got None"):
         TransferPlan(robot=shipped(), family=load_randomization("transfer"), prior=None)  # type: ignore[arg-type]
+    with pytest.raises(WrongTypeError, match=r"^optimizers: got 5"):
+        plan(optimizers=("pso", 5))

@@ -1,33 +1,32 @@
-"""A watcher that remembers what it was told, and a simulation that counts."""
+"""A watcher that remembers what it was told, and one that interrupts."""
 
-from collections.abc import Iterator, Sequence
-
-from hexctl.study.landscapes.evaluate import Chunk, ChunkDone, Silent, simulate_chunk
-from hexctl.study.landscapes.landscape import Landscape
+from hexctl.study.walking import Silent
 
 
 class Remembering(Silent):
-    def __init__(self) -> None:
-        self.known: list[bool] = []
-        self.gaits: list[int] = []
+    """Remembers stages and notes, counts steps, and interrupts after some of the walks.
 
-    def begin(self, landscapes: Sequence[Landscape]) -> None:
-        self.known = [landscape.complete for landscape in landscapes]
-
-    def advance(self, landscape: Landscape, gaits: int) -> None:
-        self.gaits.append(gaits)
-
-
-class Counting:
-    """Simulates, counts chunks, and is interrupted after some of them."""
+    Args:
+        interrupt_after: number of steps after which it raises KeyboardInterrupt; None for never.
+    """
 
     def __init__(self, interrupt_after: int | None = None) -> None:
-        self.chunks: list[Chunk] = []
-        self._left = interrupt_after
+        self.stages: list[tuple[str, int]] = []
+        self.notes: list[str] = []
+        self.steps, self._left = 0, interrupt_after
 
-    def __call__(self, chunks: Sequence[Chunk]) -> Iterator[ChunkDone]:
-        for chunk in chunks:
-            if self._left == len(self.chunks):
-                raise KeyboardInterrupt
-            self.chunks.append(chunk)
-            yield simulate_chunk(chunk)
+    def stage(self, name: str, steps: int) -> None:
+        self.stages.append((name, steps))
+
+    def step(self, steps: int = 1) -> None:
+        self.steps += steps
+        if self._left is not None and self.steps >= self._left:
+            raise KeyboardInterrupt
+
+    def note(self, text: str) -> None:
+        self.notes.append(text)
+
+    @property
+    def walks(self) -> int:
+        """Number of walks that were to be simulated."""
+        return sum(steps for name, steps in self.stages if name.startswith("walks"))

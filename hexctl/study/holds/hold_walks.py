@@ -1,43 +1,53 @@
-"""The compared walks: simulated in chunks, and kept on disk."""
+"""The compared walks: one robot in one world, what fails and what is held in each walk, and its outcome."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any, ClassVar, Literal
 
-from hexctl.control.batch import run_sim_trials
+from hexctl.control.assessment.static_stability import stable_gait
+from hexctl.control.batch import SimTrial, run_sim_trials
+from hexctl.control.trial_plan import AUTO_ROTATION, AskedRotation, TrialPlan, suited_rotation
 from hexctl.control.trial_result import STATUSES, TrialResult
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import Gait
-from hexctl.study.holds.hold_conditions import HoldCase, HoldConditions
-from hexctl.study.holds.hold_plan import HoldPlan
-from hexctl.study.landscapes.benchmark_walks import WalkCache
-from hexctl.study.landscapes.benchmark_walks import walk_all as all_walks
-from hexctl.study.landscapes.cache import LandscapeCache
-from hexctl.study.landscapes.evaluate import Progress
+from hexctl.robot.failure import Failure
+from hexctl.robot.failure_grammar import parse_kind
+from hexctl.study.held_out import HeldOutPlace
+from hexctl.study.walk_cache import ENDED
 
-#: Statuses of walks that end on their feet and have a final deviation.
-ENDED = ("ok", "no_progress")
+Hold = Literal["none", "heading", "line"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, order=True)
+class HoldCase:
+    """One walk in a place.
+
+    Attributes:
+        leg: failed leg, 1..6; 0 for an intact robot.
+        failure: failure of the leg, as `parse_kind` reads it; `intact` without one.
+    """
+
+    leg: int
+    failure: str
+    hold: Hold
+
+    @property
+    def leg_failure(self) -> Failure | None:
+        """The failure, as the simulation is given it and the controller believes it."""
+        return parse_kind(self.leg, self.failure) if self.leg else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HoldWalk:
-    """The outcome of one walk; deviations are those of the simulation's true pose, NaN where unknown.
+    """Outcome of one walk; deviations are those of the simulation's true pose, NaN if unknown.
 
     Attributes:
-        case: what failed and what was held.
-        slots: of the gait.
-        body_raise: of the gait's posture, as a fraction of the robot's size.
-        held: what the walk held.
-        status: as in `hexctl.control.trial_result.STATUSES`.
-        why: why it was stopped, or the likely cause of a walk without progress; None for neither.
-        duration_s: how long it walked.
+        body_raise: raise of the body, as a fraction of the robot's size.
+        why: why it was stopped, or the likely cause of a walk without progress.
         signed_m: deviation at the end, positive to the left.
-        mean_m: mean of the absolute deviation on the way.
-        max_m: greatest absolute deviation on the way.
-        distance_m: progress along the line.
-        ideal_distance_m: of a robot whose feet do not slip.
-        yaw_change_rad: how far the body turned.
+        ideal_distance_m: progress of a robot whose feet do not slip.
         clipped_ticks: ticks in which the guard changed the targets.
     """
 
@@ -45,7 +55,7 @@ class HoldWalk:
     slots: Slots
     body_raise: float
     held: str
-    status: str
+    status: Literal[STATUSES]  # type: ignore[valid-type]
     why: str | None
     duration_s: float
     signed_m: float
@@ -58,7 +68,7 @@ class HoldWalk:
 
     @classmethod
     def of(cls, case: HoldCase, gait: Gait, result: TrialResult) -> "HoldWalk":
-        """Outcome of a case from the gait and the result of its trial."""
+        """Return the outcome of a case from the gait and the result of its trial."""
         off = result.true_deviation
         signed_m, mean_m, max_m = (math.nan,) * 3 if off is None else (off.signed, off.mean, off.max)
         return cls(
@@ -79,54 +89,73 @@ class HoldWalk:
         )
 
     @property
-    def final_m(self) -> float:
-        """Final deviation in m; NaN for a walk that did not end on its feet."""
-        return abs(self.signed_m) if self.status in ENDED else math.nan
-
-    @property
-    def speed(self) -> float:
-        """Progress as a share of the ideal; NaN for a walk that did not end on its feet."""
-        return self.distance_m / self.ideal_distance_m if self.status in ENDED else math.nan
+    def possible(self) -> bool:
+        """Whether a walk that ended on its feet has an end."""
+        numbers = (self.signed_m, self.max_m, self.distance_m, self.ideal_distance_m)
+        return self.status not in ENDED or all(map(math.isfinite, numbers))
 
 
 def _known(value: float | None) -> float:
     return math.nan if value is None else float(value)
 
 
-def walk_cases(conditions: HoldConditions, cases: Sequence[HoldCase], threads: int = 1) -> list[HoldWalk]:
-    """Walks of some cases, stepped together."""
-    trials = [conditions.trial(case) for case in cases]
-    results = run_sim_trials(trials, threads)
-    return [
-        HoldWalk.of(case, trial.plan.gait, result)
-        for case, trial, result in zip(cases, trials, results, strict=True)
-    ]
+@dataclass(frozen=True, kw_only=True)
+class HoldPlace(HeldOutPlace[HoldCase, HoldWalk]):
+    """A robot in a world.
 
-
-class HoldCache(WalkCache[HoldConditions, HoldCase, HoldWalk]):
-    """Walks on disk, a file for each robot and world.
-
-    Args:
-        landscapes: cache beside which they are, which takes the notes on files that are not usable.
+    Attributes:
+        self_rotation: direction of the failed leg during the walk, as in `HoldPlan`.
     """
 
-    def __init__(self, landscapes: LandscapeCache) -> None:
-        super().__init__(landscapes, name="hold", read=_walk_from)
+    WALK: ClassVar[type] = HoldWalk
+
+    self_rotation: AskedRotation = AUTO_ROTATION
+    duration_s: float = 30.0
+
+    @property
+    def stem(self) -> str:
+        """First part of the cache file's name."""
+        return f"hold-{self.number}"
+
+    def settings(self) -> dict[str, Any]:
+        """Settings that decide a walk."""
+        mine = {"self_rotation": self.self_rotation, "duration_s": self.duration_s}
+        return super().settings() | mine
+
+    def columns(self) -> dict[str, Any]:
+        """Values of each row of this place."""
+        return super().columns() | {"rough": self.world.roughness_m > 0}
+
+    def chunk_of(self, case: HoldCase) -> Hashable:
+        """Walks with the same feedback are simulated together."""
+        return case.hold
+
+    def trial(self, case: HoldCase) -> SimTrial:
+        """Return the trial of a case, with the gait that has the largest stability margin."""
+        gait = self.robot.gait
+        plan = TrialPlan(
+            gait=Gait(
+                slots=(1, 2, 3, 4, 5, 6), pace_hz=gait.pace_hz, amplitude=gait.amplitude, height=gait.height
+            ),
+            duration_s=self.duration_s,
+            belief=case.leg_failure,
+            self_rotation=suited_rotation(
+                self.self_rotation, "line" if case.hold == "none" else case.hold, chosen_gait=True
+            ),
+            hold=case.hold,
+        )
+        plan = replace(plan, gait=_gait_of(self.robot, plan))
+        return SimTrial(robot=self.robot, plan=plan, failure=plan.belief, world=self.world, seed=self.number)
+
+    def walk(self, cases: Sequence[HoldCase], threads: int = 1) -> list[HoldWalk]:
+        """Simulate some cases together."""
+        trials = [self.trial(case) for case in cases]
+        results = run_sim_trials(trials, threads)
+        return [
+            HoldWalk.of(case, trial.plan.gait, result)
+            for case, trial, result in zip(cases, trials, results, strict=True)
+        ]
 
 
-def _walk_from(values: dict[str, Any]) -> HoldWalk:
-    """Walk of its values in a file; raises ValueError for what no simulation gives."""
-    walk = HoldWalk(**values | {"case": HoldCase(**values["case"]), "slots": tuple(values["slots"])})
-    numbers = (walk.signed_m, walk.max_m, walk.distance_m, walk.ideal_distance_m)
-    if walk.status not in STATUSES or not all(isinstance(value, float) for value in numbers):
-        raise ValueError("it has values that no simulation gives")
-    if walk.status in ENDED and not all(map(math.isfinite, numbers)):
-        raise ValueError("it has walks without an end")
-    return walk
-
-
-def walk_all(
-    plan: HoldPlan, cache: HoldCache, progress: Progress, jobs: int | None = None
-) -> list[tuple[HoldConditions, HoldWalk]]:
-    """All walks of a plan, hold by hold in each world, kept as `benchmark_walks.walk_all` keeps them."""
-    return all_walks(plan.walked(), cache, walk_cases, lambda case: case.hold, progress, jobs)
+#: Gaits by robot and plan: they are the same in all worlds.
+_gait_of = cache(stable_gait)

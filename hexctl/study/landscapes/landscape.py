@@ -1,11 +1,10 @@
 """Landscape: the outcome of every gait for one failed leg."""
 
-import hashlib
-import json
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,17 +12,19 @@ from numpy.typing import NDArray
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
-from hexctl.backends.sim.world import World
 from hexctl.control.assessment.static_stability import in_posture
-from hexctl.control.batch import SimTrial
+from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.control.trial_plan import TrialPlan
-from hexctl.control.trial_result import QUALITIES, TrialResult
-from hexctl.gait.gait import Gait
+from hexctl.control.trial_result import QUALITIES, STATUSES, TrialResult
+from hexctl.gait.gait import Gait, make_gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_grammar import parse_kind
-from hexctl.robot.model import Robot
-from hexctl.study.landscapes.versions import code_versions
+from hexctl.study.walk_cache import Place
 from hexctl.types import ArrayFields, BoolArray, FloatArray
+
+#: Gaits simulated together. Each chunk settles and turns once more (a sixth of a second); an interrupt loses
+#: the running ones.
+CHUNK_SIZE = 40
 
 #: Ticks between the kept points of a path: 5 points per second.
 PATH_STRIDE = 10
@@ -37,16 +38,62 @@ NUMBERS = (
 N_CODES = 120
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GaitWalk:
+    """Outcome of one gait; NaN if unknown.
+
+    Attributes:
+        case: code of the gait, or its name.
+        signed_m: deviation at the end, positive to the left.
+        turned_rad: how far the self-rotation before the walk turned.
+        path_m: progress and signed deviation, five points a second.
+    """
+
+    case: int | str
+    status: Literal[STATUSES]  # type: ignore[valid-type]
+    signed_m: float
+    mean_m: float
+    max_m: float
+    distance_m: float
+    yaw_change_rad: float
+    turned_rad: float
+    energy_j: float
+    cost_of_transport: float
+    tilt_deg: float
+    steadiness: float
+    path_m: tuple[tuple[float, float], ...]
+
+    @classmethod
+    def of(cls, case: int | str, result: TrialResult) -> "GaitWalk":
+        """Return the outcome of a gait from the result of its trial."""
+        off = result.deviation
+        ends = (math.nan,) * 3 if off is None else (off.signed, off.mean, off.max)
+        names = ("distance_m", "yaw_change_rad", "turned_rad", *QUALITIES)
+        known = {name: getattr(result, name) for name in names}
+        return cls(
+            case=case,
+            status=result.status,
+            **dict(zip(("signed_m", "mean_m", "max_m"), map(float, ends), strict=True)),
+            **{name: math.nan if value is None else float(value) for name, value in known.items()},
+            path_m=tuple(
+                map(tuple, result.path_m[PATH_STRIDE - 1 :: PATH_STRIDE].astype(np.float32).tolist())
+            ),
+        )
+
+    @property
+    def possible(self) -> bool:
+        """Whether a valid gait has an end."""
+        numbers = (self.signed_m, self.mean_m, self.max_m, self.distance_m)
+        return self.status != "ok" or all(map(math.isfinite, numbers))
+
+
 @dataclass(frozen=True, kw_only=True)
-class LandscapeSpec:
+class LandscapeSpec(Place[int | str, GaitWalk]):
     """Settings of a landscape: everything that decides its numbers except the code that computes them.
 
     Attributes:
-        robot: model of the robot.
-        world: the simulated world.
         leg: the failed leg, 1..6.
         self_rotation: where the failed leg points during the walk: `rear`, `front`, or `none`: no turn.
-        duration_s: length of each walk.
         failure: of the leg, in the words of `parse_kind`, such as `limp` or `weak:0.5`.
         seed: of sensor noise, rough floors, and what an `unknown` failure breaks.
         placed: True to put the robot down as its self-rotation would leave it, instead of turning.
@@ -57,8 +104,8 @@ class LandscapeSpec:
         posture: one of `hexctl.control.assessment.static_stability.POSTURES`.
     """
 
-    robot: Robot
-    world: World
+    WALK: ClassVar[type] = GaitWalk
+
     leg: int
     self_rotation: str
     duration_s: float = 30.0
@@ -82,6 +129,11 @@ class LandscapeSpec:
         return GaitSpace((self.leg,))
 
     @property
+    def stem(self) -> str:
+        """First part of the cache file's name."""
+        return f"leg{self.leg}-{self.self_rotation}"
+
+    @property
     def title(self) -> str:
         """Name of the landscape for reports and progress."""
         turned = {"none": "without self-rotation"}.get(self.self_rotation, "with self-rotation")
@@ -92,14 +144,18 @@ class LandscapeSpec:
         """Number of points of a complete path."""
         return math.ceil(self.duration_s / PERIOD_S - 1e-9) // PATH_STRIDE
 
-    def trial(self, code: int) -> SimTrial:
-        """Trial of one gait."""
+    def trial(self, case: int | str) -> SimTrial:
+        """Return the trial of a gait: a code, or the name of a gait."""
         default = self.robot.gait
-        gait = Gait(
-            slots=self.space.slots_of(code),
-            pace_hz=default.pace_hz,
-            amplitude=default.amplitude,
-            height=default.height,
+        gait = (
+            make_gait(self.robot, case)
+            if isinstance(case, str)
+            else Gait(
+                slots=self.space.slots_of(case),
+                pace_hz=default.pace_hz,
+                amplitude=default.amplitude,
+                height=default.height,
+            )
         )
         plan = TrialPlan(
             gait=gait,
@@ -112,71 +168,64 @@ class LandscapeSpec:
         trial = SimTrial(robot=self.robot, plan=plan, failure=plan.belief, world=self.world, seed=self.seed)
         return trial.put_down_turned(self.miss_rad) if self.placed else trial
 
-    def identity(self) -> dict[str, Any]:
-        """Plain JSON values that are equal for equal landscapes: settings and versions of the code."""
-        failure = asdict(self.leg_failure)
-        settings = {
-            name: getattr(self, name)
-            for name in ("self_rotation", "duration_s", "seed", "placed", "miss_rad")
-        }
-        settings |= {"hold": self.hold, "posture": self.posture}
-        return {
-            "robot": self.robot.fingerprint,
-            "world": self.world.model_dump(mode="json"),
-            "failure": failure,
-            **settings,
+    def settings(self) -> dict[str, Any]:
+        """Settings that decide a walk."""
+        names = ("self_rotation", "duration_s", "seed", "placed", "miss_rad", "hold", "posture")
+        return {name: getattr(self, name) for name in names} | {
+            "failure": asdict(self.leg_failure),
             "codes": list(self.codes),
-            "code": code_versions(),
         }
 
-    @property
-    def fingerprint(self) -> str:
-        """Digest of the identity, 16 hexadecimal digits."""
-        return hashlib.sha256(json.dumps(self.identity(), sort_keys=True).encode()).hexdigest()[:16]
+    def walk(self, cases: Sequence[int | str], threads: int = 1) -> list[GaitWalk]:
+        """Simulate some gaits together."""
+        results = run_sim_trials([self.trial(case) for case in cases], threads)
+        return [GaitWalk.of(case, result) for case, result in zip(cases, results, strict=True)]
+
+    def chunks(self, cases: Sequence[int | str]) -> Iterator[tuple[int | str, ...]]:
+        """Divide gaits into chunks of `CHUNK_SIZE`."""
+        for first in range(0, len(cases), CHUNK_SIZE):
+            yield tuple(cases[first : first + CHUNK_SIZE])
+
+    def outcome(self, walks: Sequence[GaitWalk]) -> str:
+        """Describe finished walks in few words."""
+        return f"{sum(walk.status == 'ok' for walk in walks)} of {len(walks)} gaits valid"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Rows(ArrayFields):
-    """The outcomes of some gaits, one row each.
+class Landscape(ArrayFields):
+    """The outcomes of all gaits of a spec; row i belongs to `spec.codes[i]`.
 
     Attributes:
         codes: (n,).
-        status: one of `hexctl.control.trial_result.STATUSES`; empty for a gait without a simulation, (n,).
+        status: one of `hexctl.control.trial_result.STATUSES`, (n,).
         numbers: one column for each of `NUMBERS`, (n, 10).
-        paths_m: progress and signed deviation, five points a second, the last one at the end; NaN where the
-            walk was over, (n, P, 2).
+        paths_m: progress and signed deviation, five points a second, the last one at the end; NaN after the
+            end of the walk, (n, P, 2).
     """
 
+    spec: LandscapeSpec
     codes: NDArray[np.int64]
     status: NDArray[np.str_]
     numbers: FloatArray
     paths_m: NDArray[np.float32]
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Landscape(Rows):
-    """The outcomes of all gaits of a spec; row i belongs to `spec.codes[i]`."""
-
-    spec: LandscapeSpec
+    @classmethod
+    def of(cls, spec: LandscapeSpec, walks: Sequence[GaitWalk]) -> "Landscape":
+        """Return the landscape of the walks of all its codes."""
+        paths = np.full((len(walks), spec.n_points, 2), np.nan, dtype=np.float32)
+        for path, walk in zip(paths, walks, strict=True):
+            path[: len(walk.path_m)] = np.reshape(walk.path_m, (-1, 2))
+        return cls(
+            spec=spec,
+            codes=np.array(spec.codes, dtype=np.int64),
+            status=np.array([walk.status for walk in walks], dtype="<U16"),
+            numbers=np.array([[getattr(walk, name) for name in NUMBERS] for walk in walks]),
+            paths_m=paths,
+        )
 
     def number(self, name: str) -> FloatArray:
         """One column of `NUMBERS`, (n,)."""
         return self.numbers[:, NUMBERS.index(name)]
-
-    @property
-    def done(self) -> BoolArray:
-        """Which gaits were simulated, (n,)."""
-        return np.asarray(self.status != "")
-
-    @property
-    def complete(self) -> bool:
-        """Whether all gaits were simulated."""
-        return bool(self.done.all())
-
-    @property
-    def missing(self) -> tuple[int, ...]:
-        """Codes that were not simulated yet."""
-        return tuple(self.codes[~self.done].tolist())
 
     @property
     def valid(self) -> BoolArray:
@@ -201,57 +250,3 @@ class Landscape(Rows):
     def row_of(self, code: int) -> int:
         """Row of a code."""
         return self.spec.codes.index(code)
-
-
-def empty_landscape(spec: LandscapeSpec) -> Landscape:
-    """Landscape of a spec before any gait was simulated."""
-    n = len(spec.codes)
-    return Landscape(
-        spec=spec,
-        codes=np.array(spec.codes, dtype=np.int64),
-        status=np.full(n, "", dtype="<U16"),
-        numbers=np.full((n, len(NUMBERS)), np.nan),
-        paths_m=np.full((n, spec.n_points, 2), np.nan, dtype=np.float32),
-    )
-
-
-def rows_of(spec: LandscapeSpec, codes: tuple[int, ...], results: list[TrialResult]) -> Rows:
-    """Rows of the results of some codes, in their order."""
-    paths = np.full((len(codes), spec.n_points, 2), np.nan, dtype=np.float32)
-    for path, result in zip(paths, results, strict=True):
-        points = result.path_m[PATH_STRIDE - 1 :: PATH_STRIDE]
-        path[: len(points)] = points
-    return Rows(
-        codes=np.array(codes, dtype=np.int64),
-        status=np.array([result.status for result in results], dtype="<U16"),
-        numbers=np.array([_numbers_of(result) for result in results]).reshape(-1, len(NUMBERS)),
-        paths_m=paths,
-    )
-
-
-def with_rows(landscape: Landscape, rows: Rows) -> Landscape:
-    """Landscape with some rows filled in; raises ValueError for a code that is not in it."""
-    at = np.searchsorted(landscape.codes, rows.codes)
-    if not np.array_equal(landscape.codes[at.clip(max=len(landscape.codes) - 1)], rows.codes):
-        raise ValueError(f"codes: got {rows.codes.tolist()}; allowed: those of the landscape")
-    status, numbers, paths = landscape.status.copy(), landscape.numbers.copy(), landscape.paths_m.copy()
-    status[at], numbers[at], paths[at] = rows.status, rows.numbers, rows.paths_m
-    return Landscape(
-        spec=landscape.spec, codes=landscape.codes, status=status, numbers=numbers, paths_m=paths
-    )
-
-
-def _numbers_of(result: TrialResult) -> list[float]:
-    """Values of `NUMBERS`."""
-    deviation = result.deviation
-    signed, mean, most = (
-        (deviation.signed, deviation.mean, deviation.max) if deviation is not None else (math.nan,) * 3
-    )
-    known = [
-        math.nan if value is None else value
-        for value in (
-            *(result.distance_m, result.yaw_change_rad, result.turned_rad),
-            *(getattr(result, name) for name in QUALITIES),
-        )
-    ]
-    return [signed, mean, most, *known]

@@ -1,33 +1,28 @@
-"""Episodes of the recovery benchmark: walks in which legs fail, their conditions and outcomes."""
+"""Episodes of the recovery benchmark: walks in which legs fail, their places and outcomes."""
 
-import hashlib
-import json
 import math
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from hexctl.backends.sim.world import World
 from hexctl.control.assessment.static_stability import stable_gait
-from hexctl.control.batch import SimTrial
+from hexctl.control.batch import SimTrial, run_sim_trials
+from hexctl.control.controllers import Controller
+from hexctl.control.custom_controller import StepFunction
 from hexctl.control.monitor.repertoire_store import find_repertoire
+from hexctl.control.preparation import WalkStart
 from hexctl.control.trial_plan import TrialPlan
-from hexctl.control.trial_result import TrialResult
+from hexctl.control.trial_result import STATUSES, TrialResult
 from hexctl.gait.gait import Gait, ideal_speed_m_s, make_gait
 from hexctl.robot.failure import FailureEvent
 from hexctl.robot.failure_grammar import parse_failure_event
-from hexctl.robot.model import Robot
-from hexctl.study.landscapes.versions import code_versions, source_digest
-from hexctl.study.recovery.methods import Alarm, method_of
+from hexctl.study.held_out import HeldOutPlace
+from hexctl.study.recovery.methods import METHODS, Alarm, method_of
+from hexctl.study.walk_cache import ENDED
 from hexctl.types import ArrayFields, FloatArray
-
-#: What fails in a walk in which nothing does.
-INTACT = "intact"
-
-#: Statuses of walks that end on their feet.
-ENDED = ("ok", "no_progress")
 
 #: The gait that stands safest on six legs.
 AUTO_GAIT = "auto"
@@ -47,12 +42,10 @@ class RecoveryCase:
     """One walk under some conditions.
 
     Attributes:
-        gait: name of the gait on six legs, or `auto`.
         legs: those that fail, all in the same way, in this order; none in an intact walk.
         failure: how, in the words of `parse_kind`; `intact` without any.
         at_s: when the first fails, since the walk began; in an intact walk the moment from which on it is
             compared.
-        heading_deg: direction of travel.
         method: what the robot does about it, as `method_of` has it.
         apart_s: time from one leg's failure to that of the next.
     """
@@ -74,98 +67,13 @@ class RecoveryCase:
         )
 
 
-@dataclass(frozen=True, kw_only=True)
-class RecoveryConditions:
-    """One robot in one world; a walk there is decided by this and its case.
-
-    Attributes:
-        protocol: name of the protocol.
-        robot: model of the robot.
-        family: name of the world's family.
-        number: of the world in its family, and the seed of what is drawn in it.
-        kind: kind of the world, as the family names it.
-        world: the world, its sensors included.
-        duration_s: length of each walk.
-    """
-
-    protocol: str
-    robot: Robot
-    family: str
-    number: int
-    kind: str
-    world: World
-    duration_s: float
-
-    @property
-    def title(self) -> str:
-        """Name for progress and messages."""
-        return f"{self.robot.name}, {self.protocol}, {self.family}:{self.number} ({self.kind})"
-
-    def trial(self, case: RecoveryCase) -> SimTrial:
-        """Trial of a case."""
-        plan = TrialPlan(
-            gait=make_gait(self.robot, "tripod" if case.gait == AUTO_GAIT else case.gait),
-            heading_rad=math.radians(case.heading_deg),
-            duration_s=self.duration_s,
-            self_rotation="none",
-            hold="line",
-        )
-        if case.gait == AUTO_GAIT:
-            plan = replace(plan, gait=_stable_gait(self.robot, plan))
-        # A plan of its own for each trial, by which the walks of a batch are told apart.
-        plan = replace(method_of(case.method).planned(plan))
-        return SimTrial(
-            robot=self.robot,
-            plan=plan,
-            failure=None,
-            world=self.world,
-            seed=self.number,
-            events=case.events,
-        )
-
-    def identity(self) -> dict[str, Any]:
-        """Plain JSON values that are equal where walks are: settings and versions of the code."""
-        return {
-            "robot": self.robot.fingerprint,
-            "world": self.world.model_dump(mode="json"),
-            "seed": self.number,
-            "duration_s": self.duration_s,
-            "repertoire": repertoire_digest(self.robot),
-            "code": _versions(),
-        }
-
-    @property
-    def fingerprint(self) -> str:
-        """Digest of the identity, 16 hexadecimal digits."""
-        return hashlib.sha256(json.dumps(self.identity(), sort_keys=True).encode()).hexdigest()[:16]
-
-
-def repertoire_digest(robot: Robot) -> str | None:
-    """Digest of the repertoire that recoveries of a robot go by; None where it has none."""
-    found = find_repertoire(robot, TrialPlan(gait=make_gait(robot, "tripod"), hold="line"))
-    return None if found is None else found.digest()
-
-
-@cache
-def _versions() -> dict[str, str]:
-    return code_versions() | {"source": source_digest(__name__)}
-
-
-#: Gaits by robot and plan: they are the same in all worlds.
-_stable_gait = cache(stable_gait)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Episode:
     """The outcome of one walk, by the simulation's true pose; NaN where it is not known.
 
     Attributes:
         case: what failed, and what the robot was to do about it.
-        status: as in `hexctl.control.trial_result.STATUSES`.
         why: why it was stopped, or the likely cause of a walk without progress; None for neither.
-        duration_s: how long it walked.
-        alarms: what was noticed, in the order of time.
-        pace_hz: gait cycles per second.
         ideal_m_s: speed that is commanded before the failure.
         signed_m: deviation from the original line at the end, positive to the left.
         way_m: greatest absolute deviation after the failure.
@@ -178,7 +86,7 @@ class Episode:
     """
 
     case: RecoveryCase
-    status: str
+    status: Literal[STATUSES]  # type: ignore[valid-type]
     why: str | None
     duration_s: float
     alarms: tuple[Alarm, ...]
@@ -191,6 +99,11 @@ class Episode:
     last_m_s: float
     settled_s: float
     trials: int = 0
+
+    @property
+    def possible(self) -> bool:
+        """Whether a walk that ended on its feet has an end."""
+        return not self.ended or math.isfinite(self.signed_m)
 
     @property
     def ended(self) -> bool:
@@ -305,3 +218,101 @@ class Track(ArrayFields):
             return 0.0
         again = np.flatnonzero(enough[lowest:])
         return float((lowest + again[0]) * self.period_s) if again.size else math.nan
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecoveryPlace(HeldOutPlace[RecoveryCase, Episode]):
+    """A robot in a world, under a protocol."""
+
+    WALK: ClassVar[type] = Episode
+
+    protocol: str
+    duration_s: float
+
+    @property
+    def title(self) -> str:
+        """Name for progress and messages."""
+        return f"{self.robot.name}, {self.protocol}, {self.family}:{self.number} ({self.kind})"
+
+    @property
+    def stem(self) -> str:
+        """First part of the cache file's name."""
+        return f"recovery-{self.number}"
+
+    def settings(self) -> dict[str, Any]:
+        """Settings that decide a walk, the repertoire of the robot included."""
+        plan = TrialPlan(gait=make_gait(self.robot, "tripod"), hold="line")
+        repertoire = find_repertoire(self.robot, plan)
+        digest = None if repertoire is None else repertoire.digest()
+        return super().settings() | {"duration_s": self.duration_s, "repertoire": digest}
+
+    def columns(self) -> dict[str, Any]:
+        """Values of each row of this place."""
+        return {"protocol": self.protocol} | super().columns()
+
+    def row(self, walk: Episode) -> dict[str, Any]:
+        """Values of the row of a walk, its first alarm and what follows from it included."""
+        first = walk.alarms[0] if walk.alarms else None
+        noticed = {
+            f"noticed_{name}": getattr(first, name, None) for name in ("leg", "kind", "joint", "evidence")
+        }
+        names = ("ended", "final_m", "delay_s", "right_leg", "right_kind", "recovered")
+        return (
+            super().row(walk)
+            | noticed
+            | {name: getattr(walk, name) for name in names}
+            | {
+                "delay_cycles": walk.delay_s * walk.pace_hz,
+                "early_alarms": len(walk.early),
+                "fell": walk.status == "fell",
+            }
+        )
+
+    def chunk_of(self, case: RecoveryCase) -> Hashable:
+        """Walks by one method are simulated together; those with trials of their own are fewer."""
+        return case.method, case.gait, case.legs if method_of(case.method).makes_trials else ()
+
+    def keeps(self, walk: Episode) -> bool:
+        """Walks by custom methods are never saved: their code may change."""
+        return walk.case.method in METHODS
+
+    def trial(self, case: RecoveryCase) -> SimTrial:
+        """Return the trial of a case."""
+        plan = TrialPlan(
+            gait=make_gait(self.robot, "tripod" if case.gait == AUTO_GAIT else case.gait),
+            heading_rad=math.radians(case.heading_deg),
+            duration_s=self.duration_s,
+            self_rotation="none",
+            hold="line",
+        )
+        if case.gait == AUTO_GAIT:
+            plan = replace(plan, gait=_stable_gait(self.robot, plan))
+        # A copy for each trial: methods tell the walks of a batch apart by the identity of their plans.
+        plan = replace(method_of(case.method).planned(plan))
+        return SimTrial(
+            robot=self.robot,
+            plan=plan,
+            failure=None,
+            world=self.world,
+            seed=self.number,
+            events=case.events,
+        )
+
+    def walk(self, cases: Sequence[RecoveryCase], threads: int = 1) -> list[Episode]:
+        """Simulate some cases of one method together."""
+        trials = [self.trial(case) for case in cases]
+        method = method_of(cases[0].method).prepared(trials, threads)
+        to_come = {id(trial.plan): trial.events for trial in trials}
+
+        def make(start: WalkStart) -> Controller | StepFunction:
+            return method.controller(start, [to_come[id(plan)] for plan in start.plans])
+
+        results = run_sim_trials(trials, threads, make, apart=True)
+        return [
+            Episode.of(case, trial, result, trials=method.trials_before(trial.plan))
+            for case, trial, result in zip(cases, trials, results, strict=True)
+        ]
+
+
+#: Gaits by robot and plan: they are the same in all worlds.
+_stable_gait = cache(stable_gait)

@@ -1,161 +1,118 @@
-"""Settings of the recovery benchmark: robots, gaits, unseen worlds, what fails, and the methods compared."""
+"""The recovery benchmark: legs fail in mid-walk in held-out worlds, and reactions are compared."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 from zlib import crc32
 
 import numpy as np
 
-from hexctl.backends.sim.world import MAX_MEMBERS, DomainRandomization, World, load_world
+from hexctl.backends.sim.world import load_world
 from hexctl.control.trial_plan import DURATION_S
-from hexctl.control.walks.turning import check_plan
-from hexctl.errors import InputError, LimitError, ReachError, argument, check_type
 from hexctl.gait.gait import NAMED_SLOTS
-from hexctl.robot.failure_grammar import KINDS, parse_coming_kind
-from hexctl.robot.model import Robot
-from hexctl.study.holds.hold_conditions import with_sensors
-from hexctl.study.recovery.episodes import AUTO_GAIT, INTACT, RecoveryCase, RecoveryConditions
+from hexctl.options import Range, Typed
+from hexctl.robot.failure_grammar import parse_coming_kind
+from hexctl.study.experiment import Drawing, plain
+from hexctl.study.held_out import FAILURES, INTACT
+from hexctl.study.held_out_experiment import (
+    Columns,
+    HeldOutExperiment,
+    Record,
+    table_of,
+)
+from hexctl.study.plan import check_each, check_families, check_setting, check_walkable
+from hexctl.study.recovery import recovery_report as report
+from hexctl.study.recovery.episodes import AUTO_GAIT, RecoveryCase, RecoveryPlace
 from hexctl.study.recovery.methods import DEFAULT_METHODS, NOTHING, method_of
-from hexctl.study.study_options import RUNS, WORLDS
-from hexctl.study.study_plan import check_each, check_robot, check_setting
-from hexctl.types import JOINT_KINDS, N_LEGS
+from hexctl.study.reports.report_page import Picture, Section, Table, markdown
+from hexctl.study.study_options import RUNS
+from hexctl.study.verdicts.claim_evidence import Bar
 
-#: Members of the families before this one were looked at while monitor, recovery and diagnosis were built and
-#: measured.
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+#: Earlier members of the families were used while monitor, recovery and diagnosis were built.
 FIRST_WORLD = 470
 
-#: Families of unseen worlds, unless told otherwise.
+#: Default families of worlds.
 FAMILIES = ("transfer", "real")
-
-#: How legs and single joints fail, unless told otherwise.
-FAILURES = (
-    "locked",
-    "limp",
-    "missing",
-    *(f"{kind}:{joint}" for kind in ("stuck", "limp") for joint in JOINT_KINDS),
-)
 
 #: Directions of travel, of which each episode has one.
 HEADINGS_DEG = (0.0, 60.0, 145.0, -95.0)
 
-#: Protocols: `line`, a line walk in unseen worlds; `hexaheal`, that of another work: one leg or two lose
-#: their torque after 4 s of 14 s, on an even floor; `second`: one leg after 8 s of 36 s, another 10 s later.
-LINE, HEXAHEAL, SECOND = PROTOCOLS = ("line", "hexaheal", "second")
+#: `line` is a line walk in held-out worlds. Under `hexaheal`, one leg or two lose their torque after 4 s of
+#: 14 s, on an even floor. Under `second`, one leg does after 8 s of 36 s, and another 10 s later.
+Protocol = Literal["line", "hexaheal", "second"]
+LINE, HEXAHEAL, SECOND = get_args(Protocol)
 
-#: Protocols that are walked unless told otherwise.
-DEFAULT_PROTOCOLS = (LINE, HEXAHEAL)
-
-#: Protocols in which sets of legs lose their torque, judged by HexaHeal's rule.
-RULED = (HEXAHEAL, SECOND)
-
-#: When legs fail in each protocol at the earliest; the phase of the gait is drawn.
+#: Earliest time of the failure under each protocol; the phase of the gait is drawn.
 FAULT_S = {LINE: 8.0, HEXAHEAL: 4.0, SECOND: 8.0}
 
-#: How long after the first leg the second one fails.
+#: Time between the failures of two legs under `second`.
 APART_S = 10.0
 
-#: Length of the walks in which legs lose their torque, and how that is called.
+#: Length of the walks under the other protocols, and how their legs fail.
 RULED_S, TORQUE_OFF = {HEXAHEAL: 14.0, SECOND: 36.0}, "limp"
 
-#: A walk is to go on for so long after the failure.
+#: Least time that a walk lasts after the failure.
 LEAST_AFTER_S = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecoveryPlan:
-    """Settings of one benchmark.
+class RecoveryPlan(HeldOutExperiment):
+    """Settings of a recovery benchmark. `duration_s` is the length of the walks under the protocol `line`.
 
     Attributes:
-        robots: models of the robots.
-        families: the unseen worlds by the name of their family.
         gaits: names of gaits on six legs, or `auto`.
-        worlds: number of worlds of each family.
-        first_world: number of the first of them.
-        legs: those that fail, ascending.
-        failures: of each leg, in the words of `parse_kind`; intact robots walk beside them.
-        methods: what robots do about them, as `method_of` has it; `nothing` among them.
-        protocols: of `PROTOCOLS`.
-        runs: of each set of legs in the protocols `hexaheal` and `second`, with different seeds.
-        duration_s: length of each walk of the protocol `line`.
-        exact_sensors: whether worlds keep the sensors that their family gives them, instead of
-            `hexctl.study.holds.hold_conditions.SENSORS`.
+        methods: reactions to failures, as `method_of` reads them; `nothing` is one of them.
+        runs: number of runs of each set of legs under `hexaheal` and `second`.
         seed: draws phase and heading of each episode.
     """
 
-    robots: tuple[Robot, ...]
-    families: dict[str, DomainRandomization]
-    gaits: tuple[str, ...] = ("tripod",)
-    worlds: int = 10
+    NAME: ClassVar[str] = "recovery"
+    REPORT: ClassVar[str] = "recovery.html"
+    TITLE: ClassVar[str] = "hexctl study --recovery"
+    HEADING: ClassVar[str] = "Legs fail in mid-walk"
+
+    BY: ClassVar[str] = "method"
+    COLUMNS: ClassVar[Columns] = report.COLUMNS
+    columns = staticmethod(report.compared)
+    divisions = staticmethod(report.divisions)
+    summary = staticmethod(report.statistics)
+
     first_world: int = FIRST_WORLD
-    legs: tuple[int, ...] = tuple(range(1, N_LEGS + 1))
-    failures: tuple[str, ...] = FAILURES
+    failures: Annotated[tuple[str, ...], Typed(flag="failure")] = FAILURES
+    gaits: tuple[str, ...] = ("tripod",)
     methods: tuple[str, ...] = DEFAULT_METHODS
-    protocols: tuple[str, ...] = DEFAULT_PROTOCOLS
-    runs: int = 10
-    duration_s: float = 30.0
-    exact_sensors: bool = False
-    seed: int = 0
+    protocols: tuple[Protocol, ...] = (LINE, HEXAHEAL)
+    runs: Annotated[int, RUNS] = 10
+    seed: Annotated[int, Range(low=0, whole=True)] = 0
 
-    def __post_init__(self) -> None:
-        for name in ("robots", "gaits", "legs", "failures", "methods", "protocols"):
-            check_type(getattr(self, name), tuple, f"plan.{name}", "a tuple")
-        for robot in self.robots:
-            check_robot(robot)
-        check_type(self.families, dict, "plan.families", "families of worlds by name")
-        for family in self.families.values():
-            allowed = "a DomainRandomization, as load_randomization('transfer') gives"
-            check_type(family, DomainRandomization, "plan.families", allowed)
-        for failure in self.failures:
-            check_type(failure, str, "plan.failures", KINDS)
-        for name in ("worlds", "first_world", "runs", "seed"):
-            check_type(getattr(self, name), int, f"plan.{name}")
-        check_type(self.duration_s, float, "plan.duration_s")
-        check_type(self.exact_sensors, bool, "plan.exact_sensors")
+    @property
+    def ruled(self) -> list[str]:
+        """Protocols that are walked and judged by HexaHeal's rule."""
+        return [protocol for protocol in RULED_S if protocol in self.protocols]
 
-    def walked(self) -> list[tuple[RecoveryConditions, list[RecoveryCase]]]:
-        """Conditions of all walks, and the cases under each."""
-        found: list[tuple[RecoveryConditions, list[RecoveryCase]]] = []
-        if LINE in self.protocols:
-            found += [(one, list(self._line_cases(one))) for one in self._line_conditions()]
-        for protocol in RULED:
-            if protocol in self.protocols:
-                found += [(one, list(self._set_cases(one))) for one in self._set_conditions(protocol)]
-        return found
+    def walked(self) -> list[tuple[RecoveryPlace, list[RecoveryCase]]]:
+        """Return the cases to walk, place by place."""
+        places = [RecoveryPlace(protocol=LINE, **one) for one in self.members() if LINE in self.protocols]
+        walked = [(place, list(self._line_cases(place))) for place in places]
+        for protocol in self.ruled:
+            walked += [(place, list(self._set_cases(place))) for place in self._even(protocol)]
+        return walked
 
-    def _line_conditions(self) -> Iterator[RecoveryConditions]:
-        for robot in self.robots:
-            for name, family in self.families.items():
-                for number, world in enumerate(
-                    family.members(self.first_world, self.worlds), self.first_world
-                ):
-                    yield RecoveryConditions(
-                        protocol=LINE,
-                        robot=robot,
-                        family=name,
-                        number=number,
-                        kind=family.kind(number).name,
-                        world=self._sensed(world),
-                        duration_s=self.duration_s,
-                    )
-
-    def _set_conditions(self, protocol: str) -> Iterator[RecoveryConditions]:
+    def _even(self, protocol: str) -> Iterator[RecoveryPlace]:
+        """Places of the runs on an even floor."""
+        world = self.sensed(load_world("flat"))
         for robot in self.robots:
             for run in range(self.runs):
-                yield RecoveryConditions(
-                    protocol=protocol,
-                    robot=robot,
-                    family="flat",
-                    number=run,
-                    kind="flat",
-                    world=self._sensed(load_world("flat")),
-                    duration_s=RULED_S[protocol],
-                )
+                yield RecoveryPlace(
+                    protocol=protocol, robot=robot, family="flat", number=run, kind="flat",
+                    world=world, duration_s=RULED_S[protocol],
+                )  # fmt: skip
 
-    def _sensed(self, world: World) -> World:
-        return world if self.exact_sensors else with_sensors(world)
-
-    def _line_cases(self, conditions: RecoveryConditions) -> Iterator[RecoveryCase]:
+    def _line_cases(self, place: RecoveryPlace) -> Iterator[RecoveryCase]:
         """Intact walks in each heading, then each leg with each failure, by each method."""
         for gait in self.gaits:
             for heading_deg in HEADINGS_DEG:
@@ -169,89 +126,137 @@ class RecoveryPlan:
                 )
             for leg in self.legs:
                 for failure in self.failures:
-                    at_s, heading_deg = self._drawn(conditions, (leg,), failure)
-                    yield from self._by_methods(gait, (leg,), failure, at_s, heading_deg)
+                    yield from self._by_methods(place, gait, (leg,), failure)
 
-    def _set_cases(self, conditions: RecoveryConditions) -> Iterator[RecoveryCase]:
+    def _set_cases(self, place: RecoveryPlace) -> Iterator[RecoveryCase]:
         """Sets of legs without torque, by each method, straight ahead.
 
         Each leg and each pair at once, or each pair in a row, in every other run the higher leg first.
         """
-        in_a_row = conditions.protocol == SECOND
+        in_a_row = place.protocol == SECOND
         sets = [legs for count in ((2,) if in_a_row else (1, 2)) for legs in combinations(self.legs, count)]
         for gait in self.gaits:
             for legs in sets:
-                at_s, _ = self._drawn(conditions, legs, TORQUE_OFF)
-                order = legs[::-1] if in_a_row and conditions.number % 2 else legs
-                apart_s = APART_S if in_a_row else 0.0
-                yield from self._by_methods(gait, order, TORQUE_OFF, at_s, 0.0, apart_s)
+                for case in self._by_methods(place, gait, legs, TORQUE_OFF):
+                    order = legs[::-1] if in_a_row and place.number % 2 else legs
+                    apart_s = APART_S if in_a_row else 0.0
+                    yield replace(case, legs=order, heading_deg=0.0, apart_s=apart_s)
 
     def _by_methods(
-        self,
-        gait: str,
-        legs: tuple[int, ...],
-        failure: str,
-        at_s: float,
-        heading_deg: float,
-        apart_s: float = 0.0,
+        self, place: RecoveryPlace, gait: str, legs: tuple[int, ...], failure: str
     ) -> Iterator[RecoveryCase]:
+        """Cases of one failure: its time, within a cycle from the earliest one on, and heading are drawn."""
+        text = f"{place.protocol} {place.family} {legs} {failure}"
+        random = np.random.default_rng([self.seed, place.number, crc32(text.encode())])
+        at_s = round(FAULT_S[place.protocol] + random.uniform() / place.robot.gait.pace_hz, 2)
+        heading_deg = float(random.choice(HEADINGS_DEG))
         for method in self.methods:
             yield RecoveryCase(
-                gait=gait,
-                legs=legs,
-                failure=failure,
-                at_s=at_s,
-                heading_deg=heading_deg,
-                method=method,
-                apart_s=apart_s,
+                gait=gait, legs=legs, failure=failure, at_s=at_s, heading_deg=heading_deg, method=method
             )
 
-    def _drawn(
-        self, conditions: RecoveryConditions, legs: tuple[int, ...], failure: str
-    ) -> tuple[float, float]:
-        """Time of a failure, within a cycle from the earliest one on, and heading."""
-        text = f"{conditions.protocol} {conditions.family} {legs} {failure}"
-        random = np.random.default_rng([self.seed, conditions.number, crc32(text.encode())])
-        at_s = FAULT_S[conditions.protocol] + random.uniform() / conditions.robot.gait.pace_hz
-        return round(at_s, 2), float(random.choice(HEADINGS_DEG))
-
     def check(self) -> None:
-        """Raise InputError for anything that is not allowed, before anything runs."""
-        check_each("robot", [robot.name for robot in self.robots])
-        check_each("world", list(self.families))
-        for name, family in self.families.items():
-            failing = "a family without `failures`: the benchmark lets legs fail by itself"
-            check_setting("world", name, not family.failures, failing)
+        """Raise InputError for settings that are not allowed, before anything runs."""
+        super().check()
+        check_families(self.families)
         check_each("gaits", self.gaits, (*NAMED_SLOTS, AUTO_GAIT))
-        check_each("legs", self.legs, tuple(range(1, N_LEGS + 1)))
-        check_each("failure", self.failures)
-        check_each("methods", self.methods)
-        check_each("protocols", self.protocols, PROTOCOLS)
         for method in self.methods:
             method_of(method)
         check_setting("methods", ",".join(self.methods), NOTHING in self.methods, f"{NOTHING} among them")
-        most = min(int(WORLDS.high), MAX_MEMBERS - self.first_world)
-        check_setting("worlds", self.worlds, 1 <= self.worlds <= most, f"1..{most}")
-        RUNS.check(argument("runs"), self.runs)
-        check_setting("seed", self.seed, self.seed >= 0, "0 or more")
         for failure in self.failures:
             parse_coming_kind(self.legs[0], failure)
         longest_s = max(1 / robot.gait.pace_hz for robot in self.robots)
         least_s = FAULT_S[LINE] + longest_s + LEAST_AFTER_S
-        fine = LINE not in self.protocols or least_s <= self.duration_s <= DURATION_S.high
+        fine = LINE not in self.protocols or least_s <= self.duration_s
         check_setting("duration", f"{self.duration_s:g}", fine, f"{least_s:.3g} to {DURATION_S.high:g} s")
-        self._check_walks()
+        gaits = {
+            (place.robot.name, case.gait, case.heading_deg): place.trial(case)
+            for place, cases in self.walked()
+            for case in cases
+        }
+        for (_, gait, _), trial in gaits.items():
+            check_walkable(gait, trial)
 
-    def _check_walks(self) -> None:
-        """Raise InputError for a gait that the legs of a robot cannot walk."""
-        checked = set()
-        for one, cases in self.walked():
-            for case in cases:
-                key = (one.robot.name, case.gait, case.heading_deg)
-                if key in checked:
-                    continue
-                checked.add(key)
-                try:
-                    check_plan(one.robot, one.trial(case).plan)
-                except (ReachError, LimitError) as error:
-                    raise InputError(f"{one.robot.name}, {case.gait}: {error}") from error
+    def bars(self, rows: "DataFrame") -> list[Bar]:
+        """Return the bars that the method `recover` is to reach."""
+        return report.recovery_bars(rows, self.duration_s)
+
+    def numbers(self, found: "DataFrame") -> dict[str, Any]:
+        """Return settings and results as plain JSON values."""
+        names = ("gaits", "methods", "protocols", "runs", "seed")
+        aside = {"set_aside": int(found["set_aside"].sum())}
+        return super().numbers(found) | plain(self, *names) | aside | self._rule_numbers(found)
+
+    def _rule_numbers(self, rows: "DataFrame") -> dict[str, Any]:
+        """Walks that recover by number of failed legs, and by set of legs."""
+        found: dict[str, Any] = {}
+        for protocol, counts in ((HEXAHEAL, (1, 2)), (SECOND, (2,))):
+            some = rows[rows["protocol"] == protocol]
+            methods = self.methods if protocol in self.protocols else ()
+            found[protocol] = [
+                {"legs": count, "method": method} | self._share(some, method, n_legs=count)
+                for count in counts
+                for method in methods
+            ]
+            found[f"{protocol}_sets"] = [
+                {"legs": list(legs), "method": method} | self._share(some, method, leg_set=legs)
+                for legs in some["leg_set"].unique()
+                for method in methods
+            ]
+        return found
+
+    def _share(self, rows: "DataFrame", method: str, **same: Any) -> Record:
+        """Share of the walks by a method that recover, of those in which a column has a value."""
+        ((column, value),) = same.items()
+        chosen = rows[column].map(lambda one: one == value)
+        return report.rule_share(rows[chosen & (rows["method"] == method)])
+
+    def lines(self, found: "DataFrame") -> list[str]:
+        """Return the tables of all walks, by kind of failure and method, and the verdicts."""
+        lines: list[str] = []
+        if LINE in self.protocols:
+            records = [one for one in self.statistics(found) if one["division"] in ("all", "kind")]
+            lines += [*markdown(table_of(records, report.COLUMNS)), *report.aside_lines(found)]
+        for protocol in self.ruled:
+            table = self._rule_table(found, protocol)
+            header = [f"{protocol}: {table.header[0]}", *table.header[1:]]
+            lines += ["", *markdown(Table(header, table.rows))]
+        return [*lines, *super().lines(found)]
+
+    def _rule_table(self, rows: "DataFrame", protocol: str) -> Table:
+        """Walks under a protocol that recover, by number of failed legs and method."""
+        found = self._rule_numbers(rows)[protocol]
+        cells = [report.rule_cells(one) for one in found if one["walks"]]
+        return Table(report.RULE_HEADER, cells)
+
+    def _set_table(self, rows: "DataFrame", protocol: str) -> Table:
+        """Walks that recover of each set of legs, method by method."""
+        found = self._rule_numbers(rows)[f"{protocol}_sets"]
+        cells: dict[str, list[str]] = {}
+        for one in found:
+            legs = " and ".join(map(str, one["legs"]))
+            cells.setdefault(legs, [legs]).append(f"{one['recovered']} of {one['walks']}")
+        return Table(("legs that fail", *self.methods), list(cells.values()))
+
+    def tables(self, found: "DataFrame") -> "Mapping[str, DataFrame]":
+        """Return the table of all walks."""
+        return {"recovery": report.table_of_walks(found)}
+
+    def drawings(self, found: "DataFrame") -> Sequence[Drawing]:
+        """Return the figure of the report."""
+        if LINE not in self.protocols:
+            return ()
+        here = "Dots are means, lines reach from the 1st to the 99th percentile."
+        return (Drawing(name="recovery", draw=lambda: report.recovery_figure(self, found), here=here),)
+
+    def remarks(self, found: "DataFrame") -> list[str]:
+        """Return the gaits, and what is left out of all numbers."""
+        gaits = f"Gaits {', '.join(self.gaits)}; failures within the gait cycle after 8 s."
+        return [gaits, *report.aside_lines(found)]
+
+    def sections(self, found: "DataFrame", pictures: Mapping[str, Picture]) -> Iterator[Section]:
+        """Return the parts of the report, those of the protocols judged by HexaHeal's rule included."""
+        yield from super().sections(found, pictures)
+        for protocol in self.ruled:
+            tables = [self._rule_table(found, protocol), self._set_table(found, protocol)]
+            yield Section(report.RULE_TITLES[protocol], tables)

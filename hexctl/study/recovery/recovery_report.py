@@ -1,92 +1,225 @@
-"""The report of the recovery benchmark: one HTML page, with a figure and a table of all walks beside it."""
+"""Statistics, bars and the figure of the recovery benchmark."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict
-from pathlib import Path
+import math
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hexctl.files import atomic_write
 from hexctl.palette import OTHER_REMEDY_COLORS, REMEDY_COLORS, hex_color
-from hexctl.study.holds.hold_conditions import SENSORS
-from hexctl.study.landscapes.versions import code_versions
-from hexctl.study.recovery.episodes import Episode
-from hexctl.study.recovery.methods import method_of
-from hexctl.study.recovery.recovery_criteria import recovery_bars
-from hexctl.study.recovery.recovery_findings import (
-    Judged,
-    RecoveryFindings,
-    RecoveryStatistics,
-    counted,
+from hexctl.study.held_out_experiment import (
+    Columns,
+    Record,
+    groups,
+    mean,
+    percentile,
+    world_names,
+    worlds_text,
 )
-from hexctl.study.recovery.recovery_plan import HEXAHEAL, LINE, RULED, SECOND
-from hexctl.study.reports.figure_style import save_figure
-from hexctl.study.reports.report_page import Bullets, Picture, Section, Table, render_page
-from hexctl.study.reports.study_tables import number
-from hexctl.study.verdicts.claim_evidence import cm
+from hexctl.study.recovery.methods import NOTHING, TOLD, method_of
+from hexctl.study.verdicts.claim_evidence import (
+    Bar,
+    clustered_error,
+    cm,
+    cm_with_error,
+    judged_bars,
+    limit_text,
+    share_text,
+    share_with_error,
+    wilson_interval,
+)
 from hexctl.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from pandas import DataFrame, Series
 
-REPORT = "recovery.html"
-TABLE = "recovery.parquet"
-FIGURE = "recovery"
+    from hexctl.study.recovery.recovery_plan import RecoveryPlan
+
+#: A failure matters if, with nothing done about it, it changes the end by more than this, or the speed by
+#: more than this share of the intact one.
+MATTERS_M, MATTERS_SHARE = 0.02, 0.10
+
+#: The method that is judged.
+JUDGED = "recover"
+
+#: Number of episodes needed to judge falls and the right leg, and the joints of failures that matter.
+ENOUGH, ENOUGH_JOINTS = 1000, 100
 
 #: Colours of the methods, and of any other one.
-METHOD_COLORS = dict(zip(("nothing", "told", "recover"), map(hex_color, REMEDY_COLORS), strict=True))
+METHOD_COLORS = dict(zip((NOTHING, TOLD, JUDGED), map(hex_color, REMEDY_COLORS), strict=True))
 OTHER_COLORS = tuple(map(hex_color, OTHER_REMEDY_COLORS))
 
 #: Lower end of the scale of deviations, in cm.
 LOW_CM = 0.01
 
-READING = (
-    "nothing walks on; told is an oracle that is told leg and kind in the tick of the failure; recover "
-    "notices by itself. Both glide to the same gaits.",
-    "stop-diagnose stops at an alarm, makes the standing test, and begins anew on its line with the gait for "
-    "what the test has found; its alarms are these findings. decentralised steps each leg by its own load "
-    "and its neighbours'. open-loop-best is told which leg it is and walks on in open loop, with the gait "
-    "that ended nearest its line in trials of that failure in that world, which are counted apart.",
-    "Deviations are those of the simulation's true pose from the line that the walk began on.",
-    "Right leg: the first alarm of the walk, after the failure, is of that leg. Right kind: the joint and "
-    "the kind too, among failures that matter: with nothing done they change the end by more than 2 cm, or "
-    "the speed by more than 10 %, against the intact walk in the same world and direction, or the robot "
-    "falls.",
-    "Speed kept: from 5 s after the failure on, over that of the intact walk. The worst cell is the mean "
-    "over worlds of one robot, gait, leg and failure.",
-    "90 % after: from the failure until the mean speed over a cycle is 90 % of the later one again.",
-    "Where a robot makes no progress with six good legs, its walks are counted apart, in no other number.",
-    "± is the standard error over worlds. Intervals of shares are Wilson's, 95 %, of walks taken to be "
-    "independent.",
-    "hexaheal: one leg or two lose their torque after 4 s of 14 s, on an even floor; recovered is a walk "
-    "without a fall that has half of the commanded speed or more over its last 8 s. second: one leg does so "
-    "after 8 s of 36 s and another 10 s later, in either order, judged by the same rule.",
-)
+#: Columns that may be empty have a type all the same, so that tables can be joined.
+TYPES = {
+    "noticed_leg": "Int64",
+    "matters": "boolean",
+    **dict.fromkeys(("why", "noticed_kind", "noticed_joint", "noticed_evidence", "intact_status"), "string"),
+    **dict.fromkeys(("delay_s", "delay_cycles", "final_m", "speed_kept"), "Float64"),
+}
 
-HEADER = (
-    "",
-    "method",
-    "walks",
-    "right leg",
-    "right kind, of those that matter",
-    "alarm after: median, 95 of 100 (cycles)",
-    "early alarms",
-    "final: mean",
-    "99 of 100",
-    "greatest",
-    "on the way: 99 of 100",
-    "fell",
-    "stopped",
-    "no progress",
-    "speed kept",
-    "worst cell",
-    "90 % after",
-    "trials before, each",
-)
 
-RULE_TITLES = {HEXAHEAL: "HexaHeal's protocol", SECOND: "A second leg"}
+def compared(rows: "DataFrame") -> "DataFrame":
+    """Return episodes of the protocol `line` next to the same walk intact, and with nothing done about it.
+
+    Column `judged` is true for those of robots that make progress in that world while intact, `set_aside`
+    for the others; both are false for intact walks and other protocols.
+    """
+    rows = rows.assign(
+        n_legs=[len(legs) for legs in rows["legs"]],
+        leg=[legs[0] if legs else 0 for legs in rows["legs"]],
+        leg_set=[tuple(sorted(legs)) for legs in rows["legs"]],
+        failure_kind=[_kind_of(failure) for failure in rows["failure"]],
+    )
+    rows["whole_leg"] = ~rows["failure"].str.contains(":") & (rows["failure"] != "stuck")
+    place = ["protocol", "robot", "family", "world", "gait", "heading_deg"]
+    numbers = ["status", "signed_m", "after_m_s"]
+    intact = rows[rows["n_legs"] == 0].set_index(place)[numbers].add_prefix("intact_")
+    left = rows[(rows["method"] == NOTHING) & (rows["n_legs"] > 0)]
+    left = left.set_index([*place, "legs", "failure"])[["ended", *numbers]].add_prefix("left_")
+    rows = rows.join(intact, on=place).join(left, on=[*place, "legs", "failure"])
+    one_of_line = (rows["protocol"] == "line") & (rows["n_legs"] > 0)
+    rows["judged"] = one_of_line & (rows["intact_status"] == "ok")
+    rows["set_aside"] = one_of_line & ~rows["judged"]
+    rows["speed_kept"] = (rows["after_m_s"] / rows["intact_after_m_s"]).where(one_of_line)
+    rows["matters"] = _matters(rows).where(one_of_line, None)
+    rows["intact_status"] = rows["intact_status"].where(one_of_line, None)
+    return rows
+
+
+def _matters(rows: "DataFrame") -> "Series[bool]":
+    """Whether each failure changes a walk in which nothing is done about it."""
+    slower = (rows["left_after_m_s"] - rows["intact_after_m_s"]).abs()
+    return (
+        (rows["left_ended"] == False)  # noqa: E712  unknown for intact walks
+        | ((rows["left_signed_m"] - rows["intact_signed_m"]).abs() > MATTERS_M)
+        | (slower > MATTERS_SHARE * rows["intact_after_m_s"].abs())
+    )
+
+
+def _kind_of(failure: str) -> str:
+    """Kind of a failure in few words, such as `locked` or `stuck joint`."""
+    name, _, joint = failure.partition(":")
+    return f"{name} joint" if joint else name
+
+
+def divisions(rows: "DataFrame") -> Iterator[tuple[str, str, "DataFrame"]]:
+    """Return name of a division, name of a group in it, and its judged episodes of all methods."""
+    judged = rows[rows["judged"]]
+    if len(judged):
+        yield "all", "one leg or joint failed", judged
+    if judged["whole_leg"].any():
+        yield "kind", "whole legs", judged[judged["whole_leg"]]
+    columns = {"kind": "failure_kind", "failure": "failure", "robot": "robot", "gait": "gait"}
+    more = {"family": "family", "leg": "leg", "kind of world": "kind_of_world"}
+    yield from groups(judged, columns | more)
+
+
+def statistics(rows: "DataFrame") -> Record:
+    """Return the statistics of some episodes of one method; standard errors over worlds, NaN for one world.
+
+    Walks that fell, diverged or were stopped have neither deviation nor speed. `kept_worst` is the smallest
+    mean over worlds of the speed kept by a robot, gait, leg and failure, 0 for a walk that fell.
+    """
+    worlds = world_names(rows).to_numpy()
+    final_m, kept = rows["final_m"].to_numpy(float), rows["speed_kept"].to_numpy(float)
+    ended, known = np.isfinite(final_m), np.isfinite(kept)
+    matter = rows["matters"].to_numpy(bool)
+    delays = rows["delay_cycles"].to_numpy(float)[rows["right_leg"].to_numpy(bool)]
+    settled_s = rows["settled_s"].to_numpy(float)
+    return {
+        "episodes": len(rows),
+        "worlds": len(set(worlds.tolist())),
+        "matter": int(matter.sum()),
+        "right_leg": int(rows["right_leg"].sum()),
+        "right_kind": int((rows["right_kind"] & matter).sum()),
+        "early": int((rows["early_alarms"] > 0).sum()),
+        "again": sum(len(alarms) > 1 for alarms in rows["alarms"]),
+        "delay_median": percentile(delays, 50),
+        "delay_p95": percentile(delays, 95),
+        "fell": int(rows["fell"].sum()),
+        "others": int((~rows["ended"] & ~rows["fell"]).sum()),
+        "no_progress": int((rows["status"] == "no_progress").sum()),
+        "mean_m": mean(final_m[ended]),
+        "mean_error_m": float(clustered_error(final_m[ended], worlds[ended])),
+        "p99_m": percentile(final_m[ended], 99),
+        "max_m": percentile(final_m[ended], 100),
+        "way_p99_m": percentile(rows["way_m"].to_numpy(float)[ended], 99),
+        "kept": mean(kept[known]),
+        "kept_error": float(clustered_error(kept[known], worlds[known])),
+        "kept_worst": _worst_cell(rows),
+        "settled_median_s": percentile(np.where(np.isfinite(settled_s), settled_s, np.inf)[known], 50),
+        "trials": int(rows["trials"].sum()),
+    }
+
+
+def _worst_cell(rows: "DataFrame") -> float:
+    cells = rows.assign(speed_kept=rows["speed_kept"].fillna(0.0)).groupby(
+        ["robot", "gait", "leg_set", "failure"]
+    )
+    return min((float(np.mean(cell.to_numpy(float))) for _, cell in cells["speed_kept"]), default=math.nan)
+
+
+def rule_share(rows: "DataFrame") -> Record:
+    """Return how many walks have recovered, and of how many sets of legs at least half have."""
+    return {
+        "recovered": int(rows["recovered"].sum()),
+        "walks": len(rows),
+        "fell": int((~rows["ended"].astype(bool)).sum()),
+        "sets": len(recovering(rows)),
+        "of_sets": len(rows.drop_duplicates(SET)),
+    }
+
+
+#: A set of legs counts for each robot and gait.
+SET = ["robot", "gait", "leg_set"]
+
+
+def recovering(rows: "DataFrame") -> set[Any]:
+    """Return the sets of legs of which at least half of the walks have recovered."""
+    return {legs for legs, each in rows.groupby(SET)["recovered"] if 2 * each.sum() >= len(each)}
+
+
+def counted(count: int, of: int) -> str:
+    """Text of a count, its share, and the interval of that."""
+    if not of:
+        return "-"
+    low, high = wilson_interval(count, of)
+    return f"{count} of {of} ({share_text(count / of)}, {low:.1%} to {high:.1%})"
+
+
+def _if_noticing(text: Any) -> Any:
+    """Text of a cell of a method whose walks notice failures; a dash for others."""
+    return lambda one: text(one) if method_of(one["method"]).notices else "-"
+
+
+COLUMNS: Columns = {
+    "method": lambda one: str(one["method"]),
+    "walks": lambda one: worlds_text(one["episodes"], one["worlds"]),
+    "right leg": _if_noticing(lambda one: counted(one["right_leg"], one["episodes"])),
+    "right kind, of those that matter": _if_noticing(lambda one: counted(one["right_kind"], one["matter"])),
+    "alarm after: median, 95 of 100 (cycles)": _if_noticing(
+        lambda one: f"{one['delay_median']:.2f}, {one['delay_p95']:.2f}" if one["right_leg"] else "-"
+    ),
+    "early alarms": _if_noticing(lambda one: str(one["early"])),
+    "final: mean": lambda one: cm_with_error(one["mean_m"], one["mean_error_m"]),
+    "99 of 100": lambda one: cm(one["p99_m"]),
+    "greatest": lambda one: cm(one["max_m"]),
+    "on the way: 99 of 100": lambda one: cm(one["way_p99_m"]),
+    "fell": lambda one: counted(one["fell"], one["episodes"]) if one["fell"] else "0",
+    "stopped": lambda one: str(one["others"]),
+    "no progress": lambda one: str(one["no_progress"]),
+    "speed kept": lambda one: share_with_error(one["kept"], one["kept_error"]),
+    "worst cell": lambda one: _number(one["kept_worst"], ".2f"),
+    "90 % after": lambda one: _number(one["settled_median_s"], ".2f", " s"),
+    "trials before, each": lambda one: f"{one['trials'] / one['episodes']:.3g}" if one["trials"] else "0",
+}
+
+RULE_TITLES = {"hexaheal": "HexaHeal's protocol", "second": "A second leg"}
 
 RULE_HEADER = (
     "legs that fail",
@@ -97,30 +230,193 @@ RULE_HEADER = (
 )
 
 
-def recovery_figure(findings: RecoveryFindings) -> "Figure":
-    """Final deviation and speed kept, by kind of failure and method."""
+def rule_cells(one: Record) -> list[str]:
+    """Return the cells of a row under `RULE_HEADER`."""
+    recovered, sets = counted(one["recovered"], one["walks"]), f"{one['sets']} of {one['of_sets']}"
+    return [{1: "one", 2: "two"}[one["legs"]], one["method"], recovered, str(one["fell"]), sets]
+
+
+def aside_lines(rows: "DataFrame") -> list[str]:
+    """Return what is left out of all numbers, in words; nothing if there is none."""
+    aside = rows[rows["set_aside"]]
+    places = dict.fromkeys(aside["robot"] + " in " + world_names(aside))
+    if not places:
+        return []
+    return [
+        f"counted apart: {len(aside)} walks in which the robot makes no progress with six good legs "
+        f"({', '.join(places)})"
+    ]
+
+
+def _number(value: float, form: str, unit: str = "", *, never: str = "-") -> str:
+    """Text of a number with its unit; a dash if no walk was long enough for it."""
+    if math.isinf(value):
+        return never
+    return "-" if math.isnan(value) else f"{value:{form}}{unit}"
+
+
+def table_of_walks(rows: "DataFrame") -> Any:
+    """Return the Arrow table of all walks."""
+    import pyarrow as pa
+
+    hidden = ["n_legs", "leg", "leg_set", "failure_kind", "whole_leg", "judged", "set_aside", "ended"]
+    hidden += [name for name in rows if name.startswith("left_") or name in ("intact_signed_m",
+               "intact_after_m_s")]  # fmt: skip
+    shown = rows.drop(columns=hidden)
+    table = pa.Table.from_pandas(shown.astype(TYPES), preserve_index=False)
+    alarm = {
+        "at_s": pa.float64(),
+        "leg": pa.int64(),
+        **dict.fromkeys(("kind", "joint", "evidence"), pa.string()),
+    }
+    lists = {"alarms": pa.list_(pa.struct(list(alarm.items()))), "legs": pa.list_(pa.int64())}
+    for name, kind in lists.items():
+        values = pa.array([list(value) for value in shown[name]], type=kind)
+        table = table.set_column(table.schema.get_field_index(name), name, values)
+    return table
+
+
+def recovery_bars(rows: "DataFrame", duration_s: float) -> list[Bar]:
+    """Return the bars that `recover` reaches; those of lines are not judged on walks that are too short."""
+    if JUDGED not in set(rows["method"]):
+        return []
+    bars: list[Bar] = []
+    judged = rows[rows["judged"] & (rows["method"] == JUDGED)]
+    if (rows["protocol"] == "line").any():
+        bars = [*_alarm_bars(judged, rows[rows["n_legs"] == 0]), *_walk_bars(judged)]
+    return [*judged_bars(bars, duration_s), *_rule_bars(rows), *_second_bars(rows)]
+
+
+def _alarm_bars(rows: "DataFrame", intact: "DataFrame") -> Iterator[Bar]:
+    whole, matters = rows["whole_leg"], rows["matters"].astype(bool)
+    legs, joints = statistics(rows[whole]), statistics(rows[~whole & matters])
+    what = "whole legs: the right one accused"
+    yield _share_bar("right_leg", what, legs["right_leg"], legs["episodes"], (0.99, 0.999), ENOUGH)
+    what = "single joints that matter: leg, joint and kind right"
+    counts = joints["right_kind"], joints["matter"]
+    yield _share_bar("right_joint", what, *counts, (0.95, 0.99), ENOUGH_JOINTS)
+    both = statistics(rows[whole | matters])
+    yield Bar(
+        name="delay",
+        asked="failure to alarm: median at most 0.5, 95 of 100 at most 1 cycle",
+        measured=f"median {both['delay_median']:.2f}, 95 of 100 at most {both['delay_p95']:.2f}",
+        holds=bool(both["delay_median"] <= 0.5 and both["delay_p95"] <= 1.0),
+    )
+    healthy, aside = intact[intact["status"] == "ok"], intact[intact["status"] != "ok"]
+    alarms, early = int(healthy["early_alarms"].sum()), int((rows["early_alarms"] > 0).sum())
+    yield Bar(
+        name="false_alarms",
+        asked="no false alarm in healthy walking",
+        measured=f"{alarms} in {sum(healthy['duration_s']) / 3600:.2f} h of intact walks; {early} of "
+        f"{len(rows)} episodes had one before the failure; {aside['early_alarms'].sum()} in {len(aside)} "
+        "intact walks without progress",
+        holds=alarms + early == 0,
+    )
+
+
+def _walk_bars(rows: "DataFrame") -> Iterator[Bar]:
+    found, legs = statistics(rows), statistics(rows[rows["whole_leg"]])
+    yield Bar(
+        name="settled",
+        asked="failure to 90 % of the later speed: median at most 2.5 s (stretch: 1.5 s)",
+        measured=_number(found["settled_median_s"], ".2f", " s", never="never"),
+        holds=bool(found["settled_median_s"] <= 2.5),
+    )
+    yield Bar(
+        name="deviation",
+        asked=f"deviation from the original line at the end: mean at most {limit_text(0.008)}, "
+        f"99 of 100 at most {limit_text(0.04)} (stretch: {limit_text(0.004)}, {limit_text(0.025)})",
+        measured=f"mean {cm(found['mean_m'])}, 99 of 100 at most {cm(found['p99_m'])}",
+        holds=bool(found["mean_m"] <= 0.008 and found["p99_m"] <= 0.04),
+    )
+    failed = found["fell"] + found["others"]
+    enough = found["episodes"] >= ENOUGH or failed > 0
+    yield Bar(
+        name="falls",
+        asked=f"no fall in {ENOUGH} or more episodes",
+        measured=f"{found['fell']} fell, {found['others']} diverged or were stopped, of {found['episodes']}",
+        holds=failed == 0 if enough else None,
+        not_judged="" if enough else f"{found['episodes']} episodes, needs {ENOUGH}",
+    )
+    kept = [_number(legs[name], ".1%", never="never") for name in ("kept", "kept_worst")]
+    yield Bar(
+        name="kept",
+        asked="whole legs: speed kept against intact at least 80 % (stretch: 90 %), in the worst of robot, "
+        "gait, leg and kind 60 %",
+        measured="mean {}, worst {}".format(*kept),
+        holds=bool(legs["kept"] >= 0.8 and legs["kept_worst"] >= 0.6),
+    )
+
+
+def _rule_bars(rows: "DataFrame") -> Iterator[Bar]:
+    pairs = rows[(rows["protocol"] == "hexaheal") & (rows["n_legs"] == 2) & (rows["method"] == JUDGED)]
+    found = rule_share(pairs)
+    if found["of_sets"]:
+        yield Bar(
+            name="pairs",
+            asked="HexaHeal's rule: pairs of legs that recover in at least half of the walks: 12 of 15 "
+            "(stretch: 15)",
+            measured=f"{found['sets']} of {found['of_sets']}; {found['recovered']} of {found['walks']} walks",
+            holds=found["sets"] / found["of_sets"] >= 12 / 15,
+        )
+
+
+def _second_bars(rows: "DataFrame") -> Iterator[Bar]:
+    """Of the pairs that recover when told, those that recover by themselves."""
+    second = rows[rows["protocol"] == "second"]
+    told, judged = (second[second["method"] == method] for method in (TOLD, JUDGED))
+    if not len(told):
+        return
+    able = recovering(told)
+    judged = judged[[key in able for key in judged[SET].itertuples(index=False, name=None)]]
+    recover = len(recovering(judged))
+    yield Bar(
+        name="second",
+        asked="a second leg 10 s after the first: pairs that recover in at least half of the walks, of those "
+        "that do when told: 80 %",
+        measured=f"{recover} of {len(able)} (of {len(told.drop_duplicates(SET))} pairs); "
+        f"{judged['recovered'].sum()} of {len(judged)} walks",
+        holds=recover >= 0.8 * len(able) if able else None,
+        not_judged="" if able else "no pair recovers when told",
+    )
+
+
+def _share_bar(name: str, what: str, count: int, of: int, least: tuple[float, float], enough: int) -> Bar:
+    """Bar of a share that is to be at least so much, with its stretch; not judged on few episodes."""
+    return Bar(
+        name=name,
+        asked=f"{what}: at least {least[0]:.0%} (stretch: {least[1]:.1%}), of {enough} or more",
+        measured=counted(count, of),
+        holds=count >= least[0] * of if of >= enough else None,
+        not_judged="" if of >= enough else f"{of} episodes, needs {enough}",
+    )
+
+
+def recovery_figure(plan: "RecoveryPlan", rows: "DataFrame") -> "Figure":
+    """Draw final deviation and speed kept, by kind of failure and method."""
     from matplotlib.figure import Figure
 
-    groups = [(name, rows) for division, name, rows in findings.groups() if division == "kind"]
-    methods = findings.plan.methods
-    figure = Figure(figsize=(10.0, 1.2 + 0.25 * len(groups) * (len(methods) + 1)), layout="constrained")
+    kinds = [(name, some) for division, name, some in divisions(rows) if division == "kind"]
+    size_in = (10.0, 1.2 + 0.25 * len(kinds) * (len(plan.methods) + 1))
+    figure = Figure(figsize=size_in, layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
-    for place, method in enumerate(methods):
+    for place, method in enumerate(plan.methods):
         color = METHOD_COLORS.get(method, OTHER_COLORS[place % len(OTHER_COLORS)])
-        for row, (_, judged) in enumerate(groups):
-            some = [one for one in judged if one.episode.case.method == method]
-            height = row + 0.8 * (place + 0.5) / len(methods) - 0.4
+        for row, (_, judged) in enumerate(kinds):
+            some = judged[judged["method"] == method]
+            height = row + 0.8 * (place + 0.5) / len(plan.methods) - 0.4
             label = method if row == 0 else None
-            final_cm = np.array([100 * one.episode.final_m for one in some])
-            _spread(left, np.maximum(final_cm, LOW_CM), height, color, label)
-            _spread(right, np.array([one.kept for one in some]), height, color, None)
-    _finish(left, right, [name for name, _ in groups])
-    robots = ", ".join(robot.name for robot in findings.plan.robots)
-    worlds = len({row.world for row in findings.judged})
-    title = f"{robots}, {worlds} unseen world{'s' * (worlds != 1)}, {findings.plan.duration_s:g} s"
+            _spread(left, np.maximum(100 * some["final_m"].to_numpy(float), LOW_CM), height, color, label)
+            _spread(right, some["speed_kept"].to_numpy(float), height, color, None)
+    _finish(left, right, [name for name, _ in kinds])
+    robots, worlds = (
+        ", ".join(robot.name for robot in plan.robots),
+        world_names(rows[rows["judged"]]).nunique(),
+    )
+    title = f"{robots}, {worlds} unseen world{'s' * (worlds != 1)}, {plan.duration_s:g} s"
     figure.suptitle(title, fontsize=11)
     if left.get_legend_handles_labels()[0]:
-        figure.legend(loc="outside lower center", ncols=len(methods), fontsize=8)
+        figure.legend(loc="outside lower center", ncols=len(plan.methods), fontsize=8)
     return figure
 
 
@@ -134,7 +430,7 @@ def _spread(panel: "Axes", values: FloatArray, height: float, color: str, label:
     panel.plot([values.mean()], [height], "o", color=color, markersize=5, label=label)
 
 
-def _finish(left: "Axes", right: "Axes", names: Sequence[str]) -> None:
+def _finish(left: "Axes", right: "Axes", names: list[str]) -> None:
     left.set_xscale("log")
     left.set_xlim(left=LOW_CM)
     left.set_xlabel("deviation from the original line at the end in cm", fontsize=9)
@@ -145,261 +441,3 @@ def _finish(left: "Axes", right: "Axes", names: Sequence[str]) -> None:
     for panel in (left, right):
         panel.grid(visible=True, axis="x", linewidth=0.3)
         panel.tick_params(axis="y", length=0)
-
-
-def write_recovery_report(findings: RecoveryFindings, folder: Path) -> Path:
-    """Write table, figure and the report into a folder; path of the report."""
-    _write_table(findings, folder)
-    sections = [*_head(findings)]
-    if LINE in findings.plan.protocols:
-        save_figure(recovery_figure(findings), folder, FIGURE)
-        here = "Dots are means, lines reach from the 1st to the 99th percentile."
-        sections.append(
-            Section(
-                "Where walks end, and how fast",
-                [Picture(folder / f"{FIGURE}.svg", "Not in the paper.", here)],
-            )
-        )
-        sections += _tables(findings)
-    for protocol in RULED:
-        if protocol in findings.plan.protocols:
-            sets = Table(("legs that fail", *findings.plan.methods), list(_set_rows(findings, protocol)))
-            rows = Table(RULE_HEADER, list(_rule_rows(findings, protocol)))
-            sections.append(Section(RULE_TITLES[protocol], [rows, sets]))
-    versions = ", ".join(f"{name} {value}" for name, value in code_versions().items())
-    page = render_page(
-        "hexctl study --recovery", "Legs fail in mid-walk", [*sections, Section("Versions", [versions])]
-    )
-    atomic_write(folder / REPORT, page)
-    return folder / REPORT
-
-
-def recovery_json(findings: RecoveryFindings) -> dict[str, Any]:
-    """Settings and results of a benchmark as JSON values; null where there is no number."""
-    plan = findings.plan
-    return {
-        "robots": [robot.name for robot in plan.robots],
-        "families": list(plan.families),
-        "first_world": plan.first_world,
-        "worlds": plan.worlds,
-        "gaits": list(plan.gaits),
-        "legs": list(plan.legs),
-        "failures": list(plan.failures),
-        "methods": list(plan.methods),
-        "protocols": list(plan.protocols),
-        "runs": plan.runs,
-        "seed": plan.seed,
-        "duration_s": plan.duration_s,
-        "sensors": None if plan.exact_sensors else SENSORS,
-        "code": code_versions(),
-        "walks": len(findings.episodes),
-        "set_aside": len(findings.set_aside),
-        "bars": [bar.as_json() for bar in recovery_bars(findings)],
-        "statistics": [
-            {"division": division, "group": name, "method": method} | _numbers(found)
-            for division, name, method, found in findings.table
-        ],
-        **_rule_json(findings, HEXAHEAL, (1, 2)),
-        **_rule_json(findings, SECOND, (2,)),
-    }
-
-
-def _rule_json(findings: RecoveryFindings, protocol: str, counts: tuple[int, ...]) -> dict[str, Any]:
-    """Walks that recover by the number of failed legs, and by set of legs."""
-    methods = findings.plan.methods if protocol in findings.plan.protocols else ()
-    return {
-        protocol: [
-            {"legs": legs, "method": method} | asdict(findings.rule_share(method, legs, protocol))
-            for legs in counts
-            for method in methods
-        ],
-        f"{protocol}_sets": [
-            {"legs": list(legs), "method": method} | asdict(findings.rule_share(method, legs, protocol))
-            for legs in findings.leg_sets(protocol)
-            for method in methods
-        ],
-    }
-
-
-def _numbers(found: RecoveryStatistics) -> dict[str, Any]:
-    values = asdict(found)
-    return {name: number(value) if isinstance(value, float) else value for name, value in values.items()}
-
-
-def recovery_lines(findings: RecoveryFindings) -> list[str]:
-    """Tables of all walks, by kind of failure and method, as lines of Markdown."""
-    lines: list[str] = []
-    if LINE in findings.plan.protocols:
-        rows = [
-            _row(name, method, found)
-            for division, name, method, found in findings.table
-            if division in ("all", "kind")
-        ]
-        lines += [*_markdown(HEADER, rows), *([text] if (text := _aside(findings)) else [])]
-    for protocol in RULED:
-        if protocol in findings.plan.protocols:
-            header = (f"{protocol}: {RULE_HEADER[0]}", *RULE_HEADER[1:])
-            lines += ["", *_markdown(header, list(_rule_rows(findings, protocol)))]
-    return lines
-
-
-def _markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    lines = ["| " + " | ".join(header) + " |", "|---" * len(header) + "|"]
-    return [*lines, *("| " + " | ".join(row) + " |" for row in rows)]
-
-
-def _aside(findings: RecoveryFindings) -> str:
-    """What was left out of all numbers, in words; empty for nothing."""
-    rows = findings.set_aside
-    if not rows:
-        return ""
-    places = dict.fromkeys(f"{row.place.robot.name} in {row.world}" for row in rows)
-    return (
-        f"counted apart: {len(rows)} walks in which the robot makes no progress with six good legs "
-        f"({', '.join(places)})"
-    )
-
-
-def _head(findings: RecoveryFindings) -> Iterator[Section]:
-    plan = findings.plan
-    numbers = f"{plan.first_world} to {plan.first_world + plan.worlds - 1}"
-    sensors = (
-        "Sensors as the worlds have them."
-        if plan.exact_sensors
-        else "Sensors 40 ms late, with 1 cm and 0.5 degrees of noise; 5 % of the poses are lost."
-    )
-    settings = (
-        f"{', '.join(robot.name for robot in plan.robots)}; gaits {', '.join(plan.gaits)}; worlds {numbers} "
-        f"of {' and '.join(plan.families)}; legs {', '.join(map(str, plan.legs))}, each "
-        f"{', '.join(plan.failures)}, within the gait cycle after 8 s of {plan.duration_s:g} s; "
-        f"{len(findings.episodes)} walks. {sensors}"
-    )
-    texts = [settings, text] if (text := _aside(findings)) else [settings]
-    yield Section("", texts)
-    rows = [(bar.asked, bar.measured, bar.verdict) for bar in recovery_bars(findings)]
-    yield Section("Bars", [Table(("asked", "measured", "verdict"), rows)])
-    yield Section("How to read this", [Bullets(READING)])
-
-
-def _tables(findings: RecoveryFindings) -> Iterator[Section]:
-    """A table for each division of the walks."""
-    rows: dict[str, list[tuple[str, ...]]] = {}
-    for division, name, method, found in findings.table:
-        rows.setdefault(division, []).append(_row(name, method, found))
-    for division, lines in rows.items():
-        yield Section("All" if division == "all" else f"By {division}", [Table(HEADER, lines)])
-
-
-def _row(name: str, method: str, found: RecoveryStatistics) -> tuple[str, ...]:
-    alarms = ("-",) * 4
-    if method_of(method).notices:
-        alarms = (
-            counted(found.right_leg, found.episodes),
-            counted(found.right_kind, found.matter),
-            f"{found.delay_median:.2f}, {found.delay_p95:.2f}" if found.right_leg else "-",
-            str(found.early),
-        )
-    return (
-        name,
-        method,
-        f"{found.episodes} in {found.worlds} world{'s' * (found.worlds != 1)}",
-        *alarms,
-        cm(found.mean_m) + (f" ± {cm(found.mean_error_m)}" if np.isfinite(found.mean_error_m) else ""),
-        cm(found.p99_m),
-        cm(found.max_m),
-        cm(found.way_p99_m),
-        counted(found.fell, found.episodes) if found.fell else "0",
-        str(found.others),
-        str(found.no_progress),
-        _with_error(found.kept, found.kept_error),
-        f"{found.kept_worst:.2f}" if np.isfinite(found.kept_worst) else "-",
-        f"{found.settled_median_s:.2f} s" if np.isfinite(found.settled_median_s) else "-",
-        f"{found.trials / found.episodes:.3g}" if found.trials else "0",
-    )
-
-
-def _with_error(value: float, error: float) -> str:
-    if not np.isfinite(value):
-        return "-"
-    return f"{value:.2f}" + (f" ± {error:.2f}" if np.isfinite(error) else "")
-
-
-def _rule_rows(findings: RecoveryFindings, protocol: str) -> Iterator[tuple[str, ...]]:
-    for legs, name in ((1, "one"), (2, "two")):
-        for method in findings.plan.methods:
-            found = findings.rule_share(method, legs, protocol)
-            if found.walks:
-                recovered = counted(found.recovered, found.walks)
-                yield (name, method, recovered, str(found.fell), f"{found.sets} of {found.of_sets}")
-
-
-def _set_rows(findings: RecoveryFindings, protocol: str) -> Iterator[tuple[str, ...]]:
-    """Walks that recover of each set of legs, method by method."""
-    for legs in findings.leg_sets(protocol):
-        found = [findings.rule_share(method, legs, protocol) for method in findings.plan.methods]
-        shares = [f"{one.recovered} of {one.walks}" for one in found]
-        yield (" and ".join(map(str, legs)), *shares)
-
-
-def _write_table(findings: RecoveryFindings, folder: Path) -> None:
-    """Write a row for each walk."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    judged = {id(row.episode): row for row in (*findings.judged, *findings.set_aside)}
-    rows = []
-    for place, one in findings.episodes:
-        where = {
-            "protocol": place.protocol,
-            "robot": place.robot.name,
-            "family": place.family,
-            "world": place.number,
-            "kind_of_world": place.kind,
-        }
-        rows.append(where | episode_row(one) | _beside(judged.get(id(one))))
-    table = pa.Table.from_pylist(rows)
-    text, count, real = pa.string(), pa.int64(), pa.float64()
-    alarm = {"at_s": real, "leg": count, "kind": text, "joint": text, "evidence": text}
-    # Columns that may be empty have a type all the same, so that tables can be joined.
-    types = {
-        "alarms": pa.list_(pa.struct(list(alarm.items()))),
-        "noticed_leg": count,
-        "matters": pa.bool_(),
-        **dict.fromkeys(("why", "noticed_kind", "noticed_joint", "noticed_evidence", "intact_status"), text),
-        **dict.fromkeys(("delay_s", "delay_cycles", "final_m", "speed_kept"), real),
-    }
-    for name, kind in types.items():
-        values = pa.array([row[name] for row in rows], type=kind)
-        table = table.set_column(table.schema.get_field_index(name), name, values)
-    pq.write_table(table, folder / TABLE)
-
-
-def episode_row(episode: Episode) -> dict[str, Any]:
-    """Values of an episode as one row: those of the case, of the walk, and of its first alarm."""
-    values = asdict(episode)
-    case = values.pop("case") | {"legs": list(episode.case.legs)}
-    first = episode.alarms[0] if episode.alarms else None
-    values["alarms"] = [asdict(alarm) for alarm in episode.alarms]
-    noticed = {
-        "noticed_leg": first.leg if first else None,
-        "noticed_kind": first.kind if first else None,
-        "noticed_joint": first.joint if first else None,
-        "noticed_evidence": first.evidence if first else None,
-        "delay_s": number(episode.delay_s),
-        "delay_cycles": number(episode.delay_s * episode.pace_hz),
-        "early_alarms": len(episode.early),
-        "right_leg": episode.right_leg,
-        "right_kind": episode.right_kind,
-        "fell": episode.status == "fell",
-        "final_m": number(episode.final_m),
-        "recovered": episode.recovered,
-    }
-    row: dict[str, Any] = case | values | noticed
-    return row
-
-
-def _beside(row: Judged | None) -> dict[str, Any]:
-    """What an episode is beside the intact walk; null for intact walks and other protocols."""
-    if row is None:
-        return {"matters": None, "speed_kept": None, "intact_status": None}
-    return {"matters": row.matters, "speed_kept": number(row.kept), "intact_status": row.intact.status}

@@ -5,12 +5,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
+from pathlib import Path
+from typing import Annotated, Literal
 from zlib import crc32
 
 import numpy as np
 
 from hexctl.adapt.prior.samples import Symmetries
-from hexctl.backends.sim.world import DomainRandomization, World
+from hexctl.backends.sim.world import DomainRandomization
 from hexctl.control.assessment.crawl import crawl_on, gait_without
 from hexctl.control.assessment.static_stability import STAND_UP, slots_by_stability
 from hexctl.control.monitor.repertoire import (
@@ -21,21 +23,28 @@ from hexctl.control.monitor.repertoire import (
     BodySymmetry,
     Candidate,
     FailedParts,
+    Repertoire,
+    Situation,
     moved_parts,
     parts_of,
 )
+from hexctl.control.monitor.repertoire_store import SUFFIX, save_repertoire
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.walks.turning import check_plan
-from hexctl.errors import InputError, LimitError, ReachError, argument, check_type
+from hexctl.errors import LimitError, ReachError
 from hexctl.gait.gait import Gait, make_gait
 from hexctl.gait.posture import Posture
+from hexctl.options import Range, Typed
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_grammar import parse_coming_kind, parse_kind
 from hexctl.robot.model import Robot
-from hexctl.study.prior_building import TIME_STEP_S
-from hexctl.study.recovery.recovery_plan import FAILURES
-from hexctl.study.repertoire.repertoire_walks import RepertoireCase, RepertoireConditions
-from hexctl.study.study_plan import check_robot
+from hexctl.study.held_out import FAILURES, members
+from hexctl.study.landscapes.versions import code_versions
+from hexctl.study.plan import Plan, check_families
+from hexctl.study.prior_building import TIME_STEP_S, begin_build, coarse_world
+from hexctl.study.repertoire.repertoire_walks import CandidateWalk, RepertoireCase, RepertoirePlace
+from hexctl.study.walk_cache import WalkCache, Walked
+from hexctl.study.walking import Progress, walk_all
 from hexctl.types import N_LEGS
 
 #: Members of the families from this one on are walked.
@@ -50,39 +59,25 @@ MOST_CODES = 11
 #: How both legs of a pair fail.
 PAIR_FAILURES = ("locked", "limp", "missing")
 
-#: Numbers of directions of travel that are allowed, evenly spread from straight ahead on.
-DIRECTIONS = (1, 2, 4, 6, 8, 12)
-
 
 @dataclass(frozen=True, kw_only=True)
-class RepertoirePlan:
+class RepertoirePlan(Plan):
     """Settings of one repertoire.
 
     Attributes:
-        robot: model of the robot.
         families: of plausible worlds, by name.
-        worlds: number of worlds of each family.
-        directions: number of directions of travel.
         failures: of single legs, in the words of `parse_kind`.
-        pair_failures: of both legs of a pair.
         codes: how many next codes by the static margin are candidates, and as many drawn at random, as a
             check of that ranking.
     """
 
     robot: Robot
-    families: dict[str, DomainRandomization]
-    worlds: int = 4
-    directions: int = 12
+    families: Annotated[dict[str, DomainRandomization], Typed(flag="family")]
+    worlds: Annotated[int, Range(low=1, high=MOST_WORLDS, whole=True)] = 4
+    directions: Literal[1, 2, 4, 6, 8, 12] = 12
     failures: tuple[str, ...] = FAILURES
     pair_failures: tuple[str, ...] = PAIR_FAILURES
-    codes: int = 2
-
-    def __post_init__(self) -> None:
-        check_robot(self.robot)
-        check_type(self.families, dict, "plan.families", "families of worlds by name")
-        for family in self.families.values():
-            allowed = "a DomainRandomization, as load_randomization('transfer') gives"
-            check_type(family, DomainRandomization, "plan.families", allowed)
+    codes: Annotated[int, Range(low=0, high=MOST_CODES, whole=True)] = 2
 
     @property
     def gait(self) -> Gait:
@@ -129,19 +124,19 @@ class RepertoirePlan:
                 }
         return tuple(found)
 
-    def conditions(self) -> list["RepertoireConditions"]:
-        """The worlds, those of all families by turns."""
-        return [
-            RepertoireConditions(
-                robot=self.robot, family=name, number=number, world=_coarse(family, number, world)
-            )
-            for place in range(self.worlds)
-            for name, family in self.families.items()
-            for number, world in [(FIRST_WORLD + place, family.members(FIRST_WORLD + place, 1)[0])]
+    def places(self) -> list[RepertoirePlace]:
+        """Return the worlds, those of all families by turns."""
+        places = [
+            RepertoirePlace(**one) for one in members([self.robot], self.families, FIRST_WORLD, self.worlds)
         ]
+        coarse = [
+            replace(one, world=coarse_world(self.families[one.family], one.number, one.world))
+            for one in places
+        ]
+        return sorted(coarse, key=lambda one: one.number)
 
     @cached_property
-    def cases(self) -> tuple["RepertoireCase", ...]:
+    def cases(self) -> tuple[RepertoireCase, ...]:
         """What is walked in each of the worlds, situation by situation."""
         return tuple(
             RepertoireCase(failures=texts_of(failures), heading_deg=heading_deg, candidate=candidate)
@@ -149,9 +144,9 @@ class RepertoirePlan:
             for candidate in self.candidates(failures, heading_deg)
         )
 
-    def walked(self) -> list[tuple["RepertoireConditions", tuple["RepertoireCase", ...]]]:
-        """Conditions of all walks, and the cases under each."""
-        return [(one, self.cases) for one in self.conditions()]
+    def walked(self) -> Walked:
+        """Return the cases to walk, place by place."""
+        return [(place, self.cases) for place in self.places()]
 
     def candidates(self, failures: Sequence[Failure], heading_deg: float) -> tuple[Candidate, ...]:
         """Candidates of a situation that the legs can walk, the safest gait first, none of them twice."""
@@ -194,20 +189,8 @@ class RepertoirePlan:
         return True
 
     def check(self) -> None:
-        """Raise InputError for anything that is not allowed, before anything runs."""
-        if self.directions not in DIRECTIONS:
-            allowed = ", ".join(map(str, DIRECTIONS))
-            raise InputError(f"{argument('directions')}: got {self.directions}; allowed: {allowed}")
-        if not 1 <= self.worlds <= MOST_WORLDS:
-            raise InputError(f"{argument('worlds')}: got {self.worlds}; allowed: 1..{MOST_WORLDS}")
-        if not 0 <= self.codes <= MOST_CODES:
-            raise InputError(f"{argument('codes')}: got {self.codes}; allowed: 0..{MOST_CODES}")
-        for name, family in self.families.items():
-            if family.failures:
-                raise InputError(
-                    f"{argument('family')}: got {name}, in which legs fail in mid-walk; allowed: families "
-                    "without `failures`"
-                )
+        """Raise InputError for settings that are not allowed, before anything runs."""
+        check_families(self.families, "family")
         for text in (*self.failures, *self.pair_failures):
             parse_coming_kind(1, text)
 
@@ -223,8 +206,68 @@ def texts_of(failures: Sequence[Failure]) -> tuple[str, ...]:
     return tuple(f"{one.leg}:{kind}" for one, kind in zip(failures, kinds, strict=True))
 
 
-def _coarse(family: DomainRandomization, number: int, world: World) -> World:
-    """A member of a family with the step of priors, unless its kind sets one."""
-    if "time_step_s" in family.kind(number).world:
-        return world
-    return world.model_copy(update={"time_step_s": TIME_STEP_S})
+def build_repertoire(
+    plan: RepertoirePlan,
+    path: Path,
+    *,
+    cache: WalkCache | None = None,
+    jobs: int | None = None,
+    dask: str | None = None,
+    progress: Progress | None = None,
+) -> Repertoire:
+    """Simulate the candidates of all situations in the worlds of a plan, and write the repertoire to a file.
+
+    Arguments and errors are those of `hexctl.study.prior_building.build_prior`.
+    """
+    cache = cache or WalkCache()
+    begin_build(plan, path, SUFFIX, cache, jobs)
+    walks = walk_all(plan.walked(), cache, jobs=jobs, dask=dask, progress=progress)
+    repertoire = repertoire_of(plan, [walk for some in walks for walk in some])
+    save_repertoire(repertoire, path)
+    return repertoire
+
+
+def repertoire_of(plan: RepertoirePlan, walks: Sequence[CandidateWalk]) -> Repertoire:
+    """Repertoire of a plan from its walks, world by world in the order of `plan.walked()`."""
+    by_case: dict[RepertoireCase, list[CandidateWalk]] = {case: [] for case in plan.cases}
+    for walk in walks:
+        by_case[walk.case].append(walk)
+    situations = []
+    for failures, heading_deg in plan.situations:
+        candidates = plan.candidates(failures, heading_deg)
+        rows = [
+            by_case[RepertoireCase(failures=texts_of(failures), heading_deg=heading_deg, candidate=candidate)]
+            for candidate in candidates
+        ]
+        situations.append(
+            Situation(
+                failed=parts_of(failures),
+                heading_deg=heading_deg,
+                candidates=candidates,
+                speeds=np.array([[walk.speed for walk in row] for row in rows]),
+                costs=np.array([[walk.cost for walk in row] for row in rows]),
+            )
+        )
+    gait = plan.gait
+    return Repertoire(
+        robot=plan.robot.name,
+        robot_fingerprint=plan.robot.fingerprint,
+        pace_hz=gait.pace_hz,
+        amplitude=gait.amplitude,
+        height=gait.height,
+        direction_step_deg=plan.step_deg,
+        symmetries=plan.symmetries,
+        situations=tuple(situations),
+        origin={
+            "families": list(plan.families),
+            "first_world": FIRST_WORLD,
+            "worlds": plan.worlds,
+            "time_step_s": TIME_STEP_S,
+            "code": code_versions(),
+        },
+    )
+
+
+def repertoire_file_name(plan: RepertoirePlan) -> str:
+    """Name of a repertoire's file."""
+    return plan.robot.name + SUFFIX

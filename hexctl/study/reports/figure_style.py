@@ -5,12 +5,15 @@ from typing import TYPE_CHECKING, Any
 
 from hexctl.errors import MissingExtraError
 from hexctl.palette import (
+    BAR_COLOR,
+    BEST_OF_ALL_COLOR,
     OPTIMIZER_COLORS,
     OPTIMIZER_DASHES,
     OTHER_OPTIMIZER_COLORS,
     OTHER_OPTIMIZER_DASHES,
     hex_color,
 )
+from hexctl.study.verdicts.claim_evidence import EARLY_M, LATE_M
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,6 +25,7 @@ def check_drawing() -> None:
     try:
         import jinja2  # noqa: F401
         import matplotlib  # noqa: F401
+        import pandas  # noqa: F401
         import pyarrow  # noqa: F401
     except ModuleNotFoundError as error:
         raise MissingExtraError("hexctl study", "study") from error
@@ -60,6 +64,33 @@ def label_axes(panels: "list[Axes]", used: int, across: str, up: str) -> None:
             panel.tick_params(labelbottom=True)
         if number % columns == 0:
             panel.set_ylabel(up, fontsize=9)
+
+
+#: Width of a legend's entry, in inches.
+LEGEND_ENTRY_IN = 2.0
+
+
+def draw_best_of_all(panel: "Axes", best_m: float) -> None:
+    """Draw the deviation of the best of all gaits, a lower bound of every search."""
+    color = hex_color(BEST_OF_ALL_COLOR)
+    panel.axhline(best_m, color=color, linewidth=1.2, linestyle=":", label="best of all gaits")
+
+
+def finish_curves(
+    figure: "Figure", panels: "list[Axes]", used: int, across: str, up: str, title: str
+) -> None:
+    """Give all panels a logarithmic scale of deviations and labels, and the figure one legend."""
+    for panel in panels[:used]:
+        panel.set_yscale("log")
+        for bound_m in (LATE_M, EARLY_M):
+            panel.axhline(bound_m, color=hex_color(BAR_COLOR), linewidth=0.5)
+        panel.set_yticks([0.01, 0.025, 0.1, 0.5, 1.0], ["1 cm", "2.5 cm", "10 cm", "50 cm", "1 m"])
+        panel.minorticks_off()
+    label_axes(panels, used, across, up)
+    handles, labels = panels[0].get_legend_handles_labels()
+    columns = min(len(labels), max(2, int(figure.get_figwidth() / LEGEND_ENTRY_IN)))
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=9, frameon=False)
+    figure.suptitle(title, fontsize=11, wrap=True)
 
 
 def grid_of(count: int) -> tuple[int, int]:

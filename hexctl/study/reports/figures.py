@@ -1,15 +1,12 @@
 """Figures of a study: paths seen from above, and best-so-far over evaluations."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hexctl.palette import (
     BAR_COLOR,
-    BEST_OF_ALL_COLOR,
     GREY,
     INVALID_COLOR,
     LEGEND_M,
@@ -19,13 +16,21 @@ from hexctl.palette import (
     hex_color,
     scale_stops,
 )
-from hexctl.study.default_gaits import DefaultWalk
+from hexctl.study.experiment import Drawing
 from hexctl.study.landscapes.landscape import Landscape
-from hexctl.study.reports.figure_style import color_of, grid_of, label_axes, line_of, new_figure, save_figure
-from hexctl.study.searches import Curve, Findings, Searches
-from hexctl.study.study_plan import BASELINE
-from hexctl.study.verdicts.claim_evidence import cm
-from hexctl.study.verdicts.trajectories import EARLY, EARLY_M, LATE, LATE_M, ends, within
+from hexctl.study.reports.figure_style import (
+    color_of,
+    draw_best_of_all,
+    finish_curves,
+    grid_of,
+    label_axes,
+    line_of,
+    new_figure,
+)
+from hexctl.study.reports.texts import texts
+from hexctl.study.searches import BASELINE, Curve, DefaultWalk, Findings, Searches
+from hexctl.study.verdicts.claim_evidence import EARLY, EARLY_M, LATE, LATE_M, cm
+from hexctl.study.verdicts.trajectories import ends, within
 from hexctl.types import FloatArray
 
 if TYPE_CHECKING:
@@ -34,9 +39,6 @@ if TYPE_CHECKING:
 
 #: Width of a panel and of the colour bar, in inches.
 PANEL_IN, BAR_IN = 4.3, 1.0
-
-#: Width of a legend's entry, in inches.
-LEGEND_ENTRY_IN = 2.0
 
 #: Opacity of a verdict without an interval.
 PALE = 0.4
@@ -88,22 +90,15 @@ def examples_figure(findings: Findings) -> "Figure | None":
         return None
     figure, panels = new_figure(len(legs), 2, (11.0, 3.2 * len(legs) + 0.4))
     for row, leg in enumerate(legs):
-        best = _best_row(findings.rotated(leg))
-        pairs = [(findings.without(leg), _example_row(findings.without(leg))), (findings.rotated(leg), best)]
+        plain, turned = findings.without(leg), findings.rotated(leg)
+        example = plain.row_of(EXAMPLE_CODE) if EXAMPLE_CODE in plain.spec.codes else 0
+        pairs = [(plain, example), (turned, int(turned.scores.argmin()))]
         for panel, (landscape, chosen) in zip(panels[2 * row :], pairs, strict=False):
             _draw_example(panel, landscape, chosen)
     _finish_paths(
         figure, panels, len(panels), "Left: an arbitrary gait. Right: self-rotation and the best gait"
     )
     return figure
-
-
-def _example_row(landscape: Landscape) -> int:
-    return landscape.row_of(EXAMPLE_CODE) if EXAMPLE_CODE in landscape.spec.codes else 0
-
-
-def _best_row(landscape: Landscape) -> int:
-    return int(landscape.scores.argmin())
 
 
 def _found(findings: Findings, leg: int) -> "tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]":
@@ -200,9 +195,7 @@ def convergence_figure(findings: Findings, *, paper_count: bool) -> "Figure":
             _draw_spread(panel, name, search.curve)
             _mark_stuck(panel, search)
         best = findings.rotated(leg).best_m
-        panel.axhline(
-            best, color=hex_color(BEST_OF_ALL_COLOR), linewidth=1.2, linestyle=":", label="best of all gaits"
-        )
+        draw_best_of_all(panel, best)
         own = _draw_defaults(panel, findings.defaults(leg))
         panel.set_title("\n".join([f"leg {leg}:  best of all gaits {_on_scale(best)}", *own]), fontsize=9)
     counted = "repetitions counted (the paper's count)" if paper_count else "each gait paid for once"
@@ -237,9 +230,7 @@ def means_figure(findings: Findings) -> "Figure":
     for panel, paper_count in zip(panels, (True, False), strict=True):
         for name in findings.plan.optimizers:
             _draw_curve(panel, name, findings.mean_curve(name, paper_count=paper_count))
-        panel.axhline(
-            best, color=hex_color(BEST_OF_ALL_COLOR), linewidth=1.2, linestyle=":", label="best of all gaits"
-        )
+        draw_best_of_all(panel, best)
         panel.plot(
             [EARLY, LATE], [EARLY_M, LATE_M], "v", color=hex_color(BAR_COLOR), markersize=7, label="bars"
         )
@@ -270,19 +261,9 @@ def _mark_stuck(panel: "Axes", search: Searches) -> None:
 
 
 def _finish_curves(figure: "Figure", panels: "list[Axes]", used: int, title: str) -> None:
-    """Give all panels a logarithmic scale and labels, and the figure one legend."""
+    finish_curves(figure, panels, used, "evaluations", "deviation from the line", title)
     for panel in panels[:used]:
-        panel.set_yscale("log")
-        panel.axhline(LATE_M, color=hex_color(BAR_COLOR), linewidth=0.5)
-        panel.axhline(EARLY_M, color=hex_color(BAR_COLOR), linewidth=0.5)
-        panel.set_yticks([0.01, 0.025, 0.1, 0.5, 1.0], ["1 cm", "2.5 cm", "10 cm", "50 cm", "1 m"])
-        panel.minorticks_off()
         panel.set_ylim(bottom=LOW_M)
-    label_axes(panels, used, "evaluations", "deviation from the line")
-    handles, labels = panels[0].get_legend_handles_labels()
-    columns = min(len(labels), max(2, int(figure.get_figwidth() / LEGEND_ENTRY_IN)))
-    figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=9, frameon=False)
-    figure.suptitle(title, fontsize=11, wrap=True)
 
 
 def verdicts_figure(rows: Sequence[tuple[str, Sequence[str]]], columns: Sequence[str]) -> "Figure":
@@ -319,91 +300,25 @@ def _square(column: int, row: int, verdict: str, label: str = "") -> Any:
     return Rectangle(corner, 0.92, 0.92, fill=judged, color=color, alpha=alpha, label=label)
 
 
-@dataclass(frozen=True, kw_only=True)
-class FigureEntry:
-    """One figure of the report.
-
-    Attributes:
-        name: of its files, without the ending.
-        paper: what the paper shows and says there.
-        here: how to read it.
-        draw: draws it; None where the study has nothing to show.
-    """
-
-    name: str
-    paper: str
-    here: str
-    draw: "Callable[[Findings], Figure | None]"
+def study_drawings(findings: Findings) -> list[Drawing]:
+    """Return the figures of a study."""
+    draw = {
+        "trajectories_without_self_rotation": lambda: _all_gaits(findings, turned=False),
+        "trajectories_with_self_rotation": lambda: _all_gaits(findings, turned=True),
+        "examples": lambda: examples_figure(findings),
+        "convergence_paper_count": lambda: convergence_figure(findings, paper_count=True),
+        "convergence_fresh_count": lambda: convergence_figure(findings, paper_count=False),
+        "convergence_means": lambda: means_figure(findings),
+        "best_trajectories": lambda: best_figure(findings),
+    }
+    captions = texts("captions")
+    return [Drawing(name=name, draw=figure, **captions[name]) for name, figure in draw.items()]
 
 
-FIGURES = (
-    FigureEntry(
-        name="trajectories_without_self_rotation",
-        paper="Fig. 3: with leg 2 or 3 failed the robot goes left, with 5 or 6 right, with 1 or 4 straight "
-        "or to either side.",
-        here="All gaits of each leg; grey ones are invalid (they fell or made less than half the way).",
-        draw=lambda findings: trajectories_figure(
-            [findings.without(leg) for leg in findings.plan.legs], "All gaits, without self-rotation"
-        ),
-    ),
-    FigureEntry(
-        name="trajectories_with_self_rotation",
-        paper="Fig. 6: after turning on the spot there are gaits with a small deviation for every leg.",
-        here="The same gaits after the robot has turned until the failed leg trails, or leads if asked for.",
-        draw=lambda findings: (
-            None
-            if findings.plan.self_rotation == "none"
-            else trajectories_figure(
-                [findings.rotated(leg) for leg in findings.plan.legs], "All gaits, with self-rotation"
-            )
-        ),
-    ),
-    FigureEntry(
-        name="examples",
-        paper="Fig. 4 and 9: legs 2 and 6 with an arbitrary gait, and with a gait that was found.",
-        here="A dot every five seconds. The paper does not name its gaits; ours is code 57 on the left, the "
-        "best of all gaits on the right.",
-        draw=examples_figure,
-    ),
-    FigureEntry(
-        name="convergence_paper_count",
-        paper="Fig. 7: curves fall within 20 evaluations, are flat after, and end around 2.5 cm.",
-        here="A repeated code costs an evaluation, as in the paper. A run without a valid gait so far is "
-        "left out of the mean. The scale is logarithmic. The spread of every optimizer is in "
-        "convergence.parquet. Level lines: where the robot ends with its default gait and with the tripod.",
-        draw=lambda findings: convergence_figure(findings, paper_count=True),
-    ),
-    FigureEntry(
-        name="convergence_fresh_count",
-        paper="Not in the paper: hexctl walks no gait twice, so a search does not pay for repetitions.",
-        here="A dot marks where a search has, on average, asked for its last code of its own; random untried "
-        "codes follow from there. After 120 evaluations every gait is known.",
-        draw=lambda findings: convergence_figure(findings, paper_count=False),
-    ),
-    FigureEntry(
-        name="convergence_means",
-        paper="Abstract: 10 cm with 20 evaluations, 2.5 cm with 40 to 60, on average.",
-        here="All legs and runs together. Triangles: 10 cm at 20 and 2.5 cm at 60 evaluations.",
-        draw=means_figure,
-    ),
-    FigureEntry(
-        name="best_trajectories",
-        paper="Fig. 8: the best trajectories keep the direction reasonably well for each failed leg.",
-        here="The best gait of each run, by the paper's count; the more runs found it, the thicker the line.",
-        draw=best_figure,
-    ),
-)
-
-
-def draw_figures(
-    findings: Findings, folder: Path, on_figure: Callable[[str], None] = lambda _: None
-) -> list[FigureEntry]:
-    """Write all figures as SVG into a folder; those that this study has."""
-    drawn = []
-    for entry in FIGURES:
-        figure = entry.draw(findings)
-        if figure is not None:
-            save_figure(figure, folder, entry.name)
-            drawn.append(entry)
-        on_figure(entry.name)
-    return drawn
+def _all_gaits(findings: Findings, *, turned: bool) -> "Figure | None":
+    """All gaits without or with self-rotation; None with the latter if there is none."""
+    if turned and findings.plan.self_rotation == "none":
+        return None
+    landscape_of = findings.rotated if turned else findings.without
+    title = f"All gaits, {'with' if turned else 'without'} self-rotation"
+    return trajectories_figure([landscape_of(leg) for leg in findings.plan.legs], title)

@@ -1,101 +1,39 @@
 """The report of a study: one HTML page that needs no other file, with figures and tables next to it."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from pathlib import Path
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from statistics import fmean
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hexctl.files import atomic_write
-from hexctl.study.landscapes.landscape import Landscape
+from hexctl.study.experiment import plain
+from hexctl.study.landscapes.landscape import NUMBERS, Landscape
 from hexctl.study.landscapes.versions import code_versions
-from hexctl.study.reports.figures import FigureEntry, draw_figures
-from hexctl.study.reports.report_page import Block, Bullets, Fold, Picture, Section, Table, render_page
-from hexctl.study.reports.study_summary import summary
-from hexctl.study.reports.study_tables import SHOWN, TABLES, write_tables
-from hexctl.study.searches import NULL_DRAWS, Curve, Findings
+from hexctl.study.reports.report_page import Block, Bullets, Fold, Picture, Section, Table
+from hexctl.study.reports.texts import reading, texts
+from hexctl.study.searches import BASELINE, NULL_DRAWS, Curve, Findings, Searches
 from hexctl.study.verdicts.assumptions import HEADER, assumption_rows
-from hexctl.study.verdicts.claim_evidence import Claim, cm, limit_text
-from hexctl.study.verdicts.claims import expected_best_rank
-from hexctl.study.verdicts.distance_criterion import LATE_ABOVE_BEST_M, BarRow, bar_rows
-from hexctl.study.verdicts.trajectories import EARLY, EARLY_M, LATE, LATE_M, left_share, within
-from hexctl.study.verdicts.verdict_uncertainty import StudyUncertainty
+from hexctl.study.verdicts.claim_evidence import EARLY, EARLY_M, LATE, LATE_M, Claim, cm, limit_text, number
+from hexctl.study.verdicts.claims import LATE_ABOVE_BEST_M, BarRow, bar_rows, expected_best_rank
+from hexctl.study.verdicts.trajectories import left_share, within
 
-REPORT = "report.html"
-
-READING = (
-    "A claim holds, does not hold, or there is no evidence: the numbers decide nothing, a symmetry implies "
-    "it, or it holds on random numbers, too. Each of the three is a result.",
-    'Where the paper gives a number, "about" is that number plus or minus half of it, on both sides: a mean '
-    "far below it is not what the paper reports either, and the table says which side is missed.",
-    "Legs that a symmetry of the robot turns into one another are one experiment and have one vote. "
-    "Intervals are 95 % intervals of the mean over worlds that differ in what the paper leaves open "
-    "(friction, stiffness of the servos, contact time); with one world there is none.",
-    "Random numbers: the scores of each landscape dealt out at random over the codes, "
-    f"{NULL_DRAWS} times. A claim about searches that holds there, too, says nothing about the encoding or "
-    "the search.",
-    "Final deviation (the paper's F) counts, of valid trials only: a robot that fell, or made less than half "
-    "of the ideal distance, is behind every other, however near to the line it stands.",
-    "A run that has found no valid gait yet has no best-so-far. It is left out of means and percentiles; the "
-    "share of the runs that are in them is in convergence.parquet, and in the tables where it is not all.",
-    "Two counts of evaluations: the paper's, where a repeated code costs one, and hexctl's, where each gait "
-    "is paid for once. The paper's claims are judged by the paper's count, the bar is shown by both.",
-    "Searches with a population on the one line of codes converge and then ask for nothing new. By the fresh "
-    "count random untried codes follow, so what a long curve gains later is the random search's "
-    "work.",
-    "The random baseline is strong: the best of n gaits drawn from 120 without repetition has the expected "
-    f"rank 121/(n + 1), which is {expected_best_rank(EARLY):.1f} after {EARLY} and "
-    f"{expected_best_rank(LATE):.1f} after {LATE}.",
-    "dps is a reconstruction from published parents: the equations of the original are not open to us.",
-    "No parameter was tuned on these landscapes. Simulator, floor friction and servos are not the paper's, "
-    "which does not give them; directions and orders of magnitude compare, single numbers do not.",
-)
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 
-DEFAULT_GAITS = (
-    "The gaits that the robot would use anyway, its default one and the tripod, walked with the same failed "
-    "leg, self-rotation and world. They are no part of the landscapes: the tripod has no code. Where one of "
-    "them ends nearer to the line than a search, the search was not needed. A tripod that is its own mirror "
-    "image about the trailing leg ends near the line on a robot and in a world that are symmetric, too, and "
-    "in no other. Searches: the median of the runs and, in brackets, the best one, each gait paid for once."
-)
-
-
-def write_report(
-    findings: Findings,
-    claims: Sequence[Claim],
-    uncertainty: StudyUncertainty,
-    folder: Path,
-    on_figure: Callable[[str], None] = lambda _: None,
-) -> Path:
-    """Write tables, figures and the report into a folder; path of the report.
-
-    Args:
-        findings: landscapes and searches.
-        claims: judged by them, as `claims_of` gives.
-        uncertainty: of the walks.
-        folder: for the files.
-        on_figure: called with the name of each figure that is done.
-    """
-    write_tables(findings, folder)
-    drawn = draw_figures(findings, folder, on_figure)
-    path = folder / REPORT
-    sections = [
-        *_verdicts(findings, claims, uncertainty),
-        *_pictures(drawn, folder),
-        *_numbers(findings, uncertainty),
-    ]
-    heading = "Gaits for a failed leg: the paper's experiments repeated"
-    atomic_write(path, render_page("hexctl study", heading, sections))
-    return path
-
-
-def _verdicts(
-    findings: Findings, claims: Sequence[Claim], uncertainty: StudyUncertainty
-) -> Iterator[Section]:
-    parameters = Fold("Parameters of the world", _parameters(findings))
-    yield Section("", [summary(findings, claims), _settings(findings), uncertainty.sentence, parameters])
-    yield Section("Claims of the paper", [_claims(claims)])
-    yield Section("How to read this", [Bullets([*READING, _stuck(findings)])])
+def study_sections(findings: Findings, pictures: Mapping[str, Picture]) -> Iterator[Section]:
+    """Return the parts of the report of a study."""
+    world = findings.plan.world.model_dump()
+    values = [(name, str(value)) for name, value in world.items() if name != "sensor_noise"]
+    parameters = Fold("Parameters of the world", Table(("parameter", "value"), values))
+    sentence = findings.uncertainty.sentence
+    yield Section("", [summary(findings), _settings(findings), sentence, parameters])
+    header = ("claim of the paper", "holds here if", "measured here", "beside it", "verdict")
+    rows = [(one.claim, one.rule, one.measured, _beside(one), one.verdict) for one in findings.claims]
+    yield Section("Claims of the paper", [Table(header, rows)])
+    ranks = {"early": expected_best_rank(EARLY), "late": expected_best_rank(LATE)}
+    yield reading("study", Bullets([_stuck(findings)]), draws=NULL_DRAWS, **ranks)
     left_open = (
         "What the paper leaves open, and how it is read here; numbers are those of ant on the flat "
         "floor, leg locked, after the turn."
@@ -103,7 +41,10 @@ def _verdicts(
     yield Section("Assumptions", [left_open, Table(HEADER, assumption_rows())])
     yield Section("The bar: mean over legs and runs", _bar_blocks(findings))
     if findings.default_walks:
-        yield Section("Without a search", [DEFAULT_GAITS, _defaults(findings)])
+        yield Section("Without a search", [texts("default_gaits"), _defaults(findings)])
+    for name, picture in pictures.items():
+        yield Section(name.replace("_", " ").capitalize(), [picture])
+    yield from _numbers(findings)
 
 
 def _bar_blocks(findings: Findings) -> list[Block]:
@@ -117,14 +58,8 @@ def _bar_blocks(findings: Findings) -> list[Block]:
     return [bar, "Each gait paid for once:", fresh, "By the paper's count:", paper]
 
 
-def _pictures(drawn: Iterable[FigureEntry], folder: Path) -> Iterator[Section]:
-    for entry in drawn:
-        picture = Picture(folder / f"{entry.name}.svg", entry.paper, entry.here)
-        yield Section(entry.name.replace("_", " ").capitalize(), [picture])
-
-
-def _numbers(findings: Findings, uncertainty: StudyUncertainty) -> Iterator[Section]:
-    yield Section("Landscapes", [_landscapes(findings.landscapes.values(), uncertainty)])
+def _numbers(findings: Findings) -> Iterator[Section]:
+    yield Section("Landscapes", [_landscapes(findings)])
     yield Section("Means over all legs and runs, with standard deviation", [_means(findings)])
     title = "Means of each leg over its runs, with standard deviation, by the paper's count"
     yield Section(title, [_leg_means(findings)])
@@ -133,9 +68,6 @@ def _numbers(findings: Findings, uncertainty: StudyUncertainty) -> Iterator[Sect
         "count buys."
     )
     yield Section("Distinct codes", [distinct, _distinct(findings)])
-    beside = f"Beside this page: {', '.join(TABLES)}, and each figure as SVG."
-    versions = ", ".join(f"{name} {value}" for name, value in code_versions().items())
-    yield Section("Files and versions", [beside, versions])
 
 
 def _settings(findings: Findings) -> str:
@@ -150,13 +82,6 @@ def _settings(findings: Findings) -> str:
     )
 
 
-def _parameters(findings: Findings) -> Table:
-    """The simulated world, by the names of its file."""
-    world = findings.plan.world.model_dump()
-    rows = [(name, str(value)) for name, value in world.items() if name != "sensor_noise"]
-    return Table(("parameter", "value"), rows)
-
-
 def _stuck(findings: Findings) -> str:
     """After how many codes the searches of this study were stuck."""
     means = {
@@ -167,11 +92,6 @@ def _stuck(findings: Findings) -> str:
     return (
         f"Distinct codes until a search is stuck, means of the runs of each leg: {each or 'none searched'}."
     )
-
-
-def _claims(claims: Iterable[Claim]) -> Table:
-    rows = [(claim.claim, claim.rule, claim.measured, _beside(claim), claim.verdict) for claim in claims]
-    return Table(("claim of the paper", "holds here if", "measured here", "beside it", "verdict"), rows)
 
 
 def _beside(claim: Claim) -> str:
@@ -206,7 +126,7 @@ def _share(share: float) -> str:
     return "" if share == 1 else f" [{share:.0%} of the runs]"
 
 
-def _landscapes(landscapes: Iterable[Landscape], uncertainty: StudyUncertainty) -> Table:
+def _landscapes(findings: Findings) -> Table:
     header = ("leg", "self-rotation", "gaits", "valid", "end left", "within 10 cm", "within 2.5 cm", "best")
     rows = [
         (
@@ -217,9 +137,9 @@ def _landscapes(landscapes: Iterable[Landscape], uncertainty: StudyUncertainty) 
             f"{left_share(landscape):.0%}",
             str(within(landscape, EARLY_M)),
             str(within(landscape, LATE_M)),
-            uncertainty.beside(landscape.best_m),
+            findings.uncertainty.beside(landscape.best_m),
         )
-        for landscape in landscapes
+        for landscape in findings.landscapes.values()
     ]
     return Table(header, rows)
 
@@ -282,3 +202,212 @@ def _distinct(findings: Findings) -> Table:
         rows.append([name, *cells])
     legs = [f"leg {leg}" for leg in findings.searched]
     return Table(("optimizer", *legs), rows)
+
+
+#: Beginnings of verdicts, and how the summary counts them.
+COUNTED = {
+    "holds": "hold",
+    "does not hold": "do not hold",
+    "no evidence": "have no evidence",
+    "not judged": "are not judged",
+    "not measured": "are not measured",
+}
+
+
+def summary(findings: Findings) -> str:
+    """Three sentences for the top of a report."""
+    return " ".join((_experiment(findings), _verdicts(findings.claims), _best_search(findings)))
+
+
+def _experiment(findings: Findings) -> str:
+    plan = findings.plan
+    legs = f"leg {plan.legs[0]}" if len(plan.legs) == 1 else f"each of {len(plan.legs)} legs"
+    search = "one search" if len(plan.optimizers) == 1 else f"{len(plan.optimizers)} searches"
+    return (
+        f"{plan.robot.name} walked 120 gaits for {plan.duration_s:g} s with {legs} {plan.failure}, "
+        f"and {search} looked for the straightest gait."
+    )
+
+
+def _verdicts(claims: Sequence[Claim]) -> str:
+    counts = {
+        words: sum(claim.verdict.startswith(begin) for claim in claims) for begin, words in COUNTED.items()
+    }
+    *others, last = [f"{count} {words}" for words, count in counts.items() if count]
+    listed = f"{', '.join(others)} and {last}" if others else last
+    return f"Of the paper's {len(claims)} claims, {listed}."
+
+
+def _best_search(findings: Findings) -> str:
+    """The best search, the random baseline and the best default gait, in one sentence."""
+    after = min(EARLY, findings.plan.budget)
+    means_m = {
+        name: float(findings.mean_curve(name, paper_count=False).mean[after - 1])
+        for name in findings.plan.optimizers
+    }
+    found = {name: mean_m for name, mean_m in means_m.items() if np.isfinite(mean_m)}
+    if not found:
+        return f"No search found a valid gait within {after} evaluations."
+    best = min(found, key=found.__getitem__)
+    parts = [f"{cm(found[best])} with the best search ({best})"]
+    if BASELINE in found and best != BASELINE:
+        parts.append(f"{cm(found[BASELINE])} with random search")
+    parts += _without_a_search(findings)
+    listed = parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+    return f"After {after} evaluations, the mean deviation from the line is {listed}."
+
+
+def _without_a_search(findings: Findings) -> list[str]:
+    """Mean deviation with the best default gait; empty if each of them is invalid for some leg."""
+    ends_m: dict[str, list[float | None]] = {}
+    for walk in findings.default_walks:
+        if walk.leg in findings.searched:
+            ends_m.setdefault(walk.gait, []).append(walk.final_m)
+    means_m = {
+        gait: fmean(final_m for final_m in ends if final_m is not None)
+        for gait, ends in ends_m.items()
+        if None not in ends
+    }
+    if not means_m:
+        return []
+    best = min(means_m, key=means_m.__getitem__)
+    return [f"{cm(means_m[best])} with the {best} gait, which needs no search"]
+
+
+COUNT_NAMES = {True: "paper", False: "fresh"}
+
+
+def study_tables(findings: Findings) -> "dict[str, DataFrame]":
+    """Return landscapes (a row per gait), convergence (per evaluation) and runs (per run and evaluation)."""
+    from pandas import DataFrame, concat
+
+    searches = list(findings.searches.values())
+    contents = {
+        "landscapes": [_landscape_columns(landscape) for landscape in findings.landscapes.values()],
+        "convergence": [_curve_columns(search) for search in searches],
+        "runs": [_run_columns(search) for search in searches],
+    }
+    return {name: concat([DataFrame(part) for part in parts]) for name, parts in contents.items()}
+
+
+def _landscape_columns(landscape: Landscape) -> dict[str, Any]:
+    """Columns with a row per gait; paths end where the walk ended."""
+    spec = landscape.spec
+    paths = [path[np.isfinite(path[:, 0])] for path in landscape.paths_m]
+    return {
+        "code": landscape.codes,
+        "robot": spec.robot.name,
+        "leg": spec.leg,
+        "failure": spec.failure,
+        "self_rotation": spec.self_rotation,
+        "slots": [spec.space.slots_of(code) for code in landscape.codes.tolist()],
+        "status": landscape.status.tolist(),
+        "final_m": landscape.final_m,
+        **{name: landscape.number(name) for name in NUMBERS},
+        "path_progress_m": [path[:, 0] for path in paths],
+        "path_deviation_m": [path[:, 1] for path in paths],
+    }
+
+
+def _curve_columns(search: Searches) -> dict[str, Any]:
+    """Columns with a row per evaluation."""
+    curve = search.curve
+    return {
+        **_head(search),
+        "evaluation": np.arange(1, len(curve.mean) + 1),
+        **{f"{name}_m": getattr(curve, name) for name in ("mean", "std", "median", "p10", "p90")},
+        "share_of_runs": curve.share,
+    }
+
+
+def _run_columns(search: Searches) -> dict[str, Any]:
+    """Columns with a row per run and evaluation; code 0 follows the end of a run that tried all codes."""
+    runs, budget = search.codes.shape
+    return {
+        **_head(search),
+        "seed": np.repeat(search.seeds, budget),
+        "evaluation": np.tile(np.arange(1, budget + 1), runs),
+        "code": search.codes.ravel(),
+        "score": search.scores.ravel(),
+        "best_m": search.best_m.ravel(),
+    }
+
+
+def _head(search: Searches) -> dict[str, Any]:
+    return {"leg": search.leg, "optimizer": search.optimizer, "count": COUNT_NAMES[search.paper_count]}
+
+
+#: Numbers of evaluations at which tables show the curves, up to the budget.
+SHOWN = (1, 10, 20, 40, 60, 120)
+
+
+def summary_json(findings: Findings) -> dict[str, Any]:
+    """Return settings and results of a study as JSON values; null if there is no number."""
+    plan = findings.plan
+    names = [
+        "legs",
+        "optimizers",
+        "runs",
+        "budget",
+        "duration_s",
+        "seed",
+        "failure",
+        "self_rotation",
+        "worlds",
+    ]
+    return {
+        "robot": plan.robot.name,
+        "world": plan.world.model_dump(mode="json"),
+        **plain(plan, *names),
+        "uncertainty": findings.uncertainty.as_json(),
+        "code": code_versions(),
+        "claims": [{**asdict(claim), "verdict": claim.verdict} for claim in findings.claims],
+        "bars": [_bar(row) for count in (False, True) for row in bar_rows(findings, paper_count=count)],
+        "landscapes": [_landscape(landscape) for landscape in findings.landscapes.values()],
+        "default_gaits": [{**asdict(walk), "final_m": walk.final_m} for walk in findings.default_walks],
+        "convergence": [
+            _curve(findings, name, paper_count=count) for count in (False, True) for name in plan.optimizers
+        ],
+    }
+
+
+def _bar(row: BarRow) -> dict[str, Any]:
+    return {
+        "optimizer": row.optimizer,
+        "count": COUNT_NAMES[row.paper_count],
+        "evaluations": row.evaluations,
+        "leg": row.leg,
+        "mean_m": number(row.mean_m),
+        "limit_m": number(row.limit_m),
+        "share_of_runs": row.share,
+        "holds": row.holds,
+    }
+
+
+def _landscape(landscape: Landscape) -> dict[str, Any]:
+    return {
+        "leg": landscape.spec.leg,
+        "self_rotation": landscape.spec.self_rotation,
+        "gaits": len(landscape.codes),
+        "valid": int(landscape.valid.sum()),
+        "left_share": number(left_share(landscape)),
+        "within_0.10_m": within(landscape, 0.10),
+        "within_0.025_m": within(landscape, 0.025),
+        "best_m": number(landscape.best_m),
+    }
+
+
+def _curve(findings: Findings, optimizer: str, *, paper_count: bool) -> dict[str, Any]:
+    """Mean over legs and runs after some numbers of evaluations."""
+    curve = findings.mean_curve(optimizer, paper_count=paper_count)
+    shown = [count for count in SHOWN if count <= findings.plan.budget]
+    searches = [findings.searches[leg, optimizer, paper_count] for leg in findings.searched]
+    return {
+        "optimizer": optimizer,
+        "count": COUNT_NAMES[paper_count],
+        "mean_m": {str(count): number(curve.mean[count - 1]) for count in shown},
+        "std_m": {str(count): number(curve.std[count - 1]) for count in shown},
+        "share_of_runs": {str(count): number(curve.share[count - 1]) for count in shown},
+        "distinct_codes": [int(search.distinct.mean()) for search in searches],
+        "own_codes_until_stuck": [round(float(search.own_codes.mean()), 1) for search in searches],
+    }

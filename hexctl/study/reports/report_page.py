@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
-from hexctl.palette import GREY, VERDICT_COLORS, Color
+from hexctl.palette import GREY, VERDICT_COLORS
 
 #: File in `hexctl/study/templates`.
 TEMPLATE = "report.html"
@@ -80,6 +80,12 @@ class Section:
         return re.sub(r"[^a-z0-9]+", "-", self.title.lower()).strip("-")
 
 
+def markdown(table: Table) -> list[str]:
+    """Return a table as lines of Markdown."""
+    lines = [table.header, ["---"] * len(table.header), *table.rows]
+    return ["| " + " | ".join(line) + " |" for line in lines]
+
+
 def render_page(title: str, heading: str, sections: Iterable[Section]) -> str:
     """HTML text of a page; every text in it is escaped.
 
@@ -100,10 +106,5 @@ def render_page(title: str, heading: str, sections: Iterable[Section]) -> str:
         title=title,
         heading=heading,
         sections=list(sections),
-        colors={name: _channels(color) for name, color in colors.items()},
+        colors={name: " ".join(map(str, color)) for name, color in colors.items()},
     )
-
-
-def _channels(color: Color) -> str:
-    """Colour for `rgb(... / opacity)` in CSS."""
-    return " ".join(map(str, color))

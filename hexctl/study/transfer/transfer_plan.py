@@ -1,81 +1,86 @@
-"""Settings of a transfer benchmark: unseen worlds, legs, optimizers, runs and trials."""
+"""The transfer benchmark: adaptation in worlds outside every prior."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
-from hexctl.adapt.optimizers.shipped import BAYES
+from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.prior.prior import Prior, PriorKey, load_prior
 from hexctl.adapt.prior.prior_files import find_prior
 from hexctl.adapt.prior.samples import covering, covers
+from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import DomainRandomization
-from hexctl.control.trial_plan import TrialPlan
-from hexctl.errors import InputError, argument, check_type
+from hexctl.control.trial_plan import DURATION_S, TrialPlan
+from hexctl.errors import InputError, argument
 from hexctl.gait.gait import make_gait
-from hexctl.robot.failure_grammar import KINDS, parse_kind
+from hexctl.options import Range
+from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.model import Robot
+from hexctl.study.experiment import Experiment, Work
 from hexctl.study.landscapes.landscape import LandscapeSpec
+from hexctl.study.plan import check_legs, check_setting, check_walks
 from hexctl.study.prior_building import WHOLE_S, in_whole_steps
-from hexctl.study.study_options import WORLDS
-from hexctl.study.study_plan import BASELINE, HEURISTICS, StudyPlan, check_robot
+from hexctl.study.searches import BASELINE, HEURISTICS
+from hexctl.study.study_options import ALL_LEGS, BUDGET, RUNS, WORLDS
+from hexctl.study.transfer import transfer_report as report
+from hexctl.study.transfer.transfer_report import TransferFound
+from hexctl.study.transfer.transfer_searches import PRIORED, search_worlds
+from hexctl.study.verdicts.verdict_uncertainty import StudyUncertainty
+from hexctl.study.walk_cache import Walked
 from hexctl.types import N_LEGS
+
+if TYPE_CHECKING:
+    pass
 
 #: The family of unseen worlds.
 UNSEEN = "transfer"
 
-#: The first worlds of the family were looked at while `bayes` was made; the benchmark begins after them.
+#: Earlier worlds of the family were used while `bayes` was developed.
 FIRST_WORLD = 65
-
-#: `bayes` with early stopping.
-EARLY = "bayes-early"
-
-PRIORED = (BAYES, EARLY)
 
 MAX_WORLDS = int(WORLDS.high)
 
 
 @dataclass(frozen=True, kw_only=True)
-class TransferPlan:
+class TransferPlan(Experiment[TransferFound]):
     """Settings of one benchmark.
 
     Attributes:
-        robot: model of the robot.
-        family: the unseen worlds, never those of a prior.
-        prior: prior of `bayes`.
-        worlds: number of worlds of the family.
-        legs: the failed legs, ascending.
+        family: held-out worlds, never those of a prior.
         optimizers: names as in `hexctl.adapt.optimizers.shipped`, `bayes` and `bayes-early`.
         runs: seeded runs of each optimizer in each world and leg; `bayes` has no seed and one run.
-        budget: trials of a run.
-        duration_s: length of each walk.
         target_m: deviation that `bayes` aims at.
-        seed: of the searches.
-        failure: of each leg, in the words of `parse_kind`; with `unknown` each world draws what breaks,
-            and the searches are not told.
+        failure: failure of each leg, as `parse_kind` reads it; with `unknown` each world draws what breaks,
+            and the searches do not know it.
         one_leg: one leg fails in each world, the next one in the next world, instead of all in every world.
     """
+
+    NAME: ClassVar[str] = "transfer"
+    REPORT: ClassVar[str] = "transfer.html"
+    TITLE: ClassVar[str] = "hexctl study --transfer"
+    HEADING: ClassVar[str] = "Adaptation in worlds outside every prior"
+    UNIT: ClassVar[str] = "gaits"
+
+    numbers = staticmethod(report.transfer_json)
+    lines = staticmethod(report.transfer_lines)
+    tables = staticmethod(report.transfer_tables)
+    drawings = staticmethod(report.drawings)
+    sections = staticmethod(report.sections)
 
     robot: Robot
     family: DomainRandomization
     prior: Prior
-    worlds: int = 30
-    legs: tuple[int, ...] = tuple(range(1, N_LEGS + 1))
+    worlds: Annotated[int, WORLDS] = 30
+    legs: tuple[int, ...] = ALL_LEGS
     optimizers: tuple[str, ...] = (*PRIORED, *HEURISTICS, BASELINE)
-    runs: int = 5
-    budget: int = 60
-    duration_s: float = 30.0
+    runs: Annotated[int, RUNS] = 5
+    budget: Annotated[int, BUDGET] = 60
+    duration_s: Annotated[float, DURATION_S] = 30.0
     target_m: float = 0.025
-    seed: int = 0
+    seed: Annotated[int, Range(low=0, high=10_000, whole=True)] = 0
     failure: str = "locked"
     one_leg: bool = False
-
-    def __post_init__(self) -> None:
-        check_robot(self.robot)
-        allowed = f"a DomainRandomization, as load_randomization('{UNSEEN}') gives"
-        check_type(self.family, DomainRandomization, "plan.family", allowed)
-        check_type(self.prior, Prior, "plan.prior", "a Prior, as load_prior(path) gives")
-        check_type(self.failure, str, "plan.failure", KINDS)
-        check_type(self.one_leg, bool, "plan.one_leg")
 
     def specs(self) -> list[LandscapeSpec]:
         """Specs of the landscapes, world by world; a world's number is the seed of what is drawn in it."""
@@ -93,12 +98,8 @@ class TransferPlan:
                 place=f"world {number} ({self.family.kind(number).name})",
             )
             for number, world in zip(numbers, worlds, strict=True)
-            for leg in self._legs_in(number)
+            for leg in ((self.legs[number % len(self.legs)],) if self.one_leg else self.legs)
         ]
-
-    def _legs_in(self, number: int) -> tuple[int, ...]:
-        """Legs that fail in a world."""
-        return (self.legs[number % len(self.legs)],) if self.one_leg else self.legs
 
     def kind_of(self, spec: LandscapeSpec) -> str:
         """Kind of a landscape's world."""
@@ -113,22 +114,13 @@ class TransferPlan:
         return ((self.seed * MAX_WORLDS + spec.seed) * N_LEGS + spec.leg) * 1_000 + run
 
     def check(self) -> None:
-        """Raise InputError for anything that is not allowed, before anything runs."""
-        WORLDS.check(argument("worlds"), self.worlds)
+        """Raise InputError for settings that are not allowed, before anything runs."""
+        super().check()
+        check_legs(self.legs)
         parse_kind(1, self.failure)
-        others = tuple(name for name in self.optimizers if name not in PRIORED) or (BASELINE,)
-        StudyPlan(
-            robot=self.robot,
-            legs=self.legs,
-            optimizers=others,
-            runs=self.runs,
-            budget=self.budget,
-            duration_s=self.duration_s,
-            seed=self.seed,
-        ).check()
-        if not self.optimizers or len(set(self.optimizers)) != len(self.optimizers):
-            given = ",".join(self.optimizers) or "none"
-            raise InputError(f"{argument('optimizers')}: got {given}; allowed: one or more names, each once")
+        for name in self.optimizers:
+            if name not in PRIORED:
+                make_optimizer(name, GaitSpace((self.legs[0],)), self.seed)
         if self.family.model_dump(mode="json") == self.prior.origin.get("family"):
             raise InputError("transfer: the prior was built from these worlds; allowed: a family of others")
         missing = [leg for leg in self.legs if not covers(self.robot, "rear", self.prior.legs, leg)]
@@ -136,17 +128,30 @@ class TransferPlan:
             raise InputError(
                 f"prior: has nothing on legs {missing}; allowed: {argument('legs')} {list(self.prior.legs)}"
             )
-        if not in_whole_steps(self.duration_s):
-            raise InputError(
-                f"{argument('duration_s')}: got {self.duration_s:g}; allowed: multiples of {WHOLE_S:g} s"
-            )
-        differences = self.prior.key.differences(PriorKey.of(self.robot, self.trial_plan()))
+        whole = in_whole_steps(self.duration_s)
+        check_setting("duration_s", f"{self.duration_s:g}", whole, f"multiples of {WHOLE_S:g} s")
+        differences = self.prior.key.differences(PriorKey.of(self.robot, self.specs()[0].trial(1).plan))
         if differences:
             raise InputError(f"prior: is for {', '.join(differences)}; allowed: a prior for these trials")
+        check_walks(self.specs())
 
-    def trial_plan(self) -> TrialPlan:
-        """Plan of a trial, with the gait of code 1."""
-        return self.specs()[0].trial(1).plan
+    def walked(self) -> Walked:
+        """Return the gaits to walk, landscape by landscape."""
+        return [(spec, spec.codes) for spec in self.specs()]
+
+    def find(self, work: Work) -> TransferFound:
+        """Walk all gaits and run every optimizer in every landscape."""
+        specs = self.specs()
+        uncertainty = StudyUncertainty.of(
+            self.robot, specs[0].world, self.duration_s, work.cache.folder.parent, failure=self.failure
+        )
+        landscapes = work.evaluate(specs)
+        work.lap("landscapes")
+        work.progress.stage("searches, world by world", len(landscapes))
+        runs = search_worlds(self, landscapes, lambda _: work.progress.step())
+        work.lap("searches")
+        without = sum(not landscape.valid.any() for landscape in landscapes)
+        return TransferFound(plan=self, runs=runs, without=without, uncertainty=uncertainty)
 
 
 def find_transfer_prior(

@@ -1,32 +1,51 @@
-"""The report of a transfer benchmark: one HTML page, with figures and a table beside it."""
+"""The report of the transfer benchmark: bars, figures and tables of the runs of its searches."""
 
-from collections.abc import Iterator
-from dataclasses import replace
-from pathlib import Path
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hexctl.adapt.optimizers.shipped import BAYES
-from hexctl.files import atomic_write
-from hexctl.palette import BAR_COLOR, BEST_OF_ALL_COLOR, hex_color
+from hexctl.study.experiment import Drawing, plain
 from hexctl.study.landscapes.versions import code_versions
-from hexctl.study.reports.figure_style import grid_of, label_axes, line_of, new_figure, save_figure
-from hexctl.study.reports.report_page import Block, Bullets, Picture, Section, Table, render_page
-from hexctl.study.reports.study_tables import number
-from hexctl.study.study_plan import BASELINE
-from hexctl.study.transfer.transfer_plan import PRIORED
-from hexctl.study.transfer.transfer_searches import NEAR_M, NEARER_M, Curves, TransferFindings
-from hexctl.study.verdicts.claim_evidence import Bar, cm, too_short
+from hexctl.study.reports.figure_style import draw_best_of_all, finish_curves, grid_of, line_of, new_figure
+from hexctl.study.reports.report_page import Block, Picture, Section, Table
+from hexctl.study.reports.texts import reading
+from hexctl.study.searches import BASELINE
+from hexctl.study.transfer.transfer_searches import (
+    PRIORED,
+    Curves,
+    by_seconds,
+    by_trials,
+    coverage,
+    floor_m,
+    standard_error_m,
+    sure_share,
+    walked_s,
+)
+from hexctl.study.verdicts.claim_evidence import (
+    EARLY_M,
+    LATE_M,
+    Bar,
+    bar_lines,
+    cm,
+    cm_with_error,
+    judged_bars,
+    number,
+)
 from hexctl.study.verdicts.verdict_uncertainty import StudyUncertainty
 from hexctl.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+    from hexctl.study.transfer.transfer_plan import TransferPlan
 
 #: Mean deviation over all worlds and legs, the trials within which it is required, and the stretch goal.
-ASKED = ((NEAR_M, 4, 2), (NEARER_M, 12, 6))
+ASKED = ((EARLY_M, 4, 2), (LATE_M, 12, 6))
 
 #: Most trials that `bayes` may need beyond random search, in any kind of world.
 MORE_THAN_RANDOM = 2
@@ -35,17 +54,56 @@ MORE_THAN_RANDOM = 2
 COVERAGE = (0.85, 0.95)
 
 
-def transfer_bars(findings: TransferFindings) -> list[Bar]:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TransferFound:
+    """The results of one benchmark.
+
+    Attributes:
+        runs: a row for each run of a search, as `search_worlds` returns them.
+        without: number of landscapes without a valid gait, which are left out.
+        uncertainty: the simulation's own, of the walks.
+    """
+
+    plan: "TransferPlan"
+    runs: "DataFrame"
+    without: int = 0
+    uncertainty: StudyUncertainty = field(default_factory=StudyUncertainty)
+
+    def of(self, optimizer: str, kind: str | None = None) -> "DataFrame":
+        """Return the runs of an optimizer, in all worlds or those of a kind."""
+        return of(self.runs if kind is None else of(self.runs, kind=kind), optimizer=optimizer)
+
+    def reachable(self, bound_m: float) -> "DataFrame":
+        """Return the runs in landscapes whose best gait is within a bound."""
+        return self.runs[self.runs["best_of_all_m"] <= bound_m]
+
+    @property
+    def kinds(self) -> list[str]:
+        """Kinds of worlds, in the order of their first appearance."""
+        return list(self.runs["kind"].unique())
+
+
+def of(runs: "DataFrame", **values: object) -> "DataFrame":
+    """Return the runs in which a column has a value."""
+    ((column, value),) = values.items()
+    return runs[runs[column] == value]
+
+
+def places(runs: "DataFrame") -> int:
+    """Return the number of landscapes."""
+    return int(runs["place"].nunique())
+
+
+def transfer_bars(found: TransferFound) -> list[Bar]:
     """Bars that the benchmark's optimizers and budget reach; none is judged on walks that are too short."""
-    if BAYES not in findings.plan.optimizers or not findings.landscapes:
+    if BAYES not in found.plan.optimizers:
         return []
-    bars = [*_means(findings), *_against_random(findings), _coverage(findings)]
-    reason = too_short(findings.plan.duration_s)
-    return [replace(bar, holds=None, not_judged=reason) for bar in bars] if reason else bars
+    bars = [*_means(found), *_against_random(found), _coverage(found)]
+    return judged_bars(bars, found.plan.duration_s)
 
 
-def _coverage(findings: TransferFindings) -> Bar:
-    share, outcomes = findings.coverage(BAYES, findings.places())
+def _coverage(found: TransferFound) -> Bar:
+    share, outcomes = coverage(found.of(BAYES))
     low, high = COVERAGE
     return Bar(
         name="coverage",
@@ -55,10 +113,10 @@ def _coverage(findings: TransferFindings) -> Bar:
     )
 
 
-def _means(findings: TransferFindings) -> Iterator[Bar]:
-    curves = findings.by_trials(BAYES, findings.places())
+def _means(found: TransferFound) -> Iterator[Bar]:
+    curves = by_trials(found.of(BAYES))
     for bound_m, within, stretch in ASKED:
-        if within > findings.plan.budget:
+        if within > found.plan.budget:
             continue
         needed = curves.trials_to(bound_m)
         yield Bar(
@@ -69,14 +127,13 @@ def _means(findings: TransferFindings) -> Iterator[Bar]:
         )
 
 
-def _against_random(findings: TransferFindings) -> Iterator[Bar]:
+def _against_random(found: TransferFound) -> Iterator[Bar]:
     """Compare with random search, kind by kind, wherever random search gets within the budget."""
-    if BASELINE not in findings.plan.optimizers:
+    if BASELINE not in found.plan.optimizers:
         return
-    for kind in findings.kinds():
-        places = findings.places(kind)
-        bayes, random = (findings.by_trials(name, places) for name in (BAYES, BASELINE))
-        for bound_m in (NEAR_M, NEARER_M):
+    for kind in found.kinds:
+        bayes, random = (by_trials(found.of(name, kind)) for name in (BAYES, BASELINE))
+        for bound_m in (EARLY_M, LATE_M):
             ours, theirs = bayes.trials_to(bound_m), random.trials_to(bound_m)
             if theirs is None and ours is None:
                 continue  # out of reach of both
@@ -95,48 +152,53 @@ def _trials(count: int | None) -> str:
 #: Points of the curves over seconds.
 SECONDS = 120
 
+#: What the figures show.
+UP = "deviation of the best gait so far"
 
-def trials_figure(findings: TransferFindings) -> "Figure":
+
+def trials_figure(found: TransferFound) -> "Figure":
     """Mean, median and 90th percentile over trials, of all worlds and legs."""
-    figure, panels = new_figure(1, 3, (13.0, 4.6))
-    places = findings.places()
-    trials = np.arange(1.0, findings.plan.budget + 1)
-    for name in findings.plan.optimizers:
-        _draw(panels, name, trials, findings.by_trials(name, places))
-    _finish(figure, panels, findings, places, "trials", "All worlds and legs, over trials")
-    return figure
+    trials = np.arange(1.0, found.plan.budget + 1)
+    curves = {name: by_trials(found.of(name)) for name in found.plan.optimizers}
+    return _curves_figure(found, curves, trials, "trials")
 
 
-def seconds_figure(findings: TransferFindings) -> "Figure":
+def seconds_figure(found: TransferFound) -> "Figure":
     """Mean, median and 90th percentile over the seconds walked."""
+    seconds = np.linspace(0, found.plan.budget * found.plan.duration_s, SECONDS + 1)[1:]
+    curves = {name: by_seconds(found.of(name), seconds) for name in found.plan.optimizers}
+    return _curves_figure(found, curves, seconds, "seconds walked")
+
+
+def _curves_figure(
+    found: TransferFound, curves: Mapping[str, Curves], at: FloatArray, across: str
+) -> "Figure":
     figure, panels = new_figure(1, 3, (13.0, 4.6))
-    places = findings.places()
-    seconds = np.linspace(0, findings.plan.budget * findings.plan.duration_s, SECONDS + 1)[1:]
-    for name in findings.plan.optimizers:
-        _draw(panels, name, seconds, findings.by_seconds(name, places, seconds))
-    _finish(figure, panels, findings, places, "seconds walked", "All worlds and legs, over seconds walked")
+    floor, _ = floor_m(found.runs)
+    titles = {"mean": "mean", "median": "median", "p90": "90th percentile"}
+    for panel, (what, title) in zip(panels, titles.items(), strict=True):
+        for name, curve in curves.items():
+            _line(panel, name, at, getattr(curve, what))
+        draw_best_of_all(panel, floor)
+        panel.set_title(f"{title};  best of all gaits {cm(floor)}", fontsize=9)
+    finish_curves(figure, panels, 3, across, UP, f"All worlds and legs, over {across}")
     return figure
 
 
-def kinds_figure(findings: TransferFindings) -> "Figure":
+def kinds_figure(found: TransferFound) -> "Figure":
     """Means over trials, one panel per kind of world."""
-    kinds = findings.kinds()
+    kinds = found.kinds
     rows, columns = grid_of(len(kinds))
     figure, panels = new_figure(rows, columns, (4.6 * columns + 0.6, 3.4 * rows + 0.8))
-    trials = np.arange(1.0, findings.plan.budget + 1)
+    trials = np.arange(1.0, found.plan.budget + 1)
     for panel, kind in zip(panels, kinds, strict=False):
-        places = findings.places(kind)
-        for name in findings.plan.optimizers:
-            _line(panel, name, trials, findings.by_trials(name, places).mean)
-        _floor(panel, findings.floor_m(places))
-        panel.set_title(f"{kind}, {len(places)} worlds and legs", fontsize=9)
-    _label(figure, panels, len(kinds), "trials", "Mean, by the kind of world")
+        for name in found.plan.optimizers:
+            _line(panel, name, trials, by_trials(found.of(name, kind)).mean)
+        here = of(found.runs, kind=kind)
+        draw_best_of_all(panel, floor_m(here)[0])
+        panel.set_title(f"{kind}, {places(here)} worlds and legs", fontsize=9)
+    finish_curves(figure, panels, len(kinds), "trials", UP, "Mean, by the kind of world")
     return figure
-
-
-def _draw(panels: "list[Axes]", name: str, across: FloatArray, curves: Curves) -> None:
-    for panel, values in zip(panels, (curves.mean, curves.median, curves.p90), strict=True):
-        _line(panel, name, across, values)
 
 
 def _line(panel: "Axes", name: str, across: FloatArray, values: FloatArray) -> None:
@@ -144,236 +206,130 @@ def _line(panel: "Axes", name: str, across: FloatArray, values: FloatArray) -> N
     panel.plot(across, values, linewidth=2.2 if strong else 1.1, label=name, **line_of(name))
 
 
-def _floor(panel: "Axes", floor_m: float) -> None:
-    panel.axhline(
-        floor_m, color=hex_color(BEST_OF_ALL_COLOR), linewidth=1.2, linestyle=":", label="best of all gaits"
-    )
-
-
-def _finish(
-    figure: "Figure",
-    panels: "list[Axes]",
-    findings: TransferFindings,
-    places: list[int],
-    across: str,
-    title: str,
-) -> None:
-    for panel, what in zip(panels, ("mean", "median", "nine of ten are below"), strict=True):
-        _floor(panel, findings.floor_m(places))
-        panel.set_title(f"{what};  best of all gaits {cm(findings.floor_m(places))}", fontsize=9)
-    _label(figure, panels, 3, across, title)
-
-
-def _label(figure: "Figure", panels: "list[Axes]", used: int, across: str, title: str) -> None:
-    """Give all panels a logarithmic scale and labels, and the figure one legend."""
-    for panel in panels[:used]:
-        panel.set_yscale("log")
-        for bound_m in (NEAR_M, NEARER_M):
-            panel.axhline(bound_m, color=hex_color(BAR_COLOR), linewidth=0.5)
-        panel.set_yticks([0.01, 0.025, 0.1, 0.5, 1.0], ["1 cm", "2.5 cm", "10 cm", "50 cm", "1 m"])
-        panel.minorticks_off()
-    label_axes(panels, used, across, "deviation of the best gait so far")
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=9, frameon=False)
-    figure.suptitle(title, fontsize=11)
-
-
-REPORT = "transfer.html"
-TABLE = "transfer.parquet"
-
 #: Trials at which tables show the curves, as far as the budget goes.
 SHOWN = (1, 2, 3, 4, 6, 8, 10, 15, 20, 40, 60)
 
-READING = (
-    "Deviation of the best gait found so far, as the landscape has it: every gait of every world and leg was "
-    "walked, and searches look their trials up.",
-    "A search that has found no valid gait yet counts with the worst valid gait of its landscape.",
-    "bayes stops when it is sure of its target; its curve is flat from there on.",
-    "bayes-early ends a walk once its outcome is known well enough: it learns less per trial and more per "
-    "second.",
-    "The worlds are drawn from wider ranges than the prior's, and every other one is of a kind that no world "
-    "of the prior is. Earlier worlds of the same family were used while bayes was developed, these never "
-    "were; the other searches have the paper's parameters.",
-    "Trials have no noise here: a repeat gives the same end. That bayes is sure says that it measured a gait "
-    "within its target; how it does under noise is not told by this page.",
-    "Outcomes in intervals: each gait's first walk, where it was walked out; walks that were cut short are "
-    "not among them.",
-    "Seconds are of walking; settling, self-rotation and stopping come on top, some 12 s a trial.",
-    "The legs of one world are correlated: a kind with 3 worlds has 18 curves, but only 3 worlds. The "
-    "standard error of a mean counts worlds, not curves.",
-)
 
-_FIGURES = (("over_trials", trials_figure), ("over_seconds", seconds_figure), ("kinds", kinds_figure))
+def drawings(found: TransferFound) -> list[Drawing]:
+    """Return the figures of the report."""
+    here = "Red lines: 10 cm and 2.5 cm. The scale is logarithmic."
+    draw = {"over_trials": trials_figure, "over_seconds": seconds_figure, "kinds": kinds_figure}
+    return [
+        Drawing(name=f"transfer_{name}", draw=lambda one=one: one(found), here=here)  # type: ignore[misc]
+        for name, one in draw.items()
+    ]
 
 
-def write_transfer_report(findings: TransferFindings, uncertainty: StudyUncertainty, folder: Path) -> Path:
-    """Write table, figures and the report into a folder; path of the report."""
-    _write_table(findings, folder)
-    drawn = [(name, _drawn(draw(findings), folder, name)) for name, draw in _FIGURES]
-    path = folder / REPORT
-    sections = [*_verdicts(findings, uncertainty), *_pictures(drawn), *_numbers(findings)]
-    heading = "Adaptation in worlds outside every prior"
-    atomic_write(path, render_page("hexctl study --transfer", heading, sections))
-    return path
-
-
-def transfer_json(findings: TransferFindings, uncertainty: StudyUncertainty) -> dict[str, Any]:
-    """Settings and results of a benchmark as JSON values."""
-    plan, places = findings.plan, findings.places()
+def transfer_json(found: TransferFound) -> dict[str, Any]:
+    """Return settings and results of a benchmark as JSON values."""
+    floor, error_m = floor_m(found.runs)
     return {
-        "robot": plan.robot.name,
-        "worlds": plan.worlds,
-        "legs": list(plan.legs),
-        "optimizers": list(plan.optimizers),
-        "runs": plan.runs,
-        "budget": plan.budget,
-        "duration_s": plan.duration_s,
-        "target_m": plan.target_m,
-        "uncertainty": uncertainty.as_json(),
+        "robot": found.plan.robot.name,
+        **plain(found.plan, "worlds", "legs", "optimizers", "runs", "budget", "duration_s", "target_m"),
+        "uncertainty": found.uncertainty.as_json(),
         "code": code_versions(),
-        "landscapes": len(findings.landscapes),
-        "landscapes_without_valid_gait": findings.without,
-        "best_of_all_m": number(findings.floor_m(places)),
-        "best_of_all_standard_error_m": number(findings.floor_error_m(places)),
-        "reachable": {f"{bound:g}": len(findings.places(reachable_m=bound)) for bound in (NEAR_M, NEARER_M)},
-        "bars": [bar.as_json() for bar in transfer_bars(findings)],
-        "optimizers_found": {name: _found(findings, name, places) for name in plan.optimizers},
+        "landscapes": places(found.runs),
+        "landscapes_without_valid_gait": found.without,
+        "best_of_all_m": number(floor),
+        "best_of_all_standard_error_m": number(error_m),
+        "reachable": {f"{bound:g}": places(found.reachable(bound)) for bound in (EARLY_M, LATE_M)},
+        "bars": [bar.as_json() for bar in transfer_bars(found)],
+        "optimizers_found": {name: _found(found.of(name)) for name in found.plan.optimizers},
     }
 
 
-def _found(findings: TransferFindings, name: str, places: list[int]) -> dict[str, Any]:
-    curves = findings.by_trials(name, places)
-    shown = [count for count in SHOWN if count <= findings.plan.budget]
-    share, outcomes = findings.coverage(name, places)
-    error_m = findings.standard_error_m(name, places)
+def _found(runs: "DataFrame") -> dict[str, Any]:
+    curves, error_m, (share, outcomes) = by_trials(runs), standard_error_m(runs), coverage(runs)
+    shown = [count for count in SHOWN if count <= len(curves.mean)]
     return {
         **{
             f"{what}_m": {str(count): number(getattr(curves, what)[count - 1]) for count in shown}
             for what in ("mean", "median", "p90")
         },
         "standard_error_m": {str(count): number(error_m[count - 1]) for count in shown},
-        "trials_to": {f"{bound:g}": curves.trials_to(bound) for bound in (NEAR_M, NEARER_M)},
-        "walked_s": number(_walked_s(findings, name, places)),
+        "trials_to": {f"{bound:g}": curves.trials_to(bound) for bound in (EARLY_M, LATE_M)},
+        "walked_s": number(walked_s(runs)),
         "coverage": number(share),
         "outcomes": outcomes,
     }
 
 
-def _verdicts(findings: TransferFindings, uncertainty: StudyUncertainty) -> Iterator[Section]:
-    plan = findings.plan
+def sections(found: TransferFound, pictures: Mapping[str, Picture]) -> Iterator[Section]:
+    """Return the parts of the report."""
+    yield from _verdicts(found)
+    for name, picture in pictures.items():
+        yield Section(name.removeprefix("transfer_").replace("_", " ").capitalize(), [picture])
+    yield Section("All worlds and legs", _curves(found, found.runs))
+    yield Section("Where some gait is within 2.5 cm", _curves(found, found.reachable(LATE_M)))
+    for kind in found.kinds:
+        yield Section(f"Kind {kind}", _curves(found, of(found.runs, kind=kind)))
+    yield Section("How sure bayes was", [_sure_table(found)])
+
+
+def _verdicts(found: TransferFound) -> Iterator[Section]:
+    plan = found.plan
     settings = (
         f"Robot {plan.robot.name}; legs {', '.join(str(leg) for leg in plan.legs)} locked, self-rotation "
         f"rear, {plan.duration_s:g} s a trial; {plan.worlds} worlds; {plan.budget} trials; {plan.runs} runs "
         f"of each search that has a seed; prior of {plan.prior.worlds} worlds a leg; "
         f"target {cm(plan.target_m)}."
     )
-    yield Section("", [settings, uncertainty.sentence])
-    rows = [(bar.asked, bar.measured, bar.verdict) for bar in transfer_bars(findings)]
+    yield Section("", [settings, found.uncertainty.sentence])
+    rows = [(bar.asked, bar.measured, bar.verdict) for bar in transfer_bars(found)]
     yield Section("Bars", [Table(("asked", "measured", "verdict"), rows)])
-    yield Section("How to read this", [Bullets(READING), _reach(findings)])
+    yield reading("transfer", _reach(found))
 
 
-def _pictures(drawn: list[tuple[str, Path]]) -> Iterator[Section]:
-    here = "Red lines: 10 cm and 2.5 cm. The scale is logarithmic."
-    for name, file in drawn:
-        picture = Picture(file, "Not in the paper.", here)
-        yield Section(name.replace("_", " ").capitalize(), [picture])
-
-
-def _numbers(findings: TransferFindings) -> Iterator[Section]:
-    yield Section("All worlds and legs", _curves(findings, findings.places()))
-    near = findings.places(reachable_m=NEARER_M)
-    yield Section("Where some gait is within 2.5 cm", _curves(findings, near))
-    for kind in findings.kinds():
-        yield Section(f"Kind {kind}", _curves(findings, findings.places(kind)))
-    yield Section("How sure bayes was", [_sure_table(findings)])
-    yield Section("Versions", [", ".join(f"{name} {value}" for name, value in code_versions().items())])
-
-
-def _reach(findings: TransferFindings) -> str:
-    total = len(findings.landscapes)
-    within = [len(findings.places(reachable_m=bound)) for bound in (NEAR_M, NEARER_M)]
-    places = findings.places()
-    floor = _with_error(findings.floor_m(places), findings.floor_error_m(places))
+def _reach(found: TransferFound) -> str:
+    within = [places(found.reachable(bound)) for bound in (EARLY_M, LATE_M)]
     return (
-        f"Best of all gaits: {floor} on the mean. Of {total} worlds and legs {within[0]} have a valid gait "
-        f"within 10 cm and {within[1]} one within 2.5 cm; {findings.without} more have no valid gait at all "
-        "and are left out."
+        f"Best of all gaits: {cm_with_error(*floor_m(found.runs))} on average. Of {places(found.runs)} "
+        f"worlds and legs {within[0]} have a valid gait within 10 cm and {within[1]} one within 2.5 cm; "
+        f"{found.without} more have no valid gait and are left out."
     )
 
 
-def _curves(findings: TransferFindings, places: list[int]) -> list[Block]:
-    shown = [count for count in SHOWN if count <= findings.plan.budget]
-    rows = []
-    for name in findings.plan.optimizers:
-        if not places:
-            continue
-        curves = findings.by_trials(name, places)
-        error_m = findings.standard_error_m(name, places)
-        means = [_with_error(curves.mean[count - 1], error_m[count - 1]) for count in shown]
+def _curves(found: TransferFound, runs: "DataFrame") -> list[Block]:
+    shown = [count for count in SHOWN if count <= found.plan.budget]
+    rows: list[Sequence[str]] = []
+    for name in found.plan.optimizers if len(runs) else ():
+        some = of(runs, optimizer=name)
+        curves, error_m = by_trials(some), standard_error_m(some)
+        means = [cm_with_error(curves.mean[count - 1], error_m[count - 1]) for count in shown]
         rows.append([f"{name}, mean", *means])
         for what in ("median", "p90"):
             values = getattr(curves, what)
             rows.append([f"{name}, {what}", *[cm(float(values[count - 1])) for count in shown]])
-    floor = _with_error(findings.floor_m(places), findings.floor_error_m(places)) if places else "-"
-    note = f"{len(places)} worlds and legs; best of all gaits {floor}. Means ± standard error over worlds."
+    floor = cm_with_error(*floor_m(runs)) if len(runs) else "-"
+    note = f"{places(runs)} worlds and legs; best of all gaits {floor}. Means ± standard error over worlds."
     return [note, Table(("deviation", *[f"after {count}" for count in shown]), rows)]
 
 
-def _with_error(mean_m: float, error_m: float) -> str:
-    """A mean with its standard error, where that is known."""
-    return cm(mean_m) + (f" ± {cm(error_m)}" if np.isfinite(error_m) else "")
-
-
-def _sure_table(findings: TransferFindings) -> Table:
-    places = findings.places()
+def _sure_table(found: TransferFound) -> Table:
     rows = []
-    for name in (name for name in findings.plan.optimizers if name in PRIORED):
-        share, outcomes = findings.coverage(name, places)
-        sure, trials = findings.sure_share(name, places)
-        by_kind = ", ".join(
-            f"{kind} {findings.coverage(name, findings.places(kind))[0]:.0%}" for kind in findings.kinds()
-        )
-        walked = f"{_walked_s(findings, name, places):.0f} s"
+    for name in (name for name in found.plan.optimizers if name in PRIORED):
+        runs = found.of(name)
+        (share, outcomes), (sure, trials) = coverage(runs), sure_share(runs)
+        by_kind = ", ".join(f"{kind} {coverage(found.of(name, kind))[0]:.0%}" for kind in found.kinds)
+        walked = f"{walked_s(runs):.0f} s"
         rows.append([name, f"{share:.1%} of {outcomes}", f"{sure:.0%}", f"{trials:.1f}", walked, by_kind])
     header = ("", "outcomes in their 90 % interval", "ended sure", "after trials", "walked", "by kind")
     return Table(header, rows)
 
 
-def _walked_s(findings: TransferFindings, name: str, places: list[int]) -> float:
-    """Mean walking time of a run, in s."""
-    return float(
-        np.mean([course.walked_s[-1] for place in places for course in findings.courses[place, name]])
-    )
+def transfer_lines(found: TransferFound) -> list[str]:
+    """Return the verdicts as lines of text."""
+    return bar_lines(transfer_bars(found))
 
 
-def _drawn(drawn: "Figure", folder: Path, name: str) -> Path:
-    return save_figure(drawn, folder, f"transfer_{name}")
-
-
-def _write_table(findings: TransferFindings, folder: Path) -> None:
-    """Write a row for each trial of each run."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    parts = []
-    for (place, name), courses in findings.courses.items():
-        spec = findings.landscapes[place].spec
-        for run, course in enumerate(courses):
-            trials = len(course.codes)
-            parts.append(
-                pa.table(
-                    {
-                        "world": [spec.seed] * trials,
-                        "kind": [findings.plan.kind_of(spec)] * trials,
-                        "leg": [spec.leg] * trials,
-                        "optimizer": [name] * trials,
-                        "run": [run] * trials,
-                        "trial": np.arange(1, trials + 1),
-                        "code": course.codes,
-                        "best_m": course.best_m[:trials],
-                        "walked_s": course.walked_s[:trials],
-                    }
-                )
-            )
-    pq.write_table(pa.concat_tables(parts), folder / TABLE)
+def transfer_tables(found: TransferFound) -> "dict[str, DataFrame]":
+    """Return the table of all trials: a row for each trial of each run."""
+    runs = found.runs
+    counts = [len(codes) for codes in runs["codes"]]
+    table = runs[["world", "kind", "leg", "optimizer", "run"]].loc[runs.index.repeat(counts)]
+    ends = {
+        name: np.concatenate([values[:count] for values, count in zip(runs[name], counts, strict=True)])
+        for name in ("best_m", "walked_s")
+    }
+    trials = np.concatenate([np.arange(1, count + 1) for count in counts])
+    return {"transfer": table.assign(trial=trials, code=np.concatenate(runs["codes"].to_list()), **ends)}

@@ -1,7 +1,8 @@
 """Searches in the landscapes of unseen worlds, trial by trial, as `hexctl adapt` would run them."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from hexctl.adapt.optimizer import Observation, Optimizer
 from hexctl.adapt.optimizers.bayes import Bayes
 from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
+from hexctl.adapt.optimizers.shipped import BAYES
 from hexctl.adapt.prior.samples import Samples, samples_of
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.assessment.score import progress_floor_m
@@ -18,9 +20,21 @@ from hexctl.control.trial import LOOK_TICKS, Enough
 from hexctl.errors import RobotFaultError
 from hexctl.study.landscapes.landscape import PATH_STRIDE, Landscape
 from hexctl.study.prior_building import deflection_of
-from hexctl.study.transfer.transfer_plan import EARLY, PRIORED, TransferPlan
 from hexctl.study.verdicts.claim_evidence import clustered_error
 from hexctl.types import ArrayFields, BoolArray, FloatArray
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from hexctl.study.transfer.transfer_plan import TransferPlan
+
+#: `bayes` with early stopping.
+EARLY = "bayes-early"
+
+#: Optimizers that believe a prior.
+PRIORED = (BAYES, EARLY)
+
+OnLandscape = Callable[[Landscape], None]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -31,7 +45,6 @@ class Course(ArrayFields):
         codes: the gaits walked, in order; fewer than the budget when the search was sure, (T,).
         best_m: deviation of the best gait after each trial of the budget, constant after the last trial,
             (B,); that of the worst valid gait as long as no valid one was found.
-        walked_s: seconds walked by then, (B,).
         held: of the gaits walked for the first time, whether they ended inside their 90 % interval; empty for
             searches without predictions.
         sure: whether the search ended because it was sure of its target.
@@ -45,7 +58,7 @@ class Course(ArrayFields):
 
 
 def run_course(
-    plan: TransferPlan,
+    plan: "TransferPlan",
     landscape: Landscape,
     optimizer: str,
     run: int,
@@ -110,7 +123,7 @@ def walk_of(landscape: Landscape, code: int, enough: Enough | None = None) -> Ob
 
 
 def _search(
-    plan: TransferPlan, landscape: Landscape, optimizer: str, run: int, samples: Samples | None
+    plan: "TransferPlan", landscape: Landscape, optimizer: str, run: int, samples: Samples | None
 ) -> Optimizer:
     seed = plan.seed_of(landscape.spec, run)
     if optimizer not in PRIORED:
@@ -127,21 +140,47 @@ def _search(
     )
 
 
-#: Deviations that are asked for.
-NEAR_M, NEARER_M = 0.10, 0.025
+def search_worlds(
+    plan: "TransferPlan", landscapes: Sequence[Landscape], on_landscape: OnLandscape = lambda _: None
+) -> "DataFrame":
+    """Run every optimizer in every landscape that has a valid gait; a row for each run.
 
-OnLandscape = Callable[[Landscape], None]
+    Columns: place (number of the landscape), world, kind, leg, optimizer, run, those of `Course`, and
+    deviation of the best and the worst valid gait of the landscape. Raises RobotFaultError if no gait is
+    valid anywhere.
+    """
+    from pandas import DataFrame
+
+    if not any(landscape.valid.any() for landscape in landscapes):
+        raise RobotFaultError("transfer: no gait is valid in any world and leg; there is nothing to search")
+    samples = {leg: samples_of(plan.prior, plan.robot, leg) for leg in plan.legs}
+    rows = []
+    for place, landscape in enumerate(landscapes):
+        if not landscape.valid.any():
+            continue
+        spec = landscape.spec
+        deflection_rad = None if plan.prior.sag_rad is None else deflection_of(spec)
+        where = {
+            "place": place,
+            "world": spec.seed,
+            "kind": plan.kind_of(spec),
+            "leg": spec.leg,
+            "best_of_all_m": landscape.best_m,
+            "worst_m": float(landscape.final_m[landscape.valid].max()),
+        }
+        for name in plan.optimizers:
+            known = samples[spec.leg] if name in PRIORED else None
+            for run in range(plan.runs_of(name)):
+                course = run_course(plan, landscape, name, run, known, deflection_rad)
+                values = {field.name: getattr(course, field.name) for field in fields(course)}
+                rows.append({**where, "optimizer": name, "run": run, **values})
+        on_landscape(landscape)
+    return DataFrame(rows)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Curves(ArrayFields):
-    """Best deviation over all runs in all landscapes, after each trial or second, in m.
-
-    Attributes:
-        mean: over the runs.
-        median: over the runs.
-        p90: nine of ten runs are below.
-    """
+    """Best deviation over some runs, after each trial or second, in m: mean, median, 90th percentile."""
 
     mean: FloatArray
     median: FloatArray
@@ -149,7 +188,7 @@ class Curves(ArrayFields):
 
     @classmethod
     def of(cls, best_m: FloatArray) -> "Curves":
-        """Curves of best deviations, (runs, points)."""
+        """Return the curves of best deviations, (runs, points)."""
         return cls(
             mean=best_m.mean(axis=0),
             median=np.median(best_m, axis=0),
@@ -162,103 +201,47 @@ class Curves(ArrayFields):
         return int(within[0]) + 1 if within.size else None
 
 
-@dataclass(frozen=True, kw_only=True)
-class TransferFindings:
-    """The results of one benchmark.
-
-    Attributes:
-        plan: its settings.
-        landscapes: those with at least one valid gait.
-        without: number of landscapes without a valid gait, which are left out.
-        courses: by place in `landscapes` and optimizer, one for each run.
-    """
-
-    plan: TransferPlan
-    landscapes: list[Landscape]
-    without: int
-    courses: dict[tuple[int, str], list[Course]]
-
-    def places(self, kind: str | None = None, *, reachable_m: float = np.inf) -> list[int]:
-        """Places of the landscapes of a kind whose best gait is within `reachable_m`."""
-        return [
-            place
-            for place, landscape in enumerate(self.landscapes)
-            if kind in (None, self.plan.kind_of(landscape.spec)) and landscape.best_m <= reachable_m
-        ]
-
-    def kinds(self) -> list[str]:
-        """Kinds of worlds, in the order of their first appearance."""
-        return list(dict.fromkeys(self.plan.kind_of(landscape.spec) for landscape in self.landscapes))
-
-    def by_trials(self, optimizer: str, places: Sequence[int]) -> Curves:
-        """Curves over trials."""
-        return Curves.of(np.array([course.best_m for course in self._courses(optimizer, places)]))
-
-    def by_seconds(self, optimizer: str, places: Sequence[int], seconds: FloatArray) -> Curves:
-        """Curves over seconds walked; until the first trial ends, the worst gait counts."""
-        rows = []
-        for place in places:
-            worst_m = float(self.landscapes[place].final_m[self.landscapes[place].valid].max())
-            for course in self.courses[place, optimizer]:
-                done = np.searchsorted(course.walked_s[: len(course.codes)], seconds, side="right")
-                rows.append(np.concatenate([[worst_m], course.best_m])[done])
-        return Curves.of(np.array(rows))
-
-    def floor_m(self, places: Sequence[int]) -> float:
-        """Mean deviation of the best gaits of all, a lower bound of every search, in m."""
-        return float(np.mean([self.landscapes[place].best_m for place in places]))
-
-    def standard_error_m(self, optimizer: str, places: Sequence[int]) -> FloatArray:
-        """Standard error over worlds of the mean after each trial, (B,), in m; NaN for a single world."""
-        means_m = [
-            np.mean([course.best_m for course in self.courses[place, optimizer]], axis=0) for place in places
-        ]
-        return self._error_m(places, np.array(means_m))
-
-    def floor_error_m(self, places: Sequence[int]) -> float:
-        """Standard error over worlds of `floor_m`, in m; NaN for a single world."""
-        best_m = np.array([[self.landscapes[place].best_m] for place in places])
-        return float(self._error_m(places, best_m)[0])
-
-    def _error_m(self, places: Sequence[int], values_m: FloatArray) -> FloatArray:
-        """Standard error over worlds, (points,), of the mean of values, (places, points)."""
-        worlds = np.array([self.landscapes[place].spec.seed for place in places])
-        return clustered_error(values_m, worlds)
-
-    def coverage(self, optimizer: str, places: Sequence[int]) -> tuple[float, int]:
-        """Share of outcomes inside their 90 % intervals, and the number of outcomes."""
-        held = np.concatenate([course.held for course in self._courses(optimizer, places)])
-        return (float(held.mean()) if held.size else float("nan")), int(held.size)
-
-    def sure_share(self, optimizer: str, places: Sequence[int]) -> tuple[float, float]:
-        """Share of runs that ended sure of their target, and their mean number of trials."""
-        courses = self._courses(optimizer, places)
-        trials = [len(course.codes) for course in courses if course.sure]
-        return len(trials) / len(courses), float(np.mean(trials)) if trials else float("nan")
-
-    def _courses(self, optimizer: str, places: Sequence[int]) -> list[Course]:
-        return [course for place in places for course in self.courses[place, optimizer]]
+def by_trials(runs: "DataFrame") -> Curves:
+    """Return the curves of some runs over trials."""
+    return Curves.of(np.stack(runs["best_m"].to_list()))
 
 
-def search_worlds(
-    plan: TransferPlan, landscapes: Sequence[Landscape], on_landscape: OnLandscape = lambda _: None
-) -> TransferFindings:
-    """Run every optimizer in every landscape."""
-    usable = [landscape for landscape in landscapes if landscape.valid.any()]
-    if not usable:
-        raise RobotFaultError("transfer: no gait is valid in any world and leg; there is nothing to search")
-    samples = {leg: samples_of(plan.prior, plan.robot, leg) for leg in plan.legs}
-    courses = {}
-    for place, landscape in enumerate(usable):
-        spec = landscape.spec
-        deflection_rad = None if plan.prior.sag_rad is None else deflection_of(spec)
-        for name in plan.optimizers:
-            known = samples[spec.leg] if name in PRIORED else None
-            courses[place, name] = [
-                run_course(plan, landscape, name, run, known, deflection_rad)
-                for run in range(plan.runs_of(name))
-            ]
-        on_landscape(landscape)
-    return TransferFindings(
-        plan=plan, landscapes=usable, without=len(landscapes) - len(usable), courses=courses
-    )
+def by_seconds(runs: "DataFrame", seconds: FloatArray) -> Curves:
+    """Return the curves over seconds walked; until the first trial ends, the worst gait counts."""
+    rows = []
+    for run in runs.itertuples():
+        done = np.searchsorted(run.walked_s[: len(run.codes)], seconds, side="right")
+        rows.append(np.concatenate([[run.worst_m], run.best_m])[done])
+    return Curves.of(np.array(rows))
+
+
+def floor_m(runs: "DataFrame") -> tuple[float, float]:
+    """Mean deviation of the best of all gaits, a lower bound of every search, and its standard error."""
+    places = runs.drop_duplicates("place")
+    best_m = places["best_of_all_m"].to_numpy()
+    error_m = clustered_error(best_m[:, np.newaxis], places["world"].to_numpy())
+    return float(np.mean(best_m)), float(error_m[0])
+
+
+def standard_error_m(runs: "DataFrame") -> FloatArray:
+    """Standard error over worlds of the mean after each trial, (B,), in m; NaN for a single world."""
+    places = [some for _, some in runs.groupby("place", sort=False)]
+    means_m = np.array([np.mean(some["best_m"].to_list(), axis=0) for some in places])
+    return clustered_error(means_m, np.array([some["world"].iloc[0] for some in places]))
+
+
+def coverage(runs: "DataFrame") -> tuple[float, int]:
+    """Share of outcomes inside their 90 % intervals, and the number of outcomes."""
+    held = np.concatenate(runs["held"].to_list())
+    return (float(held.mean()) if held.size else float("nan")), int(held.size)
+
+
+def sure_share(runs: "DataFrame") -> tuple[float, float]:
+    """Share of runs that ended sure of their target, and their mean number of trials."""
+    trials = [len(codes) for codes in runs["codes"][runs["sure"]]]
+    return len(trials) / len(runs), float(np.mean(trials)) if trials else float("nan")
+
+
+def walked_s(runs: "DataFrame") -> float:
+    """Mean walking time of a run, in s."""
+    return float(np.mean([seconds[-1] for seconds in runs["walked_s"]]))

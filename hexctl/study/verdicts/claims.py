@@ -5,15 +5,20 @@ implies it, or because it holds on random numbers as well. What cannot be measur
 claims about searches; those about trajectories are in `hexctl.study.verdicts.trajectories`.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from statistics import fmean
 
 import numpy as np
 
-from hexctl.study.searches import Findings, mean_of
-from hexctl.study.study_plan import BASELINE
+from hexctl.study.reports.texts import texts
+from hexctl.study.searches import BASELINE, Findings, mean_of
 from hexctl.study.verdicts.claim_evidence import (
     ABOUT,
+    EARLY,
+    EARLY_M,
+    LATE,
+    LATE_M,
     NULL_SHARE,
     Claim,
     Measure,
@@ -26,12 +31,9 @@ from hexctl.study.verdicts.claim_evidence import (
     null_share,
     share_text,
     too_short,
+    verdict_of,
 )
 from hexctl.study.verdicts.trajectories import (
-    EARLY,
-    EARLY_M,
-    LATE,
-    LATE_M,
     experiment_text,
     goes_both_ways,
     rotation_helps,
@@ -75,16 +77,17 @@ def converges(findings: Findings) -> Claim:
     measure = Measure("of the cases", tuple(_share_within(values, tolerance) for values in finals), most=1.0)
     every = np.concatenate(finals) if finals else np.zeros(0)
     low, high = int((every < tolerance.low).sum()), int((every > tolerance.high).sum())
+    known = every[np.isfinite(every)]
+    median_m = float(np.median(known)) if known.size else float("nan")
     budget, best = findings.plan.budget, [findings.rotated(group[0]).best_m for group in findings.experiments]
     enough = [measure] if every.size and budget >= LATE else []
     return make_claim(
-        "The optimizers converge to about 2.5 cm in most cases",
-        f"more than half of the cases (experiment and heuristic) have a mean at the end of {text}, by the "
-        "paper's count",
+        "ends at 2.5 cm",
         f"{measures_text([measure], share_text, MORE_THAN_HALF)} after {budget} evaluations; {low} of "
-        f"{every.size} below, {high} above; median case {cm(_median(every))}",
+        f"{every.size} below, {high} above; median case {cm(median_m)}",
         judge_all(enough, MORE_THAN_HALF),
         beside=f"best of all gaits: {', '.join(map(cm, best))}; {_random(findings, budget)}",
+        values={"about": text},
     )
 
 
@@ -124,10 +127,10 @@ def fast_then_flat(findings: Findings) -> Claim:
     tolerance = Tolerance(FAST, 1.0)
     measures = _per_heuristic(findings, _early_share, 1.0) if findings.plan.budget > EARLY else []
     return make_claim(
-        "Convergence is fastest in the first 20 evaluations and relatively flat from 20 to 120",
-        f"the first 20 evaluations make at least {FAST:.0%} of the improvement of each heuristic's mean",
+        "fast, then flat",
         measures_text(measures, share_text, tolerance),
         judge_all(measures, tolerance),
+        values={"fast": FAST},
     )
 
 
@@ -146,12 +149,11 @@ def minimal_by_60(findings: Findings) -> Claim:
         else []
     )
     return make_claim(
-        "Minimal values are reached in about 40 to 60 evaluations",
-        f"each heuristic's mean comes within 0.5 cm of where it ends after {tolerance.low:g} to "
-        f"{tolerance.high:g} evaluations (40 - {ABOUT:.0%} to 60 + {ABOUT:.0%}), by the paper's count",
+        "40 to 60",
         measures_text(measures, lambda count: f"{count:.0f}", tolerance),
         judge_all(measures, tolerance),
         beside=f"expected best rank of {LATE} random draws: {expected_best_rank(LATE):.1f} of 120",
+        values={"low": tolerance.low, "high": tolerance.high, "about": ABOUT},
     )
 
 
@@ -163,31 +165,26 @@ def _converged_after(curve: FloatArray) -> float:
 
 def ten_cm_by_20(findings: Findings) -> Claim:
     """Claim about the first 20 evaluations."""
-    return _mean_claim(
-        findings, "A deviation of about 10 cm is reached in less than 20 evaluations", EARLY, EARLY_M
-    )
+    return _mean_claim(findings, "10 cm by 20", EARLY, EARLY_M)
 
 
 def late_mean(findings: Findings) -> Claim:
     """Claim of the abstract about 40 to 60 evaluations."""
-    return _mean_claim(
-        findings, "A deviation of 2.5 cm on average is reached with 40 to 60 evaluations", LATE, LATE_M
-    )
+    return _mean_claim(findings, "2.5 cm by 60", LATE, LATE_M)
 
 
-def _mean_claim(findings: Findings, statement: str, evaluations: int, about_m: float) -> Claim:
+def _mean_claim(findings: Findings, name: str, evaluations: int, about_m: float) -> Claim:
     """Claim about the mean of each heuristic after a number of evaluations."""
     tolerance, text = _about(about_m)
     enough = evaluations <= findings.plan.budget
     measures = _per_heuristic(findings, lambda curve: curve[evaluations - 1]) if enough else []
     return make_claim(
-        statement,
-        f"after {evaluations}, each heuristic's mean over experiments and runs is {text}, by the paper's "
-        "count",
+        name,
         measures_text(measures, cm, tolerance),
         judge_all(measures, tolerance),
         beside=f"{_random(findings, evaluations)}; expected best rank of {evaluations} random draws: "
         f"{expected_best_rank(evaluations):.1f} of 120",
+        values={"evaluations": evaluations, "about": text},
     )
 
 
@@ -200,8 +197,7 @@ def competitive(findings: Findings) -> Claim:
                    for one in findings.worlds]  # fmt: skip
         measures = [Measure("spread", tuple(float(spread) for spread in spreads))]
     return make_claim(
-        "All heuristics are competitive under few evaluations",
-        "by 60, the worst heuristic's mean is within 2.5 cm of the best's, by the paper's count",
+        "competitive",
         measures_text(measures, cm, tolerance),
         judge_all(measures, tolerance),
         beside=_random(findings, LATE),
@@ -220,8 +216,7 @@ def best_keep_line(findings: Findings) -> Claim:
         for group in (findings.experiments if findings.heuristics else ())
     ]
     return make_claim(
-        "With the best gaits found, the robot keeps the direction reasonably well for each failed leg",
-        "each heuristic's best run ends within 10 cm of the line for each leg",
+        "best keep the line",
         "the heuristics' best runs, worst of them: " + measures_text(measures, cm, tolerance),
         judge_all(measures, tolerance),
     )
@@ -246,11 +241,6 @@ def _random(findings: Findings, evaluations: int) -> str:
     return f"random: {cm(float(mean_m))} after {evaluations}"
 
 
-def _median(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.median(known)) if known.size else float("nan")
-
-
 #: Claims about the robot, and claims about searches, which are tried on random numbers, too.
 OF_WALKS = (veers_left, veers_right, goes_both_ways, rotation_straightens, rotation_helps)
 OF_SEARCHES = (
@@ -258,10 +248,7 @@ OF_SEARCHES = (
 )  # fmt: skip
 
 #: Short names of all claims, in the order of `claims_of`.
-NAMES = (
-    "left", "right", "both sides", "turn helps", "gaits near the line", "ends at 2.5 cm", "fast, then flat",
-    "40 to 60", "10 cm by 20", "2.5 cm by 60", "competitive", "best keep the line",
-)  # fmt: skip
+NAMES = tuple(texts("claims"))
 
 
 def claims_of(findings: Findings) -> list[Claim]:
@@ -284,3 +271,97 @@ def _against_null(make: Callable[[Findings], Claim], findings: Findings) -> Clai
     if claim.holds and null_share(draws) > NULL_SHARE:
         return replace(claim, holds=None, no_evidence="also holds on random numbers")
     return claim
+
+
+#: Where no gait is within `LATE_M`, the bar is this much above the best gait that there is.
+LATE_ABOVE_BEST_M = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class BarRow:
+    """One optimizer against the bar at one number of evaluations.
+
+    Attributes:
+        paper_count: which count of evaluations.
+        evaluations: 20 or 60.
+        leg: the leg, or None for all legs together.
+        mean_m: mean best-so-far over the runs that have found a valid gait; NaN when there is none.
+        share: of the runs that are in the mean.
+        not_judged: why the mean cannot be judged; empty where it can.
+    """
+
+    optimizer: str
+    paper_count: bool
+    evaluations: int
+    leg: int | None
+    mean_m: float
+    limit_m: float
+    share: float
+    not_judged: str = ""
+
+    @property
+    def over_m(self) -> float:
+        """Excess of the mean over the bar, in m; negative within the bar."""
+        return self.mean_m - self.limit_m
+
+    @property
+    def holds(self) -> bool | None:
+        """Whether the mean is within the bar; False without any mean, None where it cannot be judged."""
+        return None if self.not_judged else bool(self.over_m <= 0)
+
+    @property
+    def verdict(self) -> str:
+        """Verdict in words, with the excess."""
+        missed = f", by {cm(self.over_m)}" if self.holds is False else ""
+        return verdict_of(self.holds, self.not_judged) + missed
+
+
+def limit_m(findings: Findings, evaluations: int, leg: int | None) -> float:
+    """Bar of a leg in m, or the mean of the legs' bars."""
+    if evaluations == EARLY:
+        return EARLY_M
+    if leg is None:
+        return fmean(limit_m(findings, evaluations, each) for each in findings.searched)
+    best = findings.rotated(leg).best_m
+    return best + LATE_ABOVE_BEST_M if best > LATE_M else LATE_M
+
+
+def bar_rows(findings: Findings, *, paper_count: bool) -> list[BarRow]:
+    """Every optimizer against every bar within the budget: all legs together, then each leg."""
+    return [
+        _row(findings, optimizer, evaluations, leg, paper_count)
+        for optimizer in findings.plan.optimizers
+        for evaluations in (EARLY, LATE)
+        if evaluations <= findings.plan.budget
+        for leg in (None, *findings.searched)
+    ]
+
+
+def _row(findings: Findings, optimizer: str, evaluations: int, leg: int | None, paper_count: bool) -> BarRow:
+    if leg is None:
+        curve = findings.mean_curve(optimizer, paper_count=paper_count)
+    else:
+        curve = findings.searches[leg, optimizer, paper_count].curve
+    return BarRow(
+        optimizer=optimizer,
+        paper_count=paper_count,
+        evaluations=evaluations,
+        leg=leg,
+        mean_m=float(curve.mean[evaluations - 1]),
+        limit_m=limit_m(findings, evaluations, leg),
+        share=float(curve.share[evaluations - 1]),
+        not_judged=too_short(findings.plan.duration_s),
+    )
+
+
+def missed_lines(findings: Findings) -> Iterator[str]:
+    """Optimizers that miss the bar for distances, or that none does."""
+    rows = [row for row in bar_rows(findings, paper_count=False) if row.leg is None and row.holds is not None]
+    missed = [row for row in rows if not row.holds]
+    for row in missed:
+        yield (
+            f"bar missed: {row.optimizer} {cm(row.mean_m)} after {row.evaluations} evaluations, "
+            f"{cm(row.over_m)} over"
+        )
+    if rows and not missed:
+        yield "bar held by all optimizers, each gait paid for once"

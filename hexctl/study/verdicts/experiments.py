@@ -33,11 +33,11 @@ def symmetries_of(
     Without self-rotation the direction of travel is fixed in the body, and only what keeps it counts.
     """
     return tuple(
-        symmetry
-        for symmetry in Symmetries(robot).all
-        if (self_rotation != "none" or symmetry.keeps_heading)
-        and (_is_identity(symmetry) or _world_allows(world, symmetry))
-        and not (symmetry.mirrored and _one_sided(failure))
+        one
+        for one in Symmetries(robot).all
+        if (self_rotation != "none" or one.keeps_heading)
+        and ((one.keeps_heading and not one.mirrored) or _world_allows(world, one))
+        and not (one.mirrored and _one_sided(failure))
     )
 
 
@@ -58,16 +58,13 @@ def experiments_of(
     return tuple(sorted(groups))
 
 
-def is_own_mirror(robot: Robot, world: World, leg: int, self_rotation: str, failure: str = "locked") -> bool:
-    """Whether a leg's landscape is its own mirror image: every gait has one that ends on the other side."""
-    symmetries = symmetries_of(robot, world, self_rotation, failure)
-    return any(symmetry.mirrored and symmetry.legs[leg - 1] == leg for symmetry in symmetries)
-
-
 def is_mirror_of(
     robot: Robot, world: World, leg: int, other: int, self_rotation: str, failure: str = "locked"
 ) -> bool:
-    """Whether the landscape of a leg is the mirror image of another leg's."""
+    """Whether the landscape of a leg is the mirror image of another leg's, or of itself.
+
+    In one that is its own, every gait has another one that ends on the other side.
+    """
     symmetries = symmetries_of(robot, world, self_rotation, failure)
     return any(symmetry.mirrored and symmetry.legs[leg - 1] == other for symmetry in symmetries)
 
@@ -111,10 +108,6 @@ def landscape_by_symmetry(known: Sequence[Landscape], leg: int) -> Landscape:
             if symmetry.legs[spec.leg - 1] == leg:
                 return image_of(landscape, symmetry)
     raise KeyError(f"leg {leg}")
-
-
-def _is_identity(symmetry: Symmetry) -> bool:
-    return symmetry.keeps_heading and not symmetry.mirrored
 
 
 def _one_sided(failure: str) -> bool:

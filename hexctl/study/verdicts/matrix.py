@@ -1,29 +1,26 @@
 """The matrix of verdicts: every claim of the paper under every reading of what the paper leaves open."""
 
-import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
-from typing import Any
+from functools import partial
+from typing import Any, ClassVar
 
 from hexctl.backends.sim.world import World
 from hexctl.errors import InputError, argument
-from hexctl.files import atomic_write
 from hexctl.robot.model import Robot
-from hexctl.study.landscapes.cache import LandscapeCache
-from hexctl.study.landscapes.evaluate import Progress, Silent, check_jobs, evaluate
+from hexctl.study.experiment import Drawing, Experiment, Work
 from hexctl.study.landscapes.landscape import LandscapeSpec
 from hexctl.study.landscapes.versions import code_versions
-from hexctl.study.reports.figure_style import check_drawing, save_figure
 from hexctl.study.reports.figures import verdicts_figure
-from hexctl.study.reports.report_page import Picture, Section, Table, render_page
+from hexctl.study.reports.report_page import Picture, Section, Table, markdown
 from hexctl.study.searches import search_all
-from hexctl.study.study import ReportResult, report_folder
 from hexctl.study.study_plan import StudyPlan
 from hexctl.study.verdicts.claim_evidence import Claim
 from hexctl.study.verdicts.claims import NAMES, claims_of
+from hexctl.study.walk_cache import Walked
 
-REPORT = "matrix.html"
+#: Claims of each cell, in the order of the cells.
+Verdicts = tuple[tuple[Claim, ...], ...]
 
 #: What is varied unless told otherwise; the first of each is the reading that the others differ from.
 FAILURES = ("locked", "limp", "weak:0.5", "missing")
@@ -52,6 +49,11 @@ class Cell:
 
     title: str
     plan: StudyPlan
+
+    def specs(self) -> list[LandscapeSpec]:
+        """Return the specs of its landscapes, titled by the setting."""
+        specs = self.plan.specs()
+        return [replace(one, place=", ".join(filter(None, (self.title, one.place)))) for one in specs]
 
     def short_verdict(self, claim: Claim) -> str:
         """Verdict without its reason; in brackets where it is that of a single world."""
@@ -101,110 +103,87 @@ def _cell(
 
 
 @dataclass(frozen=True, kw_only=True)
-class MatrixPlan:
+class MatrixPlan(Experiment[Verdicts]):
     """Settings of a matrix: its cells."""
+
+    NAME: ClassVar[str] = "matrix"
+    REPORT: ClassVar[str] = "matrix.html"
+    TITLE: ClassVar[str] = "hexctl study --matrix"
+    HEADING: ClassVar[str] = "Verdicts on the paper's claims"
+    UNIT: ClassVar[str] = "gaits"
 
     cells: tuple[Cell, ...]
 
     def specs(self) -> list[LandscapeSpec]:
-        """Specs of all landscapes, cell by cell."""
-        return [spec for cell in self.cells for spec in self._specs_of(cell)]
+        """Return the specs of all landscapes, cell by cell."""
+        return [spec for cell in self.cells for spec in cell.specs()]
 
-    def _specs_of(self, cell: Cell) -> list[LandscapeSpec]:
-        specs = cell.plan.specs()
-        return [replace(one, place=", ".join(filter(None, (cell.title, one.place)))) for one in specs]
+    def walked(self) -> Walked:
+        """Return the gaits to walk, landscape by landscape."""
+        return [(spec, spec.codes) for spec in self.specs()]
 
     def check(self) -> None:
-        """Raise InputError for anything that is not allowed, before anything runs."""
+        """Raise InputError for settings that are not allowed, before anything runs."""
         for cell in self.cells:
             cell.plan.check()
 
+    def find(self, work: Work) -> Verdicts:
+        """Walk and search all cells; the claims of each."""
+        landscapes = iter(work.evaluate(self.specs()))
+        work.lap("landscapes")
+        work.progress.stage("searches, cell by cell", len(self.cells))
+        verdicts = []
+        for cell in self.cells:
+            findings = search_all(cell.plan, [next(landscapes) for _ in cell.specs()])
+            verdicts.append(tuple(claims_of(findings)))
+            work.progress.step()
+        work.lap("searches")
+        return tuple(verdicts)
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MatrixResult(ReportResult):
-    """A finished matrix.
-
-    Attributes:
-        plan: its cells.
-        claims: claims of each cell, in the order of the cells.
-    """
-
-    plan: MatrixPlan
-    claims: tuple[tuple[Claim, ...], ...]
-
-    def numbers(self) -> dict[str, Any]:
-        """Verdicts of the cells, as plain JSON values."""
+    def numbers(self, found: Verdicts) -> dict[str, Any]:
+        """Return the verdicts of the cells as plain JSON values."""
+        everywhere = [all(claims[row].holds is True for claims in found) for row in range(len(NAMES))]
         return {
             "code": code_versions(),
-            "cells": [
-                _cell_json(cell, some) for cell, some in zip(self.plan.cells, self.claims, strict=True)
-            ],
-            "survive": [NAMES[row] for row in range(len(NAMES)) if self._everywhere(row)],
+            "cells": [_cell_json(cell, some) for cell, some in zip(self.cells, found, strict=True)],
+            "survive": [name for name, holds in zip(NAMES, everywhere, strict=True) if holds],
         }
 
-    def _everywhere(self, row: int) -> bool:
-        """Whether a claim holds in every cell."""
-        return all(claims[row].holds is True for claims in self.claims)
+    def _table(self, found: Verdicts) -> Table:
+        """Setting, number of worlds and short verdicts of each cell."""
+        rows = [
+            [cell.title, str(cell.plan.worlds), *map(cell.short_verdict, claims)]
+            for cell, claims in zip(self.cells, found, strict=True)
+        ]
+        return Table(("setting", "worlds", *NAMES), rows)
 
-    def lines(self) -> list[str]:
-        """Table of verdicts in Markdown."""
-        return self.to_markdown().splitlines()
+    def lines(self, found: Verdicts) -> list[str]:
+        """Return the table of verdicts in Markdown."""
+        return [line.replace("does not hold", "**does not hold**") for line in markdown(self._table(found))]
 
-    def to_markdown(self) -> str:
-        """Table of verdicts in Markdown: a row for each cell, a column for each claim."""
-        header = ("setting", "worlds", *NAMES)
-        lines = ["| " + " | ".join(header) + " |", "|---" * len(header) + "|"]
-        lines += ["| " + " | ".join(map(_bold, row)) + " |" for row in _rows(self)]
-        return "\n".join(lines) + "\n"
+    def texts(self, found: Verdicts) -> Mapping[str, str]:
+        """Return the table of verdicts as a file in Markdown."""
+        return {"matrix.md": "\n".join(self.lines(found)) + "\n"}
 
-
-def run_matrix(
-    plan: MatrixPlan,
-    *,
-    folder: Path,
-    cache: LandscapeCache | None = None,
-    jobs: int | None = None,
-    dask: str | None = None,
-    progress: Progress | None = None,
-) -> MatrixResult:
-    """Simulate and search all cells, write page, figure, table and `matrix.json`.
-
-    Arguments and errors are those of `run_study`; a call that was interrupted is continued by the next one.
-    """
-    cache, progress = cache or LandscapeCache(), progress or Silent()
-    check_jobs(jobs)
-    check_drawing()
-    plan.check()
-    with report_folder(folder, REPORT):
-        cache.probe()
-        landscapes = iter(evaluate(plan.specs(), cache, jobs=jobs, dask=dask, progress=progress))
-        progress.stage("searches, cell by cell", len(plan.cells))
-        claims = []
-        for cell in plan.cells:
-            claims.append(
-                tuple(claims_of(search_all(cell.plan, [next(landscapes) for _ in cell.plan.specs()])))
-            )
-            progress.step()
-        result = MatrixResult(
-            plan=plan, claims=tuple(claims), report=folder / REPORT, notes=tuple(cache.notes)
+    def drawings(self, found: Verdicts) -> Sequence[Drawing]:
+        """Return the figure of the report."""
+        counts = sorted({cell.plan.without_gaits for cell in self.cells})
+        here = (
+            "Each failed leg of each robot with all gaits. Legs that are one experiment are walked once, and "
+            f"without self-rotation {' or '.join(map(str, counts))} gaits. {SINGLE_WORLD} The study's page "
+            "says how claims are judged."
         )
-        write_matrix(result)
-    return result
+        rows = [(title, verdicts) for title, _, *verdicts in self._table(found).rows]
+        draw = partial(verdicts_figure, rows, NAMES)
+        return (Drawing(name="matrix", draw=draw, here=here, paper="One robot, one simulator, one reading."),)
 
-
-def write_matrix(result: MatrixResult) -> None:
-    """Write `matrix.json`, `matrix.md`, the figure and the page into the folder of the report."""
-    folder = result.report.parent
-    atomic_write(folder / "matrix.json", json.dumps(result.to_json(), indent=1))
-    atomic_write(folder / "matrix.md", result.to_markdown())
-    rows = [(title, verdicts) for title, _, *verdicts in _rows(result)]
-    save_figure(verdicts_figure(rows, NAMES), folder, "matrix")
-    page = render_page("hexctl study --matrix", "Verdicts on the paper's claims", _sections(result))
-    atomic_write(result.report, page)
-
-
-def _bold(verdict: str) -> str:
-    return verdict.replace("does not hold", "**does not hold**")
+    def sections(self, found: Verdicts, pictures: Mapping[str, Picture]) -> Iterator[Section]:
+        """Return the parts of the report."""
+        yield Section("Verdicts", [*pictures.values(), self._table(found)])
+        header = ("claim of the paper", "holds here if", "measured here", "random numbers", "verdict")
+        for cell, claims in zip(self.cells, found, strict=True):
+            lines = [(one.claim, one.rule, one.measured, one.null, one.verdict) for one in claims]
+            yield Section(cell.title, [Table(header, lines)])
 
 
 def _cell_json(cell: Cell, claims: Sequence[Claim]) -> dict[str, Any]:
@@ -223,26 +202,3 @@ def _cell_json(cell: Cell, claims: Sequence[Claim]) -> dict[str, Any]:
             for name, claim in zip(NAMES, claims, strict=True)
         ],
     }
-
-
-def _rows(result: MatrixResult) -> list[list[str]]:
-    """Setting, number of worlds and short verdicts of each cell."""
-    return [
-        [cell.title, str(cell.plan.worlds), *map(cell.short_verdict, claims)]
-        for cell, claims in zip(result.plan.cells, result.claims, strict=True)
-    ]
-
-
-def _sections(result: MatrixResult) -> Iterator[Section]:
-    counts = sorted({cell.plan.without_gaits for cell in result.plan.cells})
-    how = (
-        "Each failed leg of each robot with all gaits. Legs that are one experiment are walked once, and "
-        f"without self-rotation {' or '.join(map(str, counts))} gaits. {SINGLE_WORLD} The study's page says "
-        "how claims are judged."
-    )
-    picture = Picture(result.report.parent / "matrix.svg", "One robot, one simulator, one reading.", how)
-    yield Section("Verdicts", [picture, Table(("setting", "worlds", *NAMES), _rows(result))])
-    header = ("claim of the paper", "holds here if", "measured here", "random numbers", "verdict")
-    for cell, claims in zip(result.plan.cells, result.claims, strict=True):
-        lines = [(one.claim, one.rule, one.measured, one.null, one.verdict) for one in claims]
-        yield Section(cell.title, [Table(header, lines)])

@@ -9,6 +9,8 @@ from hexctl.control.walks.turning import turn_needed_rad
 from hexctl.study.landscapes.landscape import Landscape
 from hexctl.study.searches import Findings
 from hexctl.study.verdicts.claim_evidence import (
+    EARLY_M,
+    LATE_M,
     Claim,
     Judgement,
     Measure,
@@ -18,11 +20,7 @@ from hexctl.study.verdicts.claim_evidence import (
     measures_text,
     share_text,
 )
-from hexctl.study.verdicts.experiments import is_mirror_of, is_own_mirror
-
-#: After 20 evaluations about 10 cm, after 60 about 2.5 cm, says the paper.
-EARLY, EARLY_M = 20, 0.10
-LATE, LATE_M = 60, 0.025
+from hexctl.study.verdicts.experiments import is_mirror_of
 
 #: A side is not judged on fewer valid gaits than this.
 MIN_VALID = 10
@@ -94,29 +92,28 @@ def _all_ends(findings: Findings, legs: Sequence[int]) -> str:
 
 def veers_left(findings: Findings) -> Claim:
     """Claim about legs 2 and 3."""
-    return _side(findings, (2, 3), "left", "When leg 2 or 3 fails, the robot moves to the left")
+    return _side(findings, (2, 3), "left")
 
 
 def veers_right(findings: Findings) -> Claim:
     """Claim about legs 5 and 6."""
-    return _side(findings, (5, 6), "right", "When leg 5 or 6 fails, the robot moves to the right")
+    return _side(findings, (5, 6), "right")
 
 
-def _side(findings: Findings, legs: Sequence[int], side: str, statement: str) -> Claim:
+def _side(findings: Findings, legs: Sequence[int], side: str) -> Claim:
     legs = [leg for leg in legs if leg in findings.plan.legs]
     tolerance = Tolerance(TENDENCY, 1.0)
     measures = _sides(findings, legs, 1 if side == "left" else -1)
     mirrored = all(_mirrored(findings, leg, 8 - leg) for leg in legs)
     return make_claim(
-        statement,
-        f"at least {TENDENCY:.0%} of each leg's valid gaits end on the {side}, without self-rotation; a leg "
-        f"with fewer than {MIN_VALID} is not judged",
+        side,
         measures_text(measures, share_text, tolerance),
         judge_all(measures, tolerance),
         beside=_all_ends(findings, legs),
         symmetric=f"mirror image of legs {', '.join(str(8 - leg) for leg in legs)}: one vote for both"
         if legs and mirrored
         else "",
+        values={"tendency": TENDENCY, "side": side, "least": MIN_VALID},
     )
 
 
@@ -132,17 +129,17 @@ def goes_both_ways(findings: Findings) -> Claim:
     tolerance = Tolerance(BOTH, 1 - BOTH)
     measures = _sides(findings, legs, 1)
     judgement, symmetric = judge_all(measures, tolerance), ""
-    if legs and all(is_own_mirror(plan.robot, findings.world, leg, "none", plan.failure) for leg in legs):
+    if legs and all(_mirrored(findings, leg, leg) for leg in legs):
         symmetric = "robot and world are their own mirror image with this leg failed"
         if not judgement.not_judged:
             judgement = Judgement(None, no_evidence="the mirror symmetry alone implies it")
     return make_claim(
-        "When leg 1 or 4 fails, the robot goes straight or turns left or right, depending on the gait",
-        f"each side has at least {BOTH:.0%} of each leg's valid gaits, without self-rotation",
+        "both sides",
         measures_text(measures, lambda share: f"{share:.0%} left", tolerance),
         judgement,
         beside=_all_ends(findings, legs),
         symmetric=symmetric,
+        values={"both": BOTH},
     )
 
 
@@ -151,12 +148,11 @@ def rotation_straightens(findings: Findings) -> Claim:
     measures = [_nearer(findings, group) for group in _turning(findings)]
     tolerance = Tolerance(NEARER, 1.0)
     return make_claim(
-        "The self-rotation avoids motions to the left or right",
-        f"of each leg's gaits at least {NEARER:.0%} end nearer to the line with self-rotation than the same "
-        "gait without; an invalid gait is behind every valid one, and pairs without a valid one do not count",
+        "turn helps",
         measures_text(measures, share_text, tolerance),
         judge_all(measures, tolerance),
         beside="a leg that points to the rear already is no pair",
+        values={"nearer": NEARER},
     )
 
 
@@ -212,16 +208,15 @@ def rotation_helps(findings: Findings) -> Claim:
     before = [Measure(legs_text(group), tuple(pair[0])) for group, pair in zip(turning, pairs, strict=True)]
     gain = [_gain(pairs)] if pairs else []
     here = [f"leg {leg} {within(findings.without(leg), EARLY_M)}" for leg in findings.plan.legs]
+    expected = [expected_within(findings.rotated(group[0]), EARLY_M) for group in findings.experiments]
+    numbers = ", ".join(f"{count:.1f}" for count in expected)
     return make_claim(
-        "After the self-rotation there are gaits with a small deviation, whichever leg failed",
-        "each leg has a valid gait that ends within 10 cm of the line, and of the same gaits more do so with "
-        "self-rotation than without, in the mean over the legs that turn; no evidence where each of these "
-        "has one without, too",
+        "gaits near the line",
         f"gaits within 10 cm: {measures_text(after, lambda count: f'{count:.3g}', enough)}; of the same "
         f"gaits more than without: {measures_text(gain, lambda count: f'{count:+.1f}', more)}",
         _judge_near(judge_all(after, enough), judge_all(before, enough), judge_all(gain, more)),
         beside="without self-rotation: " + ", ".join(here),
-        null=_smooth_text(findings),
+        null=f"{numbers} gaits within 10 cm if deviations up to the median were spread evenly",
     )
 
 
@@ -263,13 +258,6 @@ def _gain(pairs: Sequence[tuple[list[int], list[int]]]) -> Measure:
         f"{', '.join(map(str, turned))} against {', '.join(map(str, without))}" for without, turned in pairs
     )
     return Measure("mean", tuple(gains.mean(axis=0).tolist()), each, least=-np.inf)
-
-
-def _smooth_text(findings: Findings) -> str:
-    """Gaits that chance puts near the line, one number for each experiment."""
-    expected = [expected_within(findings.rotated(group[0]), EARLY_M) for group in findings.experiments]
-    numbers = ", ".join(f"{count:.1f}" for count in expected)
-    return f"{numbers} gaits within 10 cm if deviations up to the median were spread evenly"
 
 
 def expected_within(landscape: Landscape, limit_m: float) -> float:

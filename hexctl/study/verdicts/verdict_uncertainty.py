@@ -21,12 +21,10 @@ class StudyUncertainty:
 
     Attributes:
         known: as measured; None where it was not.
-        duration_s: how long the walks take.
-        failure: of their legs.
     """
 
-    known: SimulationUncertainty | None
-    duration_s: float
+    known: SimulationUncertainty | None = None
+    duration_s: float = JUDGED_FROM_S
     failure: str = MEASURED_FAILURE
 
     @classmethod

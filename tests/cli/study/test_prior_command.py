@@ -18,8 +18,7 @@ from hexctl.cli.main import exit_code
 from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.robot.failure import Failure
 from hexctl.study.prior_building import PriorPlan
-from hexctl.study.repertoire import building
-from hexctl.study.repertoire.repertoire_walks import CandidateWalk, RepertoireCase, RepertoireConditions
+from hexctl.study.repertoire.repertoire_walks import CandidateWalk, RepertoireCase, RepertoirePlace
 from tests.adapt.priors import MadeUpModel, MadeUpWorld, key_of, made_up_prior, made_up_score_prior
 from tests.robots import shipped
 
@@ -452,7 +451,7 @@ def test_walks_that_go_astray_end_early_where_that_is_asked(
     (["--worlds", "1"], "--worlds: got 1; allowed: 2..1024"),
     (["--legs", "0"], "--legs"),
     (["--legs", ""], "--legs"),
-    (["--legs", "5,5"], "--legs: got [5, 5]; allowed: each leg once"),
+    (["--legs", "5,5"], "--legs: got 5,5; allowed: one or more, each once"),
     (["--legs", "five"], "--legs: got 'five'"),
     (["--duration", "5"], "--duration: got 5; allowed: 6 s or more"),
     (["--duration", "7"], "--duration: got 7; allowed"),
@@ -584,7 +583,7 @@ def test_a_repertoire_is_built_continued_and_shown(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def walk(
-        _conditions: RepertoireConditions, cases: Sequence[RepertoireCase], _threads: int = 1
+        _place: RepertoirePlace, cases: Sequence[RepertoireCase], _threads: int = 1
     ) -> list[CandidateWalk]:
         if Path("cut").exists():
             raise KeyboardInterrupt
@@ -595,7 +594,7 @@ def test_a_repertoire_is_built_continued_and_shown(
             for case, speed in zip(cases, speeds, strict=True)
         ]
 
-    monkeypatch.setattr(building, "walk_cases", walk)
+    monkeypatch.setattr(RepertoirePlace, "walk", walk)
     words = [*REPERTOIRE, "--family", "transfer", "--pairs", "limp", "--jobs", "1"]
     assert exit_code(words) == 130
     assert "walks are saved in runs/study-cache; the same command continues" in capsys.readouterr().err
@@ -625,7 +624,7 @@ def test_a_repertoire_is_built_continued_and_shown(
     (["--repertoire", "--codes", "12"], "--codes"),
     (["--repertoire", "--pairs", "tired"], "tired"),
     (["--repertoire", "--family", "nobody"], "nobody"),
-    (["--repertoire", "--family", "failing"], "--family: got failing, in which legs fail in mid-walk"),
+    (["--repertoire", "--family", "failing"], "--family: got failing; allowed: a family without"),
     (["--repertoire", "--out", "x.zip"], "--out: got x.zip; allowed: a file whose name ends in .npz"),
     (["--directions", "4"], "--directions: got 4; allowed: with --repertoire"),
     (["--pairs", "none"], "--pairs: got none; allowed: with --repertoire"),

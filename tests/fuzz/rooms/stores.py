@@ -1,11 +1,11 @@
 """Targets that hexctl has kept: sessions, priors, repertoires, caches, results, recordings."""
 
+import gzip
 import io
 import json
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,11 +21,10 @@ from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError
 from hexctl.recording.recorded_trial import read_trial
 from hexctl.robot.configs import config_root
-from hexctl.study.default_gaits import _loaded
-from hexctl.study.holds.hold_walks import HoldCache
-from hexctl.study.landscapes.cache import LandscapeCache
-from hexctl.study.recovery.recovery_walks import EpisodeCache
-from hexctl.study.repertoire.repertoire_walks import repertoire_cache
+from hexctl.study.holds.hold_walks import HoldPlace
+from hexctl.study.recovery.episodes import RecoveryPlace
+from hexctl.study.repertoire.repertoire_walks import RepertoirePlace
+from hexctl.study.walk_cache import WalkCache
 from tests.fuzz.folder import own_folder, written
 from tests.fuzz.target import Target
 from tests.study.made_up import spec
@@ -134,39 +133,26 @@ def _result(data: bytes) -> None:
     _ = [str(each) for each in result.noticed]
 
 
-PLACE: Any = SimpleNamespace(number=1, fingerprint="fuzz")
-
-
-def _walks(data: bytes) -> None:
-    """Load what studies have walked: a file that is not usable is told, and computed again."""
-    landscapes = LandscapeCache(own_folder())
-    for made in (HoldCache, EpisodeCache, repertoire_cache):
-        walks: Any = made(landscapes)
-        with written(walks.path_of(PLACE).name, data):
-            walks.load(PLACE)
-    asked = _asked()
-    with written(landscapes.path_of(asked).with_suffix(".default.json").name, data):
-        _loaded(landscapes, asked)
-    assert all("\n" not in note for note in landscapes.notes)
+def _study_walks(data: bytes) -> None:
+    """Load what studies have walked: a file that is not usable is reported, and computed again."""
+    world = {"robot": _asked().robot, "world": _asked().world, "family": "real", "number": 1, "kind": "plain"}
+    places: list[Any] = [
+        _asked(),
+        HoldPlace(**world),
+        RecoveryPlace(**world, protocol="line", duration_s=30.0),
+        RepertoirePlace(**world),
+    ]
+    cache = WalkCache(own_folder())
+    for place in places:
+        for content in (data, gzip.compress(data)):
+            with written(cache.path_of(place).name, content):
+                cache.load(place)
+    assert all("\n" not in note for note in cache.notes)
 
 
 @cache
 def _asked() -> Any:
     return spec(codes=(1, 2))
-
-
-def _landscape(data: bytes) -> None:
-    cached = LandscapeCache(own_folder())
-    with written(cached.path_of(_asked()).name, data):
-        assert len(cached.load(_asked()).codes) == 2
-
-
-def _landscape_seed() -> bytes:
-    from hexctl.study.landscapes.landscape import empty_landscape
-
-    cached = LandscapeCache(own_folder())
-    cached.save(empty_landscape(_asked()))
-    return cached.path_of(_asked()).read_bytes()
 
 
 def _head(path: str) -> dict[str, Any]:
@@ -230,9 +216,14 @@ def _searches() -> tuple[bytes, ...]:
 
 
 def _walk_file() -> bytes:
-    hold = {"case": {}, "slots": [1], "status": "ok", "signed_m": 0.1}
-    default = {"leg": 5, "gait": "demo", "status": "ok", "signed_m": 0.1, "distance_m": 4.0}
-    return json.dumps([default, {**default, "gait": "tripod"}, hold]).encode()
+    hold = {
+        "case": {"leg": 2, "failure": "limp", "hold": "line"},
+        "slots": [1],
+        "status": "ok",
+        "signed_m": 0.1,
+    }
+    gait = {"case": 5, "status": "ok", "signed_m": 0.1, "distance_m": 4.0, "path_m": [[0.1, 0.2]]}
+    return json.dumps([gait, {**gait, "case": "tripod"}, hold]).encode()
 
 
 TARGETS = (
@@ -286,15 +277,12 @@ TARGETS = (
         times=20,
     ),
     Target(
-        name="study-landscape",
-        read=_landscape,
-        seeds=(_landscape_seed(),),
-        words=(b"PK\1\2", b"PK\3\4", b"PK\5\6", b"\x93NUMPY", b"'descr': '|O'", b"(9999999999,)"),
-        most_bytes=8000,
-        times=20,
-    ),
-    Target(
-        name="study-walks", read=_walks, seeds=(_walk_file(), b"[]"), words=NUMBERS, most_bytes=1000, times=50
+        name="study-walks",
+        read=_study_walks,
+        seeds=(_walk_file(), b"[]"),
+        words=(*NUMBERS, b"\x1f\x8b\x08"),
+        most_bytes=1000,
+        times=50,
     ),
     Target(
         name="recording",

@@ -6,10 +6,9 @@ from typing import Any
 import numpy as np
 
 from hexctl.backends.sim.world import load_randomization
-from hexctl.study.holds.hold_conditions import HoldCase, HoldConditions
-from hexctl.study.holds.hold_findings import HoldFindings
+from hexctl.study.held_out_experiment import frame_of
 from hexctl.study.holds.hold_plan import HoldPlan
-from hexctl.study.holds.hold_walks import HoldWalk
+from hexctl.study.holds.hold_walks import HoldCase, HoldWalk
 from tests.robots import shipped
 
 IDEAL_M = 4.0
@@ -46,13 +45,30 @@ def walk(case: HoldCase, final_m: float, *, status: str = "ok", speed: float = 0
     )
 
 
-def findings(**options: Any) -> HoldFindings:
+def made_up_walks(made: HoldPlan) -> list[list[HoldWalk]]:
     """Walks that end at random, and farther in some worlds than in others."""
-    made, random = plan(**options), np.random.default_rng(0)
-    walks: list[tuple[HoldConditions, HoldWalk]] = []
-    for place in made.conditions():
+    random = np.random.default_rng(0)
+    walks = []
+    for _, cases in made.walked():
         farther = random.uniform(0.5, 1.5)
-        for case in made.cases():
-            final_m = SCALES_M[case.hold] * farther * random.uniform(-1, 1)
-            walks.append((place, walk(case, final_m, speed=0.8 if case.hold == "none" else 0.9)))
-    return HoldFindings(plan=made, walks=walks)
+        walks.append(
+            [
+                walk(
+                    case,
+                    SCALES_M[case.hold] * farther * random.uniform(-1, 1),
+                    speed=0.8 if case.hold == "none" else 0.9,
+                )
+                for case in cases
+            ]
+        )
+    return walks
+
+
+def rows_of(made: HoldPlan, walks: list[list[HoldWalk]]) -> Any:
+    """Rows of some walks, as the plan compares them."""
+    return made.columns(frame_of(made.walked(), walks))
+
+
+def rows(**options: Any) -> Any:
+    """Rows of the made-up walks of a plan."""
+    return rows_of(plan(**options), made_up_walks(plan(**options)))

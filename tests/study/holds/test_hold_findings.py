@@ -1,15 +1,17 @@
 """Statistics of the compared walks, and bars."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from hexctl.study.holds.hold_conditions import HoldCase
-from hexctl.study.holds.hold_findings import HoldFindings, hold_bars
+from hexctl.study.held_out import INTACT
+from hexctl.study.holds.hold_plan import divisions, statistics
+from hexctl.study.holds.hold_walks import HoldCase
 from hexctl.study.verdicts.claim_evidence import clustered_error
 from tests.robots import shipped
-from tests.study.holds.made_up import findings, plan, walk
+from tests.study.holds.made_up import made_up_walks, plan, rows, rows_of, walk
 
 EVERY_BAR = {
     "line_mean",
@@ -28,31 +30,41 @@ EVERY_BAR = {
 }
 
 
+def of_failed_legs(made: Any, hold: str) -> dict[str, Any]:
+    return statistics(made[(made["hold"] == hold) & (made["failure"] != INTACT)])
+
+
+def bars_of(made: Any, **options: Any) -> dict[str, Any]:
+    return {bar.name: bar for bar in plan(**options).bars(made)}
+
+
 def test_statistics_are_those_of_the_walks() -> None:
-    made = findings()
-    division, name, damaged = next(made.groups())
-    assert (division, name) == ("all", "one leg failed")
-    found = made.statistics("line", damaged)
-    walks = [one for _, one in made.walks if one.case.hold == "line" and one.case.leg]
-    worlds = np.array([f"{place.family}{place.number}" for place, one in made.walks
-                       if one.case.hold == "line" and one.case.leg])  # fmt: skip
-    final_m = np.array([one.final_m for one in walks])
-    assert (found.walks, found.worlds) == (6 * 2 * 2, 6)
-    assert found.mean_m == pytest.approx(final_m.mean())
-    assert found.mean_error_m == pytest.approx(float(clustered_error(final_m, worlds)))
-    assert found.p90_m == pytest.approx(np.percentile(final_m, 90))
-    assert found.max_m == final_m.max()
-    assert found.way_p90_m == pytest.approx(2 * found.p90_m)
-    assert (found.no_progress, found.fell, found.others) == (0, 0, 0)
-    assert found.over_ideal == pytest.approx(0.9)
-    assert found.over_open == pytest.approx(0.9 / 0.8)
+    found = of_failed_legs(rows(), "line")
+    walks = [
+        (f"{place.family}{place.number}", one)
+        for place, some in zip(plan().places(), made_up_walks(plan()), strict=True)
+        for one in some
+        if one.case.hold == "line" and one.case.leg
+    ]
+    worlds, final_m = (
+        np.array([world for world, _ in walks]),
+        np.array([abs(one.signed_m) for _, one in walks]),
+    )
+    assert (found["walks"], found["worlds"]) == (6 * 2 * 2, 6)
+    assert found["mean_m"] == pytest.approx(final_m.mean())
+    assert found["mean_error_m"] == pytest.approx(float(clustered_error(final_m, worlds)))
+    assert found["p90_m"] == pytest.approx(np.percentile(final_m, 90))
+    assert found["max_m"] == final_m.max()
+    assert found["way_p90_m"] == pytest.approx(2 * found["p90_m"])
+    assert (found["no_progress"], found["fell"], found["others"]) == (0, 0, 0)
+    assert found["over_ideal"] == pytest.approx(0.9)
+    assert found["over_open"] == pytest.approx(0.9 / 0.8)
 
 
 def test_groups_divide_all_walks_of_a_failed_leg() -> None:
-    made = findings(robots=(shipped(), shipped("pexod")))
     groups: dict[str, dict[str, int]] = {}
-    for division, name, which in made.groups():
-        groups.setdefault(division, {})[name] = int(which.sum())
+    for division, name, some in divisions(rows(robots=(shipped(), shipped("pexod")), holds=("line",))):
+        groups.setdefault(division, {})[name] = len(some)
     assert list(groups) == ["all", "failure", "robot", "family", "leg", "kind of world", "floor"]
     assert groups["failure"] == {"intact": 12, "locked": 24, "limp": 24}
     for division in ("robot", "family", "leg", "kind of world", "floor"):
@@ -61,21 +73,21 @@ def test_groups_divide_all_walks_of_a_failed_leg() -> None:
 
 
 def test_walks_without_progress_count_and_fallen_ones_are_counted_apart() -> None:
-    made = plan(families=dict(list(plan().families.items())[:1]), worlds=1, legs=(2,))
-    (place,) = made.conditions()
+    one_world = {"families": {"transfer": plan().families["transfer"]}, "worlds": 1, "legs": (2,)}
+    made = plan(**one_world)
     status = {("locked", "line"): "no_progress", ("limp", "line"): "fell", ("limp", "heading"): "aborted"}
     walks = [
-        (place, walk(case, 0.5, status=status.get((case.failure, case.hold), "ok"), speed=0.3))
+        walk(case, 0.5, status=status.get((case.failure, case.hold), "ok"), speed=0.3)
         for case in made.cases()
     ]
-    found = HoldFindings(plan=made, walks=walks)
-    _, _, damaged = next(found.groups())
-    line, heading = found.statistics("line", damaged), found.statistics("heading", damaged)
-    assert (line.mean_m, line.no_progress, line.fell, line.others) == (0.5, 1, 1, 0)
-    assert (heading.mean_m, heading.no_progress, heading.fell, heading.others) == (0.5, 0, 0, 1)
-    assert line.over_open == pytest.approx(1.0)
-    assert np.isnan(line.mean_error_m)  # a single world
-    bars = {bar.name: bar for bar in hold_bars(found)}
+    found = rows_of(made, [walks])
+    line, heading = of_failed_legs(found, "line"), of_failed_legs(found, "heading")
+    names = ("mean_m", "no_progress", "fell", "others")
+    assert [line[name] for name in names] == [0.5, 1, 1, 0]
+    assert [heading[name] for name in names] == [0.5, 0, 0, 1]
+    assert line["over_open"] == pytest.approx(1.0)
+    assert np.isnan(line["mean_error_m"])  # a single world
+    bars = bars_of(found, **one_world)
     assert bars["line_no_progress"].measured == "1 of 2, 50.0%"
     assert not bars["line_no_progress"].holds
     assert bars["line_falls"].measured == "1 fell, 0 diverged or were stopped"
@@ -84,33 +96,28 @@ def test_walks_without_progress_count_and_fallen_ones_are_counted_apart() -> Non
 
 def test_where_nothing_ended_there_is_no_number_and_no_bar_holds() -> None:
     made = plan(worlds=1)
-    walks = [(place, walk(case, 0.1, status="fell")) for place in made.conditions() for case in made.cases()]
-    found = HoldFindings(plan=made, walks=walks)
-    _, _, damaged = next(found.groups())
-    assert np.isnan(found.statistics("line", damaged).mean_m)
-    assert {bar.holds for bar in hold_bars(found) if bar.name != "line_no_progress"} == {False}
+    walks = [[walk(case, 0.1, status="fell") for case in cases] for _, cases in made.walked()]
+    found = rows_of(made, walks)
+    assert np.isnan(of_failed_legs(found, "line")["mean_m"])
+    assert {bar.holds for name, bar in bars_of(found).items() if name != "line_no_progress"} == {False}
 
 
 def test_bars_are_judged_by_their_numbers_and_on_walks_of_30_s_only() -> None:
-    made = findings()
-    bars = {bar.name: bar for bar in hold_bars(made)}
+    bars = bars_of(rows())
     assert set(bars) == EVERY_BAR
     assert {bar.verdict for bar in bars.values()} == {"holds"}
     assert bars["line_rough"].asked.endswith("at most 1.2 cm (stretch: 0.8 cm)")
-    far = [(place, replace(one, signed_m=20 * one.signed_m)) for place, one in made.walks]
-    missed = {bar.name for bar in hold_bars(replace(made, walks=far)) if not bar.holds}
+    walks = [[replace(one, signed_m=20 * one.signed_m) for one in some] for some in made_up_walks(plan())]
+    missed = {name for name, bar in bars_of(rows_of(plan(), walks)).items() if not bar.holds}
     assert missed == {"line_mean", "line_p90", "line_max", "line_rough", "heading_mean", "heading_p90",
                       "intact_mean", "intact_max"}  # fmt: skip
-    short = replace(made, plan=replace(made.plan, duration_s=10.0))
-    assert {bar.verdict for bar in hold_bars(short)} == {"not judged: walks of 10 s, needs at least 30 s"}
+    short = bars_of(rows(), duration_s=10.0)
+    assert {bar.verdict for bar in short.values()} == {"not judged: walks of 10 s, needs at least 30 s"}
 
 
 def test_bars_are_those_of_what_was_walked() -> None:
-    assert {bar.name for bar in hold_bars(findings(holds=("none", "heading")))} == {
-        "heading_mean",
-        "heading_p90",
-    }
-    line = {bar.name for bar in hold_bars(findings(holds=("line",)))}
+    assert set(bars_of(rows(holds=("none", "heading")))) == {"heading_mean", "heading_p90"}
+    line = set(bars_of(rows(holds=("line",))))
     assert line == EVERY_BAR - {"heading_mean", "heading_p90", "line_over_open"}
 
 

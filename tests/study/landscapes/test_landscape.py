@@ -1,6 +1,7 @@
 import math
 import pickle
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,32 +14,39 @@ from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.trial import run_trial
 from hexctl.control.trial_result import QUALITIES, TrialResult
-from hexctl.study.landscapes.evaluate import Chunk, chunks_of, simulate_chunk
-from hexctl.study.landscapes.landscape import NUMBERS, LandscapeSpec, empty_landscape, with_rows
+from hexctl.gait.gait import make_gait
+from hexctl.study.landscapes.landscape import NUMBERS, Landscape, LandscapeSpec
+from hexctl.study.walk_cache import WalkCache
 from hexctl.types import FloatArray
 from tests.robots import shipped
-from tests.study.made_up import made_up, same, spec, spread_out
+from tests.study.made_up import made_up, spec, spread_out
 
 CODES = (3, 40, 77, 120)
 
 
+def walked(asked: LandscapeSpec) -> Landscape:
+    return Landscape.of(asked, asked.walk(asked.codes))
+
+
 @pytest.fixture(scope="module")
-def one() -> Chunk:
-    return Chunk(spec=spec(5, "none", 3.0, CODES), codes=CODES)
+def one() -> Landscape:
+    return walked(spec(5, "none", 3.0, CODES))
 
 
-def test_landscapes_compare_by_value(one: Chunk) -> None:
-    first, again = empty_landscape(one.spec), empty_landscape(one.spec)
-    assert first == again
-    assert first != with_rows(again, simulate_chunk(one).rows)
+def test_landscapes_compare_by_value(one: Landscape) -> None:
+    same = Landscape(
+        spec=one.spec, codes=one.codes, status=one.status, numbers=one.numbers.copy(), paths_m=one.paths_m
+    )
+    assert same == one
+    same.numbers[0, 0] += 1.0
+    assert same != one
 
 
-def test_rows_are_those_of_the_trials_alone(one: Chunk) -> None:
-    rows = simulate_chunk(one).rows
+def test_rows_are_those_of_the_trials_alone(one: Landscape) -> None:
     for row, code in enumerate(CODES):
         alone = run_sim_trial(one.spec.trial(code))
         assert alone.deviation is not None
-        assert rows.status[row] == alone.status
+        assert one.status[row] == alone.status
         expected = [
             alone.deviation.signed,
             alone.deviation.mean,
@@ -48,33 +56,54 @@ def test_rows_are_those_of_the_trials_alone(one: Chunk) -> None:
             alone.turned_rad,
             *(getattr(alone, name) for name in QUALITIES),
         ]
-        assert rows.numbers[row].tolist() == expected
-        assert rows.paths_m[row].tolist() == alone.path_m[9::10].astype(np.float32).tolist()
-        assert rows.paths_m[row, -1, 1] == np.float32(alone.deviation.signed)
+        assert one.numbers[row].tolist() == expected
+        assert one.paths_m[row].tolist() == alone.path_m[9::10].astype(np.float32).tolist()
+        assert one.paths_m[row, -1, 1] == np.float32(alone.deviation.signed)
 
 
 @pytest.mark.parametrize("self_rotation", ["none", "rear"])
 def test_cutting_into_chunks_changes_nothing(self_rotation: str) -> None:
-    landscape = empty_landscape(spec(2, self_rotation, 1.0, CODES))
-    (whole,) = [simulate_chunk(chunk) for chunk in chunks_of(landscape, 4)]
-    for size in (1, 3):
-        cut = landscape
-        for chunk in chunks_of(landscape, size):
-            cut = with_rows(cut, simulate_chunk(chunk).rows)
-        assert same(cut, whole.rows)
+    asked = spec(2, self_rotation, 1.0, CODES)
+    whole = asked.walk(CODES)
+    for cuts in ((CODES[:1], CODES[1:]), (CODES[:3], CODES[3:])):
+        assert [walk for codes in cuts for walk in asked.walk(codes)] == whole
 
 
-def test_a_chunk_travels_as_a_pickle(one: Chunk) -> None:
-    sent = pickle.loads(pickle.dumps(one))  # noqa: S301
-    assert sent.spec.fingerprint == one.spec.fingerprint
-    assert same(simulate_chunk(sent).rows, simulate_chunk(one).rows)
+def test_gaits_are_divided_into_chunks() -> None:
+    asked = spec()
+    assert [len(chunk) for chunk in asked.chunks(asked.codes[:90])] == [40, 40, 10]
+
+
+def test_a_spec_travels_as_a_pickle(one: Landscape) -> None:
+    sent = pickle.loads(pickle.dumps(one.spec))  # noqa: S301
+    assert sent.fingerprint == one.spec.fingerprint
+    assert walked(sent) == one
+
+
+def test_walks_are_kept_to_the_last_bit(one: Landscape, tmp_path: Path) -> None:
+    walks = one.spec.walk(CODES)
+    cache = WalkCache(tmp_path)
+    cache.save(one.spec, walks)
+    assert repr(list(cache.load(one.spec).values())) == repr(walks)
+    cache.save(one.spec, [replace(walks[0], status="ok", signed_m=math.nan)])
+    assert cache.load(one.spec) == {}
+
+
+def test_a_default_gait_walks_as_a_trial_would() -> None:
+    asked = spec(2, "rear", 0.4)
+    trial = asked.trial("tripod")
+    assert trial.plan.gait == make_gait(asked.robot, "tripod")
+    assert replace(trial, plan=replace(trial.plan, gait=asked.trial(1).plan.gait)) == asked.trial(1)
+    (walk,) = asked.walk(["tripod"])
+    alone = run_sim_trial(trial)
+    assert alone.deviation is not None
+    assert (walk.case, walk.status, walk.signed_m) == ("tripod", alone.status, alone.deviation.signed)
 
 
 def test_scores_are_those_that_an_optimizer_is_told() -> None:
     asked = spec(2, "none", 6.0, CODES)
-    landscape = with_rows(empty_landscape(asked), simulate_chunk(Chunk(spec=asked, codes=CODES)).rows)
     results = [run_sim_trial(asked.trial(code)) for code in CODES]
-    assert landscape.scores.tolist() == [OBJECTIVES["final"](result) for result in results]
+    assert walked(asked).scores.tolist() == [OBJECTIVES["final"](result) for result in results]
 
 
 def test_invalid_gaits_are_behind_all_others_and_never_the_best() -> None:
@@ -82,15 +111,6 @@ def test_invalid_gaits_are_behind_all_others_and_never_the_best() -> None:
     assert landscape.scores[:2].tolist() == [INVALID_SCORE] * 2
     assert landscape.best_m == pytest.approx(2 / 119)
     assert np.isnan(made_up(5, "rear", spread_out(1.0), invalid=range(1, 121)).best_m)
-
-
-def test_what_is_missing_can_be_told() -> None:
-    landscape = empty_landscape(spec(codes=CODES, duration_s=0.2))
-    some = with_rows(landscape, simulate_chunk(Chunk(spec=landscape.spec, codes=(40, 120))).rows)
-    assert (some.missing, some.complete) == ((3, 77), False)
-    assert [chunk.codes for chunk in chunks_of(some, 1)] == [(3,), (77,)]
-    with pytest.raises(ValueError, match="codes"):
-        with_rows(landscape, simulate_chunk(Chunk(spec=landscape.spec, codes=(41,))).rows)
 
 
 def test_another_question_has_another_fingerprint() -> None:

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 
 from hexctl.backends.sim.world import load_randomization
-from hexctl.study.recovery.episodes import Episode, RecoveryCase, RecoveryConditions
+from hexctl.study.held_out_experiment import frame_of
+from hexctl.study.recovery.episodes import Episode, RecoveryCase, RecoveryPlace
 from hexctl.study.recovery.methods import Alarm
-from hexctl.study.recovery.recovery_criteria import recovery_bars
-from hexctl.study.recovery.recovery_findings import RecoveryFindings
 from hexctl.study.recovery.recovery_plan import HEXAHEAL, LINE, RecoveryPlan
+from hexctl.study.recovery.recovery_report import statistics
 from tests.robots import shipped
 
 PACE_HZ, IDEAL_M_S = 0.9, 0.15
@@ -68,26 +68,55 @@ def episode(case: RecoveryCase, **changes: Any) -> Episode:
     return replace(usual, **changes)
 
 
-def findings(**options: Any) -> RecoveryFindings:
+class Found:
+    """Made-up walks of a plan, and its rows of them.
+
+    Args:
+        plan: the plan.
+        walks: of each place, in the order of the plan.
+    """
+
+    def __init__(self, plan: RecoveryPlan, walks: list[list[Episode]]) -> None:
+        self.plan, self.walks = plan, walks
+        self.rows = plan.columns(frame_of(plan.walked(), walks))
+
+    @property
+    def episodes(self) -> list[tuple[RecoveryPlace, Episode]]:
+        """Each walk with its place."""
+        places = [place for place, _ in self.plan.walked()]
+        return [(place, one) for place, some in zip(places, self.walks, strict=True) for one in some]
+
+    def statistics(self, method: str) -> dict[str, Any]:
+        """Statistics of all judged episodes of a method."""
+        return statistics(self.rows[self.rows["judged"] & (self.rows["method"] == method)])
+
+    def share(self, method: str, legs: Any, protocol: str = HEXAHEAL) -> dict[str, Any]:
+        """Walks by a method that recover, of so many legs or of a set of them."""
+        name = protocol if isinstance(legs, int) else f"{protocol}_sets"
+        shares = self.plan.numbers(self.rows)[name]
+        return next(one for one in shares if (one["legs"], one["method"]) == (legs, method))
+
+
+def findings(**options: Any) -> Found:
     """Walks as they go usually, a little different in each world."""
     made, random = plan(**options), np.random.default_rng(0)
-    episodes: list[tuple[RecoveryConditions, Episode]] = []
+    walks = []
     for place, cases in made.walked():
         farther = random.uniform(0.8, 1.2)
-        for case in cases:
-            one = episode(case, duration_s=place.duration_s)
-            if case.legs and place.protocol != HEXAHEAL:
-                one = replace(one, signed_m=farther * one.signed_m)
-            episodes.append((place, one))
-    return RecoveryFindings(plan=made, episodes=episodes)
+        some = [episode(case, duration_s=place.duration_s) for case in cases]
+        if place.protocol != HEXAHEAL:
+            some = [replace(one, signed_m=farther * one.signed_m) if one.case.legs else one for one in some]
+        walks.append(some)
+    return Found(made, walks)
 
 
-def changed(found: RecoveryFindings, which: Any, **changes: Any) -> RecoveryFindings:
+def changed(found: Found, which: Any, **changes: Any) -> Found:
     """The same with changes of those episodes for which `which` holds."""
-    episodes = [
-        (place, replace(one, **changes) if which(place, one) else one) for place, one in found.episodes
+    walks = [
+        [replace(one, **changes) if which(place, one) else one for one in some]
+        for (place, _), some in zip(found.plan.walked(), found.walks, strict=True)
     ]
-    return replace(found, episodes=episodes)
+    return Found(found.plan, walks)
 
 
 def on_line(method: str, *, legs: bool = True) -> Any:
@@ -99,5 +128,5 @@ def on_line(method: str, *, legs: bool = True) -> Any:
     return which
 
 
-def bars_of(found: RecoveryFindings) -> dict[str, Any]:
-    return {bar.name: bar for bar in recovery_bars(found)}
+def bars_of(found: Found) -> dict[str, Any]:
+    return {bar.name: bar for bar in found.plan.bars(found.rows)}

@@ -7,7 +7,6 @@ import pytest
 
 from hexctl.study.recovery.decentralised import LegLoads, phase_rate
 from hexctl.study.recovery.episodes import RecoveryCase
-from hexctl.study.recovery.recovery_walks import walk_episodes
 from hexctl.types import RobotState
 from tests.robots import ROBOT_NAMES, shipped
 from tests.study.recovery.made_up import plan
@@ -58,9 +57,9 @@ def test_a_walk_by_it_goes_on_without_a_leg_and_is_in_a_batch_as_alone() -> None
         )
         for legs in ((), (2,), (3,), (5,))
     ]
-    together = walk_episodes(place, cases)
+    together = place.walk(cases)
     assert {one.status for one in together} == {"ok"}
     assert {one.alarms for one in together} == {()}
-    assert repr(walk_episodes(place, cases[1:2])) == repr(together[1:2])
-    left = walk_episodes(place, [replace(case, method="nothing") for case in cases[1:]])
+    assert repr(place.walk(cases[1:2])) == repr(together[1:2])
+    left = place.walk([replace(case, method="nothing") for case in cases[1:]])
     assert np.mean([one.last_m_s for one in together[1:]]) > np.mean([one.last_m_s for one in left])

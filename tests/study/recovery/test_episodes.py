@@ -9,14 +9,14 @@ import pytest
 
 from hexctl.backends.sim.world import World
 from hexctl.control.assessment.static_stability import most_stable_slots
-from hexctl.study.recovery.episodes import RecoveryCase, RecoveryConditions, Track
+from hexctl.study.recovery.episodes import RecoveryCase, RecoveryPlace, Track
 from tests.robots import shipped
 from tests.study.recovery.made_up import IDEAL_M_S, alarm, episode
 
 CASE = RecoveryCase(
     gait="tripod", legs=(2,), failure="stuck:tibia", at_s=8.3, heading_deg=60.0, method="recover"
 )
-CONDITIONS = RecoveryConditions(
+PLACE = RecoveryPlace(
     protocol="line",
     robot=shipped(),
     family="transfer",
@@ -28,12 +28,12 @@ CONDITIONS = RecoveryConditions(
 
 
 def test_nothing_of_what_will_fail_is_told_in_the_plan() -> None:
-    trial = CONDITIONS.trial(CASE)
+    trial = PLACE.trial(CASE)
     assert (trial.failure, trial.plan.belief, trial.seed, trial.plan.hold) == (None, None, 205, "line")
     assert [str(event) for event in trial.events] == ["2:stuck:tibia@8.3"]
     assert trial.plan.gait.slots == (1, 4, 1, 4, 1, 4)
     assert trial.plan.heading_rad == pytest.approx(math.radians(60))
-    auto = CONDITIONS.trial(replace(CASE, gait="auto", legs=(1, 4), failure="limp"))
+    auto = PLACE.trial(replace(CASE, gait="auto", legs=(1, 4), failure="limp"))
     assert auto.plan.gait.slots == most_stable_slots(shipped(), heading_rad=math.radians(60))
     assert [str(event) for event in auto.events] == ["1:limp@8.3", "4:limp@8.3"]
 
@@ -45,8 +45,8 @@ def test_whatever_decides_a_walk_is_in_the_fingerprint() -> None:
         {"world": World()},
         {"duration_s": 60.0},
     ]
-    prints = {replace(CONDITIONS, **change).fingerprint for change in changes}
-    assert len(prints | {CONDITIONS.fingerprint}) == len(changes) + 1
+    prints = {replace(PLACE, **change).fingerprint for change in changes}
+    assert len(prints | {PLACE.fingerprint}) == len(changes) + 1
 
 
 def test_the_first_alarm_of_a_walk_counts() -> None:

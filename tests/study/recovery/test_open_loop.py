@@ -13,7 +13,6 @@ from hexctl.study.recovery import open_loop
 from hexctl.study.recovery.episodes import RecoveryCase
 from hexctl.study.recovery.methods import OpenLoopBest
 from hexctl.study.recovery.open_loop import Rehearsal, rehearse
-from hexctl.study.recovery.recovery_walks import walk_episodes
 from tests.study.recovery.made_up import plan
 
 PLACE = replace(plan().walked()[0][0], duration_s=7.0)
@@ -72,13 +71,13 @@ def _ended(off_m: float, status: str) -> TrialResult:
 
 
 def test_after_the_failure_nothing_holds_the_line() -> None:
-    intact, failed = walk_episodes(PLACE, [case(), case(2)])
-    held_intact, held = walk_episodes(PLACE, [case(method="nothing"), case(2, method="nothing")])
+    intact, failed = PLACE.walk([case(), case(2)])
+    held_intact, held = PLACE.walk([case(method="nothing"), case(2, method="nothing")])
     assert (intact.trials, failed.trials) == (0, 2)
     assert intact.signed_m == held_intact.signed_m
     assert failed.status == "ok"
     assert failed.alarms == ()
     assert np.isclose(failed.before_m_s, held.before_m_s), "until then it is the same walk"
     assert failed.final_m > 2 * held.final_m
-    (alone,) = walk_episodes(PLACE, [case(2)])
+    (alone,) = PLACE.walk([case(2)])
     assert repr(alone) == repr(failed)

@@ -2,17 +2,15 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from hexctl.study.recovery import recovery_criteria as module
-from hexctl.study.recovery.episodes import Episode, RecoveryConditions
-from hexctl.study.recovery.recovery_criteria import recovery_bars
+from hexctl.study.recovery import recovery_report as module
+from hexctl.study.recovery.episodes import Episode, RecoveryPlace
 from hexctl.study.recovery.recovery_plan import HEXAHEAL, LINE, SECOND
 from tests.robots import shipped
-from tests.study.recovery.made_up import alarm, bars_of, changed, findings, on_line, plan
+from tests.study.recovery.made_up import Found, alarm, bars_of, changed, findings, on_line, plan
 
 EVERY_BAR = {
     "right_leg",
@@ -36,9 +34,9 @@ def test_bars_are_judged_by_enough_episodes_of_30_s(monkeypatch: pytest.MonkeyPa
     assert {bar.verdict for name, bar in bars.items() if name not in few} == {"holds"}
     monkeypatch.setattr(module, "ENOUGH", 5)
     monkeypatch.setattr(module, "ENOUGH_JOINTS", 5)
-    assert {bar.verdict for bar in recovery_bars(made)} == {"holds"}
+    assert {bar.verdict for bar in bars_of(made).values()} == {"holds"}
     assert bars["pairs"].measured == "1 of 1; 2 of 2 walks"
-    short = bars_of(replace(made, plan=plan(duration_s=20.0)))
+    short = bars_of(Found(plan(duration_s=20.0), made.walks))
     assert short.pop("pairs").verdict == "holds"
     assert {bar.verdict for bar in short.values()} == {"not judged: walks of 20 s, needs at least 30 s"}
 
@@ -74,10 +72,11 @@ def test_bars_are_those_of_what_was_walked() -> None:
 
 def test_a_second_leg_is_judged_among_the_pairs_that_recover_when_told() -> None:
     made = findings(legs=(2, 4, 5), protocols=(SECOND,), runs=4)
-    assert made.leg_sets(SECOND) == [(2, 4), (2, 5), (4, 5)]
-    assert made.leg_sets() == []
+    numbers = made.plan.numbers(made.rows)
+    sets = [one["legs"] for one in numbers["second_sets"] if one["method"] == "told"]
+    assert (sets, numbers["hexaheal_sets"]) == ([[2, 4], [2, 5], [4, 5]], [])
 
-    def of(method: str, legs: tuple[int, int]) -> Callable[[RecoveryConditions, Episode], bool]:
+    def of(method: str, legs: tuple[int, int]) -> Callable[[RecoveryPlace, Episode], bool]:
         return lambda _, one: one.case.method == method and tuple(sorted(one.case.legs)) == legs
 
     unable = changed(made, of("told", (2, 4)), last_m_s=0.0)
@@ -88,7 +87,7 @@ def test_a_second_leg_is_judged_among_the_pairs_that_recover_when_told() -> None
     assert "1 of 2 (of 3 pairs)" in bars_of(fails)["second"].measured
     two = findings(robots=(shipped(), shipped("pexod")), legs=(2, 4, 5), protocols=(SECOND,), runs=4)
 
-    def by_pexod(place: RecoveryConditions, one: Episode) -> bool:
+    def by_pexod(place: RecoveryPlace, one: Episode) -> bool:
         return place.robot.name == "pexod" and one.case.method == "recover"
 
     one_fails = changed(two, by_pexod, status="fell")

@@ -6,9 +6,9 @@ import pytest
 
 from hexctl.backends.sim.world import load_randomization
 from hexctl.errors import InputError
+from hexctl.study.held_out import FAILURES
 from hexctl.study.holds.hold_plan import FIRST_WORLD as FIRST_HOLD_WORLD
 from hexctl.study.recovery.recovery_plan import (
-    FAILURES,
     FIRST_WORLD,
     HEADINGS_DEG,
     HEXAHEAL,
@@ -113,7 +113,7 @@ def test_sensors_are_late_and_noisy_unless_they_are_to_be_exact() -> None:
         ({"methods": ("recover",)}, "methods: got recover; allowed: nothing among them"),
         ({"protocols": ("ours",)}, "protocols: got ours; allowed: one or more of line, hexaheal, second"),
         ({"duration_s": 9.0}, r"duration: got 9; allowed: 11\.1 to 86400 s"),
-        ({"legs": [2]}, r"plan.legs: got \[2\]"),
+        ({"legs": [2]}, r"legs: got \[2\]"),
     ],
 )
 def test_what_cannot_be_is_refused_before_anything_runs(options: dict[str, Any], message: str) -> None:

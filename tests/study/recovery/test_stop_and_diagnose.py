@@ -11,7 +11,6 @@ from hexctl.control.monitor.recovery import GlideToStableGait, StopWalking
 from hexctl.control.preparation import WalkStart
 from hexctl.study.recovery.episodes import Episode, RecoveryCase
 from hexctl.study.recovery.methods import method_of
-from hexctl.study.recovery.recovery_walks import walk_episodes
 from hexctl.study.recovery.stop_and_diagnose import EachAlone, StopAndDiagnoseWalk
 from hexctl.types import FloatArray, RobotState
 from tests.study.recovery.made_up import plan
@@ -35,7 +34,7 @@ def case(*legs: int, failure: str = "limp") -> RecoveryCase:
 
 @pytest.fixture(scope="module")
 def episodes() -> list[Episode]:
-    return walk_episodes(PLACE, [case(), case(2), case(5, failure="locked"), case(4, failure="missing")])
+    return PLACE.walk([case(), case(2), case(5, failure="locked"), case(4, failure="missing")])
 
 
 def test_the_standing_test_says_what_failed_and_when_it_is_known(episodes: Sequence[Episode]) -> None:

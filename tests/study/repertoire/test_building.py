@@ -1,7 +1,7 @@
 """Building a repertoire: interrupted and continued, on a cluster, and what its file then says."""
 
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import get_context
 from pathlib import Path
@@ -10,67 +10,49 @@ import numpy as np
 import pytest
 
 from hexctl.control.monitor.repertoire_store import load_repertoire
-from hexctl.errors import InputError, RobotFaultError
+from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
-from hexctl.study.landscapes import evaluate
-from hexctl.study.landscapes.cache import LandscapeCache
-from hexctl.study.landscapes.evaluate import Silent
-from hexctl.study.repertoire import building
-from hexctl.study.repertoire.building import build_repertoire, repertoire_of
-from hexctl.study.repertoire.repertoire_walks import (
-    CandidateWalk,
-    RepertoireCase,
-    RepertoireConditions,
-    repertoire_cache,
-)
+from hexctl.study import walking
+from hexctl.study.repertoire import repertoire_walks
+from hexctl.study.repertoire.repertoire_plan import build_repertoire, repertoire_of
+from hexctl.study.repertoire.repertoire_walks import CandidateWalk, RepertoireCase, RepertoirePlace
+from hexctl.study.walk_cache import WalkCache
 from tests.study.repertoire.made_up import plan
+from tests.study.watching import Remembering
 
 PLAN = plan(worlds=2, directions=1, failures=("limp",))
 
 
-class Counting(Silent):
-    """Counts the walks, and is interrupted after some."""
-
-    def __init__(self, interrupt_after: int | None = None) -> None:
-        self.walks, self._left = 0, interrupt_after
-
-    def step(self) -> None:
-        """Count a walk."""
-        self.walks += 1
-        if self.walks == self._left:
-            raise KeyboardInterrupt
-
-
 def _made_up_walks(monkeypatch: pytest.MonkeyPatch) -> None:
     def walk(
-        _conditions: RepertoireConditions, cases: Sequence[RepertoireCase], _threads: int = 1
+        _place: RepertoirePlace, cases: Sequence[RepertoireCase], _threads: int = 1
     ) -> list[CandidateWalk]:
         return [
             CandidateWalk(case=case, status="ok", speed=0.5 + 0.01 * number, cost=0.3)
             for number, case in enumerate(cases)
         ]
 
-    monkeypatch.setattr(building, "walk_cases", walk)
-    monkeypatch.setattr(building, "TOGETHER", 1)
+    monkeypatch.setattr(RepertoirePlace, "walk", walk)
+    monkeypatch.setattr(repertoire_walks, "TOGETHER", 1)
 
 
 def test_what_was_interrupted_goes_on_from_what_has_finished(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _made_up_walks(monkeypatch)
-    cache, out = LandscapeCache(tmp_path / "cache"), tmp_path / "ant.npz"
+    cache, out = WalkCache(tmp_path / "cache"), tmp_path / "ant.npz"
     with pytest.raises(KeyboardInterrupt):
-        build_repertoire(PLAN, out, cache=cache, jobs=1, progress=Counting(interrupt_after=5))
+        build_repertoire(PLAN, out, cache=cache, jobs=1, progress=Remembering(interrupt_after=5))
     assert not out.exists()
-    saved, total = repertoire_cache(cache).count(PLAN.walked())
+    saved, total = cache.count(PLAN.walked())
     assert 0 < saved < total
-    left = Counting()
+    left = Remembering()
     built = build_repertoire(PLAN, out, cache=cache, jobs=1, progress=left)
-    assert left.walks == total - saved
+    assert left.steps == total - saved
     assert load_repertoire(out).digest() == built.digest()
-    again = Counting()
+    again = Remembering()
     build_repertoire(PLAN, out, cache=cache, jobs=1, progress=again)
-    assert again.walks == 0
+    assert again.steps == 0
 
 
 def test_a_repertoire_says_how_its_candidates_walked() -> None:
@@ -97,7 +79,7 @@ def test_a_repertoire_says_how_its_candidates_walked() -> None:
 
 def test_what_cannot_be_written_is_refused_before_anything_runs(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"ends in \.npz"):
-        build_repertoire(PLAN, tmp_path / "x.zip", cache=LandscapeCache(tmp_path))
+        build_repertoire(PLAN, tmp_path / "x.zip", cache=WalkCache(tmp_path))
 
 
 def test_walks_of_a_cluster_are_those_of_this_machine(
@@ -105,30 +87,16 @@ def test_walks_of_a_cluster_are_those_of_this_machine(
 ) -> None:
     """What is sent to workers can be pickled, and what they send back is kept like any other walk."""
     few = plan(directions=1)
-    alone = build_repertoire(few, tmp_path / "a.npz", cache=LandscapeCache(tmp_path / "a"), jobs=1)
+    alone = build_repertoire(few, tmp_path / "a.npz", cache=WalkCache(tmp_path / "a"), jobs=1)
 
     @contextmanager
     def pool(_address: str) -> Iterator[Executor]:
         with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
             yield executor
 
-    monkeypatch.setattr(evaluate, "dask_executor", pool)
-    cache = LandscapeCache(tmp_path / "b")
+    monkeypatch.setattr(walking, "dask_executor", pool)
+    cache = WalkCache(tmp_path / "b")
     spread = build_repertoire(few, tmp_path / "b.npz", cache=cache, dask="tcp://127.0.0.1:1")
     assert spread.digest() == alone.digest()
-    saved, total = repertoire_cache(cache).count(few.walked())
+    saved, total = cache.count(few.walked())
     assert saved == total > 0
-
-
-def test_a_worker_with_other_code_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    _made_up_walks(monkeypatch)
-
-    @contextmanager
-    def pool(_address: str) -> Iterator[Executor]:
-        with ThreadPoolExecutor(1) as executor:
-            yield executor
-
-    monkeypatch.setattr(evaluate, "dask_executor", pool)
-    monkeypatch.setattr(evaluate, "_walked_elsewhere", lambda walk, threads: ({"mujoco": "0"}, walk(threads)))
-    with pytest.raises(RobotFaultError, match="a worker runs other code than this machine"):
-        build_repertoire(PLAN, tmp_path / "x.npz", cache=LandscapeCache(tmp_path), dask="tcp://127.0.0.1:1")

@@ -63,9 +63,9 @@ def test_candidates_differ_and_can_be_walked() -> None:
 
 
 def test_worlds_are_none_that_a_benchmark_uses_and_fewer_are_the_first_of_more() -> None:
-    numbers = [one.number for one in plan(worlds=16).conditions()]
+    numbers = [one.number for one in plan(worlds=16).places()]
     assert numbers == list(range(100, 116))
-    few, many = (plan(worlds=worlds).conditions() for worlds in (1, 3))
+    few, many = (plan(worlds=worlds).places() for worlds in (1, 3))
     assert few[0].fingerprint == many[0].fingerprint
 
 

@@ -8,8 +8,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from hexctl.study.reports.figures import FIGURES
-from hexctl.study.reports.study_tables import TABLES
+from hexctl.study.reports.texts import texts
 from hexctl.study.searches import Findings
 from tests.study.made_up import made_up, made_up_findings, reported, spread_out, summarised
 
@@ -32,9 +31,9 @@ def folder(findings: Findings, tmp_path_factory: pytest.TempPathFactory) -> Path
 def test_the_page_holds_all_figures_itself(folder: Path) -> None:
     text = (folder / "report.html").read_text(encoding="utf-8")
     images = re.findall(r'src="data:image/svg\+xml;base64,([^"]+)"', text)
-    assert len(images) == len(FIGURES)
+    assert len(images) == len(texts("captions"))
     assert [base64.b64decode(image) for image in images] == [
-        (folder / f"{entry.name}.svg").read_bytes() for entry in FIGURES
+        (folder / f"{name}.svg").read_bytes() for name in texts("captions")
     ]
 
 
@@ -68,12 +67,15 @@ def test_the_page_says_what_holds_and_how_to_read_it(folder: Path) -> None:
 
 
 def test_every_figure_is_there_as_svg(folder: Path) -> None:
-    for entry in FIGURES:
-        assert ElementTree.parse(folder / f"{entry.name}.svg").getroot().tag.endswith("svg")  # noqa: S314
+    for name in texts("captions"):
+        assert ElementTree.parse(folder / f"{name}.svg").getroot().tag.endswith("svg")  # noqa: S314
 
 
 def test_tables_hold_every_gait_evaluation_and_run(findings: Findings, folder: Path) -> None:
-    gaits, curves, runs = (pq.read_table(folder / name).to_pydict() for name in TABLES)
+    gaits, curves, runs = (
+        pq.read_table(folder / f"{name}.parquet").to_pydict()
+        for name in ("landscapes", "convergence", "runs")
+    )
     assert len(gaits["code"]) == 2 * 2 * 120
     assert len(curves["mean_m"]) == 2 * 2 * 2 * 25
     assert len(runs["best_m"]) == 2 * 2 * 2 * 3 * 25

@@ -3,8 +3,8 @@
 import pytest
 
 from hexctl.study.landscapes.landscape import Landscape
-from hexctl.study.transfer.transfer_searches import TransferFindings, search_worlds
-from tests.study.transfer.made_up import MODEL, in_the_model, plan
+from hexctl.study.transfer.transfer_report import TransferFound
+from tests.study.transfer.made_up import MODEL, found_in, in_the_model, plan
 
 
 @pytest.fixture(scope="session")
@@ -15,5 +15,5 @@ def landscapes() -> list[Landscape]:
 
 
 @pytest.fixture(scope="session")
-def findings(landscapes: list[Landscape]) -> TransferFindings:
-    return search_worlds(plan(), landscapes)
+def findings(landscapes: list[Landscape]) -> TransferFound:
+    return found_in(plan(), landscapes)

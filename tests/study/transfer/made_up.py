@@ -1,5 +1,6 @@
 """A small benchmark in worlds of a made-up model; some gaits fall on their way."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -7,17 +8,10 @@ import numpy as np
 from hexctl.adapt.prior.prior import PriorKey
 from hexctl.adapt.prior.samples import FINAL
 from hexctl.backends.sim.world import load_randomization
-from hexctl.study.landscapes.landscape import (
-    NUMBERS,
-    Landscape,
-    LandscapeSpec,
-    Rows,
-    empty_landscape,
-    with_rows,
-)
-from hexctl.study.transfer.transfer_plan import EARLY, TransferPlan
-from hexctl.study.transfer.transfer_searches import TransferFindings
-from hexctl.study.verdicts.verdict_uncertainty import StudyUncertainty
+from hexctl.study.landscapes.landscape import NUMBERS, Landscape, LandscapeSpec
+from hexctl.study.transfer.transfer_plan import TransferPlan
+from hexctl.study.transfer.transfer_report import TransferFound
+from hexctl.study.transfer.transfer_searches import EARLY, search_worlds
 from hexctl.types import FloatArray
 from tests.adapt.priors import MadeUpModel, key_of, made_up_prior, path_of
 from tests.robots import shipped
@@ -52,7 +46,7 @@ def plan(**options: Any) -> TransferPlan:
 
 def in_the_model(spec: LandscapeSpec, features: FloatArray) -> Landscape:
     """A landscape whose gaits walk as in a world of the made-up model."""
-    empty, points = empty_landscape(spec), spec.n_points
+    points = spec.n_points
     at = np.arange(1, points + 1) / points * 10
     paths = np.empty((120, points, 2), dtype=np.float32)
     for row, path in enumerate(path_of(one) for one in features):
@@ -66,10 +60,17 @@ def in_the_model(spec: LandscapeSpec, features: FloatArray) -> Landscape:
     for code in FALLING:
         status[code - 1] = "fell"
         paths[code - 1, points // 2 :] = np.nan
-    return with_rows(empty, Rows(codes=empty.codes, status=status, numbers=numbers, paths_m=paths))
+    codes = np.array(spec.codes)
+    return Landscape(spec=spec, codes=codes, status=status, numbers=numbers, paths_m=paths)
 
 
-def uncertainty_of(findings: TransferFindings) -> StudyUncertainty:
-    """The simulation's own uncertainty of the walks."""
-    plan = findings.plan
-    return StudyUncertainty.of(plan.robot, plan.specs()[0].world, plan.duration_s)
+def found_in(asked: TransferPlan, landscapes: Sequence[Landscape]) -> TransferFound:
+    """What the searches of a plan find in some landscapes."""
+    without = sum(not landscape.valid.any() for landscape in landscapes)
+    return TransferFound(plan=asked, runs=search_worlds(asked, landscapes), without=without)
+
+
+def courses_of(found: TransferFound, optimizer: str, place: int | None = None) -> list[Any]:
+    """Runs of an optimizer, in all landscapes or in one."""
+    runs = found.of(optimizer)
+    return list((runs if place is None else runs[runs["place"] == place]).itertuples())

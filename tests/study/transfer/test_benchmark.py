@@ -1,8 +1,6 @@
 """The transfer benchmark: its worlds, its courses, its figures, on made-up landscapes."""
 
-import json
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,14 +12,14 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
-from hexctl.study.landscapes.landscape import NUMBERS, Landscape, Rows, empty_landscape, with_rows
+from hexctl.study.landscapes.landscape import NUMBERS, Landscape
 from hexctl.study.prior_building import PriorPlan
 from hexctl.study.transfer.transfer_plan import TransferPlan
-from hexctl.study.transfer.transfer_report import transfer_bars, transfer_json, write_transfer_report
-from hexctl.study.transfer.transfer_searches import TransferFindings, search_worlds, walk_of
+from hexctl.study.transfer.transfer_report import TransferFound, transfer_json
+from hexctl.study.transfer.transfer_searches import by_seconds, by_trials, floor_m, search_worlds, walk_of
 from hexctl.types import FloatArray
 from tests.robots import shipped
-from tests.study.transfer.made_up import uncertainty_of
+from tests.study.transfer.made_up import courses_of, found_in
 
 GAITS, HIDDEN, DURATION_S = 120, 3, 10.0
 
@@ -70,7 +68,6 @@ def _plan(**changes: Any) -> TransferPlan:
 
 def _landscape(spec: Any, finals: FloatArray, invalid: int = 0) -> Landscape:
     """A landscape with these ends; the first gaits, by number, made no progress."""
-    empty = empty_landscape(spec)
     share = np.arange(1, spec.n_points + 1) / spec.n_points
     numbers = np.zeros((GAITS, len(NUMBERS)))
     numbers[:, NUMBERS.index("signed_m")] = finals
@@ -79,17 +76,20 @@ def _landscape(spec: Any, finals: FloatArray, invalid: int = 0) -> Landscape:
     paths = np.zeros((GAITS, spec.n_points, 2), dtype=np.float32)
     paths[..., 0], paths[..., 1] = 1.3 * share, finals[:, np.newaxis] * share**1.5
     status = np.where(np.arange(GAITS) < invalid, "no_progress", "ok").astype("<U16")
-    return with_rows(empty, Rows(codes=empty.codes, status=status, numbers=numbers, paths_m=paths))
+    codes = np.array(spec.codes)
+    return Landscape(spec=spec, codes=codes, status=status, numbers=numbers, paths_m=paths)
 
 
 @pytest.fixture(scope="module")
-def findings() -> TransferFindings:
-    plan = _plan()
-    finals = _finals(len(plan.specs()), seed=2)
-    return search_worlds(
-        plan,
-        [_landscape(spec, row, invalid=7) for spec, row in zip(plan.specs(), finals, strict=True)],
-    )
+def landscapes() -> list[Landscape]:
+    specs = _plan().specs()
+    finals = _finals(len(specs), seed=2)
+    return [_landscape(spec, row, invalid=7) for spec, row in zip(specs, finals, strict=True)]
+
+
+@pytest.fixture(scope="module")
+def findings(landscapes: list[Landscape]) -> TransferFound:
+    return found_in(_plan(), landscapes)
 
 
 def test_no_world_of_the_benchmark_is_one_of_a_prior() -> None:
@@ -116,51 +116,37 @@ def test_bumps_are_other_ones_in_every_world() -> None:
     assert len({spec.seed for spec in _plan(worlds=30).specs()}) == 30
 
 
-def test_curves_never_rise_and_never_pass_the_best_gait(findings: TransferFindings) -> None:
-    places = findings.places()
+def test_curves_never_rise_and_never_pass_the_best_gait(findings: TransferFound) -> None:
     for name in findings.plan.optimizers:
-        curves = findings.by_trials(name, places)
+        curves = by_trials(findings.of(name))
         for values in (curves.mean, curves.median, curves.p90):
             assert (np.diff(values) <= 1e-12).all()
-        assert curves.mean[-1] >= findings.floor_m(places) - 1e-12
+        assert curves.mean[-1] >= floor_m(findings.runs)[0] - 1e-12
 
 
-def test_random_search_has_the_mean_of_random_draws(findings: TransferFindings) -> None:
-    """The best of n draws without repetition, over all orders, is known exactly for the first draw."""
-    plan = replace(findings.plan, optimizers=("random",), runs=200)
-    landscape = findings.landscapes[0]
-    (courses,) = search_worlds(plan, [landscape]).courses.values()
-    first = np.array([course.best_m[0] for course in courses])
-    scores = np.where(landscape.valid, landscape.final_m, landscape.final_m[landscape.valid].max())
-    assert abs(first.mean() - scores.mean()) < 4 * scores.std() / np.sqrt(len(first))
-
-
-def test_a_prior_that_knows_the_worlds_needs_fewer_trials_than_random(findings: TransferFindings) -> None:
-    places = findings.places()
-    bayes, random = (findings.by_trials(name, places) for name in ("bayes", "random"))
+def test_a_prior_that_knows_the_worlds_needs_fewer_trials_than_random(findings: TransferFound) -> None:
+    bayes, random = (by_trials(findings.of(name)) for name in ("bayes", "random"))
     assert bayes.mean[13] < random.mean[13] / 2
 
 
-def test_seconds_and_trials_tell_the_same_story(findings: TransferFindings) -> None:
-    places, budget = findings.places(), findings.plan.budget
+def test_seconds_and_trials_tell_the_same_story(findings: TransferFound) -> None:
+    budget = findings.plan.budget
     ends_s = np.asarray(DURATION_S * np.arange(1, budget + 1) + 1e-6, dtype=np.float64)
     for name in ("pso", "random"):
-        by_seconds = findings.by_seconds(name, places, ends_s).mean
-        assert np.abs(by_seconds - findings.by_trials(name, places).mean).max() < 1e-12
+        means = by_seconds(findings.of(name), ends_s).mean
+        assert np.abs(means - by_trials(findings.of(name)).mean).max() < 1e-12
 
 
-def test_ending_walks_early_saves_seconds_and_gets_no_gait_for_them(findings: TransferFindings) -> None:
-    whole, early = (
-        [findings.courses[place, name][0] for place in findings.places()] for name in ("bayes", "bayes-early")
-    )
+def test_ending_walks_early_saves_seconds_and_gets_no_gait_for_them(findings: TransferFound) -> None:
+    whole, early = (courses_of(findings, name) for name in ("bayes", "bayes-early"))
     for one, other in zip(whole, early, strict=True):
         assert one.walked_s[len(one.codes) - 1] == pytest.approx(DURATION_S * len(one.codes))
         assert other.walked_s[len(other.codes) - 1] <= DURATION_S * len(other.codes) + 1e-9
     assert sum(course.walked_s[-1] / len(course.codes) for course in early) < DURATION_S * len(early)
 
 
-def test_a_walk_is_what_a_session_would_have_seen(findings: TransferFindings) -> None:
-    landscape = findings.landscapes[0]
+def test_a_walk_is_what_a_session_would_have_seen(landscapes: list[Landscape]) -> None:
+    landscape = landscapes[0]
     shown = walk_of(landscape, 50)
     assert shown.duration_s == pytest.approx(DURATION_S)
     assert shown.status == "ok"
@@ -177,22 +163,12 @@ def test_a_walk_is_what_a_session_would_have_seen(findings: TransferFindings) ->
     assert (cut.status, cut.yaw_change_rad) == ("cut_short", None)
 
 
-def test_the_report_and_its_numbers(findings: TransferFindings, tmp_path: Path) -> None:
-    report = write_transfer_report(findings, uncertainty_of(findings), tmp_path)
-    text = report.read_text(encoding="utf-8")
-    for bar in transfer_bars(findings):
-        assert bar.measured.split(";")[0] in text
-    assert {path.name for path in tmp_path.iterdir()} >= {"transfer.parquet", "transfer_kinds.svg"}
-    found = json.loads(json.dumps(transfer_json(findings, uncertainty_of(findings)), allow_nan=False))
-    assert found["landscapes"] == 4
-    assert set(found["optimizers_found"]) == set(findings.plan.optimizers)
-
-
-def test_landscapes_without_a_valid_gait_are_left_out_and_counted(findings: TransferFindings) -> None:
-    plan = findings.plan
+def test_landscapes_without_a_valid_gait_are_left_out_and_counted(landscapes: list[Landscape]) -> None:
+    plan = _plan(optimizers=("random",))
     dead = _landscape(plan.specs()[0], _finals(1, seed=3)[0], invalid=GAITS)
-    some = search_worlds(replace(plan, optimizers=("random",)), [dead, findings.landscapes[1]])
-    assert (len(some.landscapes), some.without) == (1, 1)
+    some = found_in(plan, [dead, landscapes[1]])
+    values = transfer_json(some)
+    assert (values["landscapes"], values["landscapes_without_valid_gait"]) == (1, 1)
     with pytest.raises(RobotFaultError, match="no gait is valid"):
         search_worlds(plan, [dead])
 

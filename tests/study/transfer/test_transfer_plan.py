@@ -50,7 +50,7 @@ def test_every_run_has_a_seed_of_its_own() -> None:
 @pytest.mark.parametrize(("options", "words"), [
     ({"worlds": 1001}, "worlds: got 1001; allowed: 1..1000"),
     ({"legs": ()}, "legs"),
-    ({"legs": (2, 2)}, "legs: got [2, 2]"),
+    ({"legs": (2, 2)}, "legs: got 2,2"),
     ({"seed": -1}, "seed: got -1"),
     ({"optimizers": ("random", "random")}, "optimizers: got random,random"),
     ({"duration_s": float("nan")}, "duration"),
@@ -80,7 +80,7 @@ def test_no_optimizers_are_refused() -> None:
 
 def test_the_trials_of_the_benchmark_are_those_of_a_session() -> None:
     session = PriorKey.of(shipped(), plan_of(shipped(), duration_s=DURATION_S))
-    assert PriorKey.of(shipped(), plan().trial_plan()).differences(session) == []
+    assert PriorKey.of(shipped(), plan().specs()[0].trial(1).plan).differences(session) == []
 
 
 def test_one_leg_may_fail_in_each_world_the_next_one_in_the_next() -> None:

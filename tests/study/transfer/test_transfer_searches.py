@@ -5,8 +5,18 @@ import pytest
 
 from hexctl.adapt.prior.samples import samples_of
 from hexctl.study.landscapes.landscape import Landscape
-from hexctl.study.transfer.transfer_plan import EARLY
-from hexctl.study.transfer.transfer_searches import TransferFindings, run_course, search_worlds, walk_of
+from hexctl.study.transfer.transfer_report import TransferFound
+from hexctl.study.transfer.transfer_searches import (
+    EARLY,
+    by_seconds,
+    by_trials,
+    coverage,
+    floor_m,
+    run_course,
+    search_worlds,
+    sure_share,
+    walk_of,
+)
 from hexctl.types import FloatArray
 from tests.adapt.priors import made_up_prior
 from tests.study.made_up import made_up_in, spread_out
@@ -18,22 +28,25 @@ from tests.study.transfer.made_up import (
     MODEL,
     OPTIMIZERS,
     RUNS,
+    courses_of,
+    found_in,
     plan,
     question,
 )
 
 
-def test_every_optimizer_runs_in_every_landscape(findings: TransferFindings) -> None:
+def test_every_optimizer_runs_in_every_landscape(findings: TransferFound) -> None:
     assert findings.without == 0
-    assert set(findings.courses) == {(place, name) for place in range(6) for name in OPTIMIZERS}
-    for (_, name), courses in findings.courses.items():
-        assert len(courses) == (1 if name in ("bayes", EARLY) else RUNS)
+    for place in range(6):
+        for name in OPTIMIZERS:
+            runs = 1 if name in ("bayes", EARLY) else RUNS
+            assert [course.run for course in courses_of(findings, name, place)] == list(range(runs))
 
 
-def test_a_course_is_what_the_landscape_has(findings: TransferFindings) -> None:
-    for (place, name), courses in findings.courses.items():
-        landscape = findings.landscapes[place]
-        for course in courses:
+def test_a_course_is_what_the_landscape_has(landscapes: list[Landscape], findings: TransferFound) -> None:
+    for place, landscape in enumerate(landscapes):
+        runs = [one for name in OPTIMIZERS for one in courses_of(findings, name, place)]
+        for course in runs:
             trials = len(course.codes)
             assert course.best_m.shape == course.walked_s.shape == (BUDGET,)
             assert 1 <= trials <= BUDGET
@@ -41,7 +54,7 @@ def test_a_course_is_what_the_landscape_has(findings: TransferFindings) -> None:
             assert (np.diff(course.walked_s[:trials]) > 0).all()
             assert (course.best_m[trials:] == course.best_m[trials - 1]).all()
             assert (course.walked_s[trials:] == course.walked_s[trials - 1]).all()
-            if name == EARLY:
+            if course.optimizer == EARLY:
                 continue
             rows = course.codes - 1
             best = np.minimum.accumulate(np.where(landscape.valid[rows], landscape.final_m[rows], np.inf))
@@ -51,32 +64,33 @@ def test_a_course_is_what_the_landscape_has(findings: TransferFindings) -> None:
             np.testing.assert_allclose(course.walked_s[:trials], np.cumsum(seconds))
 
 
-def test_searches_without_a_prior_spend_their_budget_on_different_gaits(findings: TransferFindings) -> None:
-    for (_, name), courses in findings.courses.items():
-        if name in ("pso", "random"):
+def test_searches_without_a_prior_spend_their_budget_on_different_gaits(findings: TransferFound) -> None:
+    for name in ("pso", "random"):
+        for place in range(6):
+            courses = courses_of(findings, name, place)
             assert [len(set(course.codes.tolist())) for course in courses] == [BUDGET] * RUNS
             assert not any(course.sure or course.held.size for course in courses)
             assert not np.array_equal(courses[0].codes, courses[1].codes)
 
 
-def test_a_course_is_the_same_again(landscapes: list[Landscape], findings: TransferFindings) -> None:
+def test_a_course_is_the_same_again(landscapes: list[Landscape], findings: TransferFound) -> None:
     again = run_course(plan(), landscapes[3], "random", 1, None)
-    np.testing.assert_array_equal(again.codes, findings.courses[3, "random"][1].codes)
-    np.testing.assert_array_equal(again.best_m, findings.courses[3, "random"][1].best_m)
+    np.testing.assert_array_equal(again.codes, courses_of(findings, "random", 3)[1].codes)
+    np.testing.assert_array_equal(again.best_m, courses_of(findings, "random", 3)[1].best_m)
 
 
-def test_bayes_ends_when_it_is_sure_and_is_right(findings: TransferFindings) -> None:
-    sure = [course for (_, name), (course, *_) in findings.courses.items() if name == "bayes" and course.sure]
+def test_bayes_ends_when_it_is_sure_and_is_right(findings: TransferFound) -> None:
+    sure = [course for course in courses_of(findings, "bayes") if course.sure]
     assert sure
     assert all(course.best_m[-1] <= 0.025 for course in sure)
-    share, trials = findings.sure_share("bayes", findings.places())
+    share, trials = sure_share(findings.of("bayes"))
     assert share == pytest.approx(len(sure) / 6)
     assert trials == pytest.approx(np.mean([len(course.codes) for course in sure]))
-    assert findings.sure_share("random", findings.places())[0] == 0.0
+    assert sure_share(findings.of("random"))[0] == 0.0
 
 
 def test_bayes_is_told_how_the_robot_stands_in_each_world(
-    landscapes: list[Landscape], findings: TransferFindings, monkeypatch: pytest.MonkeyPatch
+    landscapes: list[Landscape], findings: TransferFound, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sags_rad = MODEL.sags(len(landscapes), seed=600)
     by_place = {one.spec.title: sag for one, sag in zip(landscapes, sags_rad, strict=True)}
@@ -86,17 +100,17 @@ def test_bayes_is_told_how_the_robot_stands_in_each_world(
     blind = made_up_prior(question(), legs=LEGS, worlds=16, model=MODEL)
     stances = np.array([MODEL.sags(16, leg) for leg in LEGS])
     asked = plan(prior=replace(blind, sag_rad=stances), optimizers=("bayes", "random"))
-    told = search_worlds(asked, landscapes)
+    told = found_in(asked, landscapes)
     samples = {leg: samples_of(asked.prior, asked.robot, leg) for leg in LEGS}
     others = 0
     for place, landscape in enumerate(landscapes):
-        (course,) = told.courses[place, "bayes"]
+        (course,) = courses_of(told, "bayes", place)
         leg = landscape.spec.leg
         alone = run_course(asked, landscape, "bayes", 0, samples[leg], sags_rad[place])
         np.testing.assert_array_equal(course.codes, alone.codes)
-        others += not np.array_equal(course.codes, findings.courses[place, "bayes"][0].codes)
+        others += not np.array_equal(course.codes, courses_of(findings, "bayes", place)[0].codes)
         for ours, before in zip(
-            told.courses[place, "random"], findings.courses[place, "random"], strict=True
+            courses_of(told, "random", place), courses_of(findings, "random", place), strict=True
         ):
             np.testing.assert_array_equal(ours.codes, before.codes)
     assert others > 0, "what it was told changed no choice"
@@ -106,7 +120,7 @@ def test_random_search_is_as_good_as_chance() -> None:
     """Its mean over many runs against the expectation of the best of n draws without repetition."""
     asked = plan(worlds=1, legs=(5,), optimizers=("random",), runs=200, budget=20)
     landscape = made_up_in(asked.specs()[0], spread_out(2.0))
-    courses = search_worlds(asked, [landscape]).courses[0, "random"]
+    courses = courses_of(found_in(asked, [landscape]), "random")
     ends = np.sort(landscape.final_m)
     for n in (1, 5, 20):
         # The k-th smallest is the best when none of the k - 1 smaller ones is drawn, but it is.
@@ -116,19 +130,20 @@ def test_random_search_is_as_good_as_chance() -> None:
         assert abs(best.mean() - chances @ ends) < 4 * best.std() / np.sqrt(best.size)
 
 
-def test_before_the_first_trial_is_over_the_worst_gait_counts(findings: TransferFindings) -> None:
-    places = findings.places()
-    worst = [landscape.final_m[landscape.valid].max() for landscape in findings.landscapes]
+def test_before_the_first_trial_is_over_the_worst_gait_counts(
+    landscapes: list[Landscape], findings: TransferFound
+) -> None:
+    worst = [landscape.final_m[landscape.valid].max() for landscape in landscapes]
     seconds = np.linspace(0.1, BUDGET * DURATION_S + 1, 50)
     for name in OPTIMIZERS:
-        curves = findings.by_seconds(name, places, seconds)
+        curves = by_seconds(findings.of(name), seconds)
         assert curves.mean[0] == pytest.approx(np.mean(worst))
         assert (np.diff(curves.mean) <= 1e-12).all()
-        assert curves.mean[-1] == pytest.approx(findings.by_trials(name, places).mean[-1])
+        assert curves.mean[-1] == pytest.approx(by_trials(findings.of(name)).mean[-1])
 
 
-def test_the_trials_to_a_bound_are_where_the_mean_crosses_it(findings: TransferFindings) -> None:
-    curves = findings.by_trials("random", findings.places())
+def test_the_trials_to_a_bound_are_where_the_mean_crosses_it(findings: TransferFound) -> None:
+    curves = by_trials(findings.of("random"))
     count = curves.trials_to(float(curves.mean[7]))
     assert count is not None
     assert curves.mean[count - 1] <= curves.mean[7]
@@ -136,26 +151,24 @@ def test_the_trials_to_a_bound_are_where_the_mean_crosses_it(findings: TransferF
     assert curves.trials_to(0.0) is None
 
 
-def test_coverage_counts_first_walks_that_came_to_their_end(findings: TransferFindings) -> None:
-    share, outcomes = findings.coverage("bayes", findings.places())
+def test_coverage_counts_first_walks_that_came_to_their_end(findings: TransferFound) -> None:
+    share, outcomes = coverage(findings.of("bayes"))
     expected = 0
-    for place in findings.places():
-        (course,) = findings.courses[place, "bayes"]
+    for course in courses_of(findings, "bayes"):
         expected += len(set(course.codes.tolist()) - set(FALLING))
     assert outcomes == expected
     assert 0.7 <= share <= 1.0
-    assert findings.coverage("random", findings.places())[1] == 0
+    assert coverage(findings.of("random"))[1] == 0
 
 
-def test_kinds_and_reach_choose_landscapes(findings: TransferFindings) -> None:
-    kinds = findings.kinds()
-    assert sorted(place for kind in kinds for place in findings.places(kind)) == findings.places()
-    best = [landscape.best_m for landscape in findings.landscapes]
+def test_kinds_and_reach_choose_landscapes(landscapes: list[Landscape], findings: TransferFound) -> None:
+    by_kind = [set(findings.of("bayes", kind)["place"]) for kind in findings.kinds]
+    assert sorted(place for places in by_kind for place in places) == list(range(6))
+    best = [landscape.best_m for landscape in landscapes]
     bound_m = float(np.median(best))
-    assert findings.places(reachable_m=bound_m) == [
-        place for place, best_m in enumerate(best) if best_m <= bound_m
-    ]
-    assert findings.floor_m(findings.places()) == pytest.approx(np.mean(best))
+    within = [place for place, best_m in enumerate(best) if best_m <= bound_m]
+    assert list(findings.reachable(bound_m)["place"].unique()) == within
+    assert floor_m(findings.runs)[0] == pytest.approx(np.mean(best))
 
 
 def test_it_is_told_of_each_landscape(landscapes: list[Landscape]) -> None:

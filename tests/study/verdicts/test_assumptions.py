@@ -19,7 +19,7 @@ DOCS = Path(__file__).parents[3] / "docs"
 
 def test_the_page_has_the_table_of_the_report() -> None:
     assert assumptions_markdown() in (DOCS / "assumptions.md").read_text(encoding="utf-8"), (
-        "docs/assumptions.md differs from hexctl/study/verdicts/assumptions.py: "
+        "docs/assumptions.md differs from hexctl/study/templates/texts.yaml: "
         "copy what assumptions_markdown() gives"
     )
 

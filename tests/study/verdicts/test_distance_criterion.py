@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hexctl.study.verdicts.distance_criterion import bar_rows
+from hexctl.study.verdicts.claims import bar_rows
 from tests.study.made_up import made_up_findings, spread_out
 
 SIGNS = np.where(np.arange(120) % 2, 1.0, -1.0)

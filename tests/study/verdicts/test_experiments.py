@@ -6,8 +6,8 @@ import pytest
 from hexctl.adapt.prior.samples import Symmetries, Symmetry
 from hexctl.backends.sim.world import World
 from hexctl.control.batch import run_sim_trials
-from hexctl.study.landscapes.landscape import Landscape, empty_landscape, rows_of, with_rows
-from hexctl.study.verdicts.experiments import experiments_of, image_of, is_own_mirror, landscape_by_symmetry
+from hexctl.study.landscapes.landscape import GaitWalk, Landscape
+from hexctl.study.verdicts.experiments import experiments_of, image_of, is_mirror_of, landscape_by_symmetry
 from tests.robots import shipped
 from tests.study.made_up import made_up, spec, spread_out
 
@@ -42,9 +42,9 @@ def test_other_robots_have_fewer_symmetries() -> None:
 
 
 def test_a_jammed_coxa_has_a_left_and_a_right() -> None:
-    assert is_own_mirror(shipped(), World(), 1, "none")
-    assert not is_own_mirror(shipped(), World(), 1, "none", "stuck:coxa:30")
-    assert is_own_mirror(shipped(), World(), 1, "none", "stuck:tibia:30")
+    assert is_mirror_of(shipped(), World(), 1, 1, "none")
+    assert not is_mirror_of(shipped(), World(), 1, 1, "none", "stuck:coxa:30")
+    assert is_mirror_of(shipped(), World(), 1, 1, "none", "stuck:tibia:30")
 
 
 def mirror() -> Symmetry:
@@ -65,7 +65,8 @@ def test_the_image_of_an_image_is_the_landscape() -> None:
 def walked(leg: int, codes: list[int]) -> Landscape:
     asked = spec(leg, "none", 3.0, codes)
     results = run_sim_trials([asked.trial(code) for code in asked.codes])
-    return with_rows(empty_landscape(asked), rows_of(asked, asked.codes, results))
+    walks = [GaitWalk.of(code, result) for code, result in zip(asked.codes, results, strict=True)]
+    return Landscape.of(asked, walks)
 
 
 def test_a_walk_mirrored_is_the_walk_of_the_image() -> None:

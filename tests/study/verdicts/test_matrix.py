@@ -8,11 +8,11 @@ import pytest
 
 from hexctl.backends.sim.world import World
 from hexctl.errors import InputError
-from hexctl.study.landscapes.cache import LandscapeCache
 from hexctl.study.reports.figures import PALE, verdicts_figure
 from hexctl.study.verdicts.claim_evidence import Judgement, make_claim
 from hexctl.study.verdicts.claims import NAMES, OF_SEARCHES, OF_WALKS, claims_of
-from hexctl.study.verdicts.matrix import Cell, MatrixPlan, MatrixResult, cells_of, run_matrix, write_matrix
+from hexctl.study.verdicts.matrix import Cell, MatrixPlan, cells_of
+from hexctl.study.walk_cache import WalkCache
 from tests.robots import shipped
 from tests.study.made_up import made_up_findings, spread_out
 from tests.study.watching import Remembering
@@ -42,13 +42,13 @@ def test_each_failure_is_walked_in_the_first_setting_and_in_every_other_one() ->
 def test_a_matrix_is_walked_once_and_written(tmp_path: Path) -> None:
     small = {"legs": (2,), "duration_s": 0.2, "runs": 1, "budget": 3, "worlds": 1, "without_gaits": 3}
     cells = cells_of([shipped()], {"flat": World()}, ["locked", "limp"], [0.004], **small)
-    cache, watching = LandscapeCache(tmp_path / "cache"), Remembering()
+    cache, watching = WalkCache(tmp_path / "cache"), Remembering()
     plan = MatrixPlan(cells=cells)
-    result = run_matrix(plan, folder=tmp_path / "out", cache=cache, jobs=1, progress=watching)
-    assert sum(watching.gaits) == 2 * (120 + 3)
+    plan.run(folder=tmp_path / "out", cache=cache, jobs=1, progress=watching)
+    assert watching.walks == 2 * (120 + 3)
     again = Remembering()
-    run_matrix(plan, folder=tmp_path / "out", cache=cache, progress=again)
-    assert again.gaits == []
+    result = plan.run(folder=tmp_path / "out", cache=cache, progress=again)
+    assert again.walks == 0
     written = {path.name for path in (tmp_path / "out").iterdir()}
     assert written == {"matrix.html", "matrix.json", "matrix.md", "matrix.svg"}
     values = json.loads((tmp_path / "out" / "matrix.json").read_text(encoding="utf-8"))
@@ -65,17 +65,16 @@ def test_the_table_shows_red_where_it_is_red_and_what_survives_everywhere(tmp_pa
     lost = made_up_findings(2.5 + spread_out(1.0), optimizers=few, runs=2)
     cells = tuple(Cell(title=title, plan=near.plan) for title in ("near", "far", "lost"))
     claims = tuple(tuple(claims_of(findings)) for findings in (near, far, lost))
-    result = MatrixResult(
-        plan=MatrixPlan(cells=cells), claims=claims, report=tmp_path / "matrix.html", notes=()
-    )
-    write_matrix(result)
-    header, _, *rows = result.to_markdown().splitlines()
+    plan = MatrixPlan(cells=cells)
+    plan.write(claims, tmp_path)
+    values = plan.numbers(claims)
+    header, _, *rows = plan.lines(claims)
     assert [cell.strip() for cell in header.split("|")[1:4]] == ["setting", "worlds", "left"]
     assert rows[2].count("**does not hold**") > rows[0].count("**does not hold**")
-    assert result.to_json()["survive"] == ["left", "right"]
+    assert values["survive"] == ["left", "right"]
     assert "(holds)" in rows[0]
     assert "(**does not hold**)" in rows[2]
-    assert {cell["interval_tested"] for cell in result.to_json()["cells"]} == {False}
+    assert {cell["interval_tested"] for cell in values["cells"]} == {False}
     page = (tmp_path / "matrix.html").read_text(encoding="utf-8")
     assert "that of a single world" in page
     assert "mirror symmetry" in page
@@ -86,7 +85,7 @@ def test_a_verdict_of_one_world_is_in_brackets_and_pale() -> None:
     plan = made_up_findings(spread_out(0.25), legs=(2,), optimizers=("random",), runs=1, budget=5).plan
     one, three = (Cell(title="", plan=replace(plan, worlds=worlds)) for worlds in (1, 3))
     red, grey = (
-        make_claim("", "", "", judgement) for judgement in (Judgement(False), Judgement(None, "why"))
+        make_claim("competitive", "", judgement) for judgement in (Judgement(False), Judgement(None, "why"))
     )
     assert (one.short_verdict(red), three.short_verdict(red)) == ("(does not hold)", "does not hold")
     assert one.short_verdict(grey) == three.short_verdict(grey) == "no evidence"

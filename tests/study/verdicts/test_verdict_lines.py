@@ -1,7 +1,6 @@
 """Verdicts as lines of text."""
 
-from hexctl.study.verdicts.claim_evidence import Bar
-from hexctl.study.verdicts.verdict_lines import bar_lines
+from hexctl.study.verdicts.claim_evidence import Bar, bar_lines
 
 
 def test_verdicts_stand_in_a_column_and_each_reason_once_below() -> None:

@@ -4,7 +4,7 @@ import pytest
 
 from hexctl.backends.sim.world import World, load_world
 from hexctl.errors import InputError
-from hexctl.study.verdicts.worlds import FACTORS, nearby_worlds
+from hexctl.study.study_plan import FACTORS, nearby_worlds
 
 
 def test_the_world_itself_is_the_first_and_more_continue_fewer() -> None:

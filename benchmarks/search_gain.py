@@ -1,7 +1,7 @@
 """What trials bring to steered walks: how much slower than the fastest of all gaits the best one tried is.
 
 All gaits walk once in worlds outside every prior, and searches are replayed on what they did, so that each of
-them could be judged after any number of trials. `python -m hexctl.study.holds.search_gain` prints the table
+them could be judged after any number of trials. `python -m benchmarks.search_gain` prints the table
 of `docs/steering.md`.
 """
 
@@ -25,10 +25,10 @@ from hexctl.backends.sim.world import DomainRandomization, load_randomization
 from hexctl.control.assessment.static_stability import stable_slots_of, usual_posture
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
-from hexctl.study.holds.hold_conditions import with_sensors
-from hexctl.study.landscapes.cache import FOLDER, LandscapeCache
-from hexctl.study.landscapes.evaluate import evaluate
+from hexctl.study.held_out import with_sensors
 from hexctl.study.landscapes.landscape import Landscape, LandscapeSpec
+from hexctl.study.walk_cache import FOLDER, WalkCache
+from hexctl.study.walking import evaluate
 from hexctl.types import N_LEGS, FloatArray
 
 #: The family of the worlds and its members, which nothing was built or tuned with.
@@ -151,7 +151,7 @@ def main(folder: Path = FOLDER) -> None:
     """Walk the gaits that the cache lacks, and print the table."""
     robot = load_robot("ant")
     asked = specs(robot, load_randomization(FAMILY), FIRST_WORLD, WORLDS)
-    landscapes = evaluate(asked, LandscapeCache(folder))
+    landscapes = evaluate(asked, WalkCache(folder))
     rows = table(load_score_prior(shipped_priors() / PRIOR), landscapes)
     sys.stdout.write("\n".join([*lines_of(rows), ""]))
 

@@ -5,10 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hexctl.adapt.objectives import INVALID_SCORE
-from hexctl.backends.sim.world import load_randomization
-from hexctl.control.assessment.static_stability import STAND_UP
-from hexctl.study.holds.search_gain import (
+from benchmarks.search_gain import (
     AFTER,
     END_POINTS,
     FAMILY,
@@ -20,6 +17,9 @@ from hexctl.study.holds.search_gain import (
     table,
     told_scores,
 )
+from hexctl.adapt.objectives import INVALID_SCORE
+from hexctl.backends.sim.world import load_randomization
+from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.study.landscapes.landscape import NUMBERS, Landscape
 from hexctl.types import FloatArray
 from tests.adapt.priors import made_up_score_prior
@@ -68,7 +68,7 @@ def test_regrets_begin_with_the_gait_auto_and_never_grow() -> None:
 def test_a_prior_that_knows_the_gaits_is_ahead_of_chance_and_of_a_shuffled_one(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("hexctl.study.holds.search_gain.RUNS", 5)
+    monkeypatch.setattr("benchmarks.search_gain.RUNS", 5)
     prior = made_up_score_prior(legs=(5,), worlds=4)
     unseen = made_up_score_prior(legs=(5,), worlds=1, seed=8).log_scores[0, 0, :, 0]
     rows = table(prior, [landscape(6.0 / np.exp(unseen))])

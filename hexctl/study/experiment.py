@@ -1,0 +1,247 @@
+"""One experiment: cases are walked, each gives a row, rows are summed up, and a report shows them."""
+
+import json
+import time
+from abc import abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
+
+from hexctl.errors import InputError, argument
+from hexctl.files import atomic_write
+from hexctl.study.landscapes.landscape import Landscape, LandscapeSpec
+from hexctl.study.landscapes.versions import code_versions
+from hexctl.study.plan import Plan
+from hexctl.study.reports.figure_style import check_drawing, save_figure
+from hexctl.study.reports.report_page import Picture, Section, render_page
+from hexctl.study.walk_cache import WalkCache, Walked
+from hexctl.study.walking import Progress, Silent, check_jobs, evaluate, walk_all
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+FoundT = TypeVar("FoundT")
+
+
+@dataclass(kw_only=True)
+class Work:
+    """On what an experiment runs, and how long its parts took."""
+
+    cache: WalkCache
+    jobs: int | None = None
+    dask: str | None = None
+    progress: Progress = field(default_factory=Silent)
+    times_s: dict[str, float] = field(default_factory=dict)
+    _began_s: float = field(default_factory=time.perf_counter)
+
+    def walk(self, walked: Walked) -> list[list[Any]]:
+        """Return the walks of each place, as `walk_all` does."""
+        return walk_all(walked, self.cache, jobs=self.jobs, dask=self.dask, progress=self.progress)
+
+    def evaluate(self, specs: Sequence[LandscapeSpec]) -> list[Landscape]:
+        """Return complete landscapes in the order of their specs."""
+        return evaluate(specs, self.cache, jobs=self.jobs, dask=self.dask, progress=self.progress)
+
+    def lap(self, name: str) -> None:
+        """End a part and begin the next one."""
+        now_s = time.perf_counter()
+        self.times_s[name] = round(now_s - self._began_s, 2)
+        self._began_s = now_s
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drawing:
+    """A figure of a report.
+
+    Attributes:
+        name: name of its file, without the ending.
+        draw: draws it; None if there is nothing to show.
+        here: how to read it.
+        paper: what the paper shows there.
+    """
+
+    name: str
+    draw: "Callable[[], Figure | None]"
+    here: str
+    paper: str = "Not in the paper."
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Result(Generic[FoundT]):
+    """Result of an experiment.
+
+    Attributes:
+        report: the HTML page; tables and figures are files in its folder.
+    """
+
+    plan: "Experiment[FoundT]"
+    found: FoundT
+    report: Path
+    notes: tuple[str, ...] = ()
+    times_s: Mapping[str, float] = field(default_factory=dict)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON values, as in the file next to the report and printed by `--json`."""
+        return {
+            "out": str(self.report.parent),
+            "report": str(self.report),
+            **self.plan.numbers(self.found),
+            "times_s": dict(self.times_s),
+            "notes": list(self.notes),
+        }
+
+    def lines(self) -> list[str]:
+        """Tables, verdicts and times, as lines of text."""
+        spent = ", ".join(f"{name} {spent_s:.0f} s" for name, spent_s in self.times_s.items())
+        return [*self.plan.lines(self.found), spent]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment(Plan, Generic[FoundT]):
+    """Settings of an experiment, and what becomes of its walks."""
+
+    #: Name of its files, file of its report, title and heading of that.
+    NAME: ClassVar[str]
+    REPORT: ClassVar[str]
+    TITLE: ClassVar[str]
+    HEADING: ClassVar[str]
+
+    @abstractmethod
+    def find(self, work: Work) -> FoundT:
+        """Walk all cases and sum them up."""
+
+    @abstractmethod
+    def numbers(self, found: FoundT, /) -> dict[str, Any]:
+        """Return settings and results as plain JSON values; null if there is no number."""
+
+    @abstractmethod
+    def lines(self, found: FoundT, /) -> list[str]:
+        """Return tables and verdicts as lines of text."""
+
+    @abstractmethod
+    def sections(self, found: FoundT, pictures: Mapping[str, Picture], /) -> Iterator[Section]:
+        """Return the parts of the report, with the figures that were drawn."""
+
+    def drawings(self, found: FoundT, /) -> Sequence[Drawing]:
+        """Return the figures of the report."""
+        return ()
+
+    def tables(self, found: FoundT, /) -> "Mapping[str, DataFrame]":
+        """Return the tables to write, by the name of their file without the ending."""
+        return {}
+
+    def texts(self, found: FoundT) -> Mapping[str, str]:
+        """Return further text files, by name."""
+        return {}
+
+    def run(
+        self,
+        *,
+        folder: Path,
+        cache: WalkCache | None = None,
+        jobs: int | None = None,
+        dask: str | None = None,
+        progress: Progress | None = None,
+    ) -> Result[FoundT]:
+        """Walk all cases, write report, figures, tables and a JSON file of the results.
+
+        Walks are saved while this runs: a call that was interrupted is continued by the next one.
+
+        Args:
+            folder: for the report: new, empty, or with an earlier report of this kind, which is replaced.
+            cache: earlier walks; None is the one of the command line, `runs/study-cache`. Measurements of the
+                simulation's uncertainty are read from the folder around it.
+            jobs: threads that simulate; None is all cores here, one for each chunk on a Dask worker.
+            dask: address of a Dask scheduler whose workers simulate; None simulates here.
+            progress: observer.
+
+        Raises InputError for a plan, a folder or an address that cannot be used, MissingExtraError without
+        the extra `study`, CacheError when walks cannot be saved; all but the last before anything runs.
+        """
+        folder, cache = Path(folder), cache or WalkCache()
+        work = Work(cache=cache, jobs=jobs, dask=dask, progress=progress or Silent())
+        check_jobs(jobs)
+        check_drawing()
+        self.check()
+        with report_folder(folder, self.REPORT):
+            cache.probe()
+            found = self.find(work)
+            page = self.write(found, folder, work.progress)
+            work.lap("report")
+            result = Result(
+                plan=self, found=found, report=page, notes=tuple(cache.notes), times_s=work.times_s
+            )
+            text = json.dumps(result.to_json(), indent=1)
+            atomic_write(folder / f"{self.NAME}.json", text)
+        return result
+
+    def write(self, found: FoundT, folder: Path, progress: Progress | None = None) -> Path:
+        """Write tables, figures and the page into a folder; returns the path of the page."""
+        tables = self.tables(found)
+        for name, table in tables.items():
+            _write_table(table, folder / f"{name}.parquet")
+        for name, text in self.texts(found).items():
+            atomic_write(folder / name, text)
+        pictures = _draw(self.drawings(found), folder, progress or Silent())
+        files = ", ".join([*(f"{name}.parquet" for name in tables), *self.texts(found)])
+        beside = f"Next to this page: {files or 'its numbers as JSON'}, and each figure as SVG."
+        versions = ", ".join(f"{name} {value}" for name, value in code_versions().items())
+        last = Section("Files and versions", [beside, versions])
+        page = render_page(self.TITLE, self.HEADING, [*self.sections(found, pictures), last])
+        atomic_write(folder / self.REPORT, page)
+        return folder / self.REPORT
+
+
+def _write_table(table: "DataFrame", path: Path) -> None:
+    """Write a table of data, or an Arrow table, without an index."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    columns = table if isinstance(table, pa.Table) else pa.Table.from_pandas(table, preserve_index=False)
+    pq.write_table(columns, path)
+
+
+def _draw(drawings: Sequence[Drawing], folder: Path, progress: Progress) -> dict[str, Picture]:
+    """Write the figures that there are as SVG; pictures of them for the page."""
+    progress.stage("figures", len(drawings))
+    pictures = {}
+    for drawing in drawings:
+        figure = drawing.draw()
+        if figure is not None:
+            file = save_figure(figure, folder, drawing.name)
+            pictures[drawing.name] = Picture(file, drawing.paper, drawing.here)
+        progress.step()
+    return pictures
+
+
+@contextmanager
+def report_folder(folder: Path, report: str) -> Iterator[None]:
+    """Create the folder of a report; remove it at the end when nothing was written into it.
+
+    Raises InputError unless it is new, empty, or has an earlier report of the same kind.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / ".probe").touch()
+        (folder / ".probe").unlink()
+        others = any(folder.iterdir()) and not (folder / report).exists()
+    except OSError as error:
+        raise InputError(
+            f"{argument('out')}: {folder} cannot be used ({error.strerror}); allowed: a folder"
+        ) from error
+    if others:
+        raise InputError(f"{argument('out')}: {folder} holds other things; allowed: a new or empty folder")
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            folder.rmdir()
+
+
+def plain(plan: Plan, *names: str) -> dict[str, Any]:
+    """Return some fields of a plan as plain JSON values."""
+    values = {name: getattr(plan, name) for name in names}
+    return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}

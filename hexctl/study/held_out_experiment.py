@@ -1,0 +1,206 @@
+"""Experiments in held-out worlds: a row for each walk, statistics of groups of them, and bars."""
+
+from abc import abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
+import numpy as np
+
+from hexctl.backends.sim.world import MAX_MEMBERS, DomainRandomization, World
+from hexctl.control.trial_plan import DURATION_S
+from hexctl.options import Range, Typed
+from hexctl.robot.model import Robot
+from hexctl.study.experiment import Experiment, Work, plain
+from hexctl.study.held_out import SENSORS, members, with_sensors
+from hexctl.study.landscapes.versions import code_versions
+from hexctl.study.plan import check_legs, check_setting
+from hexctl.study.reports.report_page import Picture, Section, Table
+from hexctl.study.reports.texts import reading
+from hexctl.study.study_options import ALL_LEGS, WORLDS
+from hexctl.study.verdicts.claim_evidence import Bar, bar_lines, number
+from hexctl.study.walk_cache import Walked
+from hexctl.types import FloatArray
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+#: One row of a table of statistics.
+Record = dict[str, Any]
+
+#: Titles of the columns of such a table, and the text of each cell.
+Columns = Mapping[str, Callable[[Record], str]]
+
+
+def frame_of(walked: Walked, walks: Sequence[Sequence[Any]]) -> "DataFrame":
+    """Return a row for each walk: the columns of its place, its case and its outcome."""
+    from pandas import DataFrame
+
+    rows = [
+        place.row(walk)  # type: ignore[attr-defined]
+        for (place, _), some in zip(walked, walks, strict=True)
+        for walk in some
+    ]
+    return DataFrame(rows)
+
+
+def world_names(rows: "DataFrame") -> Any:
+    """Return the name of each row's world, by which standard errors are clustered."""
+    return rows["family"] + ":" + rows["world"].astype(str)
+
+
+def mean(values: FloatArray) -> float:
+    """Mean of values; NaN without any."""
+    return float(values.mean()) if values.size else float("nan")
+
+
+def percentile(values: FloatArray, percent: float) -> float:
+    """Percentile of values, infinite ones included; NaN without any."""
+    if not values.size:
+        return float("nan")
+    return float(np.percentile(values, percent, method="linear" if np.isfinite(values).all() else "higher"))
+
+
+def worlds_text(walks: int, worlds: int) -> str:
+    """Text of a number of walks and of their worlds."""
+    return f"{walks} in {worlds} world{'s' * (worlds != 1)}"
+
+
+def groups(rows: "DataFrame", divisions: Mapping[str, str]) -> Iterator[tuple[str, str, "DataFrame"]]:
+    """Return name of the division, name of the group and rows, by the values of some columns."""
+    for division, column in divisions.items():
+        for name, some in rows.groupby(column, sort=False):
+            yield division, str(name), some
+
+
+def table_of(records: Sequence[Record], columns: Columns) -> Table:
+    """Return the table of some records."""
+    rows = [[one["group"], *(text(one) for text in columns.values())] for one in records]
+    return Table(["", *columns], rows)
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeldOutExperiment(Experiment["DataFrame"]):
+    """Settings of an experiment whose walks are compared in held-out worlds.
+
+    Attributes:
+        failures: how each of them fails, as `parse_kind` reads it; intact robots walk as well.
+        exact_sensors: whether worlds keep the sensors that their family gives them, instead of `SENSORS`.
+    """
+
+    #: Column by whose values walks are compared, and the columns of the tables.
+    BY: ClassVar[str]
+    COLUMNS: ClassVar[Columns]
+
+    robots: Annotated[tuple[Robot, ...], Typed(flag="robot")]
+    families: Annotated[dict[str, DomainRandomization], Typed(flag="world")]
+    worlds: Annotated[int, WORLDS] = 10
+    first_world: Annotated[int, Range(low=0, high=MAX_MEMBERS, whole=True)] = 0
+    legs: tuple[int, ...] = ALL_LEGS
+    failures: Annotated[tuple[str, ...], Typed(flag="failure")] = ("locked",)
+    duration_s: Annotated[float, DURATION_S] = 30.0
+    exact_sensors: bool = False
+
+    def members(self) -> Iterator[dict[str, Any]]:
+        """Return the fields of the place of each robot in each world."""
+        for one in members(self.robots, self.families, self.first_world, self.worlds):
+            yield one | {"world": self.sensed(one["world"]), "duration_s": self.duration_s}
+
+    def sensed(self, world: World) -> World:
+        """Return a world with the sensors that are asked for."""
+        return world if self.exact_sensors else with_sensors(world)
+
+    def check(self) -> None:
+        """Raise InputError for settings that are not allowed, before anything runs."""
+        super().check()
+        check_legs(self.legs)
+        most = min(int(WORLDS.high), MAX_MEMBERS - self.first_world)
+        check_setting("worlds", self.worlds, self.worlds <= most, f"1..{most}")
+
+    def find(self, work: Work) -> "DataFrame":
+        """Walk all cases, a row each."""
+        walked = self.walked()
+        rows = self.columns(frame_of(walked, work.walk(walked)))
+        work.lap("walks")
+        return rows
+
+    @staticmethod
+    @abstractmethod
+    def columns(rows: "DataFrame") -> "DataFrame":
+        """Return the walks with what is derived from them."""
+
+    @staticmethod
+    @abstractmethod
+    def divisions(rows: "DataFrame") -> "Iterator[tuple[str, str, DataFrame]]":
+        """Return name of a division, name of a group in it, and its walks."""
+
+    @staticmethod
+    @abstractmethod
+    def summary(rows: "DataFrame") -> Record:
+        """Return the statistics of some walks."""
+
+    def statistics(self, rows: "DataFrame") -> list[Record]:
+        """Return the statistics of each group of walks, for each of the values that are compared."""
+        return [
+            {"division": division, "group": name, self.BY: value} | self.summary(some[some[self.BY] == value])
+            for division, name, some in self.divisions(rows)
+            for value in getattr(self, f"{self.BY}s")
+        ]
+
+    @abstractmethod
+    def bars(self, rows: "DataFrame") -> list[Bar]:
+        """Return the bars that the walks are to reach."""
+
+    def numbers(self, found: "DataFrame") -> dict[str, Any]:
+        """Return settings and results as plain JSON values."""
+        names = ("first_world", "worlds", "legs", "failures", "duration_s")
+        return {
+            "robots": [robot.name for robot in self.robots],
+            "families": list(self.families),
+            **plain(self, *names),
+            "sensors": None if self.exact_sensors else SENSORS,
+            "code": code_versions(),
+            "walks": len(found),
+            "bars": [bar.as_json() for bar in self.bars(found)],
+            "statistics": [
+                {name: number(value) if isinstance(value, float) else value for name, value in one.items()}
+                for one in self.statistics(found)
+            ],
+        }
+
+    def lines(self, found: "DataFrame") -> list[str]:
+        """Return the verdicts as lines of text."""
+        return bar_lines(self.bars(found))
+
+    def settings_text(self, walks: int) -> str:
+        """Robots, worlds, legs, number of walks and sensors in words."""
+        sensors = (
+            "Sensors as the worlds have them."
+            if self.exact_sensors
+            else "Sensors 40 ms late, with 1 cm and 0.5 degrees of noise; 5 % of the poses are lost."
+        )
+        return (
+            f"{', '.join(robot.name for robot in self.robots)}; worlds {self.first_world} to "
+            f"{self.first_world + self.worlds - 1} of {' and '.join(self.families)}; legs "
+            f"{', '.join(map(str, self.legs))}, each {', '.join(self.failures)}, and intact robots; "
+            f"{walks} walks of "
+            f"{self.duration_s:g} s. {sensors}"
+        )
+
+    def remarks(self, found: "DataFrame") -> list[str]:
+        """Return further texts at the head of the report."""
+        return []
+
+    def sections(self, found: "DataFrame", pictures: Mapping[str, Picture]) -> Iterator[Section]:
+        """Return the parts of the report: settings, bars, figures, and a table for each division."""
+        yield Section("", [self.settings_text(len(found)), *self.remarks(found)])
+        rows = [(bar.asked, bar.measured, bar.verdict) for bar in self.bars(found)]
+        yield Section("Bars", [Table(("asked", "measured", "verdict"), rows)])
+        yield reading(self.NAME)
+        if pictures:
+            yield Section("Where walks end", list(pictures.values()))
+        records = self.statistics(found)
+        for division in dict.fromkeys(one["division"] for one in records):
+            some = [one for one in records if one["division"] == division]
+            title = "All" if division == "all" else f"By {division}"
+            yield Section(title, [table_of(some, self.COLUMNS)])

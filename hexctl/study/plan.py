@@ -1,0 +1,101 @@
+"""What a plan of simulations is: settings that are checked, and the walks that they ask for."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin, get_type_hints
+
+from hexctl.backends.sim.world import DomainRandomization
+from hexctl.control.batch import SimTrial
+from hexctl.control.walks.turning import check_plan
+from hexctl.errors import InputError, LimitError, ReachError, argument, check_type
+from hexctl.options import Typed, check_fields, flag_name
+from hexctl.study.landscapes.landscape import LandscapeSpec
+from hexctl.study.walk_cache import Walked
+from hexctl.types import N_LEGS
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan(ABC):
+    """Settings of simulations. The annotations of its fields have their types, choices and ranges."""
+
+    #: What is counted in the cache.
+    UNIT: ClassVar[str] = "walks"
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        for name, kind, value in _items(self):
+            for item in value:
+                check_type(item, kind, argument(name))
+
+    @abstractmethod
+    def walked(self) -> Walked:
+        """Return the cases to walk, place by place."""
+
+    def check(self) -> None:
+        """Raise InputError for settings that are not allowed, before anything runs."""
+        check_lists(self)
+
+
+def check_lists(plan: Any) -> None:
+    """Raise InputError for a tuple or mapping that is empty, or repeats a value, or has a wrong one."""
+    for name, hint in get_type_hints(type(plan), include_extras=True).items():
+        kind, *marks = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+        if get_origin(kind) not in (tuple, dict):
+            continue
+        flag = next((mark.flag for mark in marks if isinstance(mark, Typed)), flag_name(name))
+        item = get_args(kind)[0]
+        known = get_args(item) if get_origin(item) is Literal else ()
+        check_each(flag.replace("-", "_"), [str(getattr(one, "name", one)) for one in getattr(plan, name)],
+                   tuple(map(str, known)))  # fmt: skip
+
+
+def check_each(name: str, given: Iterable[str], known: tuple[str, ...] = ()) -> None:
+    """Raise InputError unless there are values, each once, and all of them known."""
+    among, given = f" of {', '.join(known)}" if known else "", list(given)
+    fine = bool(given) and len(set(given)) == len(given) and (not known or set(given) <= set(known))
+    check_setting(name, ",".join(given) or "none", fine, f"one or more{among}, each once")
+
+
+def check_setting(name: str, got: object, holds: bool, allowed: str) -> None:
+    """Raise InputError for a setting, by its name, unless something holds."""
+    if not holds:
+        raise InputError(f"{argument(name)}: got {got}; allowed: {allowed}")
+
+
+def check_families(families: Mapping[str, DomainRandomization], option: str = "world") -> None:
+    """Raise InputError for a family of worlds in which legs fail by themselves."""
+    for name, family in families.items():
+        check_setting(option, name, not family.failures, "a family without `failures`")
+
+
+def check_walkable(title: str, trial: SimTrial) -> None:
+    """Raise InputError for a trial whose gait the robot's legs cannot walk."""
+    try:
+        check_plan(trial.robot, trial.plan)
+    except (ReachError, LimitError) as error:
+        raise InputError(f"{trial.robot.name}, {title}: {error}") from error
+
+
+def check_legs(legs: Sequence[int]) -> None:
+    """Raise InputError for legs that there are not."""
+    known = set(legs) <= set(range(1, N_LEGS + 1))
+    check_setting("legs", ",".join(map(str, legs)), known, f"one or more of 1..{N_LEGS}, each once")
+
+
+def check_walks(specs: Iterable[LandscapeSpec]) -> None:
+    """Raise InputError for a robot that cannot walk the gaits; those of a leg have the same joint ranges."""
+    for spec in specs:
+        check_walkable(spec.title, spec.trial(spec.codes[0]))
+
+
+def _items(plan: Any) -> Iterable[tuple[str, type, Iterable[object]]]:
+    """Name, type of the items, and items of each field that is a tuple or mapping."""
+    hints = get_type_hints(type(plan))
+    for field in fields(plan):
+        kind, value = hints[field.name], getattr(plan, field.name)
+        if get_origin(kind) in (tuple, dict):
+            check_type(value, get_origin(kind), argument(field.name))
+            item = get_args(kind)[-1 if get_origin(kind) is dict else 0]
+            if isinstance(item, type):
+                yield field.name, item, value.values() if isinstance(value, dict) else value

@@ -1,0 +1,184 @@
+"""Walks of experiments, the places where they are made, and their cache on disk."""
+
+import gzip
+import hashlib
+import json
+import os
+import zlib
+from abc import ABC, abstractmethod
+from collections.abc import Hashable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+from pydantic import ConfigDict, TypeAdapter
+
+from hexctl.backends.sim.world import World
+from hexctl.errors import HexctlError
+from hexctl.files import atomic_write, damage_reason
+from hexctl.robot.model import Robot
+from hexctl.study.landscapes.versions import code_versions, source_digest
+
+#: Folder of the commands' cache, below the working directory.
+FOLDER = Path("runs/study-cache")
+
+#: Statuses of walks that end on their feet.
+ENDED = ("ok", "no_progress")
+
+
+class CacheError(HexctlError, OSError):
+    """The cache folder cannot be written."""
+
+
+class Walk(Protocol):
+    """Outcome of a walk: a dataclass of plain values."""
+
+    @property
+    def case(self) -> Any:
+        """Case that was walked."""
+
+    @property
+    def possible(self) -> bool:
+        """Whether a simulation can give these values."""
+
+
+CaseT = TypeVar("CaseT", bound=Hashable)
+WalkT = TypeVar("WalkT", bound=Walk)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place(ABC, Generic[CaseT, WalkT]):
+    """A robot in a world. The place and a case decide a walk.
+
+    Attributes:
+        world: simulated world, its sensors included.
+    """
+
+    robot: Robot
+    world: World
+
+    #: Class of the walks.
+    WALK: ClassVar[type]
+
+    @property
+    @abstractmethod
+    def title(self) -> str:
+        """Name for progress and messages."""
+
+    @property
+    @abstractmethod
+    def stem(self) -> str:
+        """First part of the cache file's name."""
+
+    @abstractmethod
+    def settings(self) -> dict[str, Any]:
+        """Return plain JSON values that decide a walk apart from robot, world, code and case."""
+
+    @abstractmethod
+    def walk(self, cases: Sequence[CaseT], threads: int = 1) -> list[WalkT]:
+        """Simulate some cases together."""
+
+    def chunks(self, cases: Sequence[CaseT]) -> Iterator[tuple[CaseT, ...]]:
+        """Divide cases into those that are simulated together."""
+        groups: dict[Hashable, list[CaseT]] = {}
+        for case in cases:
+            groups.setdefault(self.chunk_of(case), []).append(case)
+        yield from map(tuple, groups.values())
+
+    def chunk_of(self, case: CaseT) -> Hashable:
+        """Return a value that is equal for cases simulated together."""
+        return None
+
+    def keeps(self, walk: WalkT) -> bool:
+        """Whether a walk is saved in the cache."""
+        return True
+
+    def outcome(self, walks: Sequence[WalkT]) -> str:
+        """Describe finished walks in few words."""
+        return f"{len(walks)} walks"
+
+    def identity(self) -> dict[str, Any]:
+        """Plain JSON values that are equal if all walks are: settings and versions of the code."""
+        return {
+            "robot": self.robot.fingerprint,
+            "world": self.world.model_dump(mode="json"),
+            "code": _versions(type(self).__module__),
+            **self.settings(),
+        }
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Digest of the identity, 16 hexadecimal digits."""
+        return hashlib.sha256(json.dumps(self.identity(), sort_keys=True).encode()).hexdigest()[:16]
+
+
+@cache
+def _versions(module: str) -> dict[str, str]:
+    return code_versions() | {"source": source_digest(module)}
+
+
+#: Cases, place by place.
+Walked = Sequence[tuple[Place[Any, Any], Sequence[Any]]]
+
+
+class WalkCache:
+    """Walks in a folder, one compressed file for each place.
+
+    Attributes:
+        notes: one line for each damaged file; its walks are simulated again.
+    """
+
+    def __init__(self, folder: Path = FOLDER) -> None:
+        self.folder = folder
+        self.notes: list[str] = []
+
+    def probe(self) -> None:
+        """Raise CacheError, before hours are spent, unless walks can be saved here."""
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            probe = self.folder / f".probe.{os.getpid()}"
+            probe.touch()
+            probe.unlink()
+        except OSError as error:
+            raise CacheError(f"study cache: {self.folder} cannot be written: {error.strerror}") from error
+
+    def path_of(self, place: Place[CaseT, WalkT]) -> Path:
+        """Return the file of a place."""
+        return self.folder / f"{place.stem}-{place.fingerprint}.json.gz"
+
+    def load(self, place: Place[CaseT, WalkT]) -> dict[CaseT, WalkT]:
+        """Return the saved walks by case; none if the file is missing or damaged."""
+        path = self.path_of(place)
+        if not path.exists():
+            return {}
+        try:
+            walks = _adapter(place.WALK).validate_json(gzip.decompress(path.read_bytes()))
+            if not all(walk.possible for walk in walks):
+                raise ValueError("it has values that no simulation gives")
+        except (OSError, EOFError, ValueError, zlib.error) as error:
+            self.notes.append(f"{path}: not usable ({damage_reason(error)}); it is computed again")
+            return {}
+        return {walk.case: walk for walk in walks}
+
+    def save(self, place: Place[CaseT, WalkT], walks: Iterable[WalkT]) -> None:
+        """Replace the file of a place; raises CacheError if the disk refuses."""
+        path = self.path_of(place)
+        kept = [walk for walk in walks if place.keeps(walk)]
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            atomic_write(path, gzip.compress(_adapter(place.WALK).dump_json(kept), 1, mtime=0))
+        except OSError as error:
+            raise CacheError(f"study cache: {path} cannot be written: {error}") from error
+
+    def count(self, walked: Walked) -> tuple[int, int]:
+        """Return the number of walks that are saved, and of all walks."""
+        known = {place.fingerprint: self.load(place) for place, _ in walked}
+        saved = sum(case in known[place.fingerprint] for place, cases in walked for case in cases)
+        return saved, sum(len(cases) for _, cases in walked)
+
+
+@cache
+def _adapter(walk: type) -> "TypeAdapter[list[Any]]":
+    exact = ConfigDict(ser_json_inf_nan="constants")
+    return TypeAdapter(list[walk], config=exact)  # type: ignore[valid-type]

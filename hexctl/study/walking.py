@@ -1,0 +1,239 @@
+"""Simulate the walks that a cache lacks, in chunks: on this computer or on a Dask cluster."""
+
+import math
+import socket
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from os import cpu_count
+from threading import enumerate as enumerate_threads
+from typing import Any, Protocol, TypeVar
+
+from hexctl.errors import InputError, MissingExtraError, RobotFaultError, argument
+from hexctl.study.compute_options import JOBS
+from hexctl.study.landscapes.landscape import Landscape, LandscapeSpec
+from hexctl.study.landscapes.versions import code_versions
+from hexctl.study.walk_cache import Place, WalkCache, Walked
+
+#: How long a Dask scheduler may take to answer.
+CONNECT_S = 15
+
+#: How often a chunk whose worker died is given to another worker; after that the chunk counts as the cause.
+RETRIES = 3
+
+#: More places than this are counted, not named one by one.
+MOST_NAMED = 12
+
+#: Threads of `as_finished` have names that begin so.
+THREADS = "simulate"
+
+
+class Progress(Protocol):
+    """Observer of an experiment or of the building of a prior."""
+
+    def stage(self, name: str, steps: int) -> None:
+        """Take the name of the next part of the work and its number of steps."""
+
+    def step(self, steps: int = 1) -> None:
+        """Take that some steps of the current part are done."""
+
+    def note(self, text: str) -> None:
+        """Take a remark for the user, such as a damaged file in the cache."""
+
+
+class Silent:
+    """Progress that reports nothing."""
+
+    def stage(self, name: str, steps: int) -> None:
+        """Ignore the next part of the work."""
+
+    def step(self, steps: int = 1) -> None:
+        """Ignore steps."""
+
+    def note(self, text: str) -> None:
+        """Ignore a remark."""
+
+
+def check_jobs(jobs: int | None) -> None:
+    """Raise InputError unless a number of threads is one of `JOBS`; None is the default number."""
+    if jobs is not None:
+        JOBS.check(argument("jobs"), jobs)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Chunk:
+    """Cases that are simulated together; picklable, and its walks depend on nothing else."""
+
+    place: Place[Any, Any]
+    cases: tuple[Any, ...]
+
+    def walk(self, threads: int) -> tuple["_Chunk", list[Any]]:
+        return self, self.place.walk(self.cases, threads)
+
+
+def walk_all(
+    walked: Walked,
+    cache: WalkCache,
+    *,
+    jobs: int | None = None,
+    dask: str | None = None,
+    progress: Progress | None = None,
+) -> list[list[Any]]:
+    """Return the walks of each place in the order of its cases; what the cache lacks is simulated.
+
+    When this is interrupted, the chunks that have finished are in the cache, and another call continues from
+    there.
+
+    Args:
+        walked: cases, place by place.
+        cache: has earlier walks and gets each chunk as soon as it is done.
+        jobs: threads that simulate; None is all cores here, one for each chunk on a Dask worker.
+        dask: address of a Dask scheduler whose workers simulate; None simulates here.
+        progress: observer.
+
+    Raises InputError for an address that does not answer, CacheError when the disk refuses a file,
+    RobotFaultError when a worker runs other code.
+    """
+    with nullcontext() if dask is None else dask_executor(dask) as executor:
+        return _walk_all(walked, cache, executor, jobs, progress or Silent())
+
+
+def _walk_all(
+    walked: Walked, cache: WalkCache, executor: Executor | None, jobs: int | None, progress: Progress
+) -> list[list[Any]]:
+    noted = len(cache.notes)
+    known = {place.fingerprint: cache.load(place) for place, _ in walked}
+    for note in cache.notes[noted:]:
+        progress.note(note)
+    _note_known(walked, known, progress)
+    todo = _chunks(walked, known)
+    if left := sum(len(chunk.cases) for chunk in todo):
+        progress.stage("walks (Ctrl-C stops, the same command continues)", left)
+    cases = {place.fingerprint: cases for place, cases in walked}
+    steps = [chunk.walk for chunk in todo]
+    for chunk, walks in as_finished(steps, jobs) if executor is None else _elsewhere(steps, executor, jobs):
+        saved = known[chunk.place.fingerprint]
+        saved.update((walk.case, walk) for walk in walks)
+        cache.save(chunk.place, saved.values())
+        progress.step(len(walks))
+        wanted = cases[chunk.place.fingerprint]
+        if all(case in saved for case in wanted):
+            progress.note(f"{chunk.place.title}: {chunk.place.outcome([saved[case] for case in wanted])}")
+    return [[known[place.fingerprint][case] for case in cases] for place, cases in walked]
+
+
+def evaluate(specs: Sequence[LandscapeSpec], cache: WalkCache, **how: Any) -> list[Landscape]:
+    """Return complete landscapes in the order of their specs; `how` are further arguments of `walk_all`."""
+    walks = walk_all([(spec, spec.codes) for spec in specs], cache, **how)
+    return [Landscape.of(spec, some) for spec, some in zip(specs, walks, strict=True)]
+
+
+def _note_known(walked: Walked, known: dict[str, dict[Any, Any]], progress: Progress) -> None:
+    """Report which places have all their walks in the cache."""
+    titles = [place.title for place, cases in walked if set(cases) <= known[place.fingerprint].keys()]
+    if len(titles) > MOST_NAMED:
+        progress.note(f"{len(titles)} of {len(walked)} sets of walks: from the cache")
+        return
+    for title in titles:
+        progress.note(f"{title}: from the cache")
+
+
+def _chunks(walked: Walked, known: dict[str, dict[Any, Any]]) -> list[_Chunk]:
+    """Chunks of the cases that are not known."""
+    places = {place.fingerprint: (place, cases) for place, cases in walked}
+    return [
+        _Chunk(place=place, cases=chunk)
+        for print_, (place, cases) in places.items()
+        for chunk in place.chunks([case for case in cases if case not in known[print_]])
+    ]
+
+
+Done = TypeVar("Done")
+
+
+def as_finished(walks: Sequence[Callable[[int], Done]], jobs: int | None) -> Iterator[Done]:
+    """What functions return as they finish; left early, those that have begun run on and are dropped.
+
+    Args:
+        walks: simulate; each is called with the number of threads that it may use.
+        jobs: threads that simulate together; None is all cores.
+    """
+    jobs = jobs or cpu_count() or 1
+    if jobs == 1:
+        yield from (walk(1) for walk in walks)
+        return
+    threads = math.ceil(jobs / max(1, len(walks)))
+    executor = ThreadPoolExecutor(jobs, THREADS)
+    try:
+        futures = [executor.submit(walk, threads) for walk in walks]
+        for future in as_completed(futures):
+            yield future.result()
+    finally:
+        # Not awaited: a walk cannot be stopped, and takes up to a minute.
+        executor.shutdown(wait=False, cancel_futures=True)
+
+
+def simulating() -> bool:
+    """Whether walks that were dropped still run: the interpreter would wait for them when it ends."""
+    return any(thread.name.startswith(THREADS) for thread in enumerate_threads())
+
+
+def _elsewhere(
+    walks: Sequence[Callable[[int], Done]], executor: Executor, jobs: int | None
+) -> Iterator[Done]:
+    """What picklable functions return as they finish on a cluster, with so many threads each; None is one."""
+    futures = [executor.submit(_walked_elsewhere, walk, jobs or 1) for walk in walks]
+    try:
+        for future in as_completed(futures):
+            versions, done = future.result()
+            _check_versions(versions)
+            yield done
+    finally:
+        for future in futures:
+            future.cancel()
+
+
+@contextmanager
+def dask_executor(address: str) -> Iterator[Executor]:
+    """Executor of the Dask scheduler at an address such as `tcp://127.0.0.1:8786`, as a context manager.
+
+    Raises InputError when nothing answers there, MissingExtraError without the package `distributed`.
+    """
+    with _client(address) as client, client.get_executor(retries=RETRIES, pure=False) as executor:
+        yield executor
+
+
+def _client(address: str) -> Any:
+    try:
+        from distributed import Client
+        from distributed.comm import get_address_host_port
+    except ModuleNotFoundError as error:
+        raise MissingExtraError(argument("dask"), "study") from error
+    try:
+        # Before a client starts threads, which it may give up on a busy computer, with an error of its own.
+        socket.create_connection(get_address_host_port(address, strict=True), CONNECT_S).close()
+        return Client(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(
+            f"{argument('dask')}: got {address}; allowed: the address of a Dask scheduler that answers "
+            f"({reason})"
+        ) from error
+
+
+def _walked_elsewhere(walk: Callable[[int], Done], threads: int) -> tuple[dict[str, str], Done]:
+    """What a function returns, and the versions of the code that it ran."""
+    return code_versions(), walk(threads)
+
+
+def _check_versions(versions: dict[str, str]) -> None:
+    """Raise RobotFaultError unless walks were simulated by the versions that run here."""
+    here = code_versions()
+    differing = [f"{name} {versions.get(name)} for {here[name]}" for name in here
+                 if versions.get(name) != here[name]]  # fmt: skip
+    if differing:
+        raise RobotFaultError(
+            f"study: a worker runs other code than this machine: {', '.join(differing)}; "
+            "install the same versions on all workers"
+        )
