@@ -340,7 +340,7 @@ class TestFailuresInMidWalk:
         (noticed,) = done.outcome["noticed"]
         assert (noticed["leg"], noticed["kind"]) == (5, "locked")
         assert 3 < noticed["at_s"] < 4.2
-        assert noticed["did"].startswith("changed in stride to slots")
+        assert noticed["did"].startswith("changed to slots")
         assert TrialResult.from_dict(done.trial.to_dict()).noticed == done.trial.noticed
         texts = [text for _, text in done.log.notes]
         assert [text.partition(":")[0] for text in texts] == ["noticed", "policy"]
@@ -369,7 +369,7 @@ class TestFailuresInMidWalk:
         with pytest.raises(InputError, match="leg 5 is whole"), Run(RunSpec(**heals)):  # type: ignore[arg-type]
             pass
 
-    @pytest.mark.parametrize(("policy", "did"), [(None, "changed in stride"), ("walk-on", "walked on")])
+    @pytest.mark.parametrize(("policy", "did"), [(None, "changed to"), ("walk-on", "walked on")])
     def test_a_simulation_recovers_unless_asked_to_walk_on(self, policy: str | None, did: str) -> None:
         done = run(gait="tripod", duration_s=5.0, failure="5:locked@3", policy=policy)
         assert done.trial.status == "ok"

@@ -54,9 +54,9 @@ class Response:
             return "walked on"
         slots = f"slots {','.join(map(str, self.gait.slots))}"
         return (
-            f"changed in stride to {slots}"
+            f"changed to {slots}"
             if self.gait.phases is None
-            else f"changed in stride to a crawl, {slots}"
+            else f"changed to a crawl, {slots}"
         )
 
 

@@ -568,7 +568,7 @@ def test_a_leg_dies_and_the_text_says_what_was_noticed_and_done(capsys: pytest.C
     said = capsys.readouterr().out
     assert "failed     leg 5 locked at 3 s" in said
     assert "detected   leg 5 locked at 3." in said
-    assert "changed in stride to slots" in said
+    assert "changed to slots" in said
     assert exit_code([*walk, "--policy", "stop"]) == 4
     said = capsys.readouterr().out
     assert "stopped" in said

@@ -155,7 +155,7 @@ def test_a_leg_that_heals_is_taken_back_and_one_that_does_not_is_not() -> None:
     failed, healed = walk.noticed_failures()
     assert (failed.failure.leg, failed.healed, healed.failure.leg, healed.healed) == (5, False, 5, True)
     assert 8 < healed.at_s < 20
-    assert healed.did == "changed in stride to slots 1,4,1,4,1,4"
+    assert healed.did == "changed to slots 1,4,1,4,1,4"
     assert result.status == "ok"
     assert result.deviation is not None
     assert result.deviation.max < 0.05
@@ -183,7 +183,7 @@ def test_a_change_of_gait_that_was_planned_does_not_undo_the_recovery() -> None:
     trial = replace(trial, plan=plan, events=(*trial.events, parse_healing("5@8")))
     result, walk = _walk(trial)
     assert [each.healed for each in walk.noticed_failures()] == [False, True]
-    assert walk.noticed_failures()[1].did == f"changed in stride to slots {','.join(map(str, wave.slots))}"
+    assert walk.noticed_failures()[1].did == f"changed to slots {','.join(map(str, wave.slots))}"
     assert isinstance(walk.walk, VelocityWalk)
     assert walk.walk.gaits[0].posture.tucked_legs == ()
     assert result.status == "ok"
@@ -352,7 +352,7 @@ def test_once_more_is_known_of_a_failure_the_policy_is_asked_again() -> None:
     assert isinstance(walk.walk, VelocityWalk)
     assert walk.walk.gaits == [make_gait(shipped(), "wave")]
     (told,) = result.noticed
-    assert told.did == "changed in stride to slots 4,5,6,3,2,1"
+    assert told.did == "changed to slots 4,5,6,3,2,1"
     assert result.status == "ok"
 
 

@@ -102,7 +102,7 @@ def test_by_its_repertoire_it_glides_to_a_faster_gait_at_the_pace_of_the_walk() 
     assert response.gait is not None
     assert response.gait.pace_hz == 0.85
     faster = "13% of the speed faster than the safest gait in 4 walks"
-    assert str(response) == f"changed in stride to slots 2,1,3,4,5,6: {faster}"
+    assert str(response) == f"changed to slots 2,1,3,4,5,6: {faster}"
 
 
 def test_where_the_tripod_was_faster_on_all_legs_another_gait_glides_to_it() -> None:
@@ -110,7 +110,7 @@ def test_where_the_tripod_was_faster_on_all_legs_another_gait_glides_to_it() -> 
     response = GlideToStableGait(made_up()).respond(shipped(), plan, 0.0, [STUCK])
     assert response.gait == make_gait(shipped(), "tripod")
     faster = "20% of the speed faster than the safest gait in 4 walks"
-    assert str(response) == f"changed in stride to slots 1,4,1,4,1,4: {faster}"
+    assert str(response) == f"changed to slots 1,4,1,4,1,4: {faster}"
 
 
 @pytest.mark.parametrize(
