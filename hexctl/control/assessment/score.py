@@ -79,16 +79,12 @@ def score(
     walked = bool(np.isfinite(path[-END_TICKS:, 0]).any())
     distance_m = float(known[-1, 0]) if walked else None
     yaw_change_rad = None if frame is None else _yaw_change_rad(frame.yaw_rad, quaternions_world)
-    long_enough = duration_s >= RAMP_DURATION_S
-    if status == "ok" and long_enough and _goes_straight(plan):
-        too_short = distance_m is not None and distance_m < progress_floor_m(robot, plan, duration_s)
-        status = "no_progress" if too_short or never_moved else "ok"
+    if status == "ok" and _lacks_progress(robot, plan, duration_s, distance_m, never_moved=never_moved):
+        status = "no_progress"
     true_path_m = _true_path_m(frame, true_positions_world)
     cause = None
     if status == "no_progress" and samples is not None:
-        poses = (_briefly_filled(rows, duration_s) for rows in (positions_world, quaternions_world))
-        seen = symptoms(robot, plan, samples, *poses)
-        cause = None if seen is None else seen.cause
+        cause = _cause(robot, plan, samples, duration_s, positions_world, quaternions_world)
     return TrialResult(
         status=status,
         stopped=stopped,
@@ -117,6 +113,30 @@ def score(
         noticed=noticed,
         controller=controller,
     )
+
+
+def _lacks_progress(
+    robot: Robot, plan: TrialPlan, duration_s: float, distance_m: float | None, *, never_moved: bool
+) -> bool:
+    """Whether a straight walk that was long enough came nowhere."""
+    if duration_s < RAMP_DURATION_S or not _goes_straight(plan):
+        return False
+    too_short = distance_m is not None and distance_m < progress_floor_m(robot, plan, duration_s)
+    return too_short or never_moved
+
+
+def _cause(
+    robot: Robot,
+    plan: TrialPlan,
+    samples: Samples,
+    duration_s: float,
+    positions_world: FloatArray,
+    quaternions_world: FloatArray,
+) -> str | None:
+    """Likely cause of a walk without progress, or None."""
+    poses = (_briefly_filled(rows, duration_s) for rows in (positions_world, quaternions_world))
+    seen = symptoms(robot, plan, samples, *poses)
+    return None if seen is None else seen.cause
 
 
 def _without_frozen(rows: FloatArray, compared: FloatArray, duration_s: float) -> FloatArray:
