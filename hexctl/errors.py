@@ -89,8 +89,7 @@ class UnusedError(InputError):
         field: name of the option's field.
     """
 
-    def __init__(self, field: str, message: str) -> None:
-        """Note which option is about nothing."""
+    def __init__(self, message: str = "", *, field: str = "") -> None:
         super().__init__(message)
         self.field = field
 

@@ -236,7 +236,7 @@ def check_used(spec: Any, names: Container[str], where: str) -> None:
         value = getattr(spec, field.name)
         if field.name in names and value != field.default:
             message = f"{argument(field.name)}: got {_typed_text(value)}; allowed: {where}"
-            raise UnusedError(field.name, message)
+            raise UnusedError(message, field=field.name)
 
 
 def _typed_text(value: Any) -> str:

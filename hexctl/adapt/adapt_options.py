@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
-from hexctl.backends.robot_options import FAILURE, RobotOptions
+from hexctl.backends.robot_options import FAILURE, RobotOptions, check_backend_options
 from hexctl.control.guard import TOO_HOT_C
 from hexctl.control.trial_plan import DURATION_S, HEADING_DEG, Hold, SelfRotation
 from hexctl.errors import InputError, argument
@@ -151,6 +151,11 @@ class AdaptOptions(RobotOptions):
         object.__setattr__(self, "failure", failures)
         object.__setattr__(self, "failed_leg", None)
         check_fields(self)
+
+    def check(self) -> None:
+        """Raise UnusedError for options that the backend would ignore; a search has a seed of its own."""
+        if ":" not in self.backend:
+            check_backend_options(self, but=("seed",))
 
     @property
     def broken(self) -> Failure:

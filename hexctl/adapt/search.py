@@ -26,7 +26,7 @@ from hexctl.backends.registry import check_options, option_values
 from hexctl.control.assessment.static_stability import usual_posture
 from hexctl.control.monitor.recovery import make_policy
 from hexctl.control.trial_plan import AUTO_ROTATION, suited_rotation
-from hexctl.errors import InputError, argument, check_type
+from hexctl.errors import InputError, UnusedError, argument, check_type
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.robot.configs import shipped_text
 from hexctl.robot.loader import load_robot
@@ -129,8 +129,9 @@ def _world_of(backend: str, world: Path | str | None) -> str | None:
     if backend == "sim":
         return "flat" if world is None else shipped_text("worlds", world)
     if world is not None:
-        raise InputError(
-            f"{argument('world')}: got {world} with {argument('backend')} {backend}; allowed: with sim"
+        raise UnusedError(
+            f"{argument('world')}: got {world} with {argument('backend')} {backend}; allowed: with sim",
+            field="world",
         )
     return None
 

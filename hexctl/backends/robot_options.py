@@ -75,6 +75,14 @@ class RobotOptions(LinkOptions):
     """
 
 
+def check_backend_options(options: RobotOptions, *, but: tuple[str, ...] = ()) -> None:
+    """Raise UnusedError for options that their backend would ignore; `but` are of use all the same."""
+    from hexctl.backends.registry import check_options, option_values
+
+    # A failure is also what the controller is told.
+    check_options(options.backend, **option_values(options, but=("robot", "failure", *but)))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedOptions(RobotOptions):
     """Which robot moves in real time or in a simulation, and where that is recorded."""
@@ -92,3 +100,7 @@ class RecordedOptions(RobotOptions):
 
     record_folder: Annotated[str | Path | None, UNTYPED] = None
     """Folder in which a new recording is named by time, robot and gait."""
+
+    def check(self) -> None:
+        """Raise UnusedError for options that the backend would ignore."""
+        check_backend_options(self)

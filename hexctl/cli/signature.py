@@ -66,14 +66,16 @@ def _unused(
         said: fields that settings say.
     """
     asked = {option.name: _frozen(values[option.name]) for option in options}
-    defaults: dict[str, Any] = {}
+    defaults, usual = dict[str, Any](), {option.name: option.default for option in options}
     while True:
         try:
-            getattr(spec(**asked | defaults), "check", bool)()
+            built = spec(**asked | defaults)
+            if hasattr(built, "check"):
+                built.check()
         except UnusedError as error:
-            if error.field not in said or error.field in defaults:
+            if error.field not in said or error.field in defaults or error.field not in usual:
                 return defaults  # typed: the command refuses it
-            defaults[error.field] = next(one.default for one in options if one.name == error.field)
+            defaults[error.field] = usual[error.field]
         except (HexctlError, TypeError):
             return defaults  # of something else, which the command tells
         else:

@@ -24,7 +24,7 @@ from hexctl.control.trial_plan import (
     suited_rotation,
 )
 from hexctl.control.walk_options import WalkOptions
-from hexctl.errors import InputError, argument
+from hexctl.errors import InputError, UnusedError, argument
 from hexctl.gait.encoding import code_count
 from hexctl.gait.gait import (
     AUTO,
@@ -203,18 +203,21 @@ class RunSpec(RecordedOptions, WalkOptions):
             if value is not None:
                 raise InputError(f"{name}: got {value} with a Gait; allowed: with a name, a code or slots")
         if self.trim_rad is not None and self.hold != "heading":
-            raise InputError(
-                f"{argument('trim_rad')}: got it with hold {self.hold}; allowed: with hold heading"
+            raise UnusedError(
+                f"{argument('trim_rad')}: got it with hold {self.hold}; allowed: with hold heading",
+                field="trim_rad",
             )
         arc = self.turn_rate_rad_s is not None and (self.turn_rate_rad_s or self.heading_rad is None)
         if self.trim_rad is not None and arc:
-            raise InputError(
-                f"{argument('trim_rad')}: got it with a turn, which holds no heading; allowed: without a turn"
+            raise UnusedError(
+                f"{argument('trim_rad')}: got it with a turn, which holds no heading; allowed: none",
+                field="trim_rad",
             )
         if arc and self.hold in ("heading", "line"):
-            raise InputError(
+            raise UnusedError(
                 f"{argument('hold')}: got {self.hold} with {argument('turn_rate_rad_s')}; allowed: in a "
-                "straight walk; with a turn auto or none"
+                "straight walk; with a turn auto or none",
+                field="hold",
             )
         if len(self.failures) > 1 and self.self_rotation not in (AUTO_ROTATION, "none"):
             raise InputError(

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from hexctl.backends.robot_options import FAILURE, RobotOptions
+from hexctl.backends.robot_options import FAILURE, RobotOptions, check_backend_options
 from hexctl.errors import InputError, argument
 from hexctl.gait.gait import DEFAULT_GAIT, gait_text
 from hexctl.gait.posture import POSTURE
@@ -63,6 +63,10 @@ class DriveOptions(RobotOptions):
 
     record: Annotated[Path | None, RECORDING] = None
     """Recording to write, a new .rrd file, whose folder is made. (default: none)"""
+
+    def check(self) -> None:
+        """Raise UnusedError for options that the backend would ignore."""
+        check_backend_options(self)
 
     def __post_init__(self) -> None:
         check_fields(self)

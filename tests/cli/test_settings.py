@@ -265,6 +265,32 @@ def test_an_error_of_the_library_names_the_place_too(capsys: pytest.CaptureFixtu
     assert "'bob'" in error
 
 
+@pytest.mark.parametrize(
+    "words",
+    ["run", "adapt --failed-leg 5", "drive", "diagnose", "serve"],
+)
+@pytest.mark.parametrize("backend", ["mock", "mavlink"])
+def test_a_world_is_left_out_with_a_robot_that_is_not_simulated(words: str, backend: str) -> None:
+    write("world = 'rough'\nbackend = 'sim'\n")
+    assert defaults(*words.split(), "--backend", backend) == {}
+    assert defaults(*words.split())["world"] == "rough"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[run]\ntrim = 3", "run"),
+        ("[run]\nhold = 'line'", "run --turn 20"),
+        ("[sim.board]\nmodel = 'sts3215'", "sim board"),
+        ("[sim.board]\nexpiry = 0.3", "sim board --bus feetech"),
+        ("[study]\nprior = 'auto'", "study"),
+    ],
+)
+def test_an_option_of_a_file_that_nothing_uses_is_left_out(text: str, words: str) -> None:
+    write(text)
+    assert defaults(*words.split()) == {}
+
+
 def test_what_is_typed_and_useless_is_refused_and_skipped_in_a_file(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

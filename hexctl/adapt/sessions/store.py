@@ -210,8 +210,10 @@ def _found(folder: Path) -> list[str]:
     """Names of folders with the file of a session, also those that cannot be typed, newest last."""
     try:
         names = os.listdir(folder)
-    except (FileNotFoundError, NotADirectoryError):
+    except FileNotFoundError:
         return []
+    except NotADirectoryError as error:
+        raise InputError(f"sessions: {folder_trouble(folder, error)}; {ALLOWED_FOLDER}") from error
     except OSError as error:
         raise StoreError(f"sessions: {folder}/ cannot be read ({error.strerror})") from error
     found = [name for name in names if os.path.lexists(folder / name / FILE_NAME)]

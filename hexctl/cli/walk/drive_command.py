@@ -49,9 +49,9 @@ def drive(
     if no_record and options.record is not None:
         raise InputError("--no-record: got --record too; allowed: one or the other")
     options.check_keys(terminal=has_keys())
+    options.check()
     where = option_values(options, but=("robot", "failure"))
     where = {name: value for name, value in where.items() if value}
-    check_options(options.backend, **where)
     failures, events = read_failures(options.failure, options.failed_leg)
     for event in events:
         check_options(options.backend, names={"events": "failure"}, events=str(event))

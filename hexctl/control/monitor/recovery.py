@@ -53,11 +53,7 @@ class Response:
         if self.gait is None or self.stays:
             return "walked on"
         slots = f"slots {','.join(map(str, self.gait.slots))}"
-        return (
-            f"changed to {slots}"
-            if self.gait.phases is None
-            else f"changed to a crawl, {slots}"
-        )
+        return f"changed to {slots}" if self.gait.phases is None else f"changed to a crawl, {slots}"
 
 
 class RecoveryPolicy(ABC):

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from hexctl.options import RARE, Panel, Range, Typed
+from hexctl.errors import argument
+from hexctl.options import RARE, Panel, Range, Typed, check_used
 from hexctl.robot.servos.drivers import Driver
 from hexctl.robot.servos.servo_models import BAUD, DEFAULT_BAUDS
 from hexctl.serve.serve_options import ServedOptions
@@ -74,6 +75,13 @@ class BoardOptions(ServedOptions):
     wild-once@5, echo; with servo2040 mute@10, trip:12@10, unplug@15, replug@18, garble:0.01; with pca9685
     nack:0.01, reset@10, unplug@15, replug@18. (default: nothing)
     """
+
+    def __post_init__(self) -> None:
+        super(BoardOptions, self).__post_init__()
+        if self.bus is None:
+            check_used(self, OF_BUS, f"with {argument('bus')}")
+        else:
+            check_used(self, OF_BOARD, f"without {argument('bus')}")
 
     @property
     def signed(self) -> bool:

@@ -12,10 +12,9 @@ from hexctl.backends.base import LegServos
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.errors import InputError, argument
-from hexctl.options import check_used
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.robot.servos.pwm_map import pwm_map_of
-from hexctl.serve.boards.board_options import OF_BOARD, OF_BUS, BoardOptions
+from hexctl.serve.boards.board_options import BoardOptions
 from hexctl.serve.service import ServiceStarted
 
 if TYPE_CHECKING:
@@ -31,10 +30,6 @@ class BoardService(BoardOptions):
 
     def __post_init__(self) -> None:
         super(BoardService, self).__post_init__()
-        if self.bus is None:
-            check_used(self, OF_BUS, "with --bus")
-        else:
-            check_used(self, OF_BOARD, "without --bus")
         if self.pty and self.connect is not None:
             raise InputError(
                 f"{argument('pty')}: got {argument('connect')} {self.connect} too; allowed: one or the other"

@@ -97,8 +97,8 @@ def test_an_arc_is_not_measured_by_the_straight_line(capsys: pytest.CaptureFixtu
     assert exit_code([*SHORT, "--turn", "20", "--heading", "0", "--amplitude", "0.08"]) == 0
     printed = capsys.readouterr().out
     assert "in an arc" in printed
-    assert "of 60.0 asked for" in printed
-    assert "ideal" not in printed
+    assert "% of ideal (60.0)" in printed
+    assert "soft start" not in printed
 
 
 def test_heading_is_where_the_body_goes(capsys: pytest.CaptureFixture[str]) -> None:
@@ -555,7 +555,8 @@ def test_the_summary_names_a_posture_that_is_not_the_usual_one(capsys: pytest.Ca
     assert exit_code([*SHORT[:-1], "0.5", *posture]) == 0
     (row,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("posture")]
     assert row == (
-        "posture    +0.01 E higher; over its feet +0 E forward, +0.02 E to the left; tucked legs: 2, 5; feet "
+        "posture    body 1 % of its size higher; over its feet +0 % of its size forward, "
+        "+2 % of its size to the left; tucked legs: 2, 5; feet "
         "in the air for 25 % of a cycle"
     )
     assert exit_code([*SHORT[:-1], "0.5"]) == 0
