@@ -84,6 +84,6 @@ def _flags(option: Any, ctx: Any) -> str:
 def _text(param: Any, ctx: Any) -> str:
     """Help of an option or an argument, with its default where the text does not name it."""
     text, default = param.help or "", param.get_default(ctx, call=False)
-    if not isinstance(default, str | float) or isinstance(default, bool) or not text or "(default: " in text:
+    if not isinstance(default, str | float | int) or default is False or not text or "(default: " in text:
         return str(text)
     return f"{text} (default: {f'{default:g}' if isinstance(default, float) else default})"

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON value on stdout and nothing else.")]
 
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", hidden=True, help="Print the end only.")]
 

@@ -305,7 +305,15 @@ def _unknown_keys(command: Any, table: Mapping[str, Any], place: str, path: tupl
         else:
             known = [*options, *below]
             what = "setting or command" if not path else "option" if options else "command"
-            yield f"{place}: {name}: unknown {what}; allowed: {', '.join(known)}{nearest(key, known)}"
+            hint = nearest(key, known) or ("" if path else _owner_hint(below, key))
+            yield f"{place}: {name}: unknown {what}; allowed: {', '.join(dict.fromkeys(known))}{hint}"
+
+
+def _owner_hint(commands: Mapping[str, Any], key: str) -> str:
+    """The first command that has an option, as the table in which it stands; empty for none."""
+    owners = (name for name in commands if key in map(_flag, commands[name].params))
+    owner = next(owners, None)
+    return "" if owner is None else f"; an option of a command stands in its table, such as [{owner}]"
 
 
 def is_option(root: Any, variable: str) -> bool:

@@ -140,10 +140,11 @@ def read_healings(asked: Sequence[str | FailureEvent]) -> tuple[FailureEvent, ..
     return events
 
 
-def parse_leg(text: str, what: str = "leg") -> int:
+def parse_leg(text: str, what: str = "") -> int:
     """Number of a leg; raises InputError that names `what` for anything but 1..6."""
     if not _is_leg(text):
-        raise InputError(f"{what}: got {text!r}; allowed: {_LEGS}")
+        named = f"{what}: " if what else ""
+        raise InputError(f"{named}got {text!r}; allowed: {_LEGS}")
     return int(text)
 
 

@@ -112,7 +112,7 @@ class RemoteRobots:
 
     def heal(self, leg: int) -> list[dict[str, Any]]:
         """Let a leg of every simulated robot be whole again; raises what `fail` raises."""
-        parse_leg(str(leg))
+        parse_leg(str(leg), "leg")
         return self._change({"op": "heal", "leg": leg})
 
     def _change(self, content: dict[str, Any]) -> list[dict[str, Any]]:

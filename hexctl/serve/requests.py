@@ -176,7 +176,7 @@ class RequestHandler:
         try:
             text = str(content.get("leg", ""))[:MAX_FAILURE_TEXT] if heals else _failure_text(content)
             failure = None if heals else parse_failure_now(text)
-            leg = parse_leg(text) if failure is None else failure.leg
+            leg = parse_leg(text, "leg") if failure is None else failure.leg
             simulation = simulation_of(self._guard)
             whole = all(one.leg != leg for one in simulation.failures)
             call_servos(self._guard, "change_leg", lambda: simulation.change_leg(leg, failure))

@@ -96,7 +96,9 @@ class LegServosConformance:
         last = servos.clock.tick()
         servos.close()
         servos.connect()
-        assert servos.clock.tick().index > last.index
+        tick = servos.clock.tick()
+        assert tick.index > last.index
+        assert servos.clock.index == tick.index, "a state is read once per `index` of the clock"
         check_state(servos.read(), servos)
         self.check_reaches(servos, servos.robot.stance_angles_rad - 0.02)
 

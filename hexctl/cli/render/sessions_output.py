@@ -58,10 +58,10 @@ def comparison_table(sessions: Sequence[Session]) -> Table:
     last = max(len(best) for best in bests)
     for count in [*(count for count in ROWS if count < last), last]:
         cells = (
-            "" if count > len(best) else _score(session, best[count - 1])
+            "-" if count > len(best) else _score(session, best[count - 1])
             for session, best in zip(sessions, bests, strict=True)
         )
-        table.add_row(f"{count}", *cells)
+        table.add_row(f"best of {count}", *cells)
     table.add_row("found", *map(_found, sessions))
     return table
 

@@ -52,7 +52,7 @@ def _written(lens: "Lens") -> Path:
     """File with a lens, as a calibration would have written it."""
     from hexctl.vision.detection.lens import save_lens
 
-    file = runs_folder() / "see-twin-lens.yaml"
+    file = runs_folder() / "sim-camera-lens.yaml"
     file.parent.mkdir(parents=True, exist_ok=True)
     save_lens(lens, file)
     return file
