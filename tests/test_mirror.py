@@ -14,6 +14,7 @@ TOGETHER = {
     "test_compatibility.py",
     "test_mirror.py",
     "test_public_api.py",
+    "test_rooms.py",
     "test_schedule.py",
     "adapt/test_docs_example.py",
     "adapt/test_kill.py",

@@ -1,0 +1,45 @@
+"""No room of the package grows: a ceiling of lines for each, which may only be lowered."""
+
+from pathlib import Path
+
+PACKAGE = Path(__file__).parents[1] / "hexctl"
+
+#: Most lines of each folder of the package, and of the modules directly in it.
+CEILINGS = {
+    "": 2_050,
+    "adapt": 8_400,
+    "backends": 10_050,
+    "cli": 7_050,
+    "control": 12_650,
+    "demo": 270,
+    "doctor": 630,
+    "export": 2_110,
+    "gait": 710,
+    "ik": 1_290,
+    "recording": 4_750,
+    "robot": 4_690,
+    "runs": 1_080,
+    "serve": 8_500,
+    "study": 8_900,
+    "teleop": 1_980,
+    "testing": 560,
+    "vision": 6_540,
+    "wire": 3_010,
+}
+
+
+def lines_of(room: str) -> int:
+    folder = PACKAGE / room
+    files = folder.rglob("*.py") if room else folder.glob("*.py")
+    return sum(len(file.read_text(encoding="utf-8").splitlines()) for file in files)
+
+
+def test_every_room_has_a_ceiling() -> None:
+    rooms = {folder.name for folder in PACKAGE.iterdir() if (folder / "__init__.py").is_file()}
+    assert rooms <= CEILINGS.keys(), "a new room needs a ceiling"
+
+
+def test_no_room_is_above_its_ceiling() -> None:
+    lines = {room: lines_of(room) for room in CEILINGS}
+    above = {room: count for room, count in lines.items() if count > CEILINGS[room]}
+    assert not above, "remove something before you add, or merge what says the same"
