@@ -94,10 +94,12 @@ class Told(SimulatedBoard):
 
     def _fail(self, word: str) -> None:
         """Begin a fault, or another share of packets that get lost."""
-        if word.startswith("loss "):
+        if not word.startswith("loss "):
+            self.due.add(parse_fault(word, self.kinds))
+        elif isinstance(self._line, LossyLine):
             self._line.loss = float(word.split()[1])
         else:
-            self.due.add(parse_fault(word, self.kinds))
+            raise ValueError(f"{word}: this board has no line that loses packets")
 
 
 class ToldBus(Told, BusBoard):
