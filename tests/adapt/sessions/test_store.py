@@ -17,6 +17,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hexctl.adapt.objectives import OBJECTIVES
@@ -66,6 +67,44 @@ def test_a_session_comes_back_as_it_was(tmp_path: Path) -> None:
     again = load_session(session.name, store.folder)
     assert again == session
     assert again.optimizer_state == {"after": 3}
+
+
+@pytest.mark.parametrize("value", [np.zeros(2), np.int64(3), SPACE, Path("state"), {1, 2}], ids=repr)
+def test_a_state_that_cannot_be_stored_as_it_is_is_refused_at_once(value: object, tmp_path: Path) -> None:
+    """A session whose state is stored as another value cannot be resumed."""
+    store = SessionStore(tmp_path)
+    session = store.create(SPEC)
+    with pytest.raises(TypeError, match="JSON"):
+        store.add(session, record(1), {"particles": [value]})
+    assert session.trials == load_session(session.name, tmp_path).trials == []
+    store.add(session, record(1), {"particles": [1.5]})
+    assert load_session(session.name, tmp_path) == session
+
+
+def test_options_that_are_numbers_of_numpy_are_stored_as_numbers(tmp_path: Path) -> None:
+    asked = {"seed": np.int64(3), "duration_s": np.float32(4.0)}
+    session = SessionStore(tmp_path).create(replace(SPEC, **asked))
+    spec = json.loads((tmp_path / session.name / FILE_NAME).read_text())["session"]["spec"]
+    assert (spec["seed"], spec["duration_s"]) == (3, 4.0)
+    assert load_session(session.name, tmp_path).spec == replace(SPEC, seed=3, duration_s=4.0)
+
+
+def test_a_session_larger_than_is_read_is_refused_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    large, good = make_sessions(Path("runs"))
+    path = Path("runs", large, FILE_NAME)
+    monkeypatch.setattr("hexctl.adapt.sessions.store.MOST_BYTES", path.stat().st_size)
+    path.write_bytes(path.read_bytes() + b"\n")
+    told: list[StoreError] = []
+    assert [session.name for session in list_sessions("runs", on_damage=told.append)] == [good]
+    assert large in str(told[0])
+    assert len(told) == 1
+    for command in (["show", large], ["list"]):
+        assert exit_code(["sessions", *command]) == 3
+        (said,) = capsys.readouterr().err.splitlines()
+        assert "larger than" in said
 
 
 def test_sessions_are_listed_newest_last_and_names_never_collide(tmp_path: Path) -> None:
