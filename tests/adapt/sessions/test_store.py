@@ -81,7 +81,7 @@ def test_a_state_that_cannot_be_stored_as_it_is_is_refused_at_once(value: object
 
 
 def test_options_that_are_numbers_of_numpy_are_stored_as_numbers(tmp_path: Path) -> None:
-    asked = {"seed": np.int64(3), "duration_s": np.float32(4.0)}
+    asked: dict[str, Any] = {"seed": np.int64(3), "duration_s": np.float32(4.0)}
     session = SessionStore(tmp_path).create(replace(SPEC, **asked))
     spec = json.loads((tmp_path / session.name / FILE_NAME).read_text())["session"]["spec"]
     assert (spec["seed"], spec["duration_s"]) == (3, 4.0)
