@@ -25,7 +25,7 @@ from hexctl.adapt.search_progress import SearchBar
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_optimizer import make_search
 from hexctl.adapt.sessions.session_spec import SessionSpec
-from hexctl.adapt.sessions.store import RUNS, SessionStore, held, load_session
+from hexctl.adapt.sessions.store import RUNS, SessionStore, load_session
 from hexctl.adapt.sessions.unfinished import remove_unfinished
 from hexctl.adapt.setting import (
     Note,
@@ -234,8 +234,7 @@ class Adaptation:
         if session is None:
             spec = with_stance(spec, setting, servos, stop_requested, self._note)
             check_not_interrupted(stop_requested)
-            session = store.create(spec)
-            stack.enter_context(held(session.name, store.folder))
+            session = store.create(spec, stack)
         return session, setting, servos
 
     def _tell(self, *notes: str | None) -> None:
@@ -253,7 +252,7 @@ class Adaptation:
 
     def _held_again(self, name: str, store: SessionStore, stack: ExitStack) -> Session:
         """Session to be continued, as it stands now that no other process adds to it."""
-        stack.enter_context(held(name, store.folder))
+        stack.enter_context(store.held(name))
         session = self._resumed = load_session(name, store.folder)
         session.spec.check_trusted(self._given, trust=self._trust)  # it may have changed since
         left = remove_unfinished(store.folder_of(name), session)

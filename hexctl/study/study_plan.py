@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -37,9 +37,6 @@ from hexctl.study.verdicts.experiments import experiments_of
 from hexctl.study.verdicts.verdict_uncertainty import StudyUncertainty
 from hexctl.study.walk_cache import Walked
 from hexctl.study.walking import walk_all
-
-if TYPE_CHECKING:
-    pass
 
 #: Default self-rotation of the landscapes that the optimizers search.
 WITH: SelfRotation = "rear"

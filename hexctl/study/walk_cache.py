@@ -122,11 +122,19 @@ def _versions(module: str) -> dict[str, str]:
 Walked = Sequence[tuple[Place[Any, Any], Sequence[Any]]]
 
 
+def distinct(walked: Walked) -> Walked:
+    """Return each place and each of its cases once, in the order in which they come first."""
+    places: dict[str, tuple[Place[Any, Any], dict[Any, None]]] = {}
+    for place, cases in walked:
+        places.setdefault(place.fingerprint, (place, {}))[1].update(dict.fromkeys(cases))
+    return [(place, tuple(cases)) for place, cases in places.values()]
+
+
 class WalkCache:
     """Walks in a folder, one compressed file for each place.
 
     Attributes:
-        notes: one line for each damaged file; its walks are simulated again.
+        notes: one line for each file that is not usable; its walks are simulated again.
     """
 
     def __init__(self, folder: Path = FOLDER) -> None:
@@ -148,12 +156,14 @@ class WalkCache:
         return self.folder / f"{place.stem}-{place.fingerprint}.json.gz"
 
     def load(self, place: Place[CaseT, WalkT]) -> dict[CaseT, WalkT]:
-        """Return the saved walks by case; none if the file is missing or damaged."""
+        """Return the saved walks by case; none if the file is missing, damaged or of another place."""
         path = self.path_of(place)
         if not path.exists():
             return {}
         try:
-            walks = _adapter(place.WALK).validate_json(gzip.decompress(path.read_bytes()))
+            fingerprint, walks = _adapter(place.WALK).validate_json(gzip.decompress(path.read_bytes()))
+            if fingerprint != place.fingerprint:
+                raise ValueError("it has the walks of another place")
             if not all(walk.possible for walk in walks):
                 raise ValueError("it has values that no simulation gives")
         except (OSError, EOFError, ValueError, zlib.error) as error:
@@ -167,18 +177,22 @@ class WalkCache:
         kept = [walk for walk in walks if place.keeps(walk)]
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            atomic_write(path, gzip.compress(_adapter(place.WALK).dump_json(kept), 1, mtime=0))
+            content = _adapter(place.WALK).dump_json((place.fingerprint, kept))
+            atomic_write(path, gzip.compress(content, 1, mtime=0))
         except OSError as error:
             raise CacheError(f"study cache: {path} cannot be written: {error}") from error
 
     def count(self, walked: Walked) -> tuple[int, int]:
         """Return the number of walks that are saved, and of all walks."""
-        known = {place.fingerprint: self.load(place) for place, _ in walked}
-        saved = sum(case in known[place.fingerprint] for place, cases in walked for case in cases)
-        return saved, sum(len(cases) for _, cases in walked)
+        saved = total = 0
+        for place, cases in distinct(walked):
+            saved += len(self.load(place).keys() & set(cases))
+            total += len(cases)
+        return saved, total
 
 
 @cache
-def _adapter(walk: type) -> "TypeAdapter[list[Any]]":
+def _adapter(walk: type) -> "TypeAdapter[tuple[str, list[Any]]]":
+    """What a file holds: the fingerprint of its place, and walks of a class."""
     exact = ConfigDict(ser_json_inf_nan="constants")
-    return TypeAdapter(list[walk], config=exact)  # type: ignore[valid-type]
+    return TypeAdapter(tuple[str, list[walk]], config=exact)  # type: ignore[valid-type]

@@ -14,7 +14,7 @@ from hexctl.errors import InputError, MissingExtraError, RobotFaultError, argume
 from hexctl.study.compute_options import JOBS
 from hexctl.study.landscapes.landscape import Landscape, LandscapeSpec
 from hexctl.study.landscapes.versions import code_versions
-from hexctl.study.walk_cache import Place, WalkCache, Walked
+from hexctl.study.walk_cache import Place, WalkCache, Walked, distinct
 
 #: How long a Dask scheduler may take to answer.
 CONNECT_S = 15
@@ -86,7 +86,7 @@ def walk_all(
     there.
 
     Args:
-        walked: cases, place by place.
+        walked: cases, place by place; equal places may come again with other cases.
         cache: has earlier walks and gets each chunk as soon as it is done.
         jobs: threads that simulate; None is all cores here, one for each chunk on a Dask worker.
         dask: address of a Dask scheduler whose workers simulate; None simulates here.
@@ -102,22 +102,22 @@ def walk_all(
 def _walk_all(
     walked: Walked, cache: WalkCache, executor: Executor | None, jobs: int | None, progress: Progress
 ) -> list[list[Any]]:
-    noted = len(cache.notes)
-    known = {place.fingerprint: cache.load(place) for place, _ in walked}
+    noted, once = len(cache.notes), distinct(walked)
+    known = {place.fingerprint: cache.load(place) for place, _ in once}
     for note in cache.notes[noted:]:
         progress.note(note)
-    _note_known(walked, known, progress)
-    todo = _chunks(walked, known)
+    _note_known(once, known, progress)
+    todo = _chunks(once, known)
     if left := sum(len(chunk.cases) for chunk in todo):
         progress.stage("walks (Ctrl-C stops, the same command continues)", left)
-    cases = {place.fingerprint: cases for place, cases in walked}
+    wanted_of = {place.fingerprint: cases for place, cases in once}
     steps = [chunk.walk for chunk in todo]
     for chunk, walks in as_finished(steps, jobs) if executor is None else _elsewhere(steps, executor, jobs):
         saved = known[chunk.place.fingerprint]
         saved.update((walk.case, walk) for walk in walks)
         cache.save(chunk.place, saved.values())
         progress.step(len(walks))
-        wanted = cases[chunk.place.fingerprint]
+        wanted = wanted_of[chunk.place.fingerprint]
         if all(case in saved for case in wanted):
             progress.note(f"{chunk.place.title}: {chunk.place.outcome([saved[case] for case in wanted])}")
     return [[known[place.fingerprint][case] for case in cases] for place, cases in walked]
@@ -141,11 +141,10 @@ def _note_known(walked: Walked, known: dict[str, dict[Any, Any]], progress: Prog
 
 def _chunks(walked: Walked, known: dict[str, dict[Any, Any]]) -> list[_Chunk]:
     """Chunks of the cases that are not known."""
-    places = {place.fingerprint: (place, cases) for place, cases in walked}
     return [
         _Chunk(place=place, cases=chunk)
-        for print_, (place, cases) in places.items()
-        for chunk in place.chunks([case for case in cases if case not in known[print_]])
+        for place, cases in walked
+        for chunk in place.chunks([case for case in cases if case not in known[place.fingerprint]])
     ]
 
 

@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from hexctl.adapt.optimizers.trim import TrimSearch
 from hexctl.adapt.runner import WalkedTrial
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import SessionSpec
-from hexctl.adapt.sessions.store import SessionStore, held, load_session
+from hexctl.adapt.sessions.store import SessionStore, load_session
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.trial_loop import AdaptLoop, Walk
 from hexctl.control.trial import Enough
@@ -70,8 +71,12 @@ class Slow:
 def main(say: Callable[[str], None], folder: str, optimizer: str, name: str | None = None) -> None:
     """Run a session, or continue one, and say when it begins to walk and after each trial."""
     store = SessionStore(Path(folder))
-    session = store.create(SPECS_TO_KILL[optimizer]) if name is None else load_session(name, store.folder)
-    with held(session.name, store.folder):
+    with ExitStack() as stack:
+        if name is None:
+            session = store.create(SPECS_TO_KILL[optimizer], stack)
+        else:
+            stack.enter_context(store.held(name))
+            session = load_session(name, store.folder)
         say("walking")
         search = optimizer_of(session.spec)
         AdaptLoop(session, store, search, Slow(landscape_of(session)), on_trial=lambda *_: say("trial")).run()

@@ -1,6 +1,7 @@
 """`hexctl.adapt` and `Adaptation`: what the command line does, in Python, without a word printed."""
 
 import math
+import os
 import shutil
 import subprocess
 import sys
@@ -28,7 +29,7 @@ from hexctl.adapt.runner import (
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_tables import export_session
-from hexctl.adapt.sessions.store import StoreError, delete_session, list_sessions, load_session
+from hexctl.adapt.sessions.store import StoreError, delete_session, list_sessions, load_session, stored_names
 from hexctl.adapt.sessions.walk_records import TrialRecord
 from hexctl.backends.sim.world import load_world
 from hexctl.control.trial_result import TrialResult
@@ -165,6 +166,22 @@ def test_a_finished_session_is_continued_without_writing(monkeypatch: pytest.Mon
     )
     assert (again.walked, again.ended, again.trials) == (0, "budget", whole.trials)
     assert begun == [whole.session.name]
+
+
+@pytest.mark.usefixtures("landscape")
+def test_no_other_process_can_delete_a_session_from_its_first_moment_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def sync_among_others(_file: int) -> None:
+        for name in stored_names(Path("runs")):
+            with pytest.raises(InputError, match="another process"):
+                delete_session(name)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "fsync", sync_among_others)
+        result = adapt(5, budget=2, optimizer="random", record=False)
+    assert load_session(result.session.name) == result.session
+    assert len(result.trials) == 2
 
 
 @pytest.mark.usefixtures("landscape")

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hexctl.adapt.sessions.store import SessionStore, held, load_session, stored_names
+from hexctl.adapt.sessions.store import SessionStore, load_session, stored_names
 from hexctl.adapt.trial_loop import AdaptLoop
 from tests.adapt import killing
 from tests.adapt.killing import SPECS_TO_KILL, landscape_of, optimizer_of
@@ -63,7 +63,7 @@ def test_kill_9_at_random_moments_never_changes_the_result(optimizer: str, tmp_p
             name = stored_names(store.folder)
             cut_inside += 0 < len(load_session(name[0], store.folder).trials) < spec.budget
         store = SessionStore(folder)
-        with held(name[0], store.folder):
+        with store.held(name[0]):
             session = load_session(name[0], store.folder)
             AdaptLoop(session, store, optimizer_of(spec), landscape_of(session)).run()
             assert load_session(name[0], store.folder).trials == whole.trials

@@ -1,6 +1,7 @@
 """The cache of walks, on made-up places: what is kept, what is refused, and what is simulated again."""
 
 import gzip
+import json
 import math
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
@@ -121,9 +122,11 @@ def test_walks_that_a_place_does_not_keep_are_simulated_again(tmp_path: Path) ->
         "{}",
         "null",
         "[1]",
-        '[{"case": {"legs": [1]}}]',
-        '[{"case": {"legs": [1]}, "distance_m": "far"}]',
-        '[{"case": {"legs": [1]}, "distance_m": 100.0}]',
+        '[{"case": {"legs": [1]}, "distance_m": 0.1}]',
+        '["PARK"]',
+        '["PARK", [{"case": {"legs": [1]}}]]',
+        '["PARK", [{"case": {"legs": [1]}, "distance_m": "far"}]]',
+        '["PARK", [{"case": {"legs": [1]}, "distance_m": 100.0}]]',
         pytest.param("[" * 100_000, id="deep"),
     ],
 )
@@ -132,13 +135,60 @@ def test_a_damaged_file_is_reported_and_its_walks_are_made_again(
     pack: Callable[[bytes], bytes], content: str, tmp_path: Path
 ) -> None:
     cache, progress = WalkCache(tmp_path), Remembering()
-    cache.path_of(PARK).write_bytes(pack(content.encode()))
+    cache.path_of(PARK).write_bytes(pack(content.replace("PARK", PARK.fingerprint).encode()))
     walk_all([(PARK, CASES)], cache, progress=progress)
     (note,) = cache.notes
     assert note.startswith(f"{cache.path_of(PARK)}: not usable")
     assert "\n" not in note
     assert (progress.notes[0], progress.steps) == (note, 5)
     assert WalkCache(tmp_path).count([(PARK, CASES)]) == (5, 5)
+
+
+def test_the_file_of_another_place_is_reported_and_its_walks_are_made_again(tmp_path: Path) -> None:
+    cache, progress = WalkCache(tmp_path), Remembering()
+    walk_all(WALKED, cache)
+    wood = WALKED[1][0]
+    cache.path_of(wood).replace(cache.path_of(PARK))
+    walk_all([(PARK, CASES)], cache, progress=progress)
+    (note,) = cache.notes
+    assert note.startswith(f"{cache.path_of(PARK)}: not usable")
+    assert (progress.notes[0], progress.steps) == (note, 5)
+    assert WalkCache(tmp_path).count([(PARK, CASES)]) == (5, 5)
+
+
+#: Walks that no simulation gives, by what is wrong with them.
+IMPOSSIBLE: dict[str, Callable[[dict[str, Any]], object]] = {
+    "a status that does not exist": lambda walk: walk.update(status="flew"),
+    "a missing number": lambda walk: walk.pop("distance_m"),
+    "a number that is none": lambda walk: walk.update(signed_m=None),
+    "a valid walk without an end": lambda walk: walk.update(status="ok", signed_m=math.nan),
+}
+
+
+@pytest.mark.parametrize("spoil", IMPOSSIBLE.values(), ids=list(IMPOSSIBLE))
+def test_impossible_walks_are_reported_and_made_again(
+    spoil: Callable[[dict[str, Any]], object], tmp_path: Path
+) -> None:
+    place, cache, progress = spec(5, "none", 0.1, (1, 2)), WalkCache(tmp_path), Remembering()
+    (walks,) = walk_all([(place, place.codes)], cache, jobs=1)
+    path = cache.path_of(place)
+    fingerprint, stored = json.loads(gzip.decompress(path.read_bytes()))
+    spoil(stored[1])
+    path.write_bytes(gzip.compress(json.dumps([fingerprint, stored]).encode()))
+    (again,) = walk_all([(place, place.codes)], cache, jobs=1, progress=progress)
+    assert repr(again) == repr(walks)
+    (note,) = cache.notes
+    assert note.startswith(f"{path}: not usable")
+    assert (progress.notes[0], progress.steps) == (note, 2)
+
+
+def test_the_cases_of_equal_places_are_simulated_together_and_once(tmp_path: Path) -> None:
+    walked = [(PARK, CASES[:3]), (WALKED[1][0], CASES[:1] * 2), (replace(PARK), CASES[2:])]
+    cache, progress = WalkCache(tmp_path), Remembering()
+    walks = walk_all(walked, cache, progress=progress)
+    assert [[walk.case for walk in some] for some in walks] == [cases for _, cases in walked]
+    assert (progress.steps, sorted(progress.notes)) == (6, ["park: 5 walks", "wood: 1 walks"])
+    assert cache.count(walked) == (6, 6)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.9, 0.999])

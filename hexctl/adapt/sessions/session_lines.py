@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass, fields
 from datetime import datetime
 from typing import Any, ClassVar
 
+import numpy as np
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from hexctl.adapt.sessions.search_session import Session
@@ -59,19 +60,32 @@ _KINDS = {TrialRecord: "trial", BaselineRecord: "baseline", ConfirmationRecord: 
 
 
 def standing_line(session: Session) -> bytes:
-    """Line that says how a session stands now."""
+    """Line that says how a session stands now.
+
+    Raises TypeError for a value that JSON cannot hold.
+    """
     parts = {field.name: getattr(session, field.name) for field in fields(Standing)}
-    return _text({"session": asdict(Standing(**parts))})
+    values = asdict(Standing(**parts))
+    spec = {name: _number(value) for name, value in values["spec"].items()}
+    return _text({"session": {**values, "spec": spec}})
+
+
+def _number(value: object) -> object:
+    """A number of numpy, which options may be, as one that JSON holds; another value as it is."""
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def walk_line(walk: Walk, optimizer_state: dict[str, Any] | None) -> bytes:
-    """Line of a walk; of a trial with the state of the optimizer after it."""
+    """Line of a walk; of a trial with the state of the optimizer after it.
+
+    Raises TypeError for a state that JSON cannot hold.
+    """
     state = {} if optimizer_state is None else {"state": optimizer_state}
     return _text({_KINDS[type(walk)]: asdict(walk), **state})
 
 
 def _text(line: dict[str, Any]) -> bytes:
-    return json.dumps(line, default=str).encode() + b"\n"
+    return json.dumps(line).encode() + b"\n"
 
 
 def read_session(name: str, content: bytes) -> tuple[Session, dict[int, str]]:

@@ -11,7 +11,7 @@ import re
 import shutil
 import stat
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from datetime import datetime
 from itertools import count
 from pathlib import Path
@@ -29,7 +29,7 @@ from hexctl.adapt.sessions.session_lines import (
 )
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.errors import HexctlError, InputError, argument, check_type, printable
-from hexctl.files import ALLOWED_FOLDER, atomic_write, check_writable, folder_trouble, read_file, sync
+from hexctl.files import ALLOWED_FOLDER, check_writable, folder_trouble, read_file, replacing, sync
 
 _LOG = logging.getLogger(__name__)
 
@@ -41,6 +41,9 @@ RUNS = Path("runs")
 
 #: Largest file of a session that is read.
 MOST_BYTES = 1_000_000_000
+
+#: Ends the message for a session that another process holds.
+_HELD = "another process is running it; wait for it or stop it"
 
 #: Longest name of a folder, in bytes.
 MOST_NAME_BYTES = 255
@@ -66,14 +69,21 @@ class SessionStore:
         Raises InputError for a folder that cannot be used.
         """
         self.folder = folder
+        self._locks: dict[str, int] = {}
+        self._failures: dict[str, str] = {}
         check_writable(folder)
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(f"sessions: {folder_trouble(folder, error)}; {ALLOWED_FOLDER}") from error
 
-    def create(self, spec: SessionSpec) -> Session:
+    def create(self, spec: SessionSpec, holder: ExitStack | None = None) -> Session:
         """Add a session with a new name, on the disk when this returns.
+
+        Args:
+            spec: of the session.
+            holder: keeps the session held until it is closed, as `held` does. No other process can continue
+                or delete the session before that. Without one, nothing holds it.
 
         Raises StoreError when the disk refuses.
         """
@@ -81,16 +91,39 @@ class SessionStore:
         # The name of a custom optimizer has a colon, which tools that copy folders take for a host.
         optimizer = re.sub(r"[^\w.-]+", "-", spec.optimizer)
         stem = f"{now:%Y%m%d-%H%M%S}-leg{spec.broken.leg}-{optimizer}"
-        try:
-            name = self._made_folder(stem)
-            session = Session(name=name, spec=spec, created=now.isoformat(timespec="seconds"))
-            line = standing_line(session)
-            atomic_write(self.folder / name / FILE_NAME, line)
-            sync(self.folder)
-        except OSError as error:
-            raise StoreError(f"session {stem}: cannot be stored: {error.strerror}") from error
+        session = Session(name=stem, spec=spec, created=now.isoformat(timespec="seconds"))
+        line = standing_line(session)
+        with ExitStack() as until_made:
+            try:
+                session.name = self._made_folder(stem)
+                lock = (holder or until_made).enter_context(
+                    _made(self.folder / session.name / FILE_NAME, line)
+                )
+                sync(self.folder)
+            except OSError as error:
+                raise StoreError(f"session {stem}: cannot be stored: {error.strerror}") from error
+            if holder is not None:
+                holder.enter_context(self._holding(session.name, lock))
         session.stored_bytes = len(line)
         return session
+
+    @contextmanager
+    def held(self, name: str) -> Iterator[None]:
+        """Keep other processes from continuing a session meanwhile; the lock of a killed holder is released.
+
+        Raises InputError for a name that is not in the folder, or when another process holds it.
+        """
+        with _locked(name, self.folder) as lock, self._holding(name, lock):
+            yield
+
+    @contextmanager
+    def _holding(self, name: str, lock: int) -> Iterator[None]:
+        """Note that this store holds the lock of a session."""
+        self._locks[name] = lock
+        try:
+            yield
+        finally:
+            del self._locks[name]
 
     def add(
         self,
@@ -100,7 +133,8 @@ class SessionStore:
     ) -> None:
         """Add a walk, with the state of the optimizer after a trial, on the disk when this returns.
 
-        Raises StoreError when the disk refuses or another process has added to the session.
+        Raises StoreError when the disk refuses, another process holds the session or has added to it, and
+        TypeError for a state that JSON cannot hold.
         """
         self._append(session, walk.name, walk_line(walk, optimizer_state))
         take_in(session, walk, optimizer_state)
@@ -131,33 +165,59 @@ class SessionStore:
 
     def _made_folder(self, stem: str) -> str:
         """Name of a new folder."""
-        for number in count(1):
-            name = stem if number == 1 else f"{stem}-{number}"
-            with suppress(FileExistsError):
+        name, numbers = stem, count(2)
+        while True:
+            try:
                 (self.folder / name).mkdir()
+            except FileExistsError:
+                name = f"{stem}-{next(numbers)}"
+            else:
                 return name
-        raise AssertionError("unreachable")
 
     def _append(self, session: Session, what: str, line: bytes) -> None:
         """Add a line to what a session has stored, in place of a line that was cut off."""
         name = session.name
         with _opened(self.folder / name / FILE_NAME, name) as file:
-            size = os.fstat(file).st_size
-            rest = os.pread(file, max(0, size - session.stored_bytes), session.stored_bytes)
-            if size < session.stored_bytes:
-                raise _moved(name)
-            if b"\n" in rest:
-                raise StoreError(f"session {name}: {what} cannot be stored: another process has added to it")
-            if rest:
-                _LOG.warning("session %s: its last line was cut off and is replaced", name)
+            self._check_held(name, file)
+            self._check_last(session, what, file)
             try:
                 os.ftruncate(file, session.stored_bytes)
                 _write(file, line)
             except OSError as error:
-                with suppress(OSError):
-                    os.ftruncate(file, session.stored_bytes)
+                self._take_back(session, file)
                 raise StoreError(f"session {name}: {what} cannot be stored: {error.strerror}") from error
+        self._failures.pop(name, None)
         session.stored_bytes += len(line)
+
+    def _check_held(self, name: str, file: int) -> None:
+        """Take the lock of a session's file until it is closed, unless this store holds it already."""
+        if name not in self._locks:
+            if not _lock(file):
+                raise StoreError(f"session {name}: {_HELD}")
+        elif not os.path.samestat(os.fstat(self._locks[name]), os.fstat(file)):
+            raise _moved(name)
+
+    def _check_last(self, session: Session, what: str, file: int) -> None:
+        """Raise StoreError if a file has less than its session has stored, or another complete line."""
+        name, size = session.name, os.fstat(file).st_size
+        if size < session.stored_bytes:
+            raise _moved(name)
+        rest = os.pread(file, size - session.stored_bytes, session.stored_bytes)
+        if b"\n" in rest:
+            reason = self._failures.get(name, "another process has added to it")
+            raise StoreError(f"session {name}: {what} cannot be stored: {reason}")
+        if rest:
+            _LOG.warning("session %s: its last line was cut off and is replaced", name)
+
+    def _take_back(self, session: Session, file: int) -> None:
+        """Remove a line that was not stored; remember if that fails too, since the line may be complete."""
+        try:
+            os.ftruncate(file, session.stored_bytes)
+        except OSError as error:
+            self._failures[session.name] = (
+                f"the disk failed, and what it wrote last cannot be removed ({error.strerror}); check the "
+                "disk, then resume the session"
+            )
 
 
 def _write(file: int, data: bytes) -> None:
@@ -190,6 +250,18 @@ def _moved(name: str) -> StoreError:
         f"session {name}: its file {FILE_NAME} was deleted, moved or replaced; move it back and resume the "
         "session, or begin a new one"
     )
+
+
+@contextmanager
+def _made(path: Path, content: bytes) -> Iterator[int]:
+    """Descriptor of a new file, on the disk and locked before anyone can find it by its name."""
+    with ExitStack() as stack:
+        with replacing(path) as draft:
+            draft.write_bytes(content)
+            lock = os.open(draft, os.O_RDWR)
+            stack.callback(os.close, lock)
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield lock
 
 
 def is_folder_name(name: str) -> bool:
@@ -239,20 +311,22 @@ def _first_bytes(path: Path) -> bytes:
 
 
 @contextmanager
-def held(name: str, folder: Path) -> Iterator[None]:
-    """Keep other processes from continuing a session meanwhile; the lock of a killed holder is released.
-
-    Raises InputError for a name that is not in the folder, or when another process holds it.
-    """
+def _locked(name: str, folder: Path) -> Iterator[int]:
+    """Descriptor of a session's file, with its lock; raises as `SessionStore.held` does."""
     _check_there(name, folder)
-    with _opened(folder / name / FILE_NAME, name) as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise InputError(
-                f"session {name}: another process is running it; wait for it or stop it"
-            ) from None
-        yield
+    with _opened(folder / name / FILE_NAME, name) as file:
+        if not _lock(file):
+            raise InputError(f"session {name}: {_HELD}")
+        yield file
+
+
+def _lock(file: int) -> bool:
+    """Take the lock of a file, which closing it releases; False if another process has it."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
 
 
 def _log_damage(error: StoreError) -> None:
@@ -336,12 +410,10 @@ def delete_session(name: str, folder: Path | str = RUNS) -> None:
     """
     folder = Path(folder)
     _check_there(name, folder)
-    place = folder / name
-    try:
-        with held(name, folder):
-            _remove(place)
-    except StoreError:  # its file cannot be held
-        _remove(place)
+    with ExitStack() as stack:
+        with suppress(StoreError):  # its file cannot be locked
+            stack.enter_context(_locked(name, folder))
+        _remove(folder / name)
 
 
 def _remove(place: Path) -> None:

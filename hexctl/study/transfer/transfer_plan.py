@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import Annotated, ClassVar
 
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.prior.prior import Prior, PriorKey, load_prior
@@ -29,9 +29,6 @@ from hexctl.study.transfer.transfer_searches import PRIORED, search_worlds
 from hexctl.study.verdicts.verdict_uncertainty import StudyUncertainty
 from hexctl.study.walk_cache import Walked
 from hexctl.types import N_LEGS
-
-if TYPE_CHECKING:
-    pass
 
 #: The family of unseen worlds.
 UNSEEN = "transfer"

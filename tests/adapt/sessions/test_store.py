@@ -12,11 +12,12 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hexctl.adapt.objectives import OBJECTIVES
@@ -28,7 +29,6 @@ from hexctl.adapt.sessions.store import (
     SessionStore,
     StoreError,
     delete_session,
-    held,
     list_sessions,
     load_session,
     stored_names,
@@ -68,6 +68,44 @@ def test_a_session_comes_back_as_it_was(tmp_path: Path) -> None:
     assert again.optimizer_state == {"after": 3}
 
 
+@pytest.mark.parametrize("value", [np.zeros(2), np.int64(3), SPACE, Path("state"), {1, 2}], ids=repr)
+def test_a_state_that_cannot_be_stored_as_it_is_is_refused_at_once(value: object, tmp_path: Path) -> None:
+    """A session whose state is stored as another value cannot be resumed."""
+    store = SessionStore(tmp_path)
+    session = store.create(SPEC)
+    with pytest.raises(TypeError, match="JSON"):
+        store.add(session, record(1), {"particles": [value]})
+    assert session.trials == load_session(session.name, tmp_path).trials == []
+    store.add(session, record(1), {"particles": [1.5]})
+    assert load_session(session.name, tmp_path) == session
+
+
+def test_options_that_are_numbers_of_numpy_are_stored_as_numbers(tmp_path: Path) -> None:
+    asked: dict[str, Any] = {"seed": np.int64(3), "duration_s": np.float32(4.0)}
+    session = SessionStore(tmp_path).create(replace(SPEC, **asked))
+    spec = json.loads((tmp_path / session.name / FILE_NAME).read_text())["session"]["spec"]
+    assert (spec["seed"], spec["duration_s"]) == (3, 4.0)
+    assert load_session(session.name, tmp_path).spec == replace(SPEC, seed=3, duration_s=4.0)
+
+
+def test_a_session_larger_than_is_read_is_refused_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    large, good = make_sessions(Path("runs"))
+    path = Path("runs", large, FILE_NAME)
+    monkeypatch.setattr("hexctl.adapt.sessions.store.MOST_BYTES", path.stat().st_size)
+    path.write_bytes(path.read_bytes() + b"\n")
+    told: list[StoreError] = []
+    assert [session.name for session in list_sessions("runs", on_damage=told.append)] == [good]
+    assert large in str(told[0])
+    assert len(told) == 1
+    for command in (["show", large], ["list"]):
+        assert exit_code(["sessions", *command]) == 3
+        (said,) = capsys.readouterr().err.splitlines()
+        assert "larger than" in said
+
+
 def test_sessions_are_listed_newest_last_and_names_never_collide(tmp_path: Path) -> None:
     store = SessionStore(tmp_path)
     names = [store.create(SPEC).name for _ in range(4)]
@@ -98,15 +136,15 @@ def test_a_session_is_held_by_one_process_at_a_time(tmp_path: Path) -> None:
     other = SessionStore(tmp_path)
     name = store.create(SPEC).name
     with (
-        held(name, store.folder),
+        store.held(name),
         pytest.raises(InputError, match="another process"),
-        held(name, other.folder),
+        other.held(name),
     ):
         pass
-    with held(name, other.folder):
+    with other.held(name):
         pass
     with pytest.raises(InputError, match="session: got 'unknown'"):
-        held("unknown", store.folder).__enter__()
+        store.held("unknown").__enter__()
     assert not (tmp_path / "unknown").exists()
 
 
@@ -115,6 +153,77 @@ def _write_sessions(folder: str, count: int) -> None:
     session = store.create(SPEC)
     for index in range(1, count + 1):
         store.add(session, record(index), {"after": index})
+
+
+def test_a_new_session_is_held_before_another_process_can_find_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As if another process tried to delete it whenever something reaches the disk."""
+    refused: list[str] = []
+
+    def sync_among_others(_file: int) -> None:
+        for name in stored_names(tmp_path):
+            with pytest.raises(InputError, match="another process"):
+                delete_session(name, tmp_path)
+            refused.append(name)
+
+    monkeypatch.setattr(os, "fsync", sync_among_others)
+    store = SessionStore(tmp_path)
+    with ExitStack() as stack:
+        session = store.create(SPEC, stack)
+        assert refused == [session.name] * len(refused) != []
+        store.add(session, record(1), {})
+        store.keep(session)
+        with pytest.raises(InputError, match="another process"):
+            SessionStore(tmp_path).held(session.name).__enter__()
+    monkeypatch.undo()
+    assert load_session(session.name, tmp_path) == session
+    delete_session(session.name, tmp_path)
+
+
+def test_nothing_is_added_to_a_session_that_another_process_holds(tmp_path: Path) -> None:
+    (name,) = make_sessions(tmp_path, sessions=1)
+    session = load_session(name, tmp_path)
+    with SessionStore(tmp_path).held(name), pytest.raises(StoreError, match="another process"):
+        SessionStore(tmp_path).add(session, record(4), {})
+    assert len(load_session(name, tmp_path).trials) == len(session.trials) == 3
+    SessionStore(tmp_path).add(session, record(4), {})
+
+
+def test_of_two_writers_at_one_moment_neither_cuts_off_the_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (name,) = make_sessions(tmp_path, sessions=1)
+    first, second = load_session(name, tmp_path), load_session(name, tmp_path)
+    pread = os.pread
+    trouble: list[StoreError] = []
+
+    def pread_and_let_another_write(file: int, size: int, at: int) -> bytes:
+        found = pread(file, size, at)
+        monkeypatch.undo()
+        try:
+            SessionStore(tmp_path).add(second, record(4), {"after": "second"})
+        except StoreError as error:
+            trouble.append(error)
+        return found
+
+    monkeypatch.setattr(os, "pread", pread_and_let_another_write)
+    SessionStore(tmp_path).add(first, record(4), {"after": "first"})
+    assert len(trouble) == 1
+    assert len(second.trials) == 3
+    assert load_session(name, tmp_path) == first
+
+
+def test_a_session_that_is_held_takes_nothing_once_its_file_is_another(tmp_path: Path) -> None:
+    (name,) = make_sessions(tmp_path, sessions=1)
+    session, store = load_session(name, tmp_path), SessionStore(tmp_path)
+    path = tmp_path / name / FILE_NAME
+    with store.held(name):
+        shutil.copy(path, tmp_path / "copy")
+        (tmp_path / "copy").replace(path)
+        with pytest.raises(StoreError, match="replaced"):
+            store.add(session, record(4), {})
+    assert len(load_session(name, tmp_path).trials) == 3
 
 
 def test_two_processes_on_one_store(tmp_path: Path) -> None:
@@ -165,7 +274,7 @@ def test_kill_9_loses_nothing_that_was_kept(tmp_path: Path) -> None:
     session = load_session(name, store.folder)
     assert len(session.trials) in (reported, reported + 1)
     assert session.optimizer_state == {"after": len(session.trials)}
-    with held(name, store.folder):
+    with store.held(name):
         store.add(session, record(len(session.trials) + 1), {"after": 0})
 
 
@@ -421,8 +530,9 @@ def test_a_session_whose_folder_was_renamed_goes_by_its_new_name(name: str, tmp_
     (tmp_path / name / "trial-001.rrd").touch()
     assert stored_names(tmp_path) == [name]
     session = load_session(name, tmp_path)
-    with held(name, tmp_path):
-        SessionStore(tmp_path).add(session, record(4), {})
+    store = SessionStore(tmp_path)
+    with store.held(name):
+        store.add(session, record(4), {})
     delete_session(name, tmp_path)
     assert stored_names(tmp_path) == []
     assert (tmp_path / name / "trial-001.rrd").exists(), "a folder that hexctl has not made"
@@ -466,7 +576,7 @@ def test_deleting_follows_no_link(tmp_path: Path) -> None:
 
 def test_a_running_session_is_not_deleted(tmp_path: Path) -> None:
     (name,) = make_sessions(tmp_path, sessions=1)
-    with held(name, tmp_path), pytest.raises(InputError, match="another process"):
+    with SessionStore(tmp_path).held(name), pytest.raises(InputError, match="another process"):
         delete_session(name, tmp_path)
     assert stored_names(tmp_path) == [name]
 
@@ -483,6 +593,51 @@ def test_a_write_that_fails_leaves_the_session_as_it_was(
     assert session.trials == load_session(session.name, tmp_path).trials == []
     store.add(session, record(1), {"after": 1})
     assert load_session(session.name, tmp_path) == session
+
+
+def test_a_disk_that_fails_twice_is_named_by_the_next_write_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A complete line that can neither be synced nor removed is none of another process."""
+    store = SessionStore(tmp_path)
+    session = store.create(SPEC)
+    ftruncate, failing = os.ftruncate, iter([False, True])
+
+    def failing_sync(_file: int) -> None:
+        raise OSError(errno.EIO, "no answer")
+
+    def failing_ftruncate(file: int, size: int) -> None:
+        if next(failing):
+            raise OSError(errno.EIO, "no answer")
+        ftruncate(file, size)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "fsync", failing_sync)
+        patched.setattr(os, "ftruncate", failing_ftruncate)
+        with pytest.raises(StoreError, match="no answer"):
+            store.add(session, record(1), {"after": 1})
+    with pytest.raises(StoreError, match="the disk failed") as refused:
+        store.keep(session)
+    assert "another process" not in str(refused.value)
+    resumed = load_session(session.name, tmp_path)
+    assert resumed.trials == [record(1)]
+    SessionStore(tmp_path).add(resumed, record(2), {"after": 2})
+
+
+def test_a_deletion_that_fails_is_not_tried_again_without_the_lock(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (name,) = make_sessions(tmp_path, sessions=1)
+    tried: list[Path] = []
+
+    def failing(place: Path) -> None:
+        tried.append(place)
+        raise OSError(errno.EBUSY, "in use")
+
+    monkeypatch.setattr(shutil, "rmtree", failing)
+    with pytest.raises(StoreError, match="in use"):
+        delete_session(name, tmp_path)
+    assert tried == [tmp_path / name]
 
 
 #: A user without the rights of root, who may read what all may.
@@ -520,8 +675,6 @@ def test_sessions_that_may_not_be_written_are_listed_and_shown() -> None:
         assert len(load_session(name, runs).trials) == 1
         with pytest.raises(StoreError, match="cannot be"):
             delete_session(name, runs)
-        with pytest.raises(StoreError), held(name, runs):
-            pass
         assert stored_names(runs) == [name]
 
 

@@ -144,7 +144,8 @@ def _study_walks(data: bytes) -> None:
     ]
     cache = WalkCache(own_folder())
     for place in places:
-        for content in (data, gzip.compress(data)):
+        of_place = b'["%b", %b]' % (place.fingerprint.encode(), data)
+        for content in (data, gzip.compress(data), gzip.compress(of_place)):
             with written(cache.path_of(place).name, content):
                 cache.load(place)
     assert all("\n" not in note for note in cache.notes)
