@@ -16,6 +16,7 @@ from hexctl.recording.recording import Recording
 from hexctl.recording.rrd import RERUN
 from hexctl.recording.rrd_reader import HEAD_BYTES, MAGIC, check_end, check_viewable, read_chunks
 from tests.recording.conftest import ReadBack, Trial, damage, write
+from tests.recording.made_up import damaged_recordings
 
 
 @pytest.fixture(scope="module")
@@ -64,6 +65,19 @@ def test_what_holds_no_trial_is_refused(content: bytes, tmp_path: Path) -> None:
     with pytest.raises(InputError) as refused:
         read_trial(path)
     assert str(path) in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "content", damaged_recordings(), ids=["no-batch", "two-batches", "number", "no-entity"]
+)
+def test_a_chunk_that_is_none_is_refused(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "walk.rrd"
+    path.write_bytes(content)
+    for read in (read_trial, check_viewable):
+        with pytest.raises(InputError) as refused:
+            read(path)
+        assert "damaged" in str(refused.value)
+        assert str(path) in str(refused.value)
 
 
 def test_reading_reads_what_rerun_reads(sound: Path) -> None:
