@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from hexctl.errors import InputError, MissingExtraError, RecordingError
-from hexctl.recording.rrd import RERUN, check_there
+from hexctl.recording.rrd import RERUN, check_there, reopen
 
 _LOG = logging.getLogger(__name__)
 
@@ -91,8 +91,9 @@ def check_end(path: Path, start: int) -> None:
 
     These are messages themselves, and what the file held when it was last flushed.
     """
-    size, at = path.stat().st_size, start
-    with path.open("rb") as file:
+    at = start
+    with reopen(path) as file:
+        size = file.seek(0, os.SEEK_END)
         while at < size:
             file.seek(at)
             head = file.read(MESSAGE_HEAD.size)

@@ -288,6 +288,21 @@ def test_a_recording_that_is_deleted_meanwhile_is_reported_at_the_end(trial: Tri
     assert not path.exists()
 
 
+@pytest.mark.parametrize("indexed_s", [0.0, 120.0])
+def test_a_recording_that_is_deleted_as_it_is_closed_is_reported(
+    indexed_s: float, trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def delete(stream: Any) -> None:
+        rrd.disconnect(stream)
+        path.unlink()
+
+    path = tmp_path / "deleted.rrd"
+    monkeypatch.setattr(module, "INDEXED_S", indexed_s)
+    monkeypatch.setattr(module, "disconnect", delete)
+    with pytest.raises(RecordingError, match="deleted"):
+        write(path, trial)
+
+
 def test_a_folder_that_is_deleted_before_the_first_write_is_a_recording_error(
     trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
