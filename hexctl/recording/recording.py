@@ -38,11 +38,11 @@ APPLICATION_ID = "hexctl"
 
 #: Rows are written when there are this many or the last write was this long ago: chunks cost time and space.
 BLOCK_TICKS = 2000
-BLOCK_S = 4.0
+BLOCK_S = 2.0
 
 #: Longer walks have no index: Rerun keeps it in memory until the end, and it grows by 150 kB a second.
 #: `rerun rrd optimize` adds one.
-INDEXED_S = 600.0
+INDEXED_S = 120.0
 
 
 class Recording:

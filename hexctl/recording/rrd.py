@@ -247,10 +247,19 @@ def _check_room(file: BinaryIO, path: Path) -> None:
         raise
 
 
+def reopen(path: Path) -> BinaryIO:
+    """Open a recording that was closed, to check its end; raises RecordingError if it was deleted."""
+    try:
+        return path.open("rb")
+    except OSError as error:
+        raise _gone(path, error) from error
+
+
 def check_whole(path: Path) -> None:
     """Raise RecordingError for a closed file without its index: Rerun may not report a full disk."""
-    with path.open("rb") as file:
-        file.seek(-min(len(END) + END_PADDING, path.stat().st_size), os.SEEK_END)
+    with reopen(path) as file:
+        size = file.seek(0, os.SEEK_END)
+        file.seek(-min(len(END) + END_PADDING, size), os.SEEK_END)
         if END not in file.read():
             raise RecordingError(f"{path}: the recording is incomplete; is the disk full?")
 

@@ -7,13 +7,12 @@ with an Arrow stream, compressed with LZ4, as Rerun writes it in the version `RE
 import logging
 import os
 import struct
-import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from hexctl.errors import InputError, MissingExtraError, RecordingError
-from hexctl.recording.rrd import RERUN, check_there
+from hexctl.recording.rrd import RERUN, check_there, reopen
 
 _LOG = logging.getLogger(__name__)
 
@@ -26,8 +25,12 @@ MAGIC, HEAD_BYTES, MESSAGE_HEAD = b"RRF2", 12, struct.Struct("<QQ")
 #: Kind of a message that holds a chunk.
 CHUNK = 2
 
-#: Fields of such a message: how it is compressed (2 is LZ4), the size of the Arrow stream, and the stream.
-COMPRESSION, LZ4, SIZE, STREAM = 2, 2, 3, 5
+#: Fields of such a message: its store, how it is compressed (2 is LZ4), the size of the Arrow stream, and
+#: the stream.
+STORE, COMPRESSION, LZ4, SIZE, STREAM = 1, 2, 2, 3, 5
+
+#: The field of a store that holds its kind, and the kinds.
+STORE_KIND, RECORDING, LAYOUT = 1, 1, 2
 
 #: LZ4 compresses no better than this: a size beyond is damage.
 MOST_RATIO = 256
@@ -41,31 +44,23 @@ def read_chunks(path: Path) -> Iterator[Any]:
     Raises InputError for a file that is missing, damaged, or of another version of Rerun, and
     MissingExtraError without Rerun.
     """
-    try:
-        import pyarrow
-    except ImportError as error:
-        raise MissingExtraError("reading a recording", "view") from error
-    check_recording(path)
-    try:
-        with path.open("rb") as file:
-            file.seek(HEAD_BYTES)
-            for message in _chunk_messages(file):
-                yield _batch(message)
-    except (pyarrow.ArrowException, OSError, ValueError, LookupError, ArithmeticError, MemoryError) as error:
-        reason = " ".join(str(error).split())[:200]
-        raise InputError(
-            f"recording: {path} is damaged, or not of Rerun {RERUN} ({reason}); "
-            "allowed: a recording that hexctl run made"
-        ) from error
+    for _, batch in _read(path):
+        yield batch
 
 
-def stream_of(path: Path) -> Any:
-    """Rerun's stream of the chunks of a recording, which `read_chunks` has read before."""
-    from rerun.chunk import RrdReader
+def rerun_chunks(path: Path) -> Iterator[Any]:
+    """Chunks of a recording as Rerun's own, without those of its layout.
 
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="RRD file has no footer")
-        return RrdReader(path).stream()
+    Raises what `read_chunks` raises.
+    """
+    from rerun.chunk import Chunk
+
+    for store, batch in _read(path):
+        try:
+            chunks = Chunk.from_record_batch(batch) if store == RECORDING else ()
+        except (RuntimeError, ValueError) as error:
+            raise _damaged(path, error) from error
+        yield from chunks
 
 
 def log_damage(error: InputError) -> None:
@@ -96,8 +91,9 @@ def check_end(path: Path, start: int) -> None:
 
     These are messages themselves, and what the file held when it was last flushed.
     """
-    size, at = path.stat().st_size, start
-    with path.open("rb") as file:
+    at = start
+    with reopen(path) as file:
+        size = file.seek(0, os.SEEK_END)
         while at < size:
             file.seek(at)
             head = file.read(MESSAGE_HEAD.size)
@@ -109,8 +105,36 @@ def check_end(path: Path, start: int) -> None:
 
 
 def entity_of(batch: Any) -> str:
-    """Path of the entity of a chunk, such as `/world/robot`."""
-    return str(batch.schema.metadata[b"rerun:entity_path"].decode())
+    """Path of the entity of a chunk, such as `/world/robot`; raises ValueError without one."""
+    path = (batch.schema.metadata or {}).get(b"rerun:entity_path")
+    if path is None:
+        raise ValueError("a chunk without an entity")
+    return str(path.decode())
+
+
+def _read(path: Path) -> Iterator[tuple[int, Any]]:
+    """The store and the record batch of each chunk of a file."""
+    try:
+        import pyarrow
+    except ImportError as error:
+        raise MissingExtraError("reading a recording", "view") from error
+    check_recording(path)
+    try:
+        with path.open("rb") as file:
+            file.seek(HEAD_BYTES)
+            for message in _chunk_messages(file):
+                fields = dict(_fields(message))
+                yield _store(fields), _batch(fields)
+    except (pyarrow.ArrowException, OSError, ValueError, LookupError, ArithmeticError, MemoryError) as error:
+        raise _damaged(path, error) from error
+
+
+def _damaged(path: Path, error: Exception) -> InputError:
+    reason = " ".join(str(error).split())[:200]
+    return InputError(
+        f"recording: {path} is damaged, or not of Rerun {RERUN} ({reason}); "
+        "allowed: a recording that hexctl run made"
+    )
 
 
 def _chunk_messages(file: BinaryIO) -> Iterator[bytes]:
@@ -125,17 +149,35 @@ def _chunk_messages(file: BinaryIO) -> Iterator[bytes]:
             yield message
 
 
-def _batch(message: bytes) -> Any:
+def _store(fields: dict[int, Any]) -> int:
+    """Whether a chunk belongs to the recording or to its layout."""
+    store: int = dict(_fields(_bytes(fields, STORE)))[STORE_KIND]
+    if store not in (RECORDING, LAYOUT):
+        raise ValueError(f"a chunk of store {store!r}")
+    return store
+
+
+def _bytes(fields: dict[int, Any], number: int) -> bytes:
+    """A field that holds bytes."""
+    value = fields[number]
+    if not isinstance(value, bytes):
+        raise ValueError(f"field {number} is a number")
+    return value
+
+
+def _batch(fields: dict[int, Any]) -> Any:
     """The record batch of a message, with all of its content checked."""
     import pyarrow
 
-    fields = dict(_fields(message))
-    stream, size = fields[STREAM], int(fields.get(SIZE, 0))
+    stream, size = _bytes(fields, STREAM), int(fields.get(SIZE, 0))
     if fields.get(COMPRESSION) == LZ4:
         if not 0 < size <= MOST_RATIO * len(stream):
             raise ValueError(f"a chunk of {size} bytes")
         stream = pyarrow.decompress(stream, size, codec="lz4_raw")
-    batch = pyarrow.ipc.open_stream(stream).read_next_batch()
+    batches = list(pyarrow.ipc.open_stream(stream))
+    if len(batches) != 1:
+        raise ValueError(f"a chunk of {len(batches)} batches")
+    (batch,) = batches
     batch.validate(full=True)
     if not all(batch.schema.names) or "\0" in batch.schema.to_string() or not entity_of(batch):
         raise ValueError("a column without a name")

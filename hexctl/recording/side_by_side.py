@@ -17,7 +17,7 @@ from hexctl.recording.blueprint import make_blueprint, plot, side_panels, up_to_
 from hexctl.recording.recorded_trial import RecordedTrial, read_trial
 from hexctl.recording.recording import APPLICATION_ID
 from hexctl.recording.rrd import disconnect, flush, load_rerun, save_stream
-from hexctl.recording.rrd_reader import stream_of
+from hexctl.recording.rrd_reader import rerun_chunks
 
 #: Differs from that of trials: a viewer keeps one layout per application.
 SIDE_BY_SIDE_ID = "hexctl side by side"
@@ -106,7 +106,7 @@ def _copy(trial: RecordedTrial, name: str, path: Path) -> None:
     stream = load_rerun().RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
     save_stream(stream, path, blueprint)
     try:
-        stream.send_chunks(stream_of(trial.path))
+        stream.send_chunks(rerun_chunks(trial.path))
         stream.send_recording_name(name)
         flush(stream, path)
     finally:
@@ -149,7 +149,7 @@ def _write_scene(path: Path, lanes: Sequence[_Lane]) -> None:
 
 def _walk_chunks(lane: _Lane, *, with_floor: bool) -> Iterator[Any]:
     """What a recording has of its walk, below the entity of its lane."""
-    for chunk in stream_of(lane.trial.path).to_chunks():
+    for chunk in rerun_chunks(lane.trial.path):
         entity = chunk.entity_path.lstrip("/")
         floor = entity == paths.GROUND and not with_floor
         # Labels of legs would cover one another, and the names of the walks.

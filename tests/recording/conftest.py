@@ -160,8 +160,8 @@ def damage(path: Path) -> Path:
     """A copy of a recording with one other byte, at which Rerun's reader ends its process (SIGABRT)."""
     whole, damaged = path.read_bytes(), path.with_name(f"{path.stem}-damaged.rrd")
     # The last quarter of most messages holds lengths of their columns, which Rerun does not check.
-    messages = islice(_chunk_messages(whole), 1, 9)
-    places = (at for start, stop in messages for at in range(start + (stop - start) * 3 // 4, stop, STRIDE))
+    chosen = islice(messages(whole, CHUNK), 1, 9)
+    places = (at for start, stop in chosen for at in range(start + (stop - start) * 3 // 4, stop, STRIDE))
     for at in places:
         damaged.write_bytes(whole[:at] + bytes([whole[at] ^ 1]) + whole[at + 1 :])
         if _exit_code_of_reader(damaged) == -signal.SIGABRT:
@@ -174,12 +174,12 @@ def _exit_code_of_reader(path: Path) -> int:
     return subprocess.run(command, capture_output=True, timeout=60, check=False).returncode
 
 
-def _chunk_messages(content: bytes) -> Iterator[tuple[int, int]]:
-    """Where each message with a chunk begins, behind its head, and where it ends."""
+def messages(content: bytes, *kinds: int) -> Iterator[tuple[int, int]]:
+    """Where each message of some kinds begins, behind its head, and where it ends."""
     at = STREAM_HEAD_BYTES
     while at + MESSAGE_HEAD.size <= len(content):
         kind, length = MESSAGE_HEAD.unpack_from(content, at)
         at += MESSAGE_HEAD.size
-        if kind == CHUNK:
+        if kind in kinds:
             yield at, at + length
         at += length

@@ -3,8 +3,11 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
+from dataclasses import replace
 from pathlib import Path
 from threading import Event
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -22,6 +25,7 @@ from hexctl.recording import paths, rrd
 from hexctl.recording import recording as module
 from hexctl.recording.blueprint import make_blueprint
 from hexctl.recording.recording import Recording
+from hexctl.recording.rrd import END
 from hexctl.recording.viewer import viewer_binary
 from hexctl.types import JOINT_KINDS
 from tests.recording.conftest import ReadBack, Trial, make_plan, write
@@ -141,13 +145,41 @@ def test_outcome_is_text_and_properties(read: ReadBack) -> None:
     assert any(f"**{100 * stability:.0f} %** of the walk" in text for text in texts)
 
 
-def test_rerun_adds_an_index_and_finds_nothing_wrong(written: Path, tmp_path: Path) -> None:
-    indexed = tmp_path / "indexed.rrd"
-    for command in (("optimize", written, "-o", indexed), ("verify", indexed)):
-        done = subprocess.run(
-            [str(viewer_binary()), "rrd", *map(str, command)], capture_output=True, text=True
-        )
+def _rerun(*command: str | Path) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        [str(viewer_binary()), "rrd", *map(str, command)], capture_output=True, text=True, check=False
+    )
+
+
+def test_rerun_finds_nothing_wrong_with_the_file(written: Path) -> None:
+    done = _rerun("verify", written)
+    assert done.returncode == 0, done.stderr
+
+
+def test_rerun_adds_the_index_that_a_long_walk_has_not(trial: Trial, tmp_path: Path) -> None:
+    path, indexed = tmp_path / "long.rrd", tmp_path / "indexed.rrd"
+    write(path, replace(trial, plan=replace(trial.plan, duration_s=150.0)))
+    assert END not in path.read_bytes()
+    for command in (("optimize", path, "-o", indexed), ("verify", indexed)):
+        done = _rerun(*command)
         assert done.returncode == 0, done.stderr
+
+
+def test_a_killed_program_loses_four_seconds_at_most(
+    trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    times_s = trial.log["time_s"] - trial.log["time_s"][0]
+    now_s = [0.0]
+    monkeypatch.setattr(module, "time", SimpleNamespace(time=time.time, monotonic=lambda: now_s[0]))
+    with Recording(tmp_path / "killed.rrd", trial.robot, trial.plan, title="killed") as recording:
+        unsent_s = []
+        for stop in range(1, len(times_s) + 1):
+            now_s[0] = float(times_s[stop - 1])
+            recording.write_block(trial.log, stop - 1, stop)
+            sent = 0 if recording._last is None else recording._last.stop
+            unsent_s.append(now_s[0] - float(times_s[min(sent, stop - 1)]))
+    assert times_s[-1] > 4.0
+    assert max(unsent_s) < 4.0
 
 
 def test_blocks_give_the_same_recording(
@@ -254,6 +286,21 @@ def test_a_recording_that_is_deleted_meanwhile_is_reported_at_the_end(trial: Tri
         with pytest.raises(RecordingError):
             recording.finish(trial.result, {})
     assert not path.exists()
+
+
+@pytest.mark.parametrize("indexed_s", [0.0, 120.0])
+def test_a_recording_that_is_deleted_as_it_is_closed_is_reported(
+    indexed_s: float, trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def delete(stream: Any) -> None:
+        rrd.disconnect(stream)
+        path.unlink()
+
+    path = tmp_path / "deleted.rrd"
+    monkeypatch.setattr(module, "INDEXED_S", indexed_s)
+    monkeypatch.setattr(module, "disconnect", delete)
+    with pytest.raises(RecordingError, match="deleted"):
+        write(path, trial)
 
 
 def test_a_folder_that_is_deleted_before_the_first_write_is_a_recording_error(

@@ -8,10 +8,37 @@ from pathlib import Path
 import pytest
 
 from hexctl.cli.console import in_flags
-from hexctl.errors import InputError
-from hexctl.recording.rrd import probe_file
+from hexctl.errors import InputError, RecordingError
+from hexctl.recording import recording
+from hexctl.recording.rrd import END_PADDING, check_whole, disconnect, probe_file
 from hexctl.recording.viewer import viewer_binary
 from tests.recording.conftest import ReadBack, Trial, write
+
+
+@pytest.mark.parametrize("missing_bytes", [1, 20, 5000])
+def test_a_recording_without_its_end_is_not_whole(missing_bytes: int, trial: Trial, tmp_path: Path) -> None:
+    path = write(tmp_path / "trial.rrd", trial)
+    check_whole(path)
+    os.truncate(path, path.stat().st_size - missing_bytes - END_PADDING)
+    with pytest.raises(RecordingError, match="is the disk full"):
+        check_whole(path)
+    os.truncate(path, 0)
+    with pytest.raises(RecordingError, match="is the disk full"):
+        check_whole(path)
+
+
+@pytest.mark.parametrize("missing_bytes", [1, 20, 5000])
+def test_a_walk_whose_index_was_lost_is_not_finished(
+    missing_bytes: int, trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def lose(stream: object) -> None:
+        disconnect(stream)
+        os.truncate(path, path.stat().st_size - missing_bytes - END_PADDING)
+
+    path = tmp_path / "lost.rrd"
+    monkeypatch.setattr(recording, "disconnect", lose)
+    with pytest.raises(RecordingError, match="is the disk full"):
+        write(path, trial)
 
 
 @pytest.fixture(scope="module")

@@ -14,8 +14,9 @@ from hexctl.recording import recording as module
 from hexctl.recording.recorded_trial import read_trial
 from hexctl.recording.recording import Recording
 from hexctl.recording.rrd import RERUN
-from hexctl.recording.rrd_reader import HEAD_BYTES, MAGIC, check_end, check_viewable, read_chunks
-from tests.recording.conftest import ReadBack, Trial, damage, write
+from hexctl.recording.rrd_reader import CHUNK, HEAD_BYTES, MAGIC, check_end, check_viewable, read_chunks
+from tests.recording.conftest import ReadBack, Trial, damage, messages, write
+from tests.recording.made_up import damaged_recordings
 
 
 @pytest.fixture(scope="module")
@@ -49,12 +50,15 @@ def test_no_damage_ends_the_process(sound: Path, tmp_path: Path) -> None:
     assert refused > 20
 
 
-@pytest.mark.parametrize("share", [0.5, 0.9, 0.999])
-def test_what_was_cut_off_is_read_up_to_there(share: float, sound: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("number", [20, -20, -1])
+def test_what_was_cut_off_is_read_up_to_there(number: int, share: float, sound: Path, tmp_path: Path) -> None:
+    """Cut off at the beginning of a chunk's message, in the middle of it, or behind it."""
     cut, content = tmp_path / "cut.rrd", sound.read_bytes()
-    cut.write_bytes(content[: round(share * len(content))])
-    chunks = len(list(read_chunks(cut)))
-    assert 0 < chunks < len(list(read_chunks(sound)))
+    places = list(messages(content, CHUNK))
+    start, stop = places[number]
+    cut.write_bytes(content[: start + round(share * (stop - start))])
+    assert len(list(read_chunks(cut))) == places.index((start, stop)) + (share == 1.0)
 
 
 @pytest.mark.parametrize("content", [b"", b"RRF1" + bytes(20), b"no recording", MAGIC, MAGIC + bytes(3)])
@@ -64,6 +68,19 @@ def test_what_holds_no_trial_is_refused(content: bytes, tmp_path: Path) -> None:
     with pytest.raises(InputError) as refused:
         read_trial(path)
     assert str(path) in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "content", damaged_recordings(), ids=["no-batch", "two-batches", "number", "no-entity"]
+)
+def test_a_chunk_that_is_none_is_refused(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "walk.rrd"
+    path.write_bytes(content)
+    for read in (read_trial, check_viewable):
+        with pytest.raises(InputError) as refused:
+            read(path)
+        assert "damaged" in str(refused.value)
+        assert str(path) in str(refused.value)
 
 
 def test_reading_reads_what_rerun_reads(sound: Path) -> None:
@@ -95,17 +112,22 @@ def test_an_incomplete_end_is_noticed(
         checked.append(path)
         check_end(path, start)
 
+    monkeypatch.setattr(module, "INDEXED_S", 0.0)
     monkeypatch.setattr(module, "check_end", lose)
     with pytest.raises(RecordingError, match="is the disk full"):
         write(path, trial)
     assert checked == [path]
 
 
-def test_messages_end_where_the_file_ends(sound: Path) -> None:
-    check_end(sound, HEAD_BYTES)
-    for start in (sound.stat().st_size, HEAD_BYTES + 1):
+def test_messages_end_where_the_file_ends(
+    trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "INDEXED_S", 0.0)
+    path = write(tmp_path / "without-index.rrd", trial)
+    check_end(path, HEAD_BYTES)
+    for start in (path.stat().st_size, HEAD_BYTES + 1):
         with pytest.raises(RecordingError, match="is the disk full"):
-            check_end(sound, start)
+            check_end(path, start)
 
 
 def test_a_walk_that_was_broken_off_is_read_up_to_there(trial: Trial, tmp_path: Path) -> None:

@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
+from hexctl.errors import InputError
 from hexctl.recording import paths
 from hexctl.recording.recorded_trial import read_trial
+from hexctl.recording.rrd_reader import CHUNK, check_viewable, rerun_chunks
 from hexctl.recording.side_by_side import names_of, write_together
 from hexctl.runs.run import run
-from tests.recording.conftest import ReadBack
+from tests.recording.conftest import ReadBack, messages
+from tests.recording.made_up import arrow_stream, recording_of
 
 
 @pytest.fixture(scope="module")
@@ -94,3 +97,37 @@ def test_links_lead_to_a_server_where_there_is_one(recordings: list[Path], tmp_p
     ]
     assert "(http://127.0.0.1:1/walks/1-a%20walk.rrd)" in texts[0]
     assert "(http://127.0.0.1:1/walks/2-b.rrd)" in texts[1]
+
+
+def test_a_walk_that_is_cut_off_stands_in_the_scene_up_to_there(
+    recordings: list[Path], tmp_path: Path
+) -> None:
+    content, cut = recordings[1].read_bytes(), tmp_path / "cut.rrd"
+    start, stop = list(messages(content, CHUNK))[-2]
+    cut.write_bytes(content[: (start + stop) // 2])
+    scene, _, copy = write_together([recordings[0], cut], tmp_path / "new")
+    np.testing.assert_array_equal(read_trial(copy).measured_rad, read_trial(cut).measured_rad)
+    assert ReadBack(scene).values(f"/lane2/{paths.ROBOT}", "Transform3D:translation")
+
+
+@pytest.mark.parametrize("kind", [0, 1, 3])
+def test_damage_outside_of_chunks_does_not_end_the_scene(
+    kind: int, recordings: list[Path], tmp_path: Path
+) -> None:
+    """Messages of these kinds hold the index, the store and the layout that is shown."""
+    content, damaged = bytearray(recordings[1].read_bytes()), tmp_path / "damaged.rrd"
+    start, stop = next(messages(bytes(content), kind))
+    content[start:stop] = b"\xff" * (stop - start)
+    damaged.write_bytes(content)
+    check_viewable(damaged)
+    *_, copy = write_together([recordings[0], damaged], tmp_path / "new")
+    np.testing.assert_array_equal(read_trial(copy).measured_rad, read_trial(recordings[1]).measured_rad)
+
+
+def test_a_chunk_that_rerun_refuses_names_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "without-rows.rrd"
+    path.write_bytes(recording_of(arrow_stream()))
+    check_viewable(path)
+    with pytest.raises(InputError) as refused:
+        list(rerun_chunks(path))
+    assert str(path) in str(refused.value)

@@ -27,6 +27,7 @@ from hexctl.study.repertoire.repertoire_walks import RepertoirePlace
 from hexctl.study.walk_cache import WalkCache
 from tests.fuzz.folder import own_folder, written
 from tests.fuzz.target import Target
+from tests.recording.made_up import damaged_recordings
 from tests.study.made_up import spec
 
 DATA = Path(__file__).parents[2] / "data"
@@ -288,7 +289,7 @@ TARGETS = (
     Target(
         name="recording",
         read=_of_file("recording.rrd", read_trial),
-        seeds=(_recording(),),
+        seeds=(_recording(), *damaged_recordings()),
         words=(b"RRF2", b"FOOT"),
         most_bytes=60_000,
         times=100,
