@@ -94,16 +94,14 @@ class SessionStore:
         session = Session(name=stem, spec=spec, created=now.isoformat(timespec="seconds"))
         line = standing_line(session)
         with ExitStack() as until_made:
+            stack = until_made if holder is None else holder
             try:
                 session.name = self._made_folder(stem)
-                lock = (holder or until_made).enter_context(
-                    _made(self.folder / session.name / FILE_NAME, line)
-                )
+                lock = stack.enter_context(_made(self.folder / session.name / FILE_NAME, line))
                 sync(self.folder)
             except OSError as error:
                 raise StoreError(f"session {stem}: cannot be stored: {error.strerror}") from error
-            if holder is not None:
-                holder.enter_context(self._holding(session.name, lock))
+            stack.enter_context(self._holding(session.name, lock))
         session.stored_bytes = len(line)
         return session
 
