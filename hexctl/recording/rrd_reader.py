@@ -8,11 +8,12 @@ import logging
 import os
 import struct
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from hexctl.errors import InputError, MissingExtraError, RecordingError
-from hexctl.recording.rrd import RERUN, check_there, reopen
+from hexctl.recording.rrd import END, RERUN, check_there, reopen
 
 _LOG = logging.getLogger(__name__)
 
@@ -21,6 +22,9 @@ OnDamage = Callable[[InputError], object]
 
 #: How a file begins, the rest of its head, and the head of a message.
 MAGIC, HEAD_BYTES, MESSAGE_HEAD = b"RRF2", 12, struct.Struct("<QQ")
+
+#: Bytes behind the last message of a file with an index: where it is, and `END`.
+INDEX_END_BYTES = 32
 
 #: Kind of a message that holds a chunk.
 CHUNK = 2
@@ -39,7 +43,7 @@ MOST_RATIO = 256
 def read_chunks(path: Path) -> Iterator[Any]:
     """Chunks of a file as Arrow record batches, those of its layout included.
 
-    The last message may be cut off, as by a power cut; it is left out.
+    The last message may be cut off, as by a power cut; it is left out, with a warning in the log.
 
     Raises InputError for a file that is missing, damaged, or of another version of Rerun, and
     MissingExtraError without Rerun.
@@ -121,8 +125,7 @@ def _read(path: Path) -> Iterator[tuple[int, Any]]:
     check_recording(path)
     try:
         with path.open("rb") as file:
-            file.seek(HEAD_BYTES)
-            for message in _chunk_messages(file):
+            for message in _chunk_messages(file, path):
                 fields = dict(_fields(message))
                 yield _store(fields), _batch(fields)
     except (pyarrow.ArrowException, OSError, ValueError, LookupError, ArithmeticError, MemoryError) as error:
@@ -137,16 +140,31 @@ def _damaged(path: Path, error: Exception) -> InputError:
     )
 
 
-def _chunk_messages(file: BinaryIO) -> Iterator[bytes]:
+def _chunk_messages(file: BinaryIO, path: Path) -> Iterator[bytes]:
     """Messages with chunks up to the end of a file, or to one that is cut off."""
     size = os.fstat(file.fileno()).st_size
+    at = file.seek(HEAD_BYTES)
     while len(head := file.read(MESSAGE_HEAD.size)) == MESSAGE_HEAD.size:
         kind, length = MESSAGE_HEAD.unpack(head)
         if length > size - file.tell():
-            return
-        message = file.read(length)
+            break
+        message, at = file.read(length), file.tell()
         if kind == CHUNK:
             yield message
+    file.seek(at)
+    if at < size and not _is_index_end(file.read(INDEX_END_BYTES + 1)):
+        _warn_of_rest(path, size - at)
+
+
+def _is_index_end(rest: bytes) -> bool:
+    """Whether a file ends with the place of its index, which is no message."""
+    return len(rest) == INDEX_END_BYTES and END in rest
+
+
+@lru_cache
+def _warn_of_rest(path: Path, left_out_bytes: int) -> None:
+    """Log once that a file was not read to its end: it may be read several times."""
+    _LOG.warning("%s is cut off or damaged: its last %d bytes are left out", path, left_out_bytes)
 
 
 def _store(fields: dict[int, Any]) -> int:

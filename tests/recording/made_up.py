@@ -29,7 +29,7 @@ def arrow_stream(schema: pa.Schema = SCHEMA, batches: int = 1) -> bytes:
 
 def damaged_recordings() -> tuple[bytes, ...]:
     """Recordings without a batch, with two, with a number as stream, and with a chunk of no entity."""
-    streams = (
+    streams: tuple[bytes | int, ...] = (
         arrow_stream(batches=0),
         arrow_stream(batches=2),
         7,

@@ -14,7 +14,15 @@ from hexctl.recording import recording as module
 from hexctl.recording.recorded_trial import read_trial
 from hexctl.recording.recording import Recording
 from hexctl.recording.rrd import RERUN
-from hexctl.recording.rrd_reader import CHUNK, HEAD_BYTES, MAGIC, check_end, check_viewable, read_chunks
+from hexctl.recording.rrd_reader import (
+    CHUNK,
+    HEAD_BYTES,
+    MAGIC,
+    MESSAGE_HEAD,
+    check_end,
+    check_viewable,
+    read_chunks,
+)
 from tests.recording.conftest import ReadBack, Trial, damage, messages, write
 from tests.recording.made_up import damaged_recordings
 
@@ -52,13 +60,46 @@ def test_no_damage_ends_the_process(sound: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("number", [20, -20, -1])
-def test_what_was_cut_off_is_read_up_to_there(number: int, share: float, sound: Path, tmp_path: Path) -> None:
+def test_what_was_cut_off_is_read_up_to_there(
+    number: int, share: float, sound: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     """Cut off at the beginning of a chunk's message, in the middle of it, or behind it."""
     cut, content = tmp_path / "cut.rrd", sound.read_bytes()
     places = list(messages(content, CHUNK))
     start, stop = places[number]
     cut.write_bytes(content[: start + round(share * (stop - start))])
     assert len(list(read_chunks(cut))) == places.index((start, stop)) + (share == 1.0)
+    left_out_bytes = cut.stat().st_size - (stop if share == 1.0 else start - MESSAGE_HEAD.size)
+    warned = [record.getMessage() for record in caplog.records]
+    assert len(warned) == (left_out_bytes > 0)
+    assert all(str(cut) in text and f" {left_out_bytes} " in text for text in warned)
+
+
+def test_a_damaged_length_leaves_the_rest_out_with_a_warning(
+    sound: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    content, damaged = bytearray(sound.read_bytes()), tmp_path / "damaged.rrd"
+    start, _ = list(messages(bytes(content), CHUNK))[100]
+    content[start - 1] = 127
+    damaged.write_bytes(content)
+    assert len(list(read_chunks(damaged))) == 100
+    check_viewable(damaged)
+    (warned,) = [record.getMessage() for record in caplog.records]
+    assert str(damaged) in warned
+    assert f" {len(content) - start + MESSAGE_HEAD.size} " in warned
+
+
+@pytest.mark.parametrize("indexed_s", [0.0, 120.0])
+def test_a_sound_recording_is_read_without_a_warning(
+    indexed_s: float,
+    trial: Trial,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setattr(module, "INDEXED_S", indexed_s)
+    check_viewable(write(tmp_path / "walk.rrd", trial))
+    assert not caplog.records
 
 
 @pytest.mark.parametrize("content", [b"", b"RRF1" + bytes(20), b"no recording", MAGIC, MAGIC + bytes(3)])
