@@ -70,7 +70,7 @@ def test_the_command_prints_a_column_each(
     head, tripod, row, found, out = capsys.readouterr().out.splitlines()
     assert head.split() == ["trials", *names]
     assert tripod.split() == ["0:", "tripod", "2.0", "cm", "-"]
-    assert row.split() == ["1", "12.0", "cm", "3.4", "cm"]
+    assert row.split() == ["best", "of", "1", "12.0", "cm", "3.4", "cm"]
     assert found.split() == ["found", "tripod", "2.0", "cm", "17", "3.4", "cm"]
     assert exit_code(["sessions", "compare", *names, "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)["sessions"]
