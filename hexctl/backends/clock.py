@@ -14,6 +14,8 @@ PERIOD_S = 0.02
 #: After a long sleep the processor wakes up slowly; a second one as short as this ends on time.
 NAP_S = 0.0003
 
+#: Nothing is taken up in this time before a tick is due, so that the tick is not late.
+SPARE_S = 0.0003
 
 #: Between two ticks: a robot at the other end takes it for silence.
 STANDSTILL_S = 0.2

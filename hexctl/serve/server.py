@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
 from hexctl.backends.base import LegServos, failures_in_force
-from hexctl.backends.clock import STANDSTILL_S, Standstill
+from hexctl.backends.clock import SPARE_S, STANDSTILL_S, Standstill
 from hexctl.control.guard import EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, MessageError, RobotFaultError
 from hexctl.serve.commands import CommandHandler
@@ -35,9 +35,6 @@ from hexctl.wire.zenoh_messages import SERVER_ENDED, encode_battery, encode_posi
 if TYPE_CHECKING:
     from hexctl.serve.ros.bridge import RosBridge
     from hexctl.serve.ros.driver import RosDriver
-
-#: No command is taken up in this time before a tick is due, so that the tick is not late.
-SPARE_S = 0.0003
 
 #: Periods of the status and of the battery, in ticks.
 STATUS_TICKS = 10

@@ -59,8 +59,7 @@ def score(
         frame: the trial frame, None where the robot knows no pose or never set out.
         positions_world: base positions of the walk, (T, 3).
         quaternions_world: base orientations of the walk, (T, 4).
-        samples: of its joints and feet, from which the cause of a walk without progress is told; None where
-            they are not known.
+        samples: of its joints and feet, which tell why a walk made no progress; None where not known.
         hold: what the walk held by feedback.
         limited_ticks: ticks in which it was slower than asked for.
         true_positions_world: of a simulated robot, likewise; NaN or None where they are not known.
@@ -68,23 +67,17 @@ def score(
         noticed: failures that its controller noticed.
         controller: name of a custom controller, or None.
     """
-    shown = int(np.isfinite(positions_world[:, 0]).sum())
+    shown_world = positions_world
     positions_world = _without_frozen(positions_world, np.stack(plane(positions_world), axis=-1), duration_s)
     quaternions_world = _without_frozen(quaternions_world, quaternions_world, duration_s)
-    # All that the robot showed of its position is one that froze: it stands, or its sensor is dead.
-    never_moved = frame is not None and shown > 1 and int(np.isfinite(positions_world[:, 0]).sum()) == 1
-    path = frame.path(positions_world) if frame is not None else np.zeros((0, 2))
-    known = path[np.isfinite(path[:, 0])]
-    path = path if len(known) else path[:0]
-    walked = bool(np.isfinite(path[-END_TICKS:, 0]).any())
-    distance_m = float(known[-1, 0]) if walked else None
+    never_moved = frame is not None and _is_frozen(shown_world, positions_world)
+    path, known = _paths(frame, positions_world)
+    distance_m = float(known[-1, 0]) if np.isfinite(path[-END_TICKS:, 0]).any() else None
     yaw_change_rad = None if frame is None else _yaw_change_rad(frame.yaw_rad, quaternions_world)
     if status == "ok" and _lacks_progress(robot, plan, duration_s, distance_m, never_moved=never_moved):
         status = "no_progress"
     true_path_m = _true_path_m(frame, true_positions_world)
-    cause = None
-    if status == "no_progress" and samples is not None:
-        cause = _cause(robot, plan, samples, duration_s, positions_world, quaternions_world)
+    cause = _cause(robot, plan, status, samples, duration_s, positions_world, quaternions_world)
     return TrialResult(
         status=status,
         stopped=stopped,
@@ -92,7 +85,7 @@ def score(
         turned_rad=turned_rad,
         distance_m=distance_m,
         ideal_distance_m=ideal_distance_m(robot, plan, duration_s),
-        deviation=_deviation(known[:, 1]) if walked else None,
+        deviation=_deviation(known[:, 1]) if distance_m is not None else None,
         yaw_change_rad=yaw_change_rad,
         clipped_ticks=clipped_ticks,
         path_m=path,
@@ -115,6 +108,19 @@ def score(
     )
 
 
+def _is_frozen(shown_world: FloatArray, positions_world: FloatArray) -> bool:
+    """Whether all positions that were shown repeat one: the robot stands, or its sensor is dead."""
+    shown, kept = (int(np.isfinite(rows[:, 0]).sum()) for rows in (shown_world, positions_world))
+    return shown > 1 and kept == 1
+
+
+def _paths(frame: TrialFrame | None, positions_world: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Path in the trial frame, empty where none of it is known, and its known rows."""
+    path = frame.path(positions_world) if frame is not None else np.zeros((0, 2))
+    known = path[np.isfinite(path[:, 0])]
+    return path if len(known) else path[:0], known
+
+
 def _lacks_progress(
     robot: Robot, plan: TrialPlan, duration_s: float, distance_m: float | None, *, never_moved: bool
 ) -> bool:
@@ -128,12 +134,15 @@ def _lacks_progress(
 def _cause(
     robot: Robot,
     plan: TrialPlan,
-    samples: Samples,
+    status: str,
+    samples: Samples | None,
     duration_s: float,
     positions_world: FloatArray,
     quaternions_world: FloatArray,
 ) -> str | None:
     """Likely cause of a walk without progress, or None."""
+    if status != "no_progress" or samples is None:
+        return None
     poses = (_briefly_filled(rows, duration_s) for rows in (positions_world, quaternions_world))
     seen = symptoms(robot, plan, samples, *poses)
     return None if seen is None else seen.cause

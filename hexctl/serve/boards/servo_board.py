@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.backends.base import LegServos
+from hexctl.backends.clock import SPARE_S
 from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec
 from hexctl.backends.mavlink.mavlink_messages import (
@@ -208,9 +209,6 @@ class Peers:
 
 #: Default time without the commander until the servos are released.
 RELEASE_AFTER_S = 10.0
-
-#: No frame is taken up in this time before a tick is due, so that the tick is not late.
-SPARE_S = 0.0003
 
 #: Periods of heartbeat and health, and of Euler angles for displays, in ticks.
 BEAT_TICKS = 50

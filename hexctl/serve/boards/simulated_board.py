@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from hexctl.backends.base import LegServos
+from hexctl.backends.clock import SPARE_S
 from hexctl.control.guard import StepLimits
 from hexctl.errors import RobotFaultError
 from hexctl.scratch import scratch_folder
@@ -24,9 +25,6 @@ from hexctl.types import BoolArray, FloatArray, JointTargets, RobotState
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
-
-#: Time that is kept free before a tick.
-SPARE_S = 0.0003
 
 #: Bytes of a read: more than a controller sends between two of them.
 CHUNK = 4096
