@@ -17,7 +17,6 @@ from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
 from hexctl.serve.serve_options import ServeOptions
 from hexctl.serve.server import RobotServer
 from hexctl.serve.stops.stop_file import StopFile
-from hexctl.serve.stops.stop_place import StopPlace
 from hexctl.wire.links import CLEAR_COMMAND, Endpoint, Link, load_link
 
 if TYPE_CHECKING:
@@ -107,9 +106,8 @@ class RobotService(ServeOptions):
         options = self.servo_options
         servos = make_servos(self.backend, options)
         keeper = self._keeper(options)
-        simulated, ros = self.simulated is not None, self.ros_options
-        place, clear = self._stop_place(options, link), _clear_command(link)
-        stop_file = StopFile(servos.robot.name, place, asked_only=simulated, clear=clear)
+        clear, ros = _clear_command(link), self.ros_options
+        stop_file = self._stop_file(servos.robot.name, options, link, clear)
         server = RobotServer(
             servos,
             link,
@@ -145,12 +143,13 @@ class RobotService(ServeOptions):
         if held:
             on_event(STILL_HOLDS if server.reaches_servos else NOT_KNOWN)
 
-    def _stop_place(self, options: BackendOptions, link: Link) -> StopPlace:
-        """Where the robot is, for the file of its stop."""
+    def _stop_file(self, robot: str, options: BackendOptions, link: Link, clear: str) -> StopFile:
+        """File of the robot's stop."""
         backend, port = self.backend, self.connect
         if port is None and backend in (*BUS_DRIVERS, *PWM_DRIVERS) and options.robot_file is not None:
             port = options.robot_file.content.servos.port
-        return StopPlace.of(backend, port, link.endpoint)
+        simulated = self.simulated is not None
+        return StopFile(robot, backend, port or link.endpoint, asked_only=simulated, clear=clear)
 
     def _warnings(self, link: Link) -> tuple[str, ...]:
         """What the operator must know before anything moves."""

@@ -8,8 +8,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from hexctl.files import read_secret
-from hexctl.serve.stops.state_folder import state_folder
 from hexctl.serve.stops.stop import CLAIM_DIGITS, CLEAR_KEY_BYTES, claim_of, new_clear_key
+from hexctl.serve.stops.stop_file import state_folder
 
 #: Keys on the disk; older ones are removed.
 MOST_KEPT = 64

@@ -16,7 +16,6 @@ from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.servos_section import SECTION, write_joint
 from hexctl.robot.yaml_text import yaml_content
 from hexctl.serve.stops.stop_file import StopFile
-from hexctl.serve.stops.stop_place import StopPlace
 from hexctl.settings import CHOSEN, read_settings
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.floor import FloorTag
@@ -161,7 +160,7 @@ def _uncertainties(path: Path) -> None:
 
 def _stop(data: bytes) -> None:
     """Load the file of a stop: whatever it holds, it is one."""
-    file = StopFile("ant", StopPlace(backend="mock", where="fuzz"), folder=own_folder())
+    file = StopFile("ant", "mock", "fuzz", folder=own_folder())
     with written(file.path.name, data):
         kept = file.load()
         assert kept is not None

@@ -18,7 +18,6 @@ from hexctl.serve.stops.stop import (
     new_clear_key,
 )
 from hexctl.serve.stops.stop_file import StopFile
-from hexctl.serve.stops.stop_place import StopPlace
 from tests.control.posed import connected
 
 
@@ -66,7 +65,7 @@ def test_a_request_that_is_repeated_does_not_put_off_the_clear(latch: StopLatch)
 def test_who_asked_is_replaced_by_a_better_name_alone_and_written_only_then(
     guard: Guard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    file = StopFile("ant", StopPlace(backend="mock", where="tcp/127.0.0.1:7447"), folder=tmp_path)
+    file = StopFile("ant", "mock", "tcp/127.0.0.1:7447", folder=tmp_path)
     kept: list[str | None] = []
     monkeypatch.setattr(file, "keep", lambda stop: kept.append(stop.by))
     latch = StopLatch(guard, file)
@@ -115,7 +114,7 @@ def test_a_stop_is_there_or_made(guard: Guard, latch: StopLatch) -> None:
 def test_the_robot_is_stopped_before_anything_that_may_fail(
     guard: Guard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    file = StopFile("ant", StopPlace(backend="mock", where="tcp/127.0.0.1:7447"), folder=tmp_path)
+    file = StopFile("ant", "mock", "tcp/127.0.0.1:7447", folder=tmp_path)
 
     def fail(_: Stop | None) -> None:
         raise RuntimeError("no memory")
@@ -190,12 +189,11 @@ def test_a_stop_that_is_repeated_after_a_clear_by_others_holds_longer(latch: Sto
 
 
 def test_a_claim_survives_a_restart(guard: Guard, tmp_path: Path) -> None:
-    place = StopPlace(backend="mock", where="tcp/127.0.0.1:7447")
-    latch = StopLatch(guard, StopFile("ant", place, folder=tmp_path))
+    latch = StopLatch(guard, StopFile("ant", "mock", "tcp/127.0.0.1:7447", folder=tmp_path))
     key = new_clear_key()
     latch.stop(claim_of(key))
     latch.close()
-    again = StopLatch(connected()[0], StopFile("ant", place, folder=tmp_path))
+    again = StopLatch(connected()[0], StopFile("ant", "mock", "tcp/127.0.0.1:7447", folder=tmp_path))
     stop = now(again)
     assert again.clear(stop.stop_id, stop.since_s + 60.0) is not None
     assert again.clear(stop.stop_id, stop.since_s + HOLD_S, keys=(key,)) is None

@@ -1,6 +1,5 @@
 """A stop on the disk: what is found after a restart, whatever has become of the file."""
 
-import json
 import os
 import subprocess
 import sys
@@ -14,55 +13,25 @@ import pytest
 from hexctl.control.guard import Guard
 from hexctl.serve.stops import stop_file
 from hexctl.serve.stops.latch import StopLatch
-from hexctl.serve.stops.state_folder import state_folder
-from hexctl.serve.stops.stop import HOLD_S
-from hexctl.serve.stops.stop_file import StopFile
-from hexctl.serve.stops.stop_place import StopPlace
+from hexctl.serve.stops.stop import HOLD_S, MAX_BY, MOST_CLAIMS, claim_of
+from hexctl.serve.stops.stop_file import BLOCK_BYTES, StopFile, state_folder
 from hexctl.waiting import comes_true
 from tests.control.posed import connected
 
-PLACE = StopPlace(backend="feetech", where="/dev/ttyACM0")
+#: The server that was begun last.
+_BEGUN: list[StopLatch] = []
 
 
 def begun(
-    folder: Path, *, asked_only: bool = False, place: StopPlace = PLACE, robot: str = "ant"
+    folder: Path, *, asked_only: bool = False, where: str = "/dev/ttyACM0", robot: str = "ant"
 ) -> tuple[Guard, StopLatch, StopFile]:
-    """A server's stop, as after a start."""
+    """A server's stop, as after a start; the server before has ended."""
+    while _BEGUN:
+        _BEGUN.pop().close()
     guard = connected()[0]
-    file = StopFile(robot, place, folder=folder, asked_only=asked_only)
-    return guard, StopLatch(guard, file), file
-
-
-def stopped_at(folder: Path, place: StopPlace) -> str:
-    """Keep a stop of a robot at a place; its id."""
-    _, latch, _ = begun(folder, place=place)
-    stop = latch.stop()
-    latch.close()
-    return stop.stop_id
-
-
-def cleared_at(folder: Path, place: StopPlace) -> None:
-    """Clear the stop of a robot at a place, in a server of its own."""
-    _, latch, _ = begun(folder, place=place)
-    stop = latch.current()
-    assert stop is not None
-    assert latch.clear(stop.stop_id, stop.since_s + HOLD_S) is None
-    latch.close()
-
-
-def at(where: str) -> StopPlace:
-    """A place whose adapter is not known."""
-    return StopPlace(backend="feetech", where=where)
-
-
-def on_usb(number: int, serial_number: str | None = None, location: str | None = None) -> StopPlace:
-    """A place at an adapter."""
-    return StopPlace(
-        backend="feetech",
-        where=f"/dev/ttyUSB{number}",
-        serial_number=serial_number,
-        location=location,
-    )
+    file = StopFile(robot, "feetech", where, folder=folder, asked_only=asked_only)
+    _BEGUN.append(StopLatch(guard, file))
+    return guard, _BEGUN[0], file
 
 
 @pytest.mark.parametrize("reason", ["estop", "fell", "fault: low battery 9.5 V", "state", "pose lost"])
@@ -78,7 +47,7 @@ def test_a_stop_is_there_after_a_restart_with_its_id_until_it_is_cleared(tmp_pat
     assert status is not None
     assert status["kept"] is True
 
-    guard, latch, file = begun(tmp_path / "state")  # as after a kill: the first was not closed
+    guard, latch, file = begun(tmp_path / "state")
     assert guard.stopped == reason
     again = latch.current()
     assert again is not None
@@ -90,7 +59,7 @@ def test_a_stop_is_there_after_a_restart_with_its_id_until_it_is_cleared(tmp_pat
 
     guard, latch, file = begun(tmp_path / "state")
     assert guard.stopped is None
-    assert list((tmp_path / "state").iterdir()) == []
+    assert list((tmp_path / "state").iterdir()) == [file.path]
 
 
 def test_who_asked_for_a_stop_is_kept_with_it(tmp_path: Path) -> None:
@@ -101,15 +70,14 @@ def test_who_asked_for_a_stop_is_kept_with_it(tmp_path: Path) -> None:
     stop = latch.current()
     assert stop is not None
     assert stop.by == "mia on lab-pc"
-    assert "UTC, asked for by mia on lab-pc), as before the restart" in file.warnings[0]
+    assert "UTC, asked for by mia on lab-pc, ant at /dev/ttyACM0), as before the restart" in file.warnings[0]
 
 
 def test_silence_is_not_kept(tmp_path: Path) -> None:
     guard, latch, _ = begun(tmp_path)
     guard.stop("expired")
     assert latch.current() is not None
-    latch.close()
-    assert list(tmp_path.iterdir()) == []
+    assert begun(tmp_path)[0].stopped is None
 
 
 def test_of_a_simulation_only_what_a_client_asked_for_is_kept(tmp_path: Path) -> None:
@@ -175,26 +143,15 @@ def endless(path: Path) -> None:
 def test_what_is_no_plain_file_is_a_stop_until_it_is_cleared(
     tmp_path: Path, place_strangely: Callable[[Path], None]
 ) -> None:
-    place_strangely(begun(tmp_path)[2].path)
+    place_strangely(StopFile("ant", "feetech", "/dev/ttyACM0", folder=tmp_path).path)
     guard, latch, file = begun(tmp_path)
     assert guard.stopped == "estop"
     assert len(file.warnings) == 1
     stop = latch.current()
     assert stop is not None
     assert latch.clear(stop.stop_id, stop.since_s + HOLD_S) is None
-    latch.close()
-    assert list(tmp_path.iterdir()) == []
     assert begun(tmp_path)[0].stopped is None
-
-
-@pytest.mark.parametrize("place_strangely", [os.mkfifo, dangle])
-def test_what_is_no_plain_file_at_another_place_is_a_stop(
-    tmp_path: Path, place_strangely: Callable[[Path], None]
-) -> None:
-    place_strangely(begun(tmp_path, place=on_usb(0))[2].path)
-    assert begun(tmp_path, place=on_usb(1))[0].stopped == "estop"
-    cleared_at(tmp_path, on_usb(1))
-    assert begun(tmp_path, place=on_usb(1))[0].stopped is None
+    assert list(tmp_path.iterdir()) == [file.path]
 
 
 def test_a_folder_that_is_a_link_to_nothing_is_a_stop(tmp_path: Path) -> None:
@@ -204,7 +161,7 @@ def test_a_folder_that_is_a_link_to_nothing_is_a_stop(tmp_path: Path) -> None:
 
 
 def test_a_folder_in_the_place_of_the_file_is_a_stop_and_its_trouble_is_said(tmp_path: Path) -> None:
-    _, latch, file = begun(tmp_path)
+    file = StopFile("ant", "feetech", "/dev/ttyACM0", folder=tmp_path)
     file.path.mkdir()
     guard, latch, file = begun(tmp_path)
     assert guard.stopped == "estop"
@@ -236,137 +193,6 @@ def test_where_nothing_can_be_written_it_is_said_at_the_start(tmp_path: Path) ->
     latch.stop()
     latch.close()
     assert guard.stopped == "estop"
-
-
-def test_robots_and_ports_have_files_of_their_own(tmp_path: Path) -> None:
-    places = [("ant", "a"), ("ant", "b"), ("../../etc/x", "a")]
-    paths = {
-        StopFile(robot, StopPlace(backend="mock", where=where), folder=tmp_path).path
-        for robot, where in places
-    }
-    assert len(paths) == 3
-    assert {path.parent for path in paths} == {tmp_path}
-
-
-def test_an_adapter_with_another_name_is_the_same_by_its_number(tmp_path: Path) -> None:
-    stop_id = stopped_at(tmp_path, on_usb(0, "0403:6014 serial A1"))
-    guard, latch, file = begun(tmp_path, place=on_usb(1, "0403:6014 serial A1"))
-    assert guard.stopped == "estop"
-    stop = latch.current()
-    assert stop is not None
-    assert stop.stop_id == stop_id
-    assert "which may be" not in file.warnings[0]
-    latch.close()
-    cleared_at(tmp_path, on_usb(2, "0403:6014 serial A1"))
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("before", "after"),
-    [
-        (on_usb(0), on_usb(1)),
-        (on_usb(0, None, "1a86:7523 at 1-2"), on_usb(0, None, "1a86:7523 at 1-3")),
-        (on_usb(0), on_usb(0, "0403:6014 serial A1")),
-        (on_usb(0, "0403:6014 serial A1"), on_usb(1)),
-        (at("/dev/ttyCH341USB0"), at("/dev/ttyCH341USB1")),
-        (at("/dev/cu.usbserial-1410"), at("/dev/cu.usbserial-1420")),
-        (at("/dev/a-link-that-is-gone"), on_usb(0, "0403:6014 serial A1")),
-        (at("/dev/ttyAMA0"), on_usb(0)),
-    ],
-)
-def test_where_adapters_cannot_be_told_apart_the_robot_is_stopped_and_it_is_said_why(
-    tmp_path: Path, before: StopPlace, after: StopPlace
-) -> None:
-    stopped_at(tmp_path, before)
-    guard, latch, file = begun(tmp_path, place=after)
-    assert guard.stopped == "estop"
-    assert f"kept for ant, {before}, which may be this one" in file.warnings[0]
-    latch.close()
-    cleared_at(tmp_path, before)
-    assert begun(tmp_path, place=after)[0].stopped == "estop", "cleared at one place alone"
-    stopped_at(tmp_path, before)
-    cleared_at(tmp_path, after)
-    assert begun(tmp_path, place=after)[0].stopped is None
-    assert begun(tmp_path, place=before)[0].stopped == "estop", "it is not lost where it was kept"
-    cleared_at(tmp_path, before)
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    ("place", "stopped"),
-    [
-        (on_usb(1, "0403:6014 serial A1"), True),
-        (at("/dev/ttyAMA0"), True),
-        (at("tcp/127.0.0.1:7447"), False),
-    ],
-    ids=str,
-)
-def test_a_stop_without_its_place_is_in_force_at_each_device(
-    tmp_path: Path, place: StopPlace, stopped: bool
-) -> None:
-    _, latch, file = begun(tmp_path, place=on_usb(0))
-    latch.stop()
-    latch.close()
-    kept = json.loads(file.path.read_text())
-    for name in ("backend", "where", "serial_number", "location", "cleared"):
-        del kept[name]
-    file.path.write_text(json.dumps(kept))
-    guard, _, file = begun(tmp_path, place=place)
-    assert guard.stopped == ("estop" if stopped else None)
-    assert ["cannot be read" in line for line in file.warnings] == [True] * stopped
-
-
-def test_a_stop_that_came_later_at_another_place_is_not_cleared_with_the_one_before_it(
-    tmp_path: Path,
-) -> None:
-    first = stopped_at(tmp_path, on_usb(0))
-    _, latch, _ = begun(tmp_path, place=on_usb(1))
-    cleared_at(tmp_path, on_usb(0))
-    later = stopped_at(tmp_path, on_usb(0))
-    stop = latch.current()
-    assert stop is not None
-    assert stop.stop_id == first
-    assert latch.clear(first, stop.since_s + HOLD_S) is None
-    latch.close()
-    _, latch, _ = begun(tmp_path, place=on_usb(1))
-    stop = latch.current()
-    assert stop is not None
-    assert stop.stop_id == later
-
-
-def test_a_file_of_another_place_that_cannot_be_read_is_a_stop_until_it_is_cleared(tmp_path: Path) -> None:
-    file = begun(tmp_path, place=on_usb(0))[2]
-    file.path.write_bytes(b"{")
-    guard, _, again = begun(tmp_path, place=on_usb(1))
-    assert guard.stopped == "estop"
-    assert f"{file.path} cannot be read" in again.warnings[0]
-    cleared_at(tmp_path, on_usb(1))
-    assert begun(tmp_path, place=on_usb(1))[0].stopped is None
-    assert begun(tmp_path, place=on_usb(0))[0].stopped == "estop"
-
-
-@pytest.mark.parametrize(
-    ("place", "robot", "told"),
-    [
-        (on_usb(0, "0403:6014 serial B2"), "ant", True),
-        (on_usb(1), "phantomx", False),
-        (StopPlace(backend="lx16a", where="/dev/ttyUSB1"), "ant", False),
-        (at("tcp/127.0.0.1:7447"), "ant", False),
-    ],
-)
-def test_a_stop_of_another_robot_is_not_in_force_and_is_told_where_it_may_be_meant(
-    tmp_path: Path, place: StopPlace, robot: str, told: bool
-) -> None:
-    stopped_at(tmp_path, on_usb(0, "0403:6014 serial A1"))
-    guard, latch, file = begun(tmp_path, place=place, robot=robot)
-    assert guard.stopped is None
-    assert bool(file.warnings) is told
-    for line in file.warnings:
-        assert line.startswith("a stop of another ant is kept, and not in force here: estop, 20")
-        assert "feetech at /dev/ttyUSB0 (0403:6014 serial A1)" in line
-    latch.stop()
-    latch.close()
-    assert begun(tmp_path, place=on_usb(0, "0403:6014 serial A1"))[0].stopped == "estop"
 
 
 def test_the_folder_is_systemds_or_the_users(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -430,3 +256,70 @@ def test_a_stop_is_kept_although_all_descriptors_are_taken(tmp_path: Path) -> No
     _, latch, _ = begun(tmp_path)
     assert latch.current() is not None
     latch.close()
+
+
+def test_a_device_with_another_name_changes_nothing_and_the_stop_says_where_it_was(tmp_path: Path) -> None:
+    begun(tmp_path, where="/dev/ttyUSB0")[1].stop()
+    guard, _, file = begun(tmp_path, where="/dev/ttyUSB1")
+    assert guard.stopped == "estop"
+    assert "ant at /dev/ttyUSB0" in file.warnings[0]
+
+
+def test_robots_have_files_of_their_own_by_name_backend_and_place(tmp_path: Path) -> None:
+    robots = [("ant", "mock", "a"), ("ant", "mock", "b"), ("ant", "dead", "a"), ("../../etc/x", "mock", "a")]
+    devices = ["/dev/ttyUSB0", "serial:/dev/ttyACM0:1000000"]
+    paths = {StopFile(*robot, folder=tmp_path).path for robot in robots}
+    assert len(paths) == len(robots)
+    assert len({StopFile("ant", "mock", device, folder=tmp_path).path for device in devices} - paths) == 1
+    assert {path.parent for path in paths} == {tmp_path}
+
+
+def test_two_robots_of_one_name_do_not_share_a_stop_and_the_second_says_that_it_keeps_none(
+    tmp_path: Path,
+) -> None:
+    _, latch, file = begun(tmp_path, where="/dev/ttyUSB0")
+    stop = latch.stop()
+    assert comes_true(lambda: file.keeps(stop), 10.0)
+    second = StopFile("ant", "feetech", "/dev/ttyUSB1", folder=tmp_path)
+    guard = connected()[0]
+    other = StopLatch(guard, second)
+    assert guard.stopped is None
+    assert "will not survive a restart" in second.warnings[0]
+    stopped = other.stop()
+    assert not second.keeps(stopped)
+    assert other.clear(stopped.stop_id, stopped.since_s + HOLD_S) is None
+    other.close()
+    guard, latch, _ = begun(tmp_path, where="/dev/ttyUSB0")
+    assert guard.stopped == "estop"
+    assert latch.current().stop_id == stop.stop_id  # type: ignore[union-attr]
+
+
+def test_a_file_that_is_removed_meanwhile_is_made_anew(tmp_path: Path) -> None:
+    _, latch, file = begun(tmp_path)
+    file.path.unlink()
+    latch.stop()
+    assert begun(tmp_path)[0].stopped == "estop"
+
+
+def test_a_write_that_is_cut_off_anywhere_loses_no_stop(tmp_path: Path) -> None:
+    _, latch, file = begun(tmp_path)
+    cleared = file.path.read_bytes()
+    latch.stop(by="mia")
+    latch.close()
+    stopped = file.path.read_bytes()
+    assert len(stopped) == len(cleared) == BLOCK_BYTES
+    for before, after in ((cleared, stopped), (stopped, cleared)):
+        for cut in range(1, len(after.rstrip())):
+            file.path.write_bytes(after[:cut] + before[cut:])
+            assert StopFile("ant", "feetech", "/dev/ttyACM0", folder=tmp_path).load() is not None
+
+
+@pytest.mark.parametrize("character", ["\0", "\U0001f916", '"', "\ud800"])
+def test_the_longest_texts_fit_into_the_file(tmp_path: Path, character: str) -> None:
+    guard, latch, file = begun(tmp_path, robot=1000 * character, where=1000 * character)
+    guard.stop(1000 * character)
+    for number in range(2 * MOST_CLAIMS):
+        latch.stop(claim_of(str(number)), by=MAX_BY * "\U0001f916")
+    latch.close()
+    assert len(file.path.read_bytes()) == BLOCK_BYTES
+    assert begun(tmp_path, robot=1000 * character, where=1000 * character)[1].current().claims  # type: ignore[union-attr]
