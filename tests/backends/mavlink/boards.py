@@ -22,7 +22,7 @@ from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec, Frame
 from hexctl.robot.loader import load_servo_map
 from hexctl.robot.servos.servo_map import ServoMap
-from hexctl.serve.boards import board_messages
+from hexctl.simulators import board_messages
 from hexctl.types import FloatArray
 from hexctl.waiting import wait_for
 from tests.robots import edited_file, put, shipped
