@@ -1,11 +1,11 @@
 """Waiting for a condition, or for a descriptor, with a timeout."""
 
 import select
-import time
 from collections.abc import Callable
 from typing import TypeVar
 
 from hexctl.errors import RobotFaultError
+from hexctl.time_source import WALL_TIME, TimeSource
 
 Value = TypeVar("Value")
 
@@ -16,9 +16,11 @@ POLL_S = 0.01
 SELECTABLE = 1024
 
 
-def comes_true(condition: Callable[[], bool], timeout_s: float, *, poll_s: float = POLL_S) -> bool:
+def comes_true(
+    condition: Callable[[], bool], timeout_s: float, *, poll_s: float = POLL_S, time: TimeSource = WALL_TIME
+) -> bool:
     """Whether a condition comes true in time; it is tested at least once and then every `poll_s`."""
-    return _first_true(condition, timeout_s, poll_s) is not None
+    return _first_true(condition, timeout_s, poll_s, time) is not None
 
 
 def wait_for(
@@ -27,6 +29,7 @@ def wait_for(
     message: str | Callable[[], str],
     *,
     poll_s: float = POLL_S,
+    time: TimeSource = WALL_TIME,
 ) -> Value:
     """First true value of a condition, which is tested at least once and then every `poll_s`.
 
@@ -35,20 +38,23 @@ def wait_for(
         timeout_s: how long to wait.
         message: text of the error, or a function that makes it when it is needed.
         poll_s: pause between two tests.
+        time: where the timeout is measured and the pauses pass.
 
     Raises RobotFaultError with the message when the condition is still false after the timeout.
     """
-    value = _first_true(condition, timeout_s, poll_s)
+    value = _first_true(condition, timeout_s, poll_s, time)
     if value is None:
         raise RobotFaultError(message if isinstance(message, str) else message())
     return value
 
 
-def _first_true(condition: Callable[[], Value | None], timeout_s: float, poll_s: float) -> Value | None:
+def _first_true(
+    condition: Callable[[], Value | None], timeout_s: float, poll_s: float, time: TimeSource
+) -> Value | None:
     """First true value of a condition, or None when it is still false after the timeout."""
-    deadline_s = time.monotonic() + timeout_s
+    deadline_s = time.now() + timeout_s
     while not (value := condition()):
-        if time.monotonic() >= deadline_s:
+        if time.now() >= deadline_s:
             return None
         time.sleep(poll_s)
     return value

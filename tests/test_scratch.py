@@ -37,7 +37,7 @@ certificates.make_certificates(Path(sys.argv[1]), hosts=["127.0.0.1"], days=1)
 BOARD = """
 import sys, tempfile
 tempfile.tempdir = sys.argv[1].rpartition("/")[0]
-from hexctl.serve.boards.simulated_board import SocketLine
+from hexctl.simulators.simulated_board import SocketLine
 line = SocketLine("i2c")
 print("drafting", flush=True)
 sys.stdin.read()

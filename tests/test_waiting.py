@@ -3,7 +3,8 @@
 import pytest
 
 from hexctl.errors import RobotFaultError
-from hexctl.waiting import wait_for
+from hexctl.waiting import comes_true, wait_for
+from tests.backends.fake_time import FakeTime
 
 
 def test_the_first_true_value_ends_the_wait() -> None:
@@ -17,8 +18,16 @@ def test_a_condition_is_tested_once_even_without_time() -> None:
 
 @pytest.mark.parametrize("message", ["it never came", lambda: "it never came"])
 def test_a_condition_that_stays_false_is_an_error_with_the_message(message: str) -> None:
+    time = FakeTime(50.0)
     with pytest.raises(RobotFaultError, match="it never came"):
-        wait_for(lambda: None, 0.01, message, poll_s=0.001)
+        wait_for(lambda: None, 60.0, message, poll_s=0.5, time=time)
+    assert time.now() == pytest.approx(110.0, abs=1.0)
+
+
+def test_a_condition_that_comes_true_in_time_is_not_waited_for_any_longer() -> None:
+    time = FakeTime(50.0)
+    assert comes_true(lambda: time.now() > 60.0, 60.0, poll_s=0.5, time=time)
+    assert time.now() == pytest.approx(60.0, abs=1.0)
 
 
 def test_what_a_condition_raises_ends_the_wait() -> None:

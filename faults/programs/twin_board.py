@@ -26,13 +26,13 @@ from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.robot.servos.drivers import BUS_DRIVERS
 from hexctl.robot.servos.pwm_map import pwm_map_of
 from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
-from hexctl.serve.boards.board_faults import parse_fault
-from hexctl.serve.boards.bus_board import BusBoard
-from hexctl.serve.boards.lx16a_servos import Lx16aServos
-from hexctl.serve.boards.pca9685_board import Pca9685Board
-from hexctl.serve.boards.servo2040_board import Servo2040Board
-from hexctl.serve.boards.servo_board import ServoBoard
-from hexctl.serve.boards.simulated_board import PseudoTerminal, SimulatedBoard
+from hexctl.simulators.board_faults import parse_fault
+from hexctl.simulators.bus_board import BusBoard
+from hexctl.simulators.lx16a_servos import Lx16aServos
+from hexctl.simulators.pca9685_board import Pca9685Board
+from hexctl.simulators.servo2040_board import Servo2040Board
+from hexctl.simulators.servo_board import ServoBoard
+from hexctl.simulators.simulated_board import PseudoTerminal, SimulatedBoard
 
 
 class LossyLine:

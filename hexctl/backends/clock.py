@@ -2,11 +2,12 @@
 
 import math
 import os
-import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+
+from hexctl.time_source import WALL_TIME, TimeSource
 
 #: The control period of hexctl, 50 Hz.
 PERIOD_S = 0.02
@@ -27,7 +28,7 @@ class Standstill:
 
     Attributes:
         duration_s: how long it was.
-        ended_s: when it ended, on time.monotonic; long ago unless given.
+        ended_s: when it ended, by the clock's time source; long ago unless given.
     """
 
     duration_s: float
@@ -65,13 +66,14 @@ class Clock(ABC):
         overruns: grid points missed so far because a tick took too long.
         standstill: the last time in which this program stood still, or None.
         waits: whether its ticks wait for the time.
+        time: where the servos that it belongs to get the time from.
     """
 
     standstill: Standstill | None = None
     waits = False
 
-    def __init__(self, period_s: float = PERIOD_S) -> None:
-        self.period_s = period_s
+    def __init__(self, period_s: float = PERIOD_S, *, time: TimeSource = WALL_TIME) -> None:
+        self.period_s, self.time = period_s, time
         self.index = self.overruns = 0
 
     @abstractmethod
@@ -91,7 +93,7 @@ class Clock(ABC):
     def standing_still(self) -> Standstill | None:
         """A standstill in which the tick of now was lost, or the last one if it has just ended."""
         last = self.standstill
-        return last if last is not None and time.monotonic() - last.ended_s < STANDSTILL_S else None
+        return last if last is not None and self.time.now() - last.ended_s < STANDSTILL_S else None
 
     @abstractmethod
     def pause(self) -> None:
@@ -108,26 +110,18 @@ class WallClock(Clock):
 
     waits = True
 
-    def __init__(
-        self,
-        period_s: float = PERIOD_S,
-        *,
-        monotonic_s: Callable[[], float] = time.monotonic,
-        sleep: Callable[[float], None] = time.sleep,
-    ) -> None:
-        super().__init__(period_s)
-        self._monotonic_s = monotonic_s
-        self._sleep = sleep
+    def __init__(self, period_s: float = PERIOD_S, *, time: TimeSource = WALL_TIME) -> None:
+        super().__init__(period_s, time=time)
         self._origin_s: float | None = None
         self._paused = False
 
     @property
     def now_s(self) -> float:
         """Time since the first call of `tick`."""
-        return 0.0 if self._origin_s is None else self._monotonic_s() - self._origin_s
+        return 0.0 if self._origin_s is None else self.time.now() - self._origin_s
 
     def begin(self, at_s: float) -> None:
-        """Begin the grid at a moment of its monotonic time, unless it has begun."""
+        """Begin the grid at a moment of its time source, unless it has begun."""
         if self._origin_s is None:
             self._origin_s = at_s
 
@@ -144,13 +138,13 @@ class WallClock(Clock):
         """A standstill in which the tick of now was lost, or the last one if it has just ended."""
         passed_s = self.now_s - self.index * self.period_s
         if self.index and not self._paused and passed_s > STANDSTILL_S:
-            return Standstill(passed_s, time.monotonic())
+            return Standstill(passed_s, self.time.now())
         return super().standing_still()
 
     def tick(self) -> Tick:
         """The next grid point, after sleeping until it; points already missed are skipped."""
         if self._origin_s is None:
-            self._origin_s = self._monotonic_s()
+            self._origin_s = self.time.now()
         due = self.index + 1
         newest = math.floor(self.now_s / self.period_s)
         if newest > due:
@@ -162,10 +156,10 @@ class WallClock(Clock):
         self.index = due
         origin_s, time_s = self._origin_s, due * self.period_s
         # As little as possible between waking up and reading the clock: it would all be lateness.
-        while (late_s := self._monotonic_s() - origin_s - time_s) < 0:
-            self._sleep(-late_s if late_s > -2 * NAP_S else -late_s - NAP_S)
+        while (late_s := self.time.now() - origin_s - time_s) < 0:
+            self.time.sleep(-late_s if late_s > -2 * NAP_S else -late_s - NAP_S)
         if late_s > STANDSTILL_S:  # while it slept; whoever pauses the clock now knows of it
-            self.standstill = Standstill(late_s, time.monotonic())
+            self.standstill = Standstill(late_s, self.time.now())
         return Tick(due, time_s, late_s)
 
 

@@ -13,8 +13,8 @@ from hexctl.backends.pwm.i2c_socket import I2cSocket
 from hexctl.control.controllers import sitting_angles_rad
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.bus_map import bus_map_of
-from hexctl.serve.boards.register_servos import BusServo
 from hexctl.serve.keeper import KeeperSpec, take_over, wait_for_the_end
+from hexctl.simulators.register_servos import BusServo
 from hexctl.types import JOINT_NAMES, FloatArray, JointTargets
 from tests.backends.bus.boards import a_map, bus_board
 from tests.backends.mavlink.boards import board

@@ -11,10 +11,10 @@ import pytest
 from hexctl.backends.bus.registers import table_of
 from hexctl.errors import InputError
 from hexctl.robot.configs import config_root
-from hexctl.serve.boards.register_servos import BusServo
 from hexctl.serve.keeper import Keeper, KeeperSpec
 from hexctl.serve.server import RobotServer
 from hexctl.serve.service import RobotService, ServiceStarted
+from hexctl.simulators.register_servos import BusServo
 from tests.backends.bus.boards import a_map, bus_board
 from tests.backends.pwm.boards import servo2040_board
 from tests.serve.processes import free_port

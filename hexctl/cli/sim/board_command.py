@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from hexctl.cli.output_options import JsonOption
 from hexctl.cli.signature import with_options
-from hexctl.serve.boards.board_options import BoardOptions
+from hexctl.simulators.board_options import BoardOptions
 
 if TYPE_CHECKING:
     from hexctl.serve.service import ServiceStarted
@@ -19,7 +19,7 @@ def board(asked: dict[str, Any], as_json: JsonOption = False) -> None:
     feetech --connect PORT that behind servos on a bus.
     """
     from hexctl.cli.console import StopOnInterrupt, print_note, print_result
-    from hexctl.serve.boards.board_service import BoardService
+    from hexctl.simulators.board_service import BoardService
 
     bus = asked["bus"]
     service = BoardService(**asked)

@@ -12,8 +12,8 @@ from hexctl.backends.mock import MockServos
 from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.bus_map import BusMap, bus_map_of
 from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
-from hexctl.serve.boards.board_faults import parse_fault
-from hexctl.serve.boards.bus_board import BusBoard
+from hexctl.simulators.board_faults import parse_fault
+from hexctl.simulators.bus_board import BusBoard
 from tests.robots import shipped
 
 #: Models of every kind of registers.

@@ -12,8 +12,8 @@ from hexctl.backends.bus.lx16a_bus import LOSSY_S, LOST_MOVES, MOST_MOVES, Lx16a
 from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.bus.servo_bus import BusCounters
 from hexctl.backends.bus.tools import bus_of
-from hexctl.serve.boards.bus_board import BusBoard
-from hexctl.serve.boards.lx16a_servos import SimulatedLx16aServo
+from hexctl.simulators.bus_board import BusBoard
+from hexctl.simulators.lx16a_servos import SimulatedLx16aServo
 from hexctl.types import FloatArray
 from tests.backends.bus.boards import a_map, bus_board, stance_counts
 from tests.backends.bus.late_servo import LateServo

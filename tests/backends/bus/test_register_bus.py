@@ -13,8 +13,8 @@ from hexctl.backends.bus.servo_bus import BusCounters
 from hexctl.backends.bus.tools import bus_of
 from hexctl.errors import RobotFaultError
 from hexctl.robot.servos.bus_map import BusMap
-from hexctl.serve.boards.bus_board import BusBoard
-from hexctl.serve.boards.register_servos import BusServo
+from hexctl.simulators.bus_board import BusBoard
+from hexctl.simulators.register_servos import BusServo
 from tests.backends.bus.boards import MODELS, a_map, bus_board, stance_counts
 
 EVERY = np.ones(18, dtype=bool)

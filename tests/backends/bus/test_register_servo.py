@@ -10,7 +10,7 @@ from hexctl.backends.bus.packets import PROTOCOLS, READ
 from hexctl.backends.bus.register_servo import RegisterServo
 from hexctl.backends.bus.registers import table_of
 from hexctl.backends.bus.serial_line import SerialLine
-from hexctl.serve.boards.register_servos import BusServo
+from hexctl.simulators.register_servos import BusServo
 from tests.backends.bus.boards import a_map, bus_board
 
 

@@ -9,8 +9,8 @@ import pytest
 from hexctl.backends.bus.registers import Register, RegisterTable, table_of
 from hexctl.backends.bus.servos import BusServos
 from hexctl.errors import RobotFaultError
-from hexctl.serve.boards.bus_board import BusBoard
-from hexctl.serve.boards.register_servos import BusServo
+from hexctl.simulators.bus_board import BusBoard
+from hexctl.simulators.register_servos import BusServo
 from hexctl.types import JointTargets, RobotState
 from tests.backends.bus.boards import a_map, bus_board, servos_on
 

@@ -14,7 +14,7 @@ from hexctl.backends.bus.servo_bus import Report
 from hexctl.backends.bus.servos import BusServos, parse_bus_port
 from hexctl.control.guard import Guard
 from hexctl.errors import InputError, RobotFaultError
-from hexctl.serve.boards.register_servos import BusServo
+from hexctl.simulators.register_servos import BusServo
 from hexctl.testing.servo_conformance import LegServosConformance
 from hexctl.types import JointTargets, RobotState
 from hexctl.waiting import wait_for

@@ -9,7 +9,7 @@ from hexctl.errors import RobotFaultError
 from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.bus_map import BusMap, bus_map_of
 from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
-from hexctl.serve.boards.register_servos import BusServo
+from hexctl.simulators.register_servos import BusServo
 from hexctl.types import JOINT_NAMES
 from tests.backends.bus.boards import a_map, bus_board, servos_on
 from tests.robots import shipped

@@ -4,7 +4,7 @@ import pytest
 
 from hexctl.backends.bus.tools import scan_bus, set_servo_id
 from hexctl.errors import InputError, RobotFaultError
-from hexctl.serve.boards.register_servos import BusServo
+from hexctl.simulators.register_servos import BusServo
 from tests.backends.bus.boards import MODELS, a_map, bus_board, stance_counts
 
 ALL_BUT_ONE = [

@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
@@ -22,7 +23,8 @@ from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec, Frame
 from hexctl.robot.loader import load_servo_map
 from hexctl.robot.servos.servo_map import ServoMap
-from hexctl.serve.boards import board_messages
+from hexctl.simulators import board_messages
+from hexctl.time_source import TimeSource
 from hexctl.types import FloatArray
 from hexctl.waiting import wait_for
 from tests.robots import edited_file, put, shipped
@@ -50,11 +52,22 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def fast_clock(speed: float = 4.0) -> WallClock:
+@dataclass(frozen=True)
+class FastTime(TimeSource):
+    """Time whose seconds are shorter."""
+
+    speed: float = 4.0
+
+    def now(self) -> float:
+        return self.speed * super().now()
+
+    def sleep(self, duration_s: float) -> None:
+        super().sleep(duration_s / self.speed)
+
+
+def fast_clock() -> WallClock:
     """A clock whose seconds are shorter."""
-    return WallClock(
-        monotonic_s=lambda: speed * time.monotonic(), sleep=lambda duration_s: time.sleep(duration_s / speed)
-    )
+    return WallClock(time=FastTime())
 
 
 class BoardProcess:

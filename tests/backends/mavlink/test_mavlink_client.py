@@ -19,7 +19,7 @@ from hexctl.cli.main import exit_code
 from hexctl.control.guard import Guard
 from hexctl.errors import EStopError, InputError, RobotFaultError
 from hexctl.robot.loader import load_robot_file, load_servo_map
-from hexctl.serve.boards import board_messages
+from hexctl.simulators import board_messages
 from hexctl.testing.servo_conformance import LegServosConformance, check_state, move
 from hexctl.types import JointTargets, RobotState
 from tests.backends.mavlink.boards import (

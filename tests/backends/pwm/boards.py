@@ -11,10 +11,10 @@ from hexctl.backends.pwm.pca9685 import Pca9685Servos
 from hexctl.backends.pwm.servo2040 import Servo2040Servos
 from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.pwm_map import PwmMap, pwm_map_of
-from hexctl.serve.boards.board_faults import parse_fault
-from hexctl.serve.boards.pca9685_board import Pca9685Board
-from hexctl.serve.boards.servo2040_board import Servo2040Board
-from hexctl.serve.boards.simulated_board import SimulatedBoard
+from hexctl.simulators.board_faults import parse_fault
+from hexctl.simulators.pca9685_board import Pca9685Board
+from hexctl.simulators.servo2040_board import Servo2040Board
+from hexctl.simulators.simulated_board import SimulatedBoard
 from tests.robots import shipped
 
 Board = TypeVar("Board", bound=SimulatedBoard)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from smbus2 import i2c_msg
 
 from hexctl.backends.pwm.i2c_socket import I2cMessage, I2cSocket, encode_transaction, take_transaction
-from hexctl.serve.boards.pca9685_chips import SimulatedPca9685
+from hexctl.simulators.pca9685_chips import SimulatedPca9685
 from hexctl.waiting import wait_for
 from tests.backends.pwm.boards import pca9685_board
 

@@ -28,8 +28,8 @@ from hexctl.backends.pwm.servo2040 import (
 )
 from hexctl.control.guard import Guard
 from hexctl.errors import InputError, RobotFaultError
-from hexctl.serve.boards.board_faults import parse_fault
-from hexctl.serve.boards.servo2040_board import Servo2040Board
+from hexctl.simulators.board_faults import parse_fault
+from hexctl.simulators.servo2040_board import Servo2040Board
 from hexctl.testing.servo_conformance import LegServosConformance
 from hexctl.types import JointTargets, RobotState
 from hexctl.waiting import wait_for

@@ -401,13 +401,19 @@ from hexctl.backends.clock import WallClock
 from hexctl.backends.mock import MockServos
 
 
+class KitTime:
+    now_s = 0.0
+
+    def now(self):
+        return self.now_s
+
+    def sleep(self, duration_s):
+        self.now_s += max(duration_s, 1e-9)
+
+
 class KitServos(MockServos):
     def __init__(self, robot):
-        self.now_s = 0.0
-        super().__init__(robot, clock=WallClock(monotonic_s=lambda: self.now_s, sleep=self.go_on))
-
-    def go_on(self, duration_s):
-        self.now_s += max(duration_s, 1e-9)
+        super().__init__(robot, clock=WallClock(time=KitTime()))
 """
 
 

@@ -16,7 +16,7 @@ from hexctl.robot.loader import load_robot_file
 from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.robot.servos.pwm_map import PwmMap, pwm_map_of
-from hexctl.serve.boards.bus_board import BusBoard
+from hexctl.simulators.bus_board import BusBoard
 from hexctl.types import FloatArray, JointTargets, RobotState
 from tests.backends.bus.boards import bus_board
 from tests.backends.pwm.boards import pca9685_board, servo2040_board

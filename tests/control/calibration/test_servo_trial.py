@@ -12,8 +12,8 @@ from hexctl.backends.mock import MockServos
 from hexctl.control.calibration.servo_trial import TEST_DEG, held, try_servo, wiggle
 from hexctl.errors import RobotFaultError
 from hexctl.robot.servos.servo_models import DEFAULT_BAUDS
-from hexctl.serve.boards.bus_board import BusBoard
-from hexctl.serve.boards.register_servos import BusServo
+from hexctl.simulators.bus_board import BusBoard
+from hexctl.simulators.register_servos import BusServo
 from hexctl.types import JointTargets
 from tests.backends.bus.boards import MODELS, a_map, bus_board, stance_counts
 from tests.robots import shipped

@@ -16,11 +16,11 @@ from hexctl.backends.pwm.i2c_socket import I2cMessage, encode_transaction, take_
 from hexctl.backends.pwm.servo2040 import get_frame, set_frame
 from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.pwm_map import pwm_map_of
-from hexctl.serve.boards.bus_board import FAMILIES
-from hexctl.serve.boards.bus_faults import BusFaults
-from hexctl.serve.boards.bus_servos import BusBoardCounters, SimulatedServo, SimulatedServos
-from hexctl.serve.boards.pca9685_chips import SimulatedI2c, SimulatedPca9685
-from hexctl.serve.boards.servo2040_board import Servo2040Board
+from hexctl.simulators.bus_board import FAMILIES
+from hexctl.simulators.bus_faults import BusFaults
+from hexctl.simulators.bus_servos import BusBoardCounters, SimulatedServo, SimulatedServos
+from hexctl.simulators.pca9685_chips import SimulatedI2c, SimulatedPca9685
+from hexctl.simulators.servo2040_board import Servo2040Board
 from hexctl.types import N_JOINTS, FloatArray
 from tests.backends.bus.boards import MODELS, a_map, stance_counts
 from tests.fuzz.target import Target

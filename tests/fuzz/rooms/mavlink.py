@@ -16,8 +16,8 @@ from hexctl.backends.mock import MockServos
 from hexctl.errors import CommandRefusedError
 from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.servo_map import servo_map_of
-from hexctl.serve.boards.board_messages import ANSWERS, answers, for_us
-from hexctl.serve.boards.servo_board import Channels, Peers, ServoBoard
+from hexctl.simulators.board_messages import ANSWERS, answers, for_us
+from hexctl.simulators.servo_board import Channels, Peers, ServoBoard
 from hexctl.types import N_JOINTS
 from tests.fuzz.folder import written
 from tests.fuzz.target import Target

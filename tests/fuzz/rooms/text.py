@@ -25,10 +25,10 @@ from hexctl.robot.failure_grammar import (
     parse_legs,
     read_failures,
 )
-from hexctl.serve.boards.board_faults import parse_fault
-from hexctl.serve.boards.bus_faults import BUS_FAULTS
-from hexctl.serve.boards.pca9685_board import PCA9685_FAULTS
-from hexctl.serve.boards.servo2040_board import SERVO2040_FAULTS
+from hexctl.simulators.board_faults import parse_fault
+from hexctl.simulators.bus_faults import BUS_FAULTS
+from hexctl.simulators.pca9685_board import PCA9685_FAULTS
+from hexctl.simulators.servo2040_board import SERVO2040_FAULTS
 from hexctl.teleop.picture_relay import PictureRelay
 from hexctl.vision.camera_options import parse_size
 from hexctl.vision.twin.camera_faults import parse_camera_fault

@@ -23,8 +23,8 @@ from hexctl.backends.mavlink.mavlink_transport import Address, Arrival, MavlinkL
 from hexctl.control.guard import EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, RobotFaultError
 from hexctl.robot.servos.servo_map import ServoMap
-from hexctl.serve.boards import board_messages
-from hexctl.serve.boards.board_messages import answers, for_us
+from hexctl.simulators import board_messages
+from hexctl.simulators.board_messages import answers, for_us
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, JointTargets, RobotState
 
 #: After a silence in which the pose was held, overrides of a controller whose heartbeats do not show that it

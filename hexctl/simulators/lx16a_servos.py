@@ -7,7 +7,7 @@ import numpy as np
 from hexctl.backends.bus import lx16a_packets as lx
 from hexctl.backends.bus.packets import BROADCAST
 from hexctl.robot.servos.servo_models import ServoType
-from hexctl.serve.boards.bus_servos import USUAL_C, SimulatedServo, SimulatedServos
+from hexctl.simulators.bus_servos import USUAL_C, SimulatedServo, SimulatedServos
 
 
 class SimulatedLx16aServo(SimulatedServo):

@@ -6,8 +6,8 @@ import pytest
 
 from hexctl.errors import InputError
 from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
-from hexctl.serve.boards.board_service import BoardService
 from hexctl.serve.service import ServiceStarted
+from hexctl.simulators.board_service import BoardService
 
 
 @pytest.mark.parametrize(

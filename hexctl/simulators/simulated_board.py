@@ -20,7 +20,7 @@ from hexctl.backends.clock import SPARE_S
 from hexctl.control.guard import StepLimits
 from hexctl.errors import RobotFaultError
 from hexctl.scratch import scratch_folder
-from hexctl.serve.boards.board_faults import BoardFault, DueFaults
+from hexctl.simulators.board_faults import BoardFault, DueFaults
 from hexctl.types import BoolArray, FloatArray, JointTargets, RobotState
 
 if TYPE_CHECKING:

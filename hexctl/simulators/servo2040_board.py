@@ -24,8 +24,8 @@ from hexctl.backends.pwm.servo2040 import (
 )
 from hexctl.errors import InputError
 from hexctl.robot.servos.pwm_map import SERVO2040_US, PwmMap
-from hexctl.serve.boards.board_faults import BoardFault
-from hexctl.serve.boards.simulated_board import PseudoTerminal, SimulatedBoard
+from hexctl.simulators.board_faults import BoardFault
+from hexctl.simulators.simulated_board import PseudoTerminal, SimulatedBoard
 from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState
 
 #: The firmwares.

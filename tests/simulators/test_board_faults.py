@@ -3,7 +3,7 @@
 import pytest
 
 from hexctl.errors import InputError
-from hexctl.serve.boards.board_faults import BoardFault, DueFaults, parse_fault
+from hexctl.simulators.board_faults import BoardFault, DueFaults, parse_fault
 
 KINDS = {"mute": "", "trip": "AMPERES", "garble": "SHARE", "nack": "[:SHARE]"}
 

@@ -6,7 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import common
 
 from hexctl.backends.mavlink.codec import Codec
-from hexctl.serve.boards.board_messages import PARAMETER, answers
+from hexctl.simulators.board_messages import PARAMETER, answers
 
 #: What QGroundControl and mavsdk ask a new system for, and the answer that ends their waiting.
 REQUESTS = {

@@ -8,12 +8,12 @@ import numpy as np
 from hexctl.backends.base import LegServos
 from hexctl.backends.bus.tools import FACTORY_ID
 from hexctl.robot.servos.bus_map import BusMap
-from hexctl.serve.boards.board_faults import BoardFault
-from hexctl.serve.boards.bus_faults import BUS_FAULTS, BusFaults
-from hexctl.serve.boards.bus_servos import BusBoardCounters, SimulatedServos
-from hexctl.serve.boards.lx16a_servos import Lx16aServos
-from hexctl.serve.boards.register_servos import RegisterServos
-from hexctl.serve.boards.simulated_board import PseudoTerminal, SimulatedBoard
+from hexctl.simulators.board_faults import BoardFault
+from hexctl.simulators.bus_faults import BUS_FAULTS, BusFaults
+from hexctl.simulators.bus_servos import BusBoardCounters, SimulatedServos
+from hexctl.simulators.lx16a_servos import Lx16aServos
+from hexctl.simulators.register_servos import RegisterServos
+from hexctl.simulators.simulated_board import PseudoTerminal, SimulatedBoard
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState
 
 #: How long a servo hesitates before it answers, with its return delay at 0.

@@ -5,7 +5,7 @@ import pytest
 
 from hexctl.errors import CommandRefusedError
 from hexctl.robot.servos.servo_map import default_servo_map
-from hexctl.serve.boards.servo_board import Channels
+from hexctl.simulators.servo_board import Channels
 
 ALL = [1600] * 18
 RELEASE, IGNORE = [0] * 8 + [65534] * 10, [65535] * 18

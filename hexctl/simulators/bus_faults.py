@@ -5,7 +5,7 @@ import random
 import numpy as np
 
 from hexctl.backends.bus.packets import PacketFormat, PacketStream
-from hexctl.serve.boards.board_faults import BoardFault
+from hexctl.simulators.board_faults import BoardFault
 from hexctl.types import N_JOINTS, BoolArray
 
 #: What each word takes.

@@ -11,9 +11,9 @@ import numpy as np
 from hexctl.backends.base import LegServos
 from hexctl.backends.pwm.i2c_socket import I2cMessage, take_transaction
 from hexctl.robot.servos.pwm_map import PwmMap
-from hexctl.serve.boards.board_faults import BoardFault
-from hexctl.serve.boards.pca9685_chips import SimulatedI2c, SimulatedPca9685
-from hexctl.serve.boards.simulated_board import SimulatedBoard, SocketLine
+from hexctl.simulators.board_faults import BoardFault
+from hexctl.simulators.pca9685_chips import SimulatedI2c, SimulatedPca9685
+from hexctl.simulators.simulated_board import SimulatedBoard, SocketLine
 from hexctl.types import BoolArray, FloatArray, RobotState
 
 #: Speed of the bus in bits per second, unless told otherwise.

@@ -8,8 +8,8 @@ import pytest
 from hexctl.backends.bus.lx16a_packets import LX16A
 from hexctl.backends.bus.packets import PROTOCOLS, PacketFormat, PacketStream
 from hexctl.errors import InputError
-from hexctl.serve.boards.board_faults import BoardFault, DueFaults, parse_fault
-from hexctl.serve.boards.bus_faults import BUS_FAULTS, BusFaults
+from hexctl.simulators.board_faults import BoardFault, DueFaults, parse_fault
+from hexctl.simulators.bus_faults import BUS_FAULTS, BusFaults
 
 
 def _fault(text: str) -> BoardFault:

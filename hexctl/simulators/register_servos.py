@@ -19,8 +19,8 @@ from hexctl.backends.bus.packets import (
 from hexctl.backends.bus.registers import Register, RegisterTable, table_of
 from hexctl.robot.servos.bus_map import BusMap
 from hexctl.robot.servos.servo_models import ServoType
-from hexctl.serve.boards.bus_faults import BusFaults
-from hexctl.serve.boards.bus_servos import (
+from hexctl.simulators.bus_faults import BusFaults
+from hexctl.simulators.bus_servos import (
     USUAL_C,
     USUAL_V,
     BusBoardCounters,

@@ -14,14 +14,14 @@ from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.errors import InputError, argument
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.robot.servos.pwm_map import pwm_map_of
-from hexctl.serve.boards.board_options import BoardOptions
 from hexctl.serve.service import ServiceStarted
+from hexctl.simulators.board_options import BoardOptions
 
 if TYPE_CHECKING:
     from hexctl.backends.mavlink.mavlink_transport import Port
-    from hexctl.serve.boards.board_faults import BoardFault
-    from hexctl.serve.boards.servo_board import ServoBoard
-    from hexctl.serve.boards.simulated_board import SimulatedBoard
+    from hexctl.simulators.board_faults import BoardFault
+    from hexctl.simulators.servo_board import ServoBoard
+    from hexctl.simulators.simulated_board import SimulatedBoard
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,7 +64,7 @@ class BoardService(BoardOptions):
 
     def _mavlink(self, servos: LegServos, options: BackendOptions) -> "tuple[ServoBoard, str]":
         from hexctl.backends.mavlink.codec import read_signing_key
-        from hexctl.serve.boards.servo_board import ServoBoard
+        from hexctl.simulators.servo_board import ServoBoard
 
         signing_key = read_signing_key(None if self.credentials is None else Path(self.credentials))
         port, place = self._opened_port()
@@ -81,7 +81,7 @@ class BoardService(BoardOptions):
     def _opened_port(self) -> "tuple[Port, str]":
         """Opened port, and where controllers reach it."""
         from hexctl.backends.mavlink import mavlink_transport as transport
-        from hexctl.serve.boards.simulated_board import PseudoTerminal
+        from hexctl.simulators.simulated_board import PseudoTerminal
 
         if self.pty:
             terminal = PseudoTerminal()
@@ -92,7 +92,7 @@ class BoardService(BoardOptions):
         return transport.open_port(address, text=text), text
 
     def _bus(self, servos: LegServos, options: BackendOptions) -> "tuple[SimulatedBoard, str]":
-        from hexctl.serve.boards.bus_board import BusBoard
+        from hexctl.simulators.bus_board import BusBoard
 
         section = options.servos_section
         if self.model is not None:
@@ -102,7 +102,7 @@ class BoardService(BoardOptions):
         return board, board.path
 
     def _servo2040(self, servos: LegServos, options: BackendOptions) -> "tuple[SimulatedBoard, str]":
-        from hexctl.serve.boards.servo2040_board import Servo2040Board
+        from hexctl.simulators.servo2040_board import Servo2040Board
 
         pwm_map, faults = pwm_map_of(options.servos_section, "servo2040"), self._faults(Servo2040Board)
         firmware = self.model or "stock"
@@ -110,7 +110,7 @@ class BoardService(BoardOptions):
         return board, board.path
 
     def _pca9685(self, servos: LegServos, options: BackendOptions) -> "tuple[SimulatedBoard, str]":
-        from hexctl.serve.boards.pca9685_board import Pca9685Board
+        from hexctl.simulators.pca9685_board import Pca9685Board
 
         if self.model is not None:
             raise InputError(f"{argument('model')}: got {self.model} with pca9685; allowed: without")
@@ -119,6 +119,6 @@ class BoardService(BoardOptions):
         return board, board.path
 
     def _faults(self, board: "type[SimulatedBoard]") -> "tuple[BoardFault, ...]":
-        from hexctl.serve.boards.board_faults import parse_fault
+        from hexctl.simulators.board_faults import parse_fault
 
         return tuple(parse_fault(text, board.kinds) for text in self.fault)

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import common
 
 from hexctl.backends.mavlink import mavlink_messages
 from hexctl.robot.loader import load_servo_map
-from hexctl.serve.boards.servo_board import (
+from hexctl.simulators.servo_board import (
     FORGET_AFTER_S,
     FREE_AFTER_S,
     MOST_PEERS,

@@ -1,0 +1,54 @@
+"""Where the time comes from: this computer's, and the simulated one of the tests."""
+
+import threading
+
+import pytest
+
+from hexctl.time_source import WALL_TIME, TimeSource
+from tests.backends.fake_time import FakeTime
+
+
+@pytest.fixture(params=["wall", "simulated"])
+def time(request: pytest.FixtureRequest) -> TimeSource:
+    return WALL_TIME if request.param == "wall" else FakeTime()
+
+
+def test_a_sleep_takes_its_time(time: TimeSource) -> None:
+    before_s = time.now()
+    time.sleep(0.01)
+    assert time.now() - before_s >= 0.01 - 1e-9
+
+
+def test_an_event_that_is_set_is_not_waited_for(time: TimeSource) -> None:
+    event, before_s = threading.Event(), time.now()
+    event.set()
+    assert time.wait(event, 600.0)
+    assert time.now() - before_s < 60.0
+
+
+def test_an_event_that_is_not_set_is_waited_for_until_the_timeout(time: TimeSource) -> None:
+    before_s = time.now()
+    assert not time.wait(threading.Event(), 0.01)
+    assert time.now() - before_s >= 0.01 - 1e-9
+
+
+def test_a_condition_is_waited_for_until_the_timeout(time: TimeSource) -> None:
+    condition, before_s = threading.Condition(), time.now()
+    with condition:
+        assert not time.wait(condition, 0.01)
+    assert time.now() - before_s >= 0.01 - 1e-9
+
+
+def test_another_thread_goes_on_once_enough_simulated_time_has_passed() -> None:
+    time, seen_s = FakeTime(0.0), []
+
+    def sleeper() -> None:
+        time.sleep(10.0)
+        seen_s.append(time.now())
+
+    thread = threading.Thread(target=sleeper)
+    thread.start()
+    while thread.is_alive():
+        time.work(1.0)
+        thread.join(0.02)
+    assert seen_s[0] >= 10.0
