@@ -3,7 +3,7 @@
 import math
 import queue
 import threading
-import time
+import time as wall
 from collections.abc import Callable
 from contextlib import suppress
 
@@ -11,6 +11,7 @@ from hexctl.backends.bus.servo_bus import MANY_MUTE
 from hexctl.backends.clock import Standstill
 from hexctl.control.stop_reason import reason_in_words
 from hexctl.serve.stops.stop import ESTOP, Clear, Stop
+from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.wire.links import CLEAR_COMMAND
 
 #: Lines that wait for a slow reader; further ones are dropped and counted.
@@ -43,14 +44,17 @@ class EventLog:
     A thread of its own calls `report`: a terminal that is paused must not delay the robot.
     """
 
-    def __init__(self, report: Callable[[str], None], *, clear: str = CLEAR_COMMAND) -> None:
+    def __init__(
+        self, report: Callable[[str], None], *, clear: str = CLEAR_COMMAND, time: TimeSource = WALL_TIME
+    ) -> None:
         """Report nothing yet.
 
         Args:
             report: takes a line.
             clear: command that ends a stop of the robot.
+            time: in which standstills end.
         """
-        self._report, self._clear = report, clear
+        self._report, self._clear, self._time = report, clear, time
         self._lines: queue.Queue[str | None] = queue.Queue(WAITING_LINES)
         self._controller: str | None = None
         self._stopped: str | None = None
@@ -143,7 +147,7 @@ class EventLog:
         if by and stopped == ESTOP:
             return ESTOP
         ended_s = -math.inf if self._standstill is None else self._standstill.ended_s
-        if stopped in SILENCES and time.monotonic() - ended_s < CAUSED_WITHIN_S:
+        if stopped in SILENCES and self._time.now() - ended_s < CAUSED_WITHIN_S:
             return f"{stopped} (because this program stood still)"
         return reason_in_words(stopped)
 
@@ -161,7 +165,7 @@ class EventLog:
             self._writer.start()
         before = f" ({self._dropped} lines dropped)" if self._dropped else ""
         try:
-            self._lines.put_nowait(f"{time.strftime('%H:%M:%S')}{before} {event}")
+            self._lines.put_nowait(f"{wall.strftime('%H:%M:%S')}{before} {event}")
             self._dropped = 0
         except queue.Full:
             self._dropped += 1

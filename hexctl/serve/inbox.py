@@ -1,11 +1,12 @@
 """Bounded queue between the network and the thread that moves the robot."""
 
-import time
 from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass
 from threading import Lock
 from typing import Any
+
+from hexctl.time_source import WALL_TIME, TimeSource
 
 #: More messages than arrive in a tick; a full queue drops its oldest.
 CAPACITY = 64
@@ -25,7 +26,7 @@ class Arrival:
     Attributes:
         kind: the kind of message, as in `KeyMap`.
         item: a Zenoh sample or query.
-        at_s: time of arrival, on time.monotonic.
+        at_s: time of arrival, by the time source of the inbox.
     """
 
     kind: str
@@ -44,11 +45,11 @@ class Inbox:
         overflowed: arrivals dropped unread so far.
     """
 
-    def __init__(self, capacity: int = CAPACITY) -> None:
+    def __init__(self, capacity: int = CAPACITY, *, time: TimeSource = WALL_TIME) -> None:
         self._waiting: deque[Arrival] = deque()
         self._bell = Lock()
         self._bell.acquire()  # held until the first put
-        self._capacity = capacity
+        self._capacity, self._time = capacity, time
         self.overflowed = 0
 
     def put(self, kind: str, item: Any) -> None:
@@ -64,15 +65,15 @@ class Inbox:
             with suppress(IndexError):
                 self._waiting.popleft()
                 self.overflowed += 1
-        self._waiting.append(Arrival(kind, item, time.monotonic()))
+        self._waiting.append(Arrival(kind, item, self._time.now()))
         with suppress(RuntimeError):  # already released
             self._bell.release()
 
     def take(self, timeout_s: float) -> Arrival | None:
         """Oldest arrival, after waiting for one up to a timeout; None when there is none."""
-        deadline_s = time.monotonic() + timeout_s
+        deadline_s = self._time.now() + timeout_s
         while (arrival := self._oldest()) is None:
-            left_s = deadline_s - time.monotonic()
+            left_s = deadline_s - self._time.now()
             if left_s <= 0 or not self._bell.acquire(timeout=left_s):
                 return self._oldest()
         return arrival

@@ -122,7 +122,7 @@ class RequestHandler:
 
         Args:
             payload: of the request, which `urgent` has seen already.
-            at_s: time of arrival, on time.monotonic.
+            at_s: time of arrival, by the robot's time source.
         """
         try:
             wanted = StopRequest.of(payload)
@@ -141,7 +141,7 @@ class RequestHandler:
 
         Args:
             stop_id: of the stop.
-            at_s: when it was asked for, on time.monotonic.
+            at_s: when it was asked for, by the robot's time source.
             by: who asks.
             keys: clear keys that the client shows.
         """

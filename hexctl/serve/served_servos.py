@@ -1,6 +1,5 @@
 """Servos behind a server: their pose may come from outside, and every fault of theirs is named."""
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TypeVar
@@ -38,7 +37,7 @@ class ServedServos(ServosWrapper):
 
     @property
     def posed_at_s(self) -> float | None:
-        """When the newest pose from outside came, on time.monotonic; None while there was none."""
+        """When the newest pose from outside came, by the robot's time source; None while there was none."""
         return None if self._pose is None else self._pose_at_s
 
     @property
@@ -61,7 +60,7 @@ class ServedServos(ServosWrapper):
         Args:
             position_world: (3,) in m, or None where unknown.
             quaternion_world: (w, x, y, z), or None where unknown.
-            at_s: time of arrival on time.monotonic.
+            at_s: time of arrival by the robot's time source.
         """
         self._pose, self._pose_at_s = (position_world, quaternion_world), at_s
 
@@ -75,7 +74,7 @@ class ServedServos(ServosWrapper):
         self._own_quaternion = state.base_quaternion_world
         if self._pose is None:
             return state
-        fresh = time.monotonic() - self._pose_at_s <= EXPIRY_S
+        fresh = self.clock.time.now() - self._pose_at_s <= EXPIRY_S
         position, quaternion = self._pose if fresh else (None, None)
         return replace(state, base_position_world=position, base_quaternion_world=quaternion)
 

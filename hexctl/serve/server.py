@@ -1,7 +1,6 @@
 """The robot server: a single thread moves the robot, tick by tick and command by command."""
 
 import math
-import time
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import asdict, replace
@@ -83,6 +82,7 @@ class RobotServer:
         """
         self._servos = ServedServos(servos)
         self._guard = Guard(self._servos, tilt_of=self._servos.tilt_of)
+        self._time = self._guard.clock.time
         self._link = link
         self._simulated = None if simulated is None else dict(simulated)
         self._leases = LeaseManager()
@@ -95,8 +95,8 @@ class RobotServer:
         self._requests = RequestHandler(self._guard, self._leases, self._latch)
         self._on_tick = on_tick
         self._idle = IdleSupervisor(self._guard, sit_after_s=sit_after_s)
-        self._event_log = EventLog(on_event, clear=clear)
-        self._inbox = Inbox()
+        self._event_log = EventLog(on_event, clear=clear, time=self._time)
+        self._inbox = Inbox(time=self._time)
         self._transport = Transport(
             link, servos.robot.name, self._inbox, self._requests.urgent, self._admits_command
         )
@@ -122,7 +122,7 @@ class RobotServer:
             with self._guard, self._transport, self._stop_socket, self._ros or nullcontext():
                 self._guard.clock.tick()
                 ready()
-                self._ticked_s = time.monotonic()
+                self._ticked_s = self._time.now()
                 try:
                     while not until():
                         self._listen()
@@ -141,7 +141,7 @@ class RobotServer:
         """Tell clients that nothing follows, and the operator that one loses the robot."""
         if self._state is not None:
             self._publish(replace(self._state, healthy=False, fault=SERVER_ENDED))
-        lease = self._leases.holder(time.monotonic())
+        lease = self._leases.holder(self._time.now())
         if lease is not None:
             left = "its servos are left with their last targets"
             rest = left if self._simulated is None else "the simulation ends with it"
@@ -214,10 +214,10 @@ class RobotServer:
             self._transport.reply(arrival.kind, item, {**self._description, "status": self.status()})
 
     def _admits_command(self, attachment: bytes | None) -> bool:
-        return self._commands.admits(attachment, self._leases.holder(time.monotonic()))
+        return self._commands.admits(attachment, self._leases.holder(self._time.now()))
 
     def _execute(self, payload: bytes, attachment: bytes | None, at_s: float) -> None:
-        now_s = time.monotonic()
+        now_s = self._time.now()
         lease = self._leases.holder(now_s)
         try:
             checked = self._commands.check(payload, attachment, lease, at_s)
@@ -251,7 +251,7 @@ class RobotServer:
         from hexctl.serve.ros.driver import RosDriver
 
         def write(joint_positions_rad: FloatArray, at_s: float) -> None:
-            self._write(joint_positions_rad, max(0.0, time.monotonic() - at_s), at_s + EXPIRY_S)
+            self._write(joint_positions_rad, max(0.0, self._time.now() - at_s), at_s + EXPIRY_S)
 
         return RosDriver(self._guard, self._requests, self._idle, write)
 
@@ -271,7 +271,7 @@ class RobotServer:
         """One control period: read, check for expired commands, publish."""
         index = self._guard.clock.tick().index
         self._note_standstill()
-        self._ticked_s = time.monotonic()
+        self._ticked_s = self._time.now()
         self._ticks += 1
         if (event := self._on_tick() or self._stop_socket.take_event()) is not None:
             self._event_log.add(event)
@@ -279,7 +279,7 @@ class RobotServer:
         self._check_expiry()
         if (stop := self._latch.current()) is not None and stop.reason == ESTOP:
             self._leases.revoke()  # a stop by datagram comes past the requests
-        self._rest.note(state.joint_positions_rad, time.monotonic(), reached=_is_reached(state))
+        self._rest.note(state.joint_positions_rad, self._time.now(), reached=_is_reached(state))
         if self._driver is not None:
             self._driver.tick(index, state)
         self._idle.tick(self._guard.clock.now_s)
@@ -294,14 +294,14 @@ class RobotServer:
 
     def _note_standstill(self) -> None:
         """Note once where this program itself stood still; its clock forgives that while it is paused."""
-        now_s, known = time.monotonic(), self._standstill
+        now_s, known = self._time.now(), self._standstill
         passed_s = now_s - self._ticked_s
         if passed_s > STANDSTILL_S and (known is None or known.ended_s < self._ticked_s):
             self._standstill = Standstill(passed_s, now_s)
 
     def _check_expiry(self) -> None:
         """Latch a stop when the last command has expired, and revoke the lease of its controller."""
-        now_s = time.monotonic()
+        now_s = self._time.now()
         resting = not self._guard.expects_commands
         if self._good_until_s is not None and not resting and now_s > self._good_until_s:
             self._guard.stop("expired")
@@ -312,7 +312,7 @@ class RobotServer:
 
     def _log_changes(self) -> None:
         """Report changes of controller, stop and posture to the operator."""
-        lease = self._leases.holder(time.monotonic())
+        lease = self._leases.holder(self._time.now())
         self._event_log.note(
             controller=None if lease is None else lease.owner,
             stopped=self._guard.stopped,
@@ -333,7 +333,7 @@ class RobotServer:
         tag = tag_of(
             replace(state, stopped=self._guard.stopped),
             sequence=self._sequence,
-            stamp_ns=time.monotonic_ns(),
+            stamp_ns=round(1e9 * self._time.now()),
             command_sequence=self._commands.newest_sequence,
         ).packed()
         if state.base_position_world is not None or state.base_quaternion_world is not None:
@@ -353,7 +353,7 @@ class RobotServer:
         """Hand a state to ROS."""
         if self._ros is None:
             return
-        lease = self._leases.holder(time.monotonic())
+        lease = self._leases.holder(self._time.now())
         self._ros.offer(
             RobotSnapshot(
                 state,
@@ -370,7 +370,7 @@ class RobotServer:
 
     def status(self) -> dict[str, Any]:
         """Status of the robot, as JSON values."""
-        now_s = time.monotonic()
+        now_s = self._time.now()
         lease, state, guard = self._leases.holder(now_s), self._state, self._guard
         self._commands.counters.overflowed = self._inbox.overflowed
         cleared, failures = self._latch.cleared, failures_in_force(guard)

@@ -42,7 +42,6 @@ class Bench:
         self.servos = PosedMock()
         self.said: list[tuple[str, bytes, bytes | None]] = []
         monkeypatch.setattr(Transport, "publish", lambda _, *message: self.said.append((*message, None)[:3]))
-        monkeypatch.setattr("time.monotonic", lambda: self.servos.time.now_s)
         self.server = RobotServer(self.servos, Link(), backend="mock", sit_after_s=sit_after_s)
         self.servos.connect()
         self.servos.clock.tick()

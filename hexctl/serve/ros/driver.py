@@ -1,6 +1,5 @@
 """Moves a robot as ROS asks: on the robot's own thread, under a lease of its own, through the guard."""
 
-import time
 from collections.abc import Callable
 
 import numpy as np
@@ -31,7 +30,7 @@ FASTEST, SLOWEST = 100.0, 1e-6
 #: The gait that follows velocities.
 GAIT = "tripod"
 
-#: Writes joint angles (18,) through the guard; they were asked for at a time on time.monotonic.
+#: Writes joint angles (18,) through the guard; they were asked for at a time by the robot's time source.
 Write = Callable[[FloatArray, float], None]
 
 
@@ -54,7 +53,8 @@ class RosDriver:
 
     def __init__(self, guard: Guard, requests: RequestHandler, idle: IdleSupervisor, write: Write) -> None:
         self._guard, self._requests, self._idle, self._write = guard, requests, idle, write
-        self._arbiter = Arbiter(lambda: time.monotonic(), expiry_s=EXPIRY_OF_ROS_S)
+        self._time = guard.clock.time
+        self._arbiter = Arbiter(self._time.now, expiry_s=EXPIRY_OF_ROS_S)
         self._source = self._arbiter.source("cmd_vel")
         self._lease: Lease | None = None
         self._zero_index: int | None = None
@@ -72,14 +72,14 @@ class RosDriver:
         """What ROS lets the robot do: `none`, `joints`, or the mode of a drive."""
         if self._pilot is not None and self._lease is not None:
             return self._pilot.mode
-        return "joints" if time.monotonic() <= self._joints_until_s else "none"
+        return "joints" if self._time.now() <= self._joints_until_s else "none"
 
     def obey(self, command: RosCommand, at_s: float) -> None:
         """Take a command.
 
         Args:
             command: of ROS.
-            at_s: time of its arrival on time.monotonic.
+            at_s: time of its arrival by the robot's time source.
         """
         if isinstance(command, Stopped):
             self._requests.estop(b"", at_s)
@@ -104,7 +104,7 @@ class RosDriver:
         """
         if self._lease is None or self._pilot is None:
             return
-        now_s = time.monotonic()
+        now_s = self._time.now()
         if not self._requests.holds(self._lease, now_s) or self._guard.stopped is not None:
             self._drop()
             return
@@ -232,7 +232,7 @@ class RosDriver:
     def _release(self) -> None:
         """Give the lease back: the robot holds its pose, and others may have it."""
         if self._lease is not None:
-            self._requests.release(self._lease, time.monotonic())
+            self._requests.release(self._lease, self._time.now())
         self._lease = self._zero_index = None
 
     def _drop(self) -> None:

@@ -16,8 +16,8 @@ class RobotSnapshot:
         stopped: why the robot is stopped, or None.
         posture: name of the idle supervisor's state.
         controller: who holds the robot, or None.
-        posed_at_s: when the newest pose from outside came, on time.monotonic; None where the pose is the
-            robot's own.
+        posed_at_s: when the newest pose from outside came, by the robot's time source; None where the pose is
+            the robot's own.
         stamp_ns: nanoseconds since 1970.
     """
 

@@ -1,7 +1,6 @@
 """The latch of a robot's stop: stops get ids, are kept on the disk, and end by a clear that means them."""
 
 import secrets
-import time
 from collections import deque
 from collections.abc import Callable, Collection
 from dataclasses import replace
@@ -40,21 +39,16 @@ class StopLatch:
         guard: around the servos.
         file: keeps the stop; one that is kept already is in force at once. None keeps none.
         commander: name of the client that commanded the robot last, or None.
-        now_s: time in s; that of the times of requests.
 
     Attributes:
         cleared: the stop that was cleared last, or None.
     """
 
     def __init__(
-        self,
-        guard: Guard,
-        file: StopFile | None = None,
-        commander: Callable[[], str | None] = lambda: None,
-        *,
-        now_s: Callable[[], float] = time.monotonic,
+        self, guard: Guard, file: StopFile | None = None, commander: Callable[[], str | None] = lambda: None
     ) -> None:
-        self._guard, self._file, self._commander, self._now_s = guard, file, commander, now_s
+        self._guard, self._file, self._commander = guard, file, commander
+        self._time = guard.clock.time
         self._lock = Lock()
         self._stop: Stop | None = None
         self.cleared: Clear | None = None
@@ -66,7 +60,7 @@ class StopLatch:
             self._stop = Stop(
                 stop_id=kept.stop_id,
                 reason=kept.reason,
-                since_s=now_s(),
+                since_s=self._time.now(),
                 by=by,
                 claims=kept.claims,
             )
@@ -89,7 +83,7 @@ class StopLatch:
     def status(self) -> dict[str, Any] | None:
         """The stop in force, as the status of a robot has it."""
         stop, kept = self.now()
-        return None if stop is None else stop.to_json(self._now_s(), kept=kept)
+        return None if stop is None else stop.to_json(self._time.now(), kept=kept)
 
     def close(self) -> None:
         """Wait for the last stop to be on the disk, as long as the disk takes no longer than usual."""
@@ -133,7 +127,7 @@ class StopLatch:
 
         Args:
             stop_id: of the stop that is meant.
-            at_s: when it was asked for, on time.monotonic.
+            at_s: when it was asked for, by the time of the guard's clock.
             by: who asks.
             keys: clear keys that the client shows; without those of all claims the stop holds longer.
         """
@@ -144,7 +138,7 @@ class StopLatch:
             refusal = stop.refusal(stop_id, at_s, keys, by)
             if refusal is None:
                 self._guard.clear()
-                self.cleared = Clear(stop=stop, by=by, at_s=self._now_s(), proved=stop.proved_by(keys))
+                self.cleared = Clear(stop=stop, by=by, at_s=self._time.now(), proved=stop.proved_by(keys))
                 self._epoch = secrets.token_bytes(EPOCH_BYTES)
                 self._noticed()
             return refusal
@@ -159,7 +153,7 @@ class StopLatch:
         stop = self._noticed(by)
         assert stop is not None  # noqa: S101  only `clear` ends a stop, and it waits for the lock
         if not repeated:
-            now_s = self._now_s()
+            now_s = self._time.now()
             renewed = {"stop_id": new_stop_id(), "since_s": now_s, "by": by} if stop is before else {}
             if stop is not before and self.cleared is not None:
                 renewed = {"repeats": self.cleared.repeats_at(now_s)}
@@ -179,7 +173,7 @@ class StopLatch:
         if reason is None:
             self._stop = None
         elif before is None or before.reason != reason:
-            self._stop = Stop(stop_id=new_stop_id(), reason=reason, since_s=self._now_s(), by=by)
+            self._stop = Stop(stop_id=new_stop_id(), reason=reason, since_s=self._time.now(), by=by)
             if before is not None:  # another reason takes no claim away
                 self._stop = replace(self._stop, claims=before.claims, commander=before.commander)
         if self._stop is not before:

@@ -58,7 +58,7 @@ class Stop:
     Attributes:
         stop_id: 16 hexadecimal digits, drawn for this stop alone.
         reason: as `Guard.stopped` has it.
-        since_s: when it was asked for last, or noticed, on time.monotonic.
+        since_s: when it was asked for last, or noticed, by the robot's time source.
         by: who asked for it last, also where the robot had stopped for another reason before; None where
             no client did. A client says its name itself.
         claims: hashes of the clear keys of the clients that asked for it.
@@ -96,7 +96,7 @@ class Stop:
         return min(longer * HOLD_S, MOST_UNCLAIMED_HOLD_S)
 
     def hold_left_s(self, at_s: float, *, proved: bool) -> float:
-        """For how long it cannot be cleared yet, at a time on time.monotonic."""
+        """For how long it cannot be cleared yet, at a time by the robot's time source."""
         return max(0.0, self.since_s + self.hold_s(proved=proved) - at_s)
 
     def with_claim(self, claim: str | None) -> "Stop":
@@ -113,7 +113,7 @@ class Stop:
 
         Args:
             stop_id: of the stop that is meant, or None.
-            at_s: when it was asked for, on time.monotonic.
+            at_s: when it was asked for, by the robot's time source.
             keys: clear keys that the client shows.
             by: name of the client.
         """
@@ -136,7 +136,7 @@ class Stop:
         return f"clear: got it{without} {hold_s - left_s:.1f} s after the stop; allowed: after {hold_s:g} s"
 
     def to_json(self, at_s: float, *, kept: bool) -> dict[str, Any]:
-        """As the status has it, at a time on time.monotonic; `kept` is whether it is on the disk."""
+        """As the status has it, at a time by the robot's time source; `kept` is whether it is on the disk."""
         return {
             "id": self.stop_id,
             "since_s": round(at_s - self.since_s, 1),
@@ -155,7 +155,7 @@ class Clear:
     Attributes:
         stop: as it was.
         by: who cleared it, by the name that it says itself.
-        at_s: when, on time.monotonic.
+        at_s: when, by the robot's time source.
         proved: whether with the keys of its claims.
     """
 
@@ -165,12 +165,12 @@ class Clear:
     proved: bool = False
 
     def repeats_at(self, at_s: float) -> int:
-        """`repeats` of a stop that a client asks for at a time on time.monotonic."""
+        """`repeats` of a stop that a client asks for at a time by the robot's time source."""
         fought = not self.proved and self.stop.by is not None and at_s - self.at_s < REPEATED_WITHIN_S
         return self.stop.repeats + 1 if fought else 0
 
     def to_json(self, at_s: float) -> dict[str, Any]:
-        """As the status has it, at a time on time.monotonic."""
+        """As the status has it, at a time by the robot's time source."""
         return {
             "id": self.stop.stop_id,
             "reason": self.stop.reason,

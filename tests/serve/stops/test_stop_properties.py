@@ -20,7 +20,6 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
-from hexctl.control.guard import Guard
 from hexctl.serve.stops.latch import StopLatch
 from hexctl.serve.stops.stop import HOLD_S, LIFTED_BY_LEASE, OTHERS_HOLD_S, claim_of, new_clear_key
 from hexctl.serve.stops.stop_file import StopFile
@@ -52,9 +51,11 @@ class Promises(RuleBasedStateMachine):
     @initialize()
     def start(self) -> None:
         """Start the server; what was stopped before is stopped."""
-        self.guard: Guard = connected()[0]
+        self.guard, servos = connected()
+        self.time = servos.time
+        self.time.now_s = self.now_s
         self.file = StopFile("ant", "mock", "tcp/127.0.0.1:7447", folder=self.folder)
-        self.latch = self.latch_type(self.guard, self.file, lambda: WALKER, now_s=lambda: self.now_s)
+        self.latch = self.latch_type(self.guard, self.file, lambda: WALKER)
         self.socket = StopSocket(Link(), "ant", self.latch, lambda: True)
         self.must_be_stopped = self.guard.stopped is not None
         self.asked_at_s = self.now_s
@@ -76,7 +77,12 @@ class Promises(RuleBasedStateMachine):
     @rule(seconds=WAITS_S)
     def wait(self, seconds: float) -> None:
         """Let time pass."""
+        self.pass_by(seconds)
+
+    def pass_by(self, seconds: float) -> None:
+        """Let time pass."""
         self.now_s += seconds
+        self.time.now_s = self.now_s
 
     @rule(client=CLIENTS, claimed=st.booleans())
     def stop(self, client: str, claimed: bool) -> None:
@@ -153,7 +159,7 @@ class Promises(RuleBasedStateMachine):
     @rule()
     def clear_together(self) -> None:
         """All who asked for the stop show their keys, in time."""
-        self.now_s += OTHERS_HOLD_S
+        self.pass_by(OTHERS_HOLD_S)
         keys = tuple(set().union(*self.keys.values()))
         self.clear_shown(BEN, self.stop_id(), keys)
 
