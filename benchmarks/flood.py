@@ -19,7 +19,7 @@ from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
 from hexctl.backends.clock import PERIOD_S, WallClock
 from hexctl.backends.zenoh.zenoh_client import LeaseClient, ask
-from hexctl.serve.stops.estop import estop
+from hexctl.client.stop_client import estop
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.zenoh_messages import CommandTag, encode_positions, prepare_codec
 from hexctl.wire.zenoh_session import open_session

@@ -29,7 +29,7 @@ PRELOADED = [
     "faults.programs.twin_board",
     "hexctl.cli.main",
     "hexctl.cli.network.serve_command",
-    "hexctl.serve.server",
+    "hexctl.server.server",
     "zenoh",
     "mujoco",
     "dm_control.mjcf",

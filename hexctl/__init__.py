@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from hexctl.backends.base import LegServos
     from hexctl.backends.sim.servos import SimServos
     from hexctl.backends.sim.world import World, load_world
+    from hexctl.client.stop_client import clear_stop, estop
     from hexctl.control.batch import SimTrial, run_sim_trials
     from hexctl.control.controllers import Controller
     from hexctl.control.drive.arbiter import Velocity
@@ -48,7 +49,6 @@ if TYPE_CHECKING:
     from hexctl.robot.model import Robot
     from hexctl.runs.diagnosis import diagnose
     from hexctl.runs.run import run
-    from hexctl.serve.stops.estop import clear_stop, estop
     from hexctl.settings import read_settings
     from hexctl.types import JointTargets, RobotState
 
@@ -114,7 +114,7 @@ _MODULES = {
     "adapt.adaptation": "Adaptation",
     "adapt.sessions.session_tables": "sessions",
     "runs.diagnosis": "diagnose",
-    "serve.stops.estop": "clear_stop estop",
+    "client.stop_client": "clear_stop estop",
     "settings": "read_settings",
     # errors
     "errors": "HexctlError InputError MissingExtraError ReachError LimitError EStopError RobotFaultError",

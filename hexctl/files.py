@@ -45,6 +45,15 @@ ARCHIVE_DAMAGE: tuple[type[Exception], ...] = (
 )
 
 
+def state_folder() -> Path:
+    """Where stops and clear keys are kept: what systemd gave, or the user's own folder for it (XDG)."""
+    given = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
+    if given:
+        return Path(given)
+    home = os.environ.get("XDG_STATE_HOME")
+    return (Path(home) if home else Path.home() / ".local" / "state") / "hexctl"
+
+
 def is_file(path: Path) -> bool:
     """Whether a path names a file; False also for one that no system can look up."""
     try:

@@ -15,7 +15,7 @@ from hexctl.cli.main import app, exit_code
 from tests.golden import choices, sessions, shapes, trials
 from tests.golden.make import DATA, PRINTED
 from tests.golden.probe import probe
-from tests.serve.processes import served, stopped_by_session
+from tests.server.processes import served, stopped_by_session
 
 Printed = Callable[[str], Any]
 

@@ -20,6 +20,7 @@ from hexctl.files import (
     read_file,
     read_secret,
     replacing,
+    state_folder,
 )
 
 
@@ -183,3 +184,14 @@ def test_an_archive_of_usual_size_is_read(tmp_path: Path) -> None:
     with open_archive(tmp_path / "a.npz") as file:
         assert file["numbers"].tolist() == [0.0, 1.0, 2.0]
         assert str(file["head"]) == "text"
+
+
+def test_the_folder_is_systemds_or_the_users(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    assert state_folder() == tmp_path / "hexctl"
+    monkeypatch.setenv("STATE_DIRECTORY", f"{tmp_path}/one:{tmp_path}/two")
+    assert state_folder() == tmp_path / "one"
+    monkeypatch.delenv("STATE_DIRECTORY")
+    monkeypatch.delenv("XDG_STATE_HOME")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert state_folder() == tmp_path / ".local" / "state" / "hexctl"

@@ -26,7 +26,7 @@ from hexctl.control.controllers import Walk
 from hexctl.control.log import TickLog
 from hexctl.errors import WrongTypeError
 from hexctl.gait.gait import Motion
-from hexctl.serve.service import serve
+from hexctl.server.service import serve
 from hexctl.study.planned_study import planned_study
 from hexctl.study.study_plan import StudyPlan
 

@@ -6,9 +6,10 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 
 #: Most lines of each folder of the package, and of the modules directly in it.
 CEILINGS = {
-    "": 2_150,
+    "": 2_160,
     "adapt": 8_400,
     "backends": 10_050,
+    "client": 1_200,
     "cli": 7_050,
     "control": 12_650,
     "demo": 270,
@@ -19,13 +20,13 @@ CEILINGS = {
     "recording": 4_750,
     "robot": 4_690,
     "runs": 1_080,
-    "serve": 6_070,
+    "server": 4_450,
     "simulators": 2_410,
     "study": 8_900,
     "teleop": 1_980,
     "testing": 560,
     "vision": 6_540,
-    "wire": 3_010,
+    "wire": 3_210,
 }
 
 

@@ -34,17 +34,17 @@ def test_what_is_named_exists() -> None:
 
 
 def test_scopes_and_ranks() -> None:
-    link, walk = "tests/serve/test_link_faults.py::test_a", "tests/control/test_guard.py::test_b"
+    link, walk = "tests/server/test_link_faults.py::test_a", "tests/control/test_guard.py::test_b"
     alone = "tests/adapt/test_kill.py::test_c[dps]"
     page = f"{REALTIME[0]}[README.md]"
-    assert scope_of(link) == "tests/serve/test_link_faults.py"
+    assert scope_of(link) == "tests/server/test_link_faults.py"
     assert scope_of(walk) == "tests/control/test_guard.py"
     assert (scope_of(alone), scope_of(page)) == (alone, page)
     assert rank(page) < rank(link) < rank(f"{EARLY[0]}::test_d") < rank(alone) < rank(walk)
 
 
 def test_markers_follow_from_the_place() -> None:
-    assert markers_of("tests/serve/test_link_faults.py::test_a") == ["realtime"]
+    assert markers_of("tests/server/test_link_faults.py::test_a") == ["realtime"]
     assert markers_of("tests/viewer/test_web.py::test_b") == ["slow"]
     assert markers_of("tests/docs/test_commands.py::test_the_commands_of_a_page[README.md]") == [
         "realtime",
@@ -67,7 +67,7 @@ def test_a_file_of_which_a_lane_has_no_test_is_left_out() -> None:
     realtime, long = "realtime and not long and not soak", "long and not realtime and not soak"
     lanes = {
         "tests/control/test_guard.py": [quick],
-        "tests/serve/test_link_faults.py": [realtime],
+        "tests/server/test_link_faults.py": [realtime],
         "tests/benchmarks/test_command.py": [long],
         "tests/test_compatibility.py": [quick, slow, long],
         "tests/cli/walk/test_run_command.py": [quick, slow, realtime],

@@ -9,7 +9,7 @@ from hexctl.errors import argument
 from hexctl.options import RARE, Panel, Range, Typed, check_used
 from hexctl.robot.servos.drivers import Driver
 from hexctl.robot.servos.servo_models import BAUD, DEFAULT_BAUDS
-from hexctl.serve.serve_options import ServedOptions
+from hexctl.server.serve_options import ServedOptions
 
 BoardBackend = Literal["sim", "mock"]
 EXPIRY_S = Range(low=0.05, high=1, unit="s")

@@ -14,7 +14,7 @@ from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.errors import InputError, argument
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.robot.servos.pwm_map import pwm_map_of
-from hexctl.serve.service import ServiceStarted
+from hexctl.server.service import ServiceStarted
 from hexctl.simulators.board_options import BoardOptions
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from hexctl.control.guard import Guard
 from hexctl.errors import InputError, WrongTypeError
 from hexctl.robot.configs import config_root
 from hexctl.robot.failure import Failure
-from hexctl.serve.served_servos import ServedServos
+from hexctl.server.served_servos import ServedServos
 from hexctl.testing import LegServosConformance
 from hexctl.types import JointTargets
 from hexctl.wire.description import RobotIdentity

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from hexctl.waiting import wait_for
-from tests.serve.processes import ROOT
+from tests.server.processes import ROOT
 
 WAIT_S = 60.0
 

@@ -15,7 +15,7 @@ from hexctl.cli.render.tables import label_table, plain_table
 from hexctl.errors import InputError, argument
 from hexctl.signals import ending_signals
 from tests.cli.terminals import OnTerminal
-from tests.serve.processes import ROOT
+from tests.server.processes import ROOT
 
 
 def _hexctl(*arguments: str, **more: object) -> "subprocess.Popen[bytes]":

@@ -22,7 +22,7 @@ from hexctl.cli.render.adapt_output import resume_command
 from hexctl.cli.settings import CODE_OPTIONS
 from hexctl.doctor.rendering_check import read_drawing
 from hexctl.recording.live import LiveView
-from hexctl.serve.keeper import Keeper, KeeperSpec
+from hexctl.server.keeper import Keeper, KeeperSpec
 from hexctl.waiting import wait_for
 from tests.adapt import walking
 from tests.cli.test_options import commands

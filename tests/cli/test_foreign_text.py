@@ -14,7 +14,7 @@ from hexctl.wire.description import describe
 from hexctl.wire.links import KeyMap
 from tests.adapt import walking
 from tests.robots import shipped
-from tests.serve.processes import free_port
+from tests.server.processes import free_port
 from tests.wire.knocking import posing_as_robot
 
 #: Clears a screen, goes back in its line, turns its letters round, looks like markup and like an argument.

@@ -17,7 +17,7 @@ from hexctl.recording.recorded_trial import read_trial
 from hexctl.signals import ending_signals
 from hexctl.waiting import wait_for
 from tests.cli.terminals import WAIT_S, WITH_TERMINAL, OnTerminal
-from tests.serve.processes import free_port
+from tests.server.processes import free_port
 
 
 @contextmanager

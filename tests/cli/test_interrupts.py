@@ -75,7 +75,7 @@ def test_ctrl_c_in_an_import_is_one_line_and_130(module: str, tmp_path: Path) ->
     assert "Traceback" not in done.stdout
 
 
-@pytest.mark.parametrize("module", ["typer", "hexctl.serve.stops.estop"])
+@pytest.mark.parametrize("module", ["typer", "hexctl.client.stop_client"])
 def test_a_stop_that_is_interrupted_says_that_it_has_stopped_nothing(module: str, tmp_path: Path) -> None:
     done = interrupted(module, 1, tmp_path, ("estop", "--connect", "tcp/127.0.0.1:9"))
     assert (done.returncode, len(done.stderr.splitlines())) == (130, 1)

@@ -16,7 +16,7 @@ from hexctl.cli.main import app, exit_code
 from hexctl.cli.settings import FOLLOWERS, TYPED_ONLY, SettingsCommand
 from hexctl.settings import COMMON
 from tests.cli.test_options import commands
-from tests.serve.processes import free_port
+from tests.server.processes import free_port
 
 PAGE = Path(__file__).parents[2] / "docs" / "settings.md"
 

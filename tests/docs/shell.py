@@ -21,7 +21,7 @@ import typer
 
 from hexctl.cli.main import app, exit_code
 from tests.docs.pages import PAGES, ROOT, commands
-from tests.serve.processes import free_port
+from tests.server.processes import free_port
 
 #: Appended, so that it takes less time: of two the last one holds.
 SHORTER = {
@@ -355,9 +355,9 @@ def _sudo(words: list[str]) -> None:
 
 def _ros2(words: list[str]) -> None:
     """Check that the topics, services and types of a command of ROS are those of a served robot."""
-    from hexctl.serve.ros.bridge import JOINTS_TOPIC, STOP_MESSAGE, STOP_TOPIC, TRIGGER, VELOCITIES
-    from hexctl.serve.ros.ros_commands import Service
-    from hexctl.serve.ros.topics import TOPICS
+    from hexctl.server.ros.bridge import JOINTS_TOPIC, STOP_MESSAGE, STOP_TOPIC, TRIGGER, VELOCITIES
+    from hexctl.server.ros.ros_commands import Service
+    from hexctl.server.ros.topics import TOPICS
     from hexctl.wire.ros.ros_names import RosNode
 
     names = (*TOPICS, "cmd_vel", JOINTS_TOPIC, STOP_TOPIC, *(f"~/{service.value}" for service in Service))

@@ -19,7 +19,7 @@ from hexctl.robot.loader import load_meshes, load_robot, load_robot_file
 from hexctl.robot.schema import MountSection, RobotSchema
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.robot.servos.pwm_map import pwm_map_of
-from hexctl.serve.ros.driver import GAIT
+from hexctl.server.ros.driver import GAIT
 from hexctl.types import JOINT_NAMES
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import load_link

@@ -11,12 +11,12 @@ from faults.results import RESULTS, Results
 from faults.table import rests_s
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.guard import EXPIRY_S, FALL_COS_TILT, FALL_TICKS, POSE_EXPIRY_S, TOO_HOT_C
-from hexctl.serve.idle import SIT_AFTER_S
-from hexctl.serve.leases import LEASE_S
-from hexctl.serve.stops.stop import HOLD_S
+from hexctl.server.idle import SIT_AFTER_S
+from hexctl.server.leases import LEASE_S
 from hexctl.simulators.servo_board import FREE_AFTER_S, RELEASE_AFTER_S, RESUME_AFTER_S
 from hexctl.wire.certificates import CertificateOptions
 from hexctl.wire.links import KeyMap, Role
+from hexctl.wire.stop import HOLD_S
 from hexctl.wire.stop_secret import HOLDERS
 from hexctl.wire.zenoh_session import access_control
 from tests.docs.pages import ROOT

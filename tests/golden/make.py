@@ -12,7 +12,7 @@ from typing import Any
 from hexctl.cli.main import app
 from tests.golden import choices, sessions, shapes, trials
 from tests.golden.probe import probe
-from tests.serve.processes import served
+from tests.server.processes import served
 
 DATA = sessions.STORE.parent
 

@@ -6,7 +6,7 @@ import pytest
 
 from hexctl.errors import InputError
 from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
-from hexctl.serve.service import ServiceStarted
+from hexctl.server.service import ServiceStarted
 from hexctl.simulators.board_service import BoardService
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.recording.test_live import ROBOT, rows_at
-from tests.serve.processes import Program, program, wait_until
+from tests.server.processes import Program, program, wait_until
 from tests.trials import walk as walk_alone
 from tests.viewer.conftest import Place
 

@@ -11,7 +11,7 @@ import pytest
 from pictures.browser import Browser, browser
 from pictures.needed import MissingProgramError
 from pictures.picture import Picture
-from tests.serve.processes import program
+from tests.server.processes import program
 from tests.viewer.checks import check_robot
 from tests.viewer.conftest import give_up
 

@@ -20,7 +20,7 @@ from hexctl.vision.robot_camera import RobotCamera
 from hexctl.vision.robot_link import LegState
 from hexctl.vision.twin.twin_camera import WEBCAM
 from tests.robots import shipped
-from tests.serve.processes import hexctl_process, program, served
+from tests.server.processes import hexctl_process, program, served
 
 LATENCY_MS = 120
 

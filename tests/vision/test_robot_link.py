@@ -10,7 +10,7 @@ from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.vision.robot_link import LegState, SenderClock, robot_link
 from hexctl.waiting import wait_for
 from hexctl.wire.links import Link
-from tests.serve.processes import Served, free_port, served
+from tests.server.processes import Served, free_port, served
 
 
 @pytest.fixture(scope="module")

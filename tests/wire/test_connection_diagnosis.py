@@ -8,7 +8,7 @@ import pytest
 from hexctl.errors import InputError
 from hexctl.wire.connection_diagnosis import RefusalWatch, is_refused
 from hexctl.wire.links import Endpoint
-from tests.serve.processes import free_port
+from tests.server.processes import free_port
 
 WAIT_S = 60.0
 

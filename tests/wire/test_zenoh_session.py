@@ -19,7 +19,7 @@ from hexctl.wire import certificates, zenoh_session
 from hexctl.wire.certificates import load_certificate, make_certificates
 from hexctl.wire.links import Link, Role
 from hexctl.wire.zenoh_session import MAX_MESSAGE_BYTES, open_session
-from tests.serve.processes import free_port, wait_until
+from tests.server.processes import free_port, wait_until
 from tests.wire.knocking import KEYS, ListeningRobot, answers, knocking, posing_as_robot, tls
 
 

@@ -168,7 +168,7 @@ def holder_of(path: str) -> str | None:
 
 def _program(words: list[str]) -> str:
     """Name of a program by the words that began it: `hexctl serve` where it is that."""
-    if any("hexctl.serve.keeper" in word for word in words):
+    if any("hexctl.server.keeper" in word for word in words):
         return "the keeper of a `hexctl serve`"
     names = [Path(word).name for word in words if word]
     for name, after in pairwise(names):

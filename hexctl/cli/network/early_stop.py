@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hexctl.serve.stops.estop import ReadyStop
+    from hexctl.client.stop_client import ReadyStop
     from hexctl.settings import Layer, Setting
 
 #: How long the loading of the command line waits for the robot's confirmation, in s.
@@ -30,7 +30,7 @@ def begin_stop(arguments: Sequence[str]) -> None:
     try:
         place = place_of(arguments)
         if place is not None:
-            from hexctl.serve.stops.estop import ReadyStop
+            from hexctl.client.stop_client import ReadyStop
 
             stop = ReadyStop(**place, again=False)
             _begun.append(stop)

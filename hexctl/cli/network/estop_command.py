@@ -21,7 +21,7 @@ from hexctl.errors import InputError, RobotFaultError, printable
 from hexctl.wire.links import LinkOptions
 
 if TYPE_CHECKING:
-    from hexctl.serve.stops.estop import ReadyStop, StopResult
+    from hexctl.client.stop_client import ReadyStop, StopResult
     from hexctl.wire.links import Link
 
 #: How often keys and buttons are looked at.
@@ -61,7 +61,7 @@ def estop(
     with ExitStack() as opened:
         with _with_what_to_do(ready=ready):
             from hexctl.cli.console import note_refusal
-            from hexctl.serve.stops.estop import ReadyStop
+            from hexctl.client.stop_client import ReadyStop
             from hexctl.wire.connection_diagnosis import RefusalWatch
 
             begun = take_stop(place)
@@ -163,7 +163,7 @@ def _rest_in_words(result: "StopResult") -> str:
 
 def _clear(place: dict[str, Any], *, as_json: bool) -> None:
     from hexctl.cli.console import FAULT, print_note, print_result
-    from hexctl.serve.remote import remote_robots
+    from hexctl.client.remote import remote_robots
     from hexctl.wire.description import RobotIdentity
     from hexctl.wire.links import Role
 

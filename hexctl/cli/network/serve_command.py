@@ -12,11 +12,11 @@ import typer
 from hexctl.cli.settings import SettingsCommand
 from hexctl.cli.signature import with_options
 from hexctl.cli.values import is_said
-from hexctl.serve.ros.ros_options import DEFAULT_ROUTER
-from hexctl.serve.serve_options import ServeOptions
+from hexctl.server.ros.ros_options import DEFAULT_ROUTER
+from hexctl.server.serve_options import ServeOptions
 
 if TYPE_CHECKING:
-    from hexctl.serve.service import ServiceStarted
+    from hexctl.server.service import ServiceStarted
     from hexctl.wire.links import Link
 
 #: How long the viewer may take to end: one that hangs must not keep the command from ending.
@@ -47,7 +47,7 @@ def serve(
     It runs until Ctrl-C. hexctl run --backend zenoh walks it.
     """
     from hexctl.cli.console import StopOnInterrupt, print_note
-    from hexctl.serve.service import RobotService
+    from hexctl.server.service import RobotService
     from hexctl.wire.links import Role
 
     service = RobotService(**asked)

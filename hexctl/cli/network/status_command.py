@@ -16,7 +16,7 @@ from hexctl.wire.links import LinkOptions
 
 if TYPE_CHECKING:
     from hexctl.cli.render.tables import PlainTable
-    from hexctl.serve.remote import RemoteRobots
+    from hexctl.client.remote import RemoteRobots
 
 Status = Mapping[str, Any]
 
@@ -50,8 +50,8 @@ def status(
     from rich.console import Console
 
     from hexctl.cli.console import note_refusal, print_result
+    from hexctl.client.remote import remote_robots
     from hexctl.errors import InputError
-    from hexctl.serve.remote import remote_robots
     from hexctl.wire.connection_diagnosis import RefusalWatch
     from hexctl.wire.links import Role, link_of
 

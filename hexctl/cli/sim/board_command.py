@@ -8,7 +8,7 @@ from hexctl.cli.signature import with_options
 from hexctl.simulators.board_options import BoardOptions
 
 if TYPE_CHECKING:
-    from hexctl.serve.service import ServiceStarted
+    from hexctl.server.service import ServiceStarted
 
 
 @with_options(BoardOptions, but=("link",), rare=("world", "failed_leg", "pty"))

@@ -13,7 +13,7 @@ from hexctl.robot.failure_grammar import parse_leg
 from hexctl.wire.links import LinkOptions
 
 if TYPE_CHECKING:
-    from hexctl.serve.remote import RemoteRobots
+    from hexctl.client.remote import RemoteRobots
 
 
 @with_options(LinkOptions)
@@ -56,7 +56,7 @@ def _change(
     as_json: bool,
 ) -> None:
     from hexctl.cli.console import print_note, print_result
-    from hexctl.serve.remote import remote_robots
+    from hexctl.client.remote import remote_robots
     from hexctl.wire.links import Role
 
     with remote_robots(Role.CONTROLLER, **place) as robots:

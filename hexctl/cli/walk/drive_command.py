@@ -22,10 +22,10 @@ from hexctl.errors import EStopError, InputError
 from hexctl.teleop.drive_options import DriveOptions
 
 if TYPE_CHECKING:
+    from hexctl.client.stop_sender import StopSender
     from hexctl.control.drive.drive import Drive
     from hexctl.control.log import Recorder
     from hexctl.robot.failure import Failure
-    from hexctl.serve.stop_sender import StopSender
 
 
 @with_options(DriveOptions, rare=("failed_leg", "failure"))
@@ -108,7 +108,7 @@ def _robot_stop(drive: "Drive") -> "StopSender | None":
     remote = drive.guard.remote
     if remote is None or remote.link.plain:
         return None
-    from hexctl.serve.stop_sender import StopSender
+    from hexctl.client.stop_sender import StopSender
 
     return StopSender(remote.link)
 

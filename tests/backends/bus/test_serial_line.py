@@ -34,7 +34,7 @@ def device() -> Iterator[str]:
     ("words", "name"),
     [
         (("hexctl", "serve"), "`hexctl serve`"),
-        (("hexctl.serve.keeper",), "the keeper of a `hexctl serve`"),
+        (("hexctl.server.keeper",), "the keeper of a `hexctl serve`"),
         ((), "`python"),
     ],
 )

@@ -22,7 +22,7 @@ from hexctl.wire.zenoh_messages import decode_positions, encode_positions
 from hexctl.wire.zenoh_session import open_session
 from tests.backends.bus.boards import a_map, bus_board
 from tests.robots import edited_file, put, shipped
-from tests.serve.processes import Served, free_port, hexctl, hexctl_process, served, wait_until
+from tests.server.processes import Served, free_port, hexctl, hexctl_process, served, wait_until
 
 
 class ServedConformance(LegServosConformance):

@@ -11,10 +11,10 @@ import zenoh
 
 from hexctl.backends.zenoh.zenoh_client import LeaseClient
 from hexctl.errors import HexctlError
-from hexctl.serve.leases import LeaseManager
+from hexctl.server.leases import LeaseManager
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.zenoh_session import open_session
-from tests.serve.processes import free_port
+from tests.server.processes import free_port
 
 #: Of so many requests in a row one is obeyed and answered.
 ANSWERED = 3

@@ -17,8 +17,8 @@ from hexctl.cli.network import early_stop
 from hexctl.cli.network.early_stop import begin_stop, place_of, take_stop
 from hexctl.errors import RobotFaultError
 from hexctl.wire.links import Link, load_link
-from tests.serve.processes import ROOT, free_port, served, wait_until
-from tests.serve.test_link_faults import stopped
+from tests.server.processes import ROOT, free_port, served, wait_until
+from tests.server.test_link_faults import stopped
 
 ANT, BEE = "tls/ant.local:7448", "tcp/127.0.0.1:7449"
 
@@ -74,7 +74,7 @@ def test_it_goes_where_the_command_line_would_send_it(
     (tmp_path / "lab.yaml").write_text(f"endpoint: {ANT}\n", encoding="utf-8")
     for name, text in variables.items():
         monkeypatch.setenv(name, text)
-    monkeypatch.setattr("hexctl.serve.stops.estop.ReadyStop", FoundPlace)
+    monkeypatch.setattr("hexctl.client.stop_client.ReadyStop", FoundPlace)
     with contextlib.chdir(tmp_path):
         place = place_of(arguments)
         assert exit_code(["estop", *arguments]) == 3

@@ -12,10 +12,10 @@ import pytest
 from hexctl.cli.interrupts import NOT_CONFIRMED
 from hexctl.cli.main import exit_code
 from hexctl.cli.network import estop_command
+from hexctl.client.stop_client import ReadyStop, StopResult
 from hexctl.errors import InputError, RobotFaultError, argument
-from hexctl.serve.stops.estop import ReadyStop, StopResult
 from hexctl.wire.links import load_link
-from tests.serve.processes import free_port
+from tests.server.processes import free_port
 
 
 class StoppedRobot:
@@ -54,7 +54,7 @@ class StoppedRobot:
 def test_a_stop_that_a_restart_would_end_is_told(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], kept: bool
 ) -> None:
-    monkeypatch.setattr("hexctl.serve.stops.estop.ReadyStop", StoppedRobot)
+    monkeypatch.setattr("hexctl.client.stop_client.ReadyStop", StoppedRobot)
     monkeypatch.setattr(StoppedRobot, "kept", kept)
     assert exit_code(["estop"]) == 0
     printed = capsys.readouterr()
@@ -81,7 +81,7 @@ def test_a_stop_that_failed_ends_with_what_the_operator_has_to_do(
     def fail(_: object, **__: object) -> None:
         raise error
 
-    monkeypatch.setattr("hexctl.serve.stops.estop.ReadyStop", StoppedRobot)
+    monkeypatch.setattr("hexctl.client.stop_client.ReadyStop", StoppedRobot)
     monkeypatch.setattr(StoppedRobot, "wait_for_rest", fail)
     assert exit_code(["estop"]) == code
     assert capsys.readouterr().err == f"hexctl: {words}{NOT_CONFIRMED}\n"
@@ -93,7 +93,7 @@ def test_a_ready_stop_that_ctrl_c_ends_says_that_it_has_stopped_nothing(
     def interrupt(_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("hexctl.serve.stops.estop.ReadyStop", StoppedRobot)
+    monkeypatch.setattr("hexctl.client.stop_client.ReadyStop", StoppedRobot)
     monkeypatch.setattr(estop_command, "_wait_for_a_press", interrupt)
     assert exit_code(["estop", "--ready"]) == 130
     assert capsys.readouterr().err == f"hexctl: ended, which is no stop. {NOT_CONFIRMED}\n"
@@ -102,7 +102,7 @@ def test_a_ready_stop_that_ctrl_c_ends_says_that_it_has_stopped_nothing(
 def test_the_command_that_clears_it_leads_to_the_same_robot(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("hexctl.serve.stops.estop.ReadyStop", StoppedRobot)
+    monkeypatch.setattr("hexctl.client.stop_client.ReadyStop", StoppedRobot)
     assert exit_code(["estop", "--connect", "tls/ant.local:7448", "--keys", "my keys"]) == 0
     command = "hexctl estop --clear --connect tls/ant.local:7448 --keys 'my keys' when"
     assert command in capsys.readouterr().out
@@ -111,7 +111,7 @@ def test_the_command_that_clears_it_leads_to_the_same_robot(
 def test_servos_that_report_no_angles_are_not_said_to_be_at_rest(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("hexctl.serve.stops.estop.ReadyStop", StoppedRobot)
+    monkeypatch.setattr("hexctl.client.stop_client.ReadyStop", StoppedRobot)
     monkeypatch.setattr(StoppedRobot, "echoed", True)
     assert exit_code(["estop"]) == 0
     printed = capsys.readouterr()
@@ -130,7 +130,7 @@ def test_a_link_file_that_has_gone_meanwhile_is_no_error_of_a_stop(
         file.unlink()
         return result(robot)
 
-    monkeypatch.setattr("hexctl.serve.stops.estop.ReadyStop", StoppedRobot)
+    monkeypatch.setattr("hexctl.client.stop_client.ReadyStop", StoppedRobot)
     monkeypatch.setattr(StoppedRobot, "wait_for_rest", remove)
     assert exit_code(["estop", "--link", str(file)]) == 0
     assert "hexctl estop --clear --connect tcp/127.0.0.1:7448 when" in capsys.readouterr().out

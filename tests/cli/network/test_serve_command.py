@@ -14,7 +14,7 @@ from hexctl.backends.mock import MockServos
 from hexctl.cli.main import exit_code
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import Link
-from tests.serve.processes import RECORDED, free_port, hexctl, program, served
+from tests.server.processes import RECORDED, free_port, hexctl, program, served
 
 REFUSED = [
     (["serve", "--backend", "zenoh"], ["--backend", "zenoh", "sim, mavlink, dynamixel, feetech, lx16a, "]),
@@ -100,7 +100,7 @@ def test_own_servos_that_raise_end_it_as_a_fault_in_one_line(
         pass
 
     setattr(Driver, method, broken)
-    monkeypatch.setattr("tests.serve.recorded.RecordedServos", Driver)
+    monkeypatch.setattr("tests.server.recorded.RecordedServos", Driver)
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     assert exit_code(["serve", "--backend", RECORDED, "--listen", endpoint]) == 3
     (*_, line) = capsys.readouterr().err.splitlines()
@@ -140,7 +140,7 @@ def test_a_stop_whose_fault_is_still_there_is_not_cleared(
 ) -> None:
     answer = {"stopped": "fault: no power", "robot": "ant", "backend": "mock"}
     robots = SimpleNamespace(clear=lambda **_: [answer], link=Link())
-    monkeypatch.setattr("hexctl.serve.remote.remote_robots", lambda *_, **__: nullcontext(robots))
+    monkeypatch.setattr("hexctl.client.remote.remote_robots", lambda *_, **__: nullcontext(robots))
     assert exit_code(["estop", "--clear", *json_option]) == 3
     printed = capsys.readouterr().out
     assert "fault: no power" in printed
@@ -155,7 +155,7 @@ def test_a_clear_says_whether_there_was_a_stop(
 ) -> None:
     answer = {"stopped": None, "cleared": cleared, "robot": "ant", "backend": "mock"}
     robots = SimpleNamespace(clear=lambda **_: [answer], link=Link())
-    monkeypatch.setattr("hexctl.serve.remote.remote_robots", lambda *_, **__: nullcontext(robots))
+    monkeypatch.setattr("hexctl.client.remote.remote_robots", lambda *_, **__: nullcontext(robots))
     assert exit_code(["estop", "--clear"]) == 0
     assert capsys.readouterr().out.startswith(said)
 

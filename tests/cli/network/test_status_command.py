@@ -7,9 +7,9 @@ import pytest
 from rich.console import Console
 
 from hexctl.cli.network.status_command import status_rows, status_table
-from hexctl.serve.serve_options import ServedOptions
+from hexctl.server.serve_options import ServedOptions
 from hexctl.wire.links import CLEAR_COMMAND
-from tests.serve.processes import hexctl, served
+from tests.server.processes import hexctl, served
 
 CALM: dict[str, Any] = {
     "robot": "ant",

@@ -23,7 +23,7 @@ from hexctl.recording.viewer import viewer_binary
 from hexctl.runs.run import run
 from tests.adapt.walking import SPEC, result_of
 from tests.recording.conftest import damage
-from tests.serve.processes import (
+from tests.server.processes import (
     TIMEOUT_S,
     Program,
     controlling,

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from hexctl.cli.main import exit_code
-from tests.serve.processes import free_port
+from tests.server.processes import free_port
 from tests.vision.test_place import saved
 
 

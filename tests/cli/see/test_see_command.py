@@ -24,7 +24,7 @@ from hexctl.waiting import wait_for
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.pose import decode_pose
 from hexctl.wire.zenoh_session import open_session
-from tests.serve.processes import free_port, hexctl_process, program, served
+from tests.server.processes import free_port, hexctl_process, program, served
 from tests.vision.test_place import saved
 
 HOME = FLOOR_TAGS[0].pose

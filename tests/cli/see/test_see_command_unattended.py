@@ -25,7 +25,7 @@ from hexctl.vision.twin.posture_history import followed_robot
 from hexctl.vision.twin.twin_camera import FLOOR_TAGS, WEBCAM
 from hexctl.wire.links import Link
 from tests.recording.conftest import ReadBack
-from tests.serve.processes import hexctl, program, served
+from tests.server.processes import hexctl, program, served
 
 HOME = FLOOR_TAGS[0].pose
 

@@ -10,7 +10,7 @@ from hexctl.cli.main import exit_code
 from hexctl.vision.detection.lens import load_lens
 from hexctl.vision.video.video_source import open_video
 from hexctl.waiting import wait_for
-from tests.serve.processes import free_port, program, served
+from tests.server.processes import free_port, program, served
 
 
 @pytest.mark.parametrize(

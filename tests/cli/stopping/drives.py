@@ -19,8 +19,8 @@ import numpy as np
 
 from hexctl.teleop.event_file import EVENT
 from hexctl.waiting import wait_for
-from tests.serve.processes import RECORDED, ROOT
-from tests.serve.recorded import VARIABLE, ServoLog
+from tests.server.processes import RECORDED, ROOT
+from tests.server.recorded import VARIABLE, ServoLog
 
 #: A robot whose targets have not changed for so long is at rest: longer than a command holds.
 QUIET_S = 0.6

@@ -13,8 +13,8 @@ from hexctl.waiting import wait_for
 from pictures.browser import BrowserError, browser
 from tests.cli.stopping.drives import PATIENCE_S, Driven, LostDriveError, Pad, local
 from tests.cli.terminals import COMMAND, WITH_TERMINAL, OnTerminal
-from tests.serve.processes import RECORDED
-from tests.serve.recorded import VARIABLE
+from tests.server.processes import RECORDED
+from tests.server.recorded import VARIABLE
 
 #: How long a browser that has just begun may hang, for up to 0.7 s at a time.
 BROWSER_S = 3.0

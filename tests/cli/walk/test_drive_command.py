@@ -22,7 +22,7 @@ from hexctl.waiting import wait_for
 from hexctl.wire.links import Link
 from tests.cli.terminals import WAIT_S, on_terminal
 from tests.recording.conftest import ReadBack
-from tests.serve.processes import hexctl, served
+from tests.server.processes import hexctl, served
 
 
 def test_keys_drive_until_q_and_the_drive_is_recorded(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from hexctl.robot.configs import config_root, read_mapping
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.servos_section import SECTION, write_joint
 from hexctl.robot.yaml_text import yaml_content
-from hexctl.serve.stops.stop_file import StopFile
+from hexctl.server.stops.stop_file import StopFile
 from hexctl.settings import CHOSEN, read_settings
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.floor import FloorTag

@@ -14,17 +14,17 @@ from hexctl.backends.mock import MockServos
 from hexctl.backends.zenoh.subscriber import LatestValues, StateSubscriber
 from hexctl.backends.zenoh.zenoh_client import ask, granted
 from hexctl.cli.network.status_command import status_rows
+from hexctl.client import remote
+from hexctl.client.remote import RemoteRobots
 from hexctl.control.guard import Guard
 from hexctl.errors import HexctlError, RobotFaultError
 from hexctl.robot.formats.json_model import robot_from_json, robot_to_json
-from hexctl.serve import remote
-from hexctl.serve.inbox import Arrival
-from hexctl.serve.leases import LeaseManager
-from hexctl.serve.remote import RemoteRobots
-from hexctl.serve.requests import RequestHandler
-from hexctl.serve.server import RobotServer
-from hexctl.serve.stops.latch import StopLatch
-from hexctl.serve.stops.stop_socket import StopSocket
+from hexctl.server.inbox import Arrival
+from hexctl.server.leases import LeaseManager
+from hexctl.server.requests import RequestHandler
+from hexctl.server.server import RobotServer
+from hexctl.server.stops.latch import StopLatch
+from hexctl.server.stops.stop_socket import StopSocket
 from hexctl.types import N_JOINTS, ServoReadings
 from hexctl.wire.description import (
     RobotIdentity,

@@ -11,7 +11,7 @@ from hexctl.types import FloatArray
 from hexctl.vision.twin import posture_history
 from hexctl.vision.twin.posture_history import KEPT, PostureHistory, followed_robot
 from hexctl.wire.links import Link
-from tests.serve.processes import free_port, served
+from tests.server.processes import free_port, served
 
 JOINTS = np.arange(18.0)
 

@@ -28,7 +28,7 @@ from hexctl.vision.twin.twin_camera import (
 from hexctl.vision.video.video_source import VideoSource, open_video
 from hexctl.waiting import wait_for
 from hexctl.wire.links import Link
-from tests.serve.processes import Served, free_port, served
+from tests.server.processes import Served, free_port, served
 
 
 @pytest.mark.parametrize(

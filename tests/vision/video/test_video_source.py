@@ -10,7 +10,7 @@ from hexctl.vision.video import video_source
 from hexctl.vision.video.video_source import LiveVideo, open_video
 from hexctl.vision.video.video_writer import VideoWriter
 from hexctl.waiting import wait_for
-from tests.serve.processes import free_port
+from tests.server.processes import free_port
 from tests.vision.feeding import feeding, plain, wait_for_brightness
 
 

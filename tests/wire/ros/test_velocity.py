@@ -9,7 +9,7 @@ from hexctl.errors import MessageError
 from hexctl.types import FloatArray
 from hexctl.wire import ros_cdr
 from hexctl.wire.ros.velocity import TWIST, TWIST_STAMPED, decode_velocity
-from tests.serve.test_hostile_input import spoiled
+from tests.server.test_hostile_input import spoiled
 
 
 def twist(kind: str, velocity: FloatArray) -> bytes:

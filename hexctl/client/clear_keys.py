@@ -1,0 +1,83 @@
+"""Clear keys of the stops that this user asked for: a stop is cleared quickly by whoever shows them."""
+
+import os
+import re
+import threading
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+
+from hexctl.files import read_secret, state_folder
+from hexctl.wire.stop import CLAIM_DIGITS, CLEAR_KEY_BYTES, claim_of, new_clear_key
+
+#: Keys on the disk; older ones are removed.
+MOST_KEPT = 64
+
+#: Keys that this process made, by claim: it needs no disk to clear its own stops.
+_OWN: dict[str, str] = {}
+
+
+class NewClaim:
+    """Claim of a stop that this process is about to ask for.
+
+    Attributes:
+        claim: hash of the clear key, 16 hexadecimal digits: the name of the request.
+    """
+
+    def __init__(self) -> None:
+        self._key = new_clear_key()
+        self.claim = claim_of(self._key)
+        self._writer = threading.Thread(target=self._write, name="clear key", daemon=True)
+
+    def keep(self) -> None:
+        """Keep the key for `hexctl estop --clear` of this user; never waits for the disk."""
+        _OWN[self.claim] = self._key
+        with suppress(RuntimeError):  # pressed twice, or the computer has no thread left
+            self._writer.start()
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait until the key is on the disk."""
+        if self._writer.ident is not None:
+            self._writer.join(timeout_s)
+
+    def _write(self) -> None:
+        path = _path_of(self.claim)
+        with suppress(OSError):  # this process can clear the stop; others have to wait longer
+            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+            with open(descriptor, "w", encoding="ascii") as file:
+                file.write(self._key)
+            kept = sorted(path.parent.glob("clear-*.key"), key=lambda one: one.lstat().st_mtime)
+            for old in kept[:-MOST_KEPT]:
+                old.unlink(missing_ok=True)
+
+
+def keys_for(claims: Iterable[object]) -> list[str]:
+    """Clear keys that this user has for the claims of a stop."""
+    return [key for key in map(_key_for, claims) if key is not None]
+
+
+def forget(claims: Iterable[object]) -> None:
+    """Remove the keys of a stop that was cleared."""
+    for claim in filter(_is_claim, claims):
+        _OWN.pop(str(claim), None)
+        with suppress(OSError):
+            _path_of(str(claim)).unlink()
+
+
+def _key_for(claim: object) -> str | None:
+    if not _is_claim(claim):
+        return None
+    key = _OWN.get(str(claim))
+    with suppress(OSError, ValueError):
+        key = key or read_secret(_path_of(str(claim)), 4 * CLEAR_KEY_BYTES).decode("ascii").strip()
+    return key
+
+
+def _is_claim(claim: object) -> bool:
+    """Whether a value from the network is a claim, and no path."""
+    return isinstance(claim, str) and re.fullmatch(f"[0-9a-f]{{{CLAIM_DIGITS}}}", claim) is not None
+
+
+def _path_of(claim: str) -> Path:
+    return state_folder() / f"clear-{claim}.key"

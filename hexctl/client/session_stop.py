@@ -1,0 +1,163 @@
+"""A client's session for a stop: opened beforehand where there is time, it asks until all is at rest."""
+
+import threading
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from hexctl.client.datagram_stop import Sighting
+from hexctl.errors import HexctlError, RobotFaultError
+from hexctl.wire.links import Link
+from hexctl.wire.stop import LIFTED_BY_LEASE
+
+if TYPE_CHECKING:
+    from hexctl.client.remote import RemoteRobots
+
+#: Pause between two questions after a stop, and before one; and before a session is tried again.
+WATCH_PERIOD_S, ASK_PERIOD_S = 0.1, 0.5
+
+
+class SessionStop:
+    """Asks the robots on a link over a session, and stops them once it is told to; a thread of its own does.
+
+    Args:
+        link: to the robots.
+        request: name of the stop.
+        pressed: set once the robots are to stop.
+        see: called with what all of them said together, on the thread.
+        again: whether a session that cannot be opened is tried again.
+
+    Attributes:
+        error: why there is no session now, or why a robot has not stopped; None while all is well.
+        answers: of the robots to the stop, the last of each.
+        opened: whether there is a session.
+        ended: whether the thread does no more.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        request: bytes,
+        pressed: threading.Event,
+        see: Callable[[Sighting], None],
+        *,
+        again: bool,
+    ) -> None:
+        self._link, self._request, self._pressed, self._see = link, request, pressed, see
+        self._again = again
+        self._due = threading.Event()
+        self._ends = self._all_stay = False
+        self._known: set[str] = set()  # robots that have to stop: of the last look before, and all since
+        self.error: HexctlError | None = None
+        self.answers: list[dict[str, Any]] = []
+        self.opened = self.ended = False
+        # No daemon: a process that ends while a session opens would not close it.
+        self._thread = threading.Thread(target=self._run, name="stop by session")
+
+    def begin(self) -> None:
+        """Begin to open a session."""
+        self._thread.start()
+
+    def wake(self) -> None:
+        """Look at once whether the robots are to stop."""
+        self._due.set()
+
+    def end(self) -> None:
+        """Let the thread end, which takes as long as a session that just opens."""
+        self._ends = True
+        self._due.set()
+
+    def _run(self) -> None:
+        try:
+            while not self._ends:
+                try:
+                    self._once()
+                except HexctlError as error:
+                    self.error = error
+                self.opened = False
+                if not self._again:
+                    return
+                self._pause(2 * ASK_PERIOD_S)
+        finally:
+            self.ended = True
+
+    def _once(self) -> None:
+        """Ask over one session until the end; raises HexctlError where that fails."""
+        from zenoh import ZError
+
+        try:
+            self._ask()
+        except ZError as error:
+            raise RobotFaultError(f"the session failed: {error}") from error
+
+    def _ask(self) -> None:
+        from hexctl.client.remote import RemoteRobots
+        from hexctl.wire.links import KeyMap, Role
+        from hexctl.wire.zenoh_session import open_session
+
+        keys = KeyMap.of("*").renamed(dict(self._link.names))
+        with open_session(self._link, Role.CONTROLLER, keys) as session:
+            robots = RemoteRobots(session, self._link)
+            self.opened, self.error, self._all_stay = True, None, False
+            while not self._ends:
+                if self._pressed.is_set() and not self._all_stay:
+                    self._stop(robots)
+                self._look(robots)
+                self._pause(WATCH_PERIOD_S if self._pressed.is_set() else ASK_PERIOD_S)
+
+    def _stop(self, robots: "RemoteRobots") -> None:
+        """Ask all robots to stop; under the same name it renews nothing of those that have stopped."""
+        answers = robots.stop(self._request.hex())
+        names = _names(answers)
+        self._known |= names
+        self.answers = [one for one in self.answers if not _names([one]) & names] + answers
+
+    def _look(self, robots: "RemoteRobots") -> None:
+        """Ask all robots, and tell what they are together."""
+        asked_s, pressed = time.monotonic(), self._pressed.is_set()
+        self._all_stay = False
+        statuses = robots.statuses()
+        if not statuses:
+            self.error = RobotFaultError(f"no robot answers at {self._link.endpoint}; is hexctl serve there?")
+            return
+        self._known = self._known | _names(statuses) if pressed else _names(statuses)
+        stopped = [status.get("stopped") for status in statuses]
+        left = self._known - _names(statuses) | _names([one for one in statuses if not _stays(one)])
+        stays = not left
+        self._all_stay = stays and bool(self.answers) and self._known <= _names(self.answers)
+        self.error = None
+        if self.answers and left:
+            self.error = RobotFaultError(f"asked to stop, and not seen stopped: {', '.join(sorted(left))}")
+        stops = [one for status in statuses if isinstance(one := status.get("stop"), dict)]
+        self._see(
+            Sighting(
+                at_s=asked_s,
+                stopped=str(stopped[0]) if stays else None,
+                stop_id=str(stops[0].get("id")) if stays and stops else None,
+                at_rest=all(status.get("at_rest") is True for status in statuses),
+                kept=bool(stops) and all(one.get("kept") for one in stops),
+                robot=str(statuses[0].get("robot", "?")),
+                echoed=any(status.get("joints") == "echoed" for status in statuses),
+                cleared=_cleared(statuses),
+            )
+        )
+
+    def _pause(self, duration_s: float) -> None:
+        self._due.wait(duration_s)
+        self._due.clear()
+
+
+def _stays(status: dict[str, Any]) -> bool:
+    """Whether the robot of a status is stopped by a stop that stays."""
+    return status.get("stopped") not in (None, LIFTED_BY_LEASE)
+
+
+def _cleared(statuses: list[dict[str, Any]]) -> tuple[str, str] | None:
+    """Id of the stop that was cleared last, and who cleared it, of the first robot that says it."""
+    cleared = (one for status in statuses if isinstance(one := status.get("cleared"), dict))
+    return next(((str(one.get("id")), str(one.get("by"))) for one in cleared), None)
+
+
+def _names(messages: list[dict[str, Any]]) -> set[str]:
+    """Names of the robots that sent messages."""
+    return {str(one.get("robot", "?")) for one in messages}

@@ -1,0 +1,356 @@
+"""Stopping a robot from anywhere: by datagram and by session at once, until it is seen to be at rest."""
+
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from hexctl.client.clear_keys import NewClaim
+from hexctl.client.datagram_stop import DatagramStop, Sighting
+from hexctl.client.session_stop import SessionStop
+from hexctl.client.stop_watch import SILENCE_S, StopWatch
+from hexctl.errors import HexctlError, RobotFaultError, argument
+from hexctl.wire import TIME_TO_LIVE_S
+from hexctl.wire.connection_diagnosis import is_refused
+from hexctl.wire.links import Endpoint, Link, load_link
+
+#: A robot has to be seen at rest for this long, with no longer pause between two looks.
+RESTS_S, MOST_PAUSE_S = 0.5, 0.4
+
+#: How long a robot may take to be reached, and then to come to rest.
+REACH_S, REST_TIMEOUT_S = 6.0, 5.0
+
+#: Without an answer to any datagram for this long, a session that has failed decides.
+DATAGRAM_S = 1.0
+
+POLL_S, WATCH_S, EARLY_POLL_S = 0.01, 0.1, 0.001
+
+#: How long a slow disk may take to keep the key that clears the stop.
+KEY_WRITE_S = 1.0
+
+
+#: What still stops a robot whose network carries neither way.
+OVERLOADED = (
+    "If its network is overloaded, hexctl estop on its own computer still works, and a robot that is "
+    f"commanded over that network stops by itself {TIME_TO_LIVE_S:g} s after the last command"
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StopResult:
+    """A robot that was stopped, and seen to stay at rest.
+
+    Attributes:
+        stopped: why it is stopped: `estop`, or what else was wrong before.
+        stop_id: id by which the stop is cleared; None if the robot did not report it.
+        at_rest: whether no joint moves; always True.
+        kept: whether the stop will survive a restart of the server.
+        robot: name of the robot.
+        ways: by which the robot confirmed it: `datagram`, `session`.
+        took_s: time until the first confirmation of the stop.
+        rested_s: time until it was first seen at rest, and stayed so.
+        answers: of the session, with the robot's identity; empty where it was locked out.
+        echoed: whether its servos do not report their angles: all that is known then is that their targets
+            no longer change.
+    """
+
+    stopped: str
+    stop_id: str | None
+    at_rest: bool
+    kept: bool
+    robot: str
+    ways: tuple[str, ...]
+    took_s: float
+    rested_s: float
+    answers: tuple[dict[str, Any], ...]
+    echoed: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """How a robot can be reached now.
+
+    Attributes:
+        robot: its name, empty before it was heard of.
+        ways: which are open: `datagram`, `session`.
+        trouble: why the others are not, in words; empty where both are.
+    """
+
+    robot: str
+    ways: tuple[str, ...]
+    trouble: str
+
+    def __str__(self) -> str:
+        """One line for an operator."""
+        if not self.ways:
+            return f"NOT REACHABLE: {self.trouble}"
+        only = f" only ({self.trouble})" if self.trouble else ""
+        return f"{self.robot} is reached by {' and '.join(self.ways)}{only}"
+
+
+class ReadyStop:
+    """A stop that is connected beforehand: `press` stops the robot, also while strangers fill its port.
+
+        with ReadyStop(connect="tls/robot.local:7447", credentials=Path("keys")) as ready:
+            ready.press()
+            print(ready.wait_for_rest().stopped)
+
+    Args:
+        connect: Zenoh endpoint of the robot; None is that of the link, or the default.
+        credentials: folder of certificates, or None.
+        insecure: whether a link beyond this computer may do without certificates.
+        link: name or path of a link file, or None.
+        again: whether a session that cannot be opened is tried again.
+
+    Raises InputError for an endpoint or a link that is not allowed.
+    """
+
+    def __init__(
+        self,
+        *,
+        connect: str | None = None,
+        credentials: Path | None = None,
+        insecure: bool = False,
+        link: str | None = None,
+        again: bool = True,
+    ) -> None:
+        self._link = load_link(link, endpoint=connect, credentials=credentials, insecure=insecure)
+        Endpoint.parse(self._link.endpoint)
+        self._pressed = threading.Event()
+        self._lock = threading.Lock()  # over what both ways have seen
+        self._pressed_s = self._begun_s = 0.0
+        self._claimed = NewClaim()
+        request = bytes.fromhex(self._claimed.claim)
+        self._seen: dict[str, Sighting] = {}
+        self._rested: dict[str, float] = {}
+        self._first_stop_s: float | None = None
+        self._datagrams = DatagramStop(self._link, request, self._pressed, partial(self._see, "datagram"))
+        see = partial(self._see, "session")
+        self._session = SessionStop(self._link, request, self._pressed, see, again=again)
+
+    def __enter__(self) -> Self:
+        """Begin to reach the robot; returns at once."""
+        self._begun_s = time.monotonic()
+        self._datagrams.begin()
+        self._session.begin()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._session.end()
+        self._datagrams.end()
+
+    def end_datagrams(self) -> None:
+        """End what `press_by_datagram` has begun."""
+        self._datagrams.end()
+
+    def press_by_datagram(self, wait_s: float) -> None:
+        """Stop the robot before sessions are loaded, which takes longer than the stop; then use `with`.
+
+        Args:
+            wait_s: how long the robot may take to confirm it; the stop goes on being sent after that.
+        """
+        self.press()
+        self._datagrams.begin()
+        until_s = time.monotonic() + wait_s
+        while not (self._datagrams.obeyed or self._datagrams.trouble) and time.monotonic() < until_s:
+            time.sleep(EARLY_POLL_S)
+
+    @property
+    def link(self) -> Link:
+        """Link to the robot, as it was when this was made."""
+        return self._link
+
+    def press(self) -> None:
+        """Stop the robot now, by all ways; may be called from any thread.
+
+        As long as the block runs it is stopped again where that was cleared.
+        """
+        if not self._pressed.is_set():
+            self._pressed_s = time.monotonic()
+            self._pressed.set()
+        self._datagrams.wake()
+        self._session.wake()
+        self._claimed.keep()
+
+    @property
+    def reach(self) -> Reach:
+        """How the robot can be reached now."""
+        now_s = time.monotonic()
+        with self._lock:
+            fresh = {way: one for way, one in self._seen.items() if now_s - one.at_s < SILENCE_S}
+        trouble = []
+        if "datagram" not in fresh:
+            trouble.append(self._datagrams.trouble or "no answer to datagrams")
+        if "session" not in fresh:
+            trouble.append(str(self._session.error or "no session yet"))
+        robot = next((one.robot for one in fresh.values()), "")
+        return Reach(robot, tuple(sorted(fresh)), "; ".join(trouble))
+
+    def wait_for_rest(self, *, identity_s: float = 0.0) -> StopResult:
+        """Wait until the robot is at rest and has stayed so for half a second.
+
+        Args:
+            identity_s: how long to wait then for the session, which has the robot's identity, if it may still
+                open.
+
+        Raises InputError for certificates that are not allowed, RobotFaultError for a robot that cannot be
+        reached, that does not stop, or that moves on.
+        """
+        self.press()
+        rests_since_s = time.monotonic()
+        while True:
+            with self._lock:
+                rested_s = self._rested_since_s()
+                result = None if rested_s is None else self._result(rested_s)
+            if result is None:
+                self._raise_if_late()
+                rests_since_s = time.monotonic()
+            elif self._session_is_over() or time.monotonic() - rests_since_s >= identity_s:
+                self._claimed.wait(KEY_WRITE_S)
+                return result
+            time.sleep(POLL_S)
+
+    def _session_is_over(self) -> bool:
+        """Whether the session has answered, or will not."""
+        return bool(self._session.answers) or self._session.ended or self._session.error is not None
+
+    def watch(self, result: StopResult) -> Iterator[str]:
+        """Report what becomes of a stop: a line for each change, without end.
+
+        From the first line that is asked for, the robot is not stopped again if the stop is cleared.
+        """
+        self._pressed.clear()
+        watch = StopWatch(result.stop_id)
+        while True:
+            with self._lock:
+                line = watch.change(self._seen.values(), time.monotonic())
+            if line is not None:
+                yield line
+            time.sleep(WATCH_S)
+
+    def _see(self, way: str, sighting: Sighting) -> None:
+        """Take what a robot said, from the thread of a way."""
+        with self._lock:
+            self._take(way, sighting)
+
+    def _take(self, way: str, sighting: Sighting) -> None:
+        before = self._seen.get(way)
+        self._seen[way] = sighting
+        confirmed = self._datagrams.obeyed if way == "datagram" else bool(self._session.answers)
+        if not confirmed or sighting.stopped is None:
+            self._rested.pop(way, None)
+            return
+        if self._first_stop_s is None:
+            self._first_stop_s = time.monotonic()
+        if not sighting.at_rest:
+            self._rested.pop(way, None)
+        elif way not in self._rested or before is None or sighting.at_s - before.at_s > MOST_PAUSE_S:
+            self._rested[way] = sighting.at_s
+
+    def _rested_since_s(self) -> float | None:
+        """Since when the robot has been at rest, once that was long enough; None before.
+
+        What one way has seen does not count where the other has seen since that a robot is not at rest.
+        """
+        for way, since_s in self._rested.items():
+            if self._seen[way].at_s - since_s >= RESTS_S and not self._moved_since(since_s):
+                return since_s
+        return None
+
+    def _moved_since(self, at_s: float) -> bool:
+        """Whether a robot was seen to move, by the newest answer of a way: of after a time, and fresh."""
+        from_s = max(at_s, time.monotonic() - SILENCE_S)
+        return any(
+            one.at_s > from_s and (one.stopped is None or not one.at_rest) for one in self._seen.values()
+        )
+
+    def _raise_if_late(self) -> None:
+        passed_s = time.monotonic() - max(self._pressed_s, self._begun_s)
+        if self._first_stop_s is None:
+            failed = self._session.ended and self._session.error is not None
+            if (failed and passed_s > DATAGRAM_S) or passed_s > REACH_S:
+                raise self._out_of_reach()
+        elif time.monotonic() - self._first_stop_s > REST_TIMEOUT_S:
+            raise RobotFaultError(
+                f"the robot is told to stop, and was not seen at rest for {REST_TIMEOUT_S:g} s; go and look, "
+                "with a hand at the switch of its servos' supply"
+            )
+
+    def _out_of_reach(self) -> HexctlError:
+        """The error about a robot that was not reached; if it may be there, with what else stops it."""
+        error = self._session.error or RobotFaultError(
+            f"no robot answers at {self._link.endpoint}: {self.reach.trouble}"
+        )
+        if not isinstance(error, RobotFaultError) or is_refused(Endpoint.parse(self._link.endpoint)):
+            return error
+        why = error.worded(argument)
+        return RobotFaultError(f"{why}{'' if why.endswith('?') else '.'} {OVERLOADED}")
+
+    def _result(self, rested_s: float) -> StopResult:
+        stops = {way: one for way, one in self._seen.items() if one.stopped is not None}
+        newest = max(stops.values(), key=lambda one: one.at_s)
+        assert self._first_stop_s is not None  # noqa: S101  it rests because it has stopped
+        return StopResult(
+            stopped=newest.stopped or "",
+            stop_id=newest.stop_id,
+            at_rest=newest.at_rest,
+            kept=newest.kept,
+            robot=newest.robot,
+            ways=tuple(sorted(stops)),
+            took_s=self._first_stop_s - self._pressed_s,
+            rested_s=max(0.0, rested_s - self._pressed_s),
+            answers=tuple(self._session.answers),
+            echoed=newest.echoed,
+        )
+
+
+def estop(
+    *,
+    connect: str | None = None,
+    credentials: Path | None = None,
+    insecure: bool = False,
+    link: str | None = None,
+) -> StopResult:
+    """Stop a robot on the network and see it come to rest, whichever client commands it.
+
+    Args:
+        connect: Zenoh endpoint of the robot; None is that of the link, or the default.
+        credentials: folder of certificates, or None.
+        insecure: whether a link beyond this computer may do without certificates.
+        link: name or path of a link file, or None.
+
+    Raises what `ReadyStop.wait_for_rest` raises, and InputError for a link that is not allowed.
+    """
+    with ReadyStop(
+        connect=connect, credentials=credentials, insecure=insecure, link=link, again=False
+    ) as ready:
+        return ready.wait_for_rest()
+
+
+def clear_stop(
+    *,
+    connect: str | None = None,
+    credentials: Path | None = None,
+    insecure: bool = False,
+    link: str | None = None,
+) -> list[dict[str, Any]]:
+    """Clear the stop that a robot on the network has now; the robot moves when a client commands it.
+
+    Arguments are those of `estop`. The answers of the robots: `stopped` is None, or why it is still stopped,
+    with `error` where the clear was refused; `cleared` is the stop that was meant.
+
+    Raises InputError for a link that is not allowed, and RobotFaultError where no robot answers.
+    """
+    from hexctl.client.remote import remote_robots
+    from hexctl.wire.links import Role
+
+    with remote_robots(
+        Role.CONTROLLER, connect=connect, credentials=credentials, insecure=insecure, link=link
+    ) as robots:
+        return robots.clear()

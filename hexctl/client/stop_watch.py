@@ -1,0 +1,67 @@
+"""Watch a stopped robot: report if the stop is cleared, by whom, and if the robot moves again."""
+
+from collections.abc import Collection
+from enum import Enum
+
+from hexctl.client.datagram_stop import Sighting
+from hexctl.errors import printable
+from hexctl.wire.stop import MAX_BY
+
+#: A robot that has not answered for this long is silent, in s.
+SILENCE_S = 1.5
+
+#: How long a report waits for the session, which knows who cleared the stop, in s.
+NAME_WAIT_S = 1.0
+
+
+class State(Enum):
+    """State of a robot after a stop, with its words for an operator; `{by}` is who cleared the stop."""
+
+    STOPPED = "the robot is stopped and at rest"
+    JOINTS_MOVE = "the robot is stopped, and its joints MOVE"
+    CLEARED = "the stop was CLEARED{by}; the robot moves when a client commands it"
+    MOVES = "the robot MOVES AGAIN; the stop was cleared{by}"
+    SILENT = "the robot no longer answers; whether it is still stopped is not known"
+
+
+class StopWatch:
+    """Reports each change of a stopped robot once.
+
+    Args:
+        stop_id: of the stop in force; None if the robot did not report it.
+    """
+
+    def __init__(self, stop_id: str | None) -> None:
+        self._stop_id = stop_id
+        self._reported, self._changed_s = State.STOPPED, 0.0
+
+    def change(self, seen: Collection[Sighting], at_s: float) -> str | None:
+        """Return a line about a change since the last report, or None.
+
+        Args:
+            seen: newest sighting by each way.
+            at_s: time of now, on time.monotonic.
+        """
+        state, by = _state_of(seen, at_s), self._clearer(seen)
+        if state is self._reported:
+            self._changed_s = at_s
+            return None
+        cleared = state in (State.CLEARED, State.MOVES)
+        if cleared and not by and at_s - self._changed_s < NAME_WAIT_S:
+            return None
+        self._reported, self._changed_s = state, at_s
+        return state.value.format(by=f" by {by}" if by else "")
+
+    def _clearer(self, seen: Collection[Sighting]) -> str:
+        """Who cleared the stop, empty if that is not known."""
+        cleared = (one.cleared for one in seen if one.cleared is not None)
+        return next((printable(by)[:MAX_BY] for stop_id, by in cleared if stop_id == self._stop_id), "")
+
+
+def _state_of(seen: Collection[Sighting], at_s: float) -> State:
+    newest = max(seen, key=lambda one: one.at_s, default=None)
+    if newest is None or at_s - newest.at_s > SILENCE_S:
+        return State.SILENT
+    if newest.stopped is None:
+        return State.CLEARED if newest.at_rest else State.MOVES
+    return State.STOPPED if newest.at_rest else State.JOINTS_MOVE

@@ -1,0 +1,141 @@
+"""Which commands a robot accepts: those of the current lease, in order, on time."""
+
+from dataclasses import dataclass
+from threading import Lock
+
+from hexctl.control.guard import EXPIRY_S
+from hexctl.errors import CommandRefusedError, MessageError
+from hexctl.server.leases import Lease
+from hexctl.wire.zenoh_messages import Command, CommandTag, decode_command
+
+#: Bound on the relative drift of two monotonic clocks: 100 ppm for each crystal, and up to 500 ppm for a time
+#: service that slews one of them. A faster slew (chrony may) makes commands late.
+DRIFT = 1000e-6
+
+
+class TransitDelay:
+    """Delay of each message relative to the fastest one so far; the clocks of both ends need not agree.
+
+    The first message counts as on time. A message that was held up by an interrupted link shows its delay.
+    """
+
+    def __init__(self) -> None:
+        self._fastest_s: float | None = None
+        self._at_s = 0.0
+
+    def delay_s(self, stamp_s: float, arrived_s: float) -> float:
+        """Time by which a message took longer than the fastest one so far, in s.
+
+        Args:
+            stamp_s: when it was sent, on the sender's clock.
+            arrived_s: when it arrived, on the receiver's clock.
+        """
+        took_s = arrived_s - stamp_s
+        if self._fastest_s is None:
+            self._fastest_s, self._at_s = took_s, arrived_s
+        self._fastest_s += DRIFT * max(0.0, arrived_s - self._at_s)
+        self._at_s = max(self._at_s, arrived_s)
+        self._fastest_s = min(self._fastest_s, took_s)
+        return took_s - self._fastest_s
+
+
+@dataclass(slots=True)
+class CommandCounters:
+    """Counts of the commands that arrived since the server began.
+
+    Attributes:
+        accepted: reached the guard and passed it.
+        refused: reached the guard, which refused them.
+        malformed: could not be decoded.
+        stale_owner: carried no lease, an expired one or another client's.
+        out_of_order: repeated a sequence number or followed a later one.
+        late: took longer than their time to live.
+        lost: sequence numbers that never arrived.
+        overflowed: messages of any kind that a full inbox dropped.
+    """
+
+    accepted: int = 0
+    refused: int = 0
+    malformed: int = 0
+    stale_owner: int = 0
+    out_of_order: int = 0
+    late: int = 0
+    lost: int = 0
+    overflowed: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """A command to execute.
+
+    Attributes:
+        command: its content.
+        delay_s: how much longer than the fastest command it took.
+        good_for_s: how long it stays valid from its arrival.
+    """
+
+    command: Command
+    delay_s: float
+    good_for_s: float
+
+
+class CommandHandler:
+    """Checks every command that arrives, and counts the ones it drops."""
+
+    def __init__(self) -> None:
+        self.counters = CommandCounters()
+        self._counting = Lock()
+        self.newest_sequence = 0
+        self._lease_sequence = 0
+        self._transit = TransitDelay()
+
+    def admits(self, attachment: bytes | None, lease: Lease | None) -> bool:
+        """Whether a command that has just arrived may wait for its turn: one of the lease in force.
+
+        Safe on any thread. What does not belong here is counted, and so never takes the place of what does.
+        """
+        carried = CommandTag.lease_in(attachment)
+        if carried is not None and lease is not None and carried == (lease.lease_id, lease.sequence):
+            return True
+        self._count("malformed" if carried is None else "stale_owner")
+        return False
+
+    def check(self, payload: bytes, attachment: bytes | None, lease: Lease | None, at_s: float) -> Checked:
+        """Command to execute, of the current lease, in order and on time.
+
+        Raises MessageError or CommandRefusedError, counted, for any other.
+        """
+        try:
+            command = decode_command(payload, attachment)
+        except MessageError:
+            self._count("malformed")
+            raise
+        tag = command.tag
+        if lease is None or tag.lease_id != lease.lease_id or tag.lease_sequence != lease.sequence:
+            self._count("stale_owner")
+            raise CommandRefusedError(f"command: got lease {tag.lease_sequence}; allowed: the one in force")
+        if lease.sequence != self._lease_sequence:
+            self._lease_sequence, self.newest_sequence, self._transit = lease.sequence, 0, TransitDelay()
+        return self._in_order_and_on_time(command, at_s)
+
+    def _count(self, dropped: str) -> None:
+        with self._counting:  # several threads count these
+            setattr(self.counters, dropped, getattr(self.counters, dropped) + 1)
+
+    def _in_order_and_on_time(self, command: Command, at_s: float) -> Checked:
+        tag = command.tag
+        delay_s = self._transit.delay_s(tag.stamp_ns / 1e9, at_s)
+        if tag.sequence <= self.newest_sequence:
+            self.counters.out_of_order += 1
+            raise CommandRefusedError(
+                f"command: got sequence {tag.sequence}; allowed: above {self.newest_sequence}"
+            )
+        self.counters.lost += tag.sequence - self.newest_sequence - 1
+        self.newest_sequence = tag.sequence
+        good_for_s = min(tag.time_to_live_ms / 1000, EXPIRY_S) - delay_s
+        if good_for_s < 0:
+            self.counters.late += 1
+            raise CommandRefusedError(
+                f"command: got {1000 * delay_s:.0f} ms late; allowed: {tag.time_to_live_ms} ms"
+            )
+        return Checked(command, delay_s, good_for_s)

@@ -1,0 +1,329 @@
+"""Requests to a robot: for its lease, for a stop, which any client may ask for, and for a failure."""
+
+from collections import deque
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+from hexctl.backends.base import simulation_of
+from hexctl.control.guard import Guard
+from hexctl.control.stop_reason import reason_in_words
+from hexctl.errors import HexctlError, MessageError, RobotFaultError
+from hexctl.robot.failure import in_words_with_share
+from hexctl.robot.failure_grammar import parse_failure_now, parse_leg
+from hexctl.server.leases import Lease, LeaseManager, LeaseRefusedError
+from hexctl.server.served_servos import call_servos
+from hexctl.server.stops.latch import StopLatch
+from hexctl.wire.description import decode_json
+from hexctl.wire.links import CLEAR_COMMAND
+from hexctl.wire.stop import (
+    LIFTED_BY_LEASE,
+    MAX_BY,
+    MOST_CLAIMS,
+    UNNAMED,
+    Stop,
+    claim_of,
+    new_clear_key,
+)
+
+#: Longest text of a failure that is read.
+MAX_FAILURE_TEXT = 60
+
+#: Legs of a simulation that may change in a second: each change takes a part of a control period.
+MOST_CHANGES = 10
+CHANGES_S = 1.0
+
+#: Longest name of a request for a stop, and longest id of a stop, that is read.
+MAX_NAME = 64
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StopRequest:
+    """What a message at `estop` asks for.
+
+    Attributes:
+        op: `stop` or `clear`.
+        request: name that the client gave its stop, or None.
+        stop_id: of the stop that is to be cleared, or None.
+        by: name of the client, as it says; one that is none stops nothing from being obeyed.
+        keys: clear keys that the client shows.
+    """
+
+    op: str
+    request: str | None = None
+    stop_id: str | None = None
+    by: str = UNNAMED
+    keys: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, payload: bytes) -> "StopRequest":
+        """Request of a payload; an empty one is a stop.
+
+        Raises MessageError for one that is not understood.
+        """
+        if not payload:
+            return cls(op="stop")
+        content = decode_json(payload)
+        return cls(
+            op=_one_of(content, "op", ("stop", "clear")),
+            request=_name(content, "request"),
+            stop_id=_name(content, "id"),
+            by=_asker(content),
+            keys=_keys(content),
+        )
+
+
+class RequestHandler:
+    """Answers requests about the lease and the stop of one robot.
+
+    Args:
+        guard: around the servos.
+        leases: of the robot.
+        latch: of its stops; one of its own unless given.
+
+    Attributes:
+        leases: of the robot.
+        latch: of its stops.
+        malformed: requests so far that could not be decoded.
+        rested_after: number of the last command before the lease's holder rested, as it said.
+        ros_key: clear key of stops that come over ROS.
+    """
+
+    def __init__(self, guard: Guard, leases: LeaseManager, latch: StopLatch | None = None) -> None:
+        self._guard, self.leases = guard, leases
+        self.latch = StopLatch(guard, commander=lambda: leases.last_owner) if latch is None else latch
+        self.malformed = self.rested_after = 0
+        self.ros_key = new_clear_key()
+        self._changed_at_s: deque[float] = deque(maxlen=MOST_CHANGES)
+
+    def urgent(self, payload: bytes, *, by: str | None = None, clear_key: str | None = None) -> None:
+        """Stop the robot unless a payload at `estop` asks for a clear. Safe on any thread.
+
+        One that is not understood stops too: a client that writes there is about to stop.
+
+        Args:
+            payload: of the request.
+            by: who asks, where the payload does not say it.
+            clear_key: of who asks, likewise.
+        """
+        try:
+            wanted = StopRequest.of(payload)
+        except MessageError:
+            wanted = StopRequest(op="stop")
+        if wanted.op == "stop":
+            claim = None if clear_key is None else claim_of(clear_key)
+            self.latch.stop(wanted.request, by=by or wanted.by, claim=claim)
+
+    def estop(self, payload: bytes, at_s: float) -> dict[str, Any]:
+        """Answer to a request at `estop`: why the robot is stopped now, after a stop or a clear.
+
+        Both end the lease; a clear of a robot that is not stopped changes nothing, and neither does one that
+        is refused: `error` says why.
+
+        Args:
+            payload: of the request, which `urgent` has seen already.
+            at_s: time of arrival, by the robot's time source.
+        """
+        try:
+            wanted = StopRequest.of(payload)
+        except MessageError as error:
+            self.leases.revoke()
+            return {**_stop_facts(self.latch.ensure()), **self._misunderstood(error)}
+        if wanted.op == "clear":
+            return self.clear(wanted.stop_id, at_s, by=wanted.by, keys=wanted.keys)
+        self.leases.revoke()
+        return _stop_facts(self.latch.ensure(by=wanted.by))
+
+    def clear(
+        self, stop_id: str | None, at_s: float, *, by: str = UNNAMED, keys: tuple[str, ...] = ()
+    ) -> dict[str, Any]:
+        """Clear a stop; what still stops the robot, such as a fault, stops it again before the answer.
+
+        Args:
+            stop_id: of the stop.
+            at_s: when it was asked for, by the robot's time source.
+            by: who asks.
+            keys: clear keys that the client shows.
+        """
+        if self._guard.stopped is None:
+            return {"stopped": None}
+        refusal = self.latch.clear(stop_id, at_s, by=by, keys=keys)
+        if refusal is not None:
+            return {"stopped": self._guard.stopped, "error": refusal}
+        self.leases.revoke()
+        with suppress(RobotFaultError):  # of a robot that has gone: the next control period says so
+            self._guard.read()
+        return {"stopped": self._guard.stopped}
+
+    def failure(self, payload: bytes, at_s: float) -> dict[str, Any]:
+        """Answer to a request at `failure`: the legs of a simulation that have failed now, or an error.
+
+        A request has the text of a failure, `{"op": "fail", "failure": "5:limp"}`, or a leg that heals,
+        `{"op": "heal", "leg": 5}`. More than `MOST_CHANGES` in a second are refused.
+
+        Args:
+            payload: of the request.
+            at_s: time of arrival, on any monotonic clock.
+        """
+        changed_at_s = self._changed_at_s
+        if len(changed_at_s) == MOST_CHANGES and at_s - changed_at_s[0] < CHANGES_S:
+            return {"error": f"failure: got more in a second; allowed: {MOST_CHANGES} legs that fail or heal"}
+        try:
+            content = decode_json(payload)
+            heals = _one_of(content, "op", ("fail", "heal")) == "heal"
+        except MessageError as error:
+            return self._misunderstood(error)
+        try:
+            text = str(content.get("leg", ""))[:MAX_FAILURE_TEXT] if heals else _failure_text(content)
+            failure = None if heals else parse_failure_now(text)
+            leg = parse_leg(text, "leg") if failure is None else failure.leg
+            simulation = simulation_of(self._guard)
+            whole = all(one.leg != leg for one in simulation.failures)
+            call_servos(self._guard, "change_leg", lambda: simulation.change_leg(leg, failure))
+            changed_at_s.append(at_s)
+        except HexctlError as error:
+            return {"error": str(error)}
+        failures = simulation.failures
+        note = {"note": f"leg {leg} was whole already"} if heals and whole else {}
+        return {"failures": [f"leg {one.leg} {in_words_with_share(one)}" for one in failures], **note}
+
+    def lease(self, payload: bytes, now_s: float) -> dict[str, Any]:
+        """Answer to a request at `lease`: acquire, renew, rest or release."""
+        try:
+            content = decode_json(payload)
+            wanted = _one_of(content, "op", ("acquire", "renew", "rest", "release"))
+            owner, lease_id, after = _owner(content), _lease_id(content), _after(content)
+        except MessageError as error:
+            return self._misunderstood(error)
+        try:
+            if wanted == "acquire":
+                return self._acquire(owner, now_s)
+            answer = self._keep(wanted, lease_id, now_s)
+        except HexctlError as error:
+            return {"error": str(error)}
+        if wanted == "rest":
+            self.rested_after = after
+        return answer
+
+    def acquire(self, owner: str, now_s: float, duration_s: float | None = None) -> Lease:
+        """Grant a lease, for the usual duration unless one is given; a stop for silence is lifted.
+
+        Raises LeaseRefusedError while another client holds the robot, and while it is stopped.
+        """
+        stopped = self._guard.stopped
+        if stopped not in (None, LIFTED_BY_LEASE):
+            self.leases.refused += 1
+            why = reason_in_words(stopped)
+            raise LeaseRefusedError(f"the robot is stopped: {why}; see to it, then {CLEAR_COMMAND}")
+        lease = self.leases.acquire(owner, now_s, duration_s)
+        if not self._guard.lift_silence():
+            self.leases.revoke()
+            raise LeaseRefusedError(f"the robot has just been stopped: {self._guard.stopped}")
+        self._guard.pause_watchdog()
+        self.rested_after = 0
+        return lease
+
+    def holds(self, lease: Lease, now_s: float) -> bool:
+        """Whether a lease is in force."""
+        holder = self.leases.holder(now_s)
+        return holder is not None and holder.lease_id == lease.lease_id
+
+    def release(self, lease: Lease, now_s: float) -> None:
+        """Give a lease back; no command is expected until the next lease. One that has ended is let be."""
+        if self.holds(lease, now_s):
+            self.leases.release(lease.lease_id, now_s)
+            self._guard.pause_watchdog()
+
+    def _acquire(self, owner: str, now_s: float) -> dict[str, Any]:
+        lease = self.acquire(owner, now_s)
+        return {
+            "lease": lease.lease_id.hex(),
+            "sequence": lease.sequence,
+            "duration_s": self.leases.duration_s,
+        }
+
+    def _keep(self, wanted: str, lease_id: bytes, now_s: float) -> dict[str, Any]:
+        if wanted == "release":
+            self.leases.release(lease_id, now_s)
+            if self._guard.in_motion:  # broken off, as by a second Ctrl-C
+                self._guard.stop(LIFTED_BY_LEASE)
+            else:
+                self._guard.pause_watchdog()
+            return {"released": True}
+        lease = self.leases.renew(lease_id, now_s)
+        if wanted == "rest":
+            self._guard.pause_watchdog()
+        return {"sequence": lease.sequence}
+
+    def _misunderstood(self, error: MessageError) -> dict[str, Any]:
+        self.malformed += 1
+        return {"error": str(error)}
+
+
+def _stop_facts(stop: Stop) -> dict[str, Any]:
+    """A stop in the answer to a request for it."""
+    return {"stopped": stop.reason, "stop_id": stop.stop_id}
+
+
+def _name(content: dict[str, Any], key: str) -> str | None:
+    value = content.get(key)
+    if value is not None and not (isinstance(value, str) and len(value) <= MAX_NAME):
+        raise MessageError(f"{key}: got {str(value)[:40]!r}; allowed: text of at most {MAX_NAME} characters")
+    return value
+
+
+def _failure_text(content: dict[str, Any]) -> str:
+    text = content.get("failure")
+    if not isinstance(text, str):
+        raise MessageError(f"failure: got {str(text)[:40]!r}; allowed: text such as 5:limp")
+    return text[:MAX_FAILURE_TEXT]
+
+
+def _keys(content: dict[str, Any]) -> tuple[str, ...]:
+    keys = content.get("keys", [])
+    most = f"at most {MOST_CLAIMS} texts of at most {MAX_NAME} characters"
+    if not isinstance(keys, list) or len(keys) > MOST_CLAIMS:
+        raise MessageError(f"keys: got {str(keys)[:40]!r}; allowed: {most}")
+    for key in keys:
+        if not (isinstance(key, str) and len(key) <= MAX_NAME):
+            raise MessageError(f"keys: got {str(key)[:40]!r}; allowed: {most}")
+    return tuple(keys)
+
+
+def _asker(content: dict[str, Any]) -> str:
+    """Name of the client in a request for a stop; one that cannot be shown is no name."""
+    owner = content.get("owner")
+    named = isinstance(owner, str) and owner.strip() and owner.isprintable()
+    return str(owner)[:MAX_BY] if named else UNNAMED
+
+
+def _one_of(content: dict[str, Any], key: str, allowed: tuple[str, ...]) -> str:
+    value = content.get(key)
+    if value not in allowed:
+        raise MessageError(f"{key}: got {str(value)[:40]!r}; allowed: {', '.join(allowed)}")
+    return str(value)
+
+
+def _owner(content: dict[str, Any]) -> str:
+    owner = content.get("owner", UNNAMED)
+    if not isinstance(owner, str) or not owner.isprintable():
+        raise MessageError("owner: got a value that is not a name; allowed: printable text")
+    return owner
+
+
+def _after(content: dict[str, Any]) -> int:
+    """Number of the last command before a request; 0 of clients that do not tell."""
+    after = content.get("after", 0)
+    if type(after) is not int or not 0 <= after < 2**64:
+        raise MessageError(f"after: got {str(after)[:40]!r}; allowed: the number of a command")
+    return after
+
+
+def _lease_id(content: dict[str, Any]) -> bytes:
+    text = content.get("lease", "")
+    try:
+        return bytes.fromhex(text)
+    except (TypeError, ValueError) as error:
+        raise MessageError(
+            "lease: got a value that is not hexadecimal; allowed: the one that was granted"
+        ) from error

@@ -1,0 +1,270 @@
+"""The ROS 2 node of a served robot: a thread with a Zenoh session of its own.
+
+The robot's thread only hands over its state and takes requests from its inbox. Everything else happens here:
+a router that is not there, a network that fails or a flood of messages costs the robot nothing.
+"""
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from types import TracebackType
+from typing import Any, Self
+
+import zenoh
+
+from hexctl.errors import MessageError
+from hexctl.robot.formats.urdf import urdf_of
+from hexctl.robot.model import Robot
+from hexctl.server.inbox import Inbox
+from hexctl.server.ros.ros_commands import Called, RosCommand, Service, Stopped, WantedJoints, WantedVelocity
+from hexctl.server.ros.snapshot import RobotSnapshot
+from hexctl.server.ros.topics import RobotMessages, RobotTopics
+from hexctl.wire import MAX_PAYLOAD_BYTES, ros_cdr
+from hexctl.wire.links import Endpoint
+from hexctl.wire.ros.endpoints import RosRequest, RosService, RosSubscription
+from hexctl.wire.ros.ros_names import Kind, RosEndpoint, RosNode
+from hexctl.wire.ros.ros_session import RouterWatch, check_router, open_ros_session
+from hexctl.wire.ros.telemetry import encode_trigger_answer
+from hexctl.wire.ros.velocity import TWIST, TWIST_STAMPED, decode_velocity
+from hexctl.wire.zenoh_messages import decode_positions
+
+#: A session that failed is opened again after this.
+REOPEN_S = 1.0
+
+#: The thread looks for requests at least this often, whatever the robot does.
+LONGEST_WAIT_S = 0.05
+
+#: A robot that has handed over nothing for so long is silent.
+SILENT_S = 1.0
+
+#: Topics that move the robot, only there with `drive`; a topic has one subscription for each of its types.
+VELOCITIES = (TWIST, TWIST_STAMPED)
+JOINTS_TOPIC = "robot_joint_command"
+STOP_TOPIC = "~/estop"
+STOP_MESSAGE = "std_msgs/msg/Empty"
+TRIGGER = "std_srvs/srv/Trigger"
+
+_FIRST_SUBSCRIPTION, _FIRST_SERVICE = 30, 40
+
+#: Answer of a service while driving is off.
+OFF = "commands from ROS are off; start hexctl serve with --ros-drive"
+
+
+class ServiceRequest:
+    """A call of a service, to be answered once."""
+
+    def __init__(self, request: RosRequest) -> None:
+        self._request = request
+
+    def answer(self, success: bool, message: str) -> None:
+        """Answer with a flag and a line."""
+        self._request.answer(encode_trigger_answer(success, message))
+
+
+@dataclass(slots=True)
+class RosCounters:
+    """Counts of what came from ROS.
+
+    Attributes:
+        commands: velocities and joint commands that were decoded.
+        stops: at `~/estop`.
+        malformed: commands that could not be decoded, and requests without a client's attachment.
+        sessions: opened so far.
+    """
+
+    commands: int = 0
+    stops: int = 0
+    malformed: int = 0
+    sessions: int = 0
+
+
+class RosBridge:
+    """The node `hexctl` of a robot, on a thread of its own.
+
+    Args:
+        robot: who is served.
+        node: names and domain.
+        router: address of the ROS router, `tcp/HOST:PORT`.
+        drive: whether ROS may move the robot.
+        insecure: whether the router may be beyond this computer.
+
+    Attributes:
+        node: names and domain.
+        drive: whether ROS may move the robot.
+        counters: of what came.
+
+    Raises InputError for a router that is not allowed.
+    """
+
+    def __init__(
+        self, robot: Robot, node: RosNode, *, router: str, drive: bool = False, insecure: bool = False
+    ) -> None:
+        self.node, self.drive = node, drive
+        self.counters = RosCounters()
+        self._router: Endpoint = check_router(router, insecure=insecure)
+        self._watch = RouterWatch(self._router)
+        described = _described(robot, node, ros2_control=drive)
+        self._messages = RobotMessages(robot, described, node.full_name)
+        self._states = Inbox(capacity=1)
+        self._inbox: Inbox | None = None
+        self._stop: Callable[[], None] = lambda: None
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="ros", daemon=True)
+        self._connected = False
+        self._trouble: str | None = None
+
+    def connect(self, inbox: Inbox, stop: Callable[[], None]) -> Self:
+        """Say where commands go; the thread begins with `__enter__`.
+
+        Args:
+            inbox: of the robot's thread, in which arrivals of the kind `ros` hold a `RosCommand`.
+            stop: stops the robot, from any thread.
+        """
+        self._inbox, self._stop = inbox, stop
+        return self
+
+    def __enter__(self) -> Self:
+        """Begin to look for the router, and publish once there is one."""
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._closing.set()
+        self._thread.join(timeout=2.0)  # a session that cannot be closed must not keep the robot
+
+    def offer(self, snapshot: RobotSnapshot) -> None:
+        """Hand over a state; never waits."""
+        self._states.put("state", snapshot)
+
+    def status(self) -> dict[str, Any]:
+        """What is going on with ROS, as JSON values."""
+        return {
+            "router": str(self._router),
+            "connected": self._connected,
+            "drive": self.drive,
+            "trouble": self._trouble,
+            **asdict(self.counters),
+        }
+
+    def _run(self) -> None:
+        """Keep a session open until the end."""
+        while not self._closing.is_set():
+            try:
+                with open_ros_session(self._router) as session:
+                    self.counters.sessions += 1
+                    self._serve(session)
+            except Exception as error:  # noqa: BLE001  whatever it is, the robot works on, and ROS is tried again
+                self._connected, self._trouble = False, f"{type(error).__name__}: {error}"
+                self._closing.wait(REOPEN_S)
+
+    def _serve(self, session: zenoh.Session) -> None:
+        token = session.liveliness().declare_token(self.node.token(str(session.info.zid())))
+        topics = RobotTopics(session, self.node, self._messages)
+        commands = _Commands(session, self.node, self)
+        heard_at_s = looked_at_s = time.monotonic()
+        while not self._closing.is_set():
+            arrival = self._states.take(LONGEST_WAIT_S)
+            now_s = time.monotonic()
+            commands.take()
+            if arrival is not None:
+                heard_at_s = now_s
+                topics.publish(arrival.item, now_s)
+            elif now_s - heard_at_s > SILENT_S:
+                topics.publish_silence(now_s)
+            if now_s - looked_at_s > REOPEN_S:
+                looked_at_s = now_s
+                self._look(session, now_s)
+        token.undeclare()  # type: ignore[no-untyped-call]
+
+    def _look(self, session: zenoh.Session, now_s: float) -> None:
+        """See whether the router is there, and why not."""
+        self._connected = bool(session.info.routers_zid())
+        self._trouble = self._watch.trouble(self._connected, now_s)
+
+    @property
+    def condition(self) -> str | None:
+        """One line on the router: found, or why not; None while that is not known."""
+        return f"ROS router at {self._router} found" if self._connected else self._trouble
+
+    def put(self, command: RosCommand) -> None:
+        """Hand a command to the robot's thread."""
+        if self._inbox is not None:
+            self._inbox.put("ros", command)
+
+    def stop(self) -> None:
+        """Stop the robot now, and tell its thread."""
+        self.counters.stops += 1
+        self._stop()
+        self.put(Stopped())
+
+
+class _Commands:
+    """Subscriptions and services through which ROS asks for something."""
+
+    def __init__(self, session: zenoh.Session, node: RosNode, bridge: RosBridge) -> None:
+        self._bridge, self._counters = bridge, bridge.counters
+        wanted = [(STOP_TOPIC, STOP_MESSAGE)]
+        if bridge.drive:
+            wanted += [("cmd_vel", kind) for kind in VELOCITIES] + [(JOINTS_TOPIC, ros_cdr.JOINT_STATE)]
+        self._subscriptions = {
+            (topic, kind): RosSubscription(
+                session, RosEndpoint(node, Kind.SUBSCRIPTION, topic, kind, _FIRST_SUBSCRIPTION + number)
+            )
+            for number, (topic, kind) in enumerate(wanted)
+        }
+        self._services = {
+            service: RosService(
+                session,
+                RosEndpoint(node, Kind.SERVICE, f"~/{service.value}", TRIGGER, _FIRST_SERVICE + number),
+            )
+            for number, service in enumerate(Service)
+        }
+
+    def take(self) -> None:
+        """Pass on what has come since the last time: of each topic the newest."""
+        for (topic, kind), subscription in self._subscriptions.items():
+            payload = subscription.newest()
+            if payload is None:
+                continue
+            if topic == STOP_TOPIC:  # whatever it says: a stop is never refused
+                self._bridge.stop()
+            else:
+                self._pass(topic, kind, payload)
+        for service, server in self._services.items():
+            request = server.next_request()
+            if request is not None:
+                self._call(service, ServiceRequest(request))
+        self._counters.malformed += sum(server.take_malformed() for server in self._services.values())
+
+    def _pass(self, topic: str, kind: str, payload: bytes) -> None:
+        try:
+            if len(payload) > MAX_PAYLOAD_BYTES:
+                raise MessageError(f"{topic}: got {len(payload)} bytes; allowed: {MAX_PAYLOAD_BYTES}")
+            if topic == JOINTS_TOPIC:
+                command: RosCommand = WantedJoints(decode_positions(payload))
+            else:
+                command = WantedVelocity(decode_velocity(kind, payload))
+        except MessageError:
+            self._counters.malformed += 1
+            return
+        self._counters.commands += 1
+        self._bridge.put(command)
+
+    def _call(self, service: Service, request: ServiceRequest) -> None:
+        if self._bridge.drive:
+            self._bridge.put(Called(service, request))
+        else:
+            request.answer(False, OFF)
+
+
+def _described(robot: Robot, node: RosNode, *, ros2_control: bool) -> str:
+    """URDF of a robot, with the topics of its ros2_control block in the node's namespace."""
+    return urdf_of(
+        robot,
+        ros2_control=ros2_control,
+        command_topic=node.resolved(JOINTS_TOPIC),
+        state_topic=node.resolved("joint_states"),
+    )

@@ -1,0 +1,243 @@
+"""Moves a robot as ROS asks: on the robot's own thread, under a lease of its own, through the guard."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from hexctl.control.drive.arbiter import Arbiter, Velocity
+from hexctl.control.drive.drive_controller import DriveController
+from hexctl.control.guard import Guard
+from hexctl.control.monitor.recovery import default_policy, make_policy
+from hexctl.errors import CommandRefusedError, EStopError, HexctlError, RobotFaultError
+from hexctl.gait.gait import make_gait
+from hexctl.server.idle import IdleSupervisor
+from hexctl.server.leases import Lease
+from hexctl.server.requests import RequestHandler
+from hexctl.server.ros.ros_commands import Called, RosCommand, Service, Stopped, WantedJoints, WantedVelocity
+from hexctl.types import FloatArray, RobotState
+from hexctl.wire.stop import OVER_ROS
+
+#: The lease of ROS, and a velocity, end after this silence.
+EXPIRY_OF_ROS_S = 0.5
+
+#: Poses that differ by no more than this, in rad, are the same one.
+SAME_RAD = 1e-6
+
+#: Velocities beyond these, in m/s and rad/s, mean as fast as possible, and a stand: squares of what lies
+#: further out are no finite numbers any more, or zero.
+FASTEST, SLOWEST = 100.0, 1e-6
+
+#: The gait that follows velocities.
+GAIT = "tripod"
+
+#: Writes joint angles (18,) through the guard; they were asked for at a time by the robot's time source.
+Write = Callable[[FloatArray, float], None]
+
+
+class RosDriver:
+    """Follows velocities and joint angles from ROS, stands up and sits down.
+
+    A velocity makes the robot stand up, if it does not stand, and walk. After `EXPIRY_OF_ROS_S` without one
+    it comes to a stand and gives its lease back; a zero velocity stops it sooner. Joint angles are passed
+    on; while they come, velocities are refused. Another controller's lease, and a stop, refuse both.
+
+    Args:
+        guard: around the servos.
+        requests: leases and stops of the robot.
+        idle: sits the robot down.
+        write: to the servos.
+
+    Attributes:
+        refused: commands that came while another client held the robot, or while it was stopped.
+    """
+
+    def __init__(self, guard: Guard, requests: RequestHandler, idle: IdleSupervisor, write: Write) -> None:
+        self._guard, self._requests, self._idle, self._write = guard, requests, idle, write
+        self._time = guard.clock.time
+        self._arbiter = Arbiter(self._time.now, expiry_s=EXPIRY_OF_ROS_S)
+        self._source = self._arbiter.source("cmd_vel")
+        self._lease: Lease | None = None
+        self._zero_index: int | None = None
+        self._pilot: DriveController | None = None
+        self._sent_rad: FloatArray | None = None
+        self._next_step = 0
+        self._joints_until_s = -EXPIRY_OF_ROS_S
+        self._sits = False
+        self.refused = 0
+        self._new_pilot(guard.robot.stance_angles_rad)  # limits of its gait take a second, once
+        self._pilot = None
+
+    @property
+    def motion(self) -> str:
+        """What ROS lets the robot do: `none`, `joints`, or the mode of a drive."""
+        if self._pilot is not None and self._lease is not None:
+            return self._pilot.mode
+        return "joints" if self._time.now() <= self._joints_until_s else "none"
+
+    def obey(self, command: RosCommand, at_s: float) -> None:
+        """Take a command.
+
+        Args:
+            command: of ROS.
+            at_s: time of its arrival by the robot's time source.
+        """
+        if isinstance(command, Stopped):
+            self._requests.estop(b"", at_s)
+            self._drop()
+        elif isinstance(command, Called):
+            command.call.answer(*self._answer(command.service, at_s))
+        else:
+            try:
+                if isinstance(command, WantedVelocity):
+                    self._follow(command.velocity, at_s)
+                else:
+                    self._pass(command, at_s)
+            except HexctlError:
+                self.refused += 1
+
+    def tick(self, index: int, state: RobotState) -> None:
+        """Write the targets of this control period, if ROS moves the robot.
+
+        Args:
+            index: of the control period, by the guard's clock.
+            state: read in it.
+        """
+        if self._lease is None or self._pilot is None:
+            return
+        now_s = self._time.now()
+        if not self._requests.holds(self._lease, now_s) or self._guard.stopped is not None:
+            self._drop()
+            return
+        pilot = self._pilot
+        if self._zero_index is None:  # steps go on where they ended, however long the robot has rested
+            self._zero_index = index - self._next_step
+        self._next_step = index - self._zero_index + 1
+        targets_rad = pilot.targets_rad(index - self._zero_index, state)
+        try:
+            self._write(targets_rad, now_s)
+        except (CommandRefusedError, EStopError, RobotFaultError):
+            self._drop()
+            return
+        self._sent_rad = self._guard.accepted_rad().copy()
+        if self._sits and pilot.mode == "sitting":
+            self._release()
+            self._drop()
+            self._idle.go_limp()
+        elif pilot.at_rest and not self._sits and self._source.wanted(now_s) is None:
+            self._release()
+        else:
+            self._lease = self._requests.leases.renew(self._lease.lease_id, now_s, EXPIRY_OF_ROS_S)
+
+    def _follow(self, velocity: FloatArray, at_s: float) -> None:
+        if at_s <= self._joints_until_s:
+            raise CommandRefusedError("cmd_vel: got it while joint commands come; allowed: one of both")
+        velocity = np.where(np.abs(velocity) < SLOWEST, 0.0, np.clip(velocity, -FASTEST, FASTEST))
+        if self._lease is None and not velocity.any():
+            return  # nothing to stop: a planner that says zero all the time does not hold the robot
+        self._hold(at_s)
+        pilot = self._drive()
+        if self._sits and velocity.any():
+            self._sits = False
+            pilot.stand()
+        forward, left, turn = velocity.tolist()
+        self._source.command(Velocity(forward, left, turn))
+
+    def _pass(self, command: WantedJoints, at_s: float) -> None:
+        if self._lease is not None and self._pilot is not None:
+            raise CommandRefusedError("joints: got them while a velocity is walked; allowed: one of both")
+        self._hold(at_s)
+        self._pilot = None
+        self._joints_until_s = at_s + EXPIRY_OF_ROS_S
+        self._write(command.joint_positions_rad, at_s)
+
+    def _answer(self, service: Service, at_s: float) -> tuple[bool, str]:
+        """Do what a service is there for: whether it is done or begun, and a line on it."""
+        if service is Service.CLEAR_STOP:
+            return self._clear_stop(at_s)
+        try:
+            if at_s <= self._joints_until_s:
+                raise CommandRefusedError("joint commands come, and have the robot")
+            self._hold(at_s)
+            return True, self._sit() if service is Service.SIT else self._stand()
+        except HexctlError as error:
+            self.refused += 1
+            return False, str(error)
+
+    def _clear_stop(self, at_s: float) -> tuple[bool, str]:
+        stop = self._requests.latch.current()
+        if stop is None:
+            return True, "it was not stopped"
+        answer = self._requests.clear(stop.stop_id, at_s, by=OVER_ROS, keys=(self._requests.ros_key,))
+        if "error" in answer:
+            return False, answer["error"]
+        stopped = answer["stopped"]
+        self._drop()
+        return stopped is None, "no longer stopped" if stopped is None else f"stopped: {stopped}"
+
+    def _stand(self) -> str:
+        pilot = self._drive()
+        self._sits = False
+        self._source.release()
+        pilot.stand()
+        return "standing up"
+
+    def _sit(self) -> str:
+        if self._pilot is not None:
+            self._sits = True
+            self._source.release()
+            self._pilot.sit()
+        else:
+            self._release()
+            self._drop()
+            self._idle.sit(self._guard.clock.now_s)
+        return "sitting down"
+
+    def _hold(self, at_s: float) -> None:
+        """Hold the robot for a while; raises HexctlError while another client does, or it is stopped."""
+        if self._lease is not None and self._requests.holds(self._lease, at_s):
+            self._lease = self._requests.leases.renew(self._lease.lease_id, at_s, EXPIRY_OF_ROS_S)
+        else:
+            as_it_was = self._left_as_it_was()  # a lease lets the guard forget what it accepted last
+            self._lease = self._requests.acquire(OVER_ROS, at_s, EXPIRY_OF_ROS_S)
+            if not as_it_was:
+                self._pilot = None
+
+    def _drive(self) -> DriveController:
+        """Pilot that walks now: the one of before where the robot still stands as it left it."""
+        return self._new_pilot(self._guard.accepted_rad()) if self._pilot is None else self._pilot
+
+    def _left_as_it_was(self) -> bool:
+        """Whether nothing has moved the robot since the pilot did."""
+        if self._sent_rad is None:
+            return False
+        return float(np.abs(self._guard.accepted_rad() - self._sent_rad).max()) <= SAME_RAD
+
+    def _new_pilot(self, start_rad: FloatArray) -> DriveController:
+        guard = self._guard
+        self._sits = False
+        self._source.forget()
+        self._arbiter.clear()
+        self._sent_rad = start_rad.copy()
+        self._next_step, self._zero_index = 0, None
+        self._pilot = DriveController(
+            guard.robot,
+            make_gait(guard.robot, GAIT),
+            start_rad,
+            period_s=guard.clock.period_s,
+            arbiter=self._arbiter,
+            policy=make_policy(default_policy(simulated=guard.simulation is not None)),
+        )
+        return self._pilot
+
+    def _release(self) -> None:
+        """Give the lease back: the robot holds its pose, and others may have it."""
+        if self._lease is not None:
+            self._requests.release(self._lease, self._time.now())
+        self._lease = self._zero_index = None
+
+    def _drop(self) -> None:
+        """Forget what was going on: the robot was stopped, or belongs to another client."""
+        self._lease = self._pilot = self._sent_rad = None
+        self._sits = False
+        self._source.forget()
+        self._joints_until_s = -EXPIRY_OF_ROS_S

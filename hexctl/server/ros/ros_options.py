@@ -1,0 +1,94 @@
+"""How a served robot takes part in ROS 2, and what that means for where it listens itself."""
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from hexctl.errors import InputError, argument, check_type
+from hexctl.robot.model import Robot
+from hexctl.wire.links import Endpoint, Link
+from hexctl.wire.ros.ros_names import RosNode
+
+if TYPE_CHECKING:
+    from hexctl.server.ros.bridge import RosBridge
+
+#: Where ROS nodes find the router of their computer.
+DEFAULT_ROUTER = "tcp/localhost:7447"
+
+#: Where a robot listens when the default port belongs to the ROS router of its computer.
+ENDPOINT_BESIDE_ROUTER = "tcp/127.0.0.1:7448"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RosOptions:
+    """A robot as a node of ROS 2.
+
+    Attributes:
+        router: address of the ROS router, `tcp/HOST:PORT`.
+        domain: number of the ROS domain.
+        namespace: of the node and its topics; empty for the root.
+        humble: whether keys are those of ROS 2 Humble.
+        drive: whether ROS may move the robot; it may always stop it.
+
+    Raises InputError for what is not allowed.
+    """
+
+    router: str = DEFAULT_ROUTER
+    domain: int = 0
+    namespace: str = ""
+    humble: bool = False
+    drive: bool = False
+
+    def __post_init__(self) -> None:
+        check_type(self.router, str, "ros", "the address of a ROS router, as tcp/localhost:7447")
+        Endpoint.parse(self.router, argument("ros"))
+        check_type(self.humble, bool, "ros_humble")
+        check_type(self.drive, bool, "ros_drive")
+        self.node  # noqa: B018  raises
+
+    @property
+    def node(self) -> RosNode:
+        """Names of the node."""
+        return RosNode(domain=self.domain, namespace=self.namespace, humble=self.humble)
+
+    def link_beside_router(self, link: Link) -> Link:
+        """Link of a robot that leaves the router its port.
+
+        The default port of both is the same: a robot that was told no other then listens at
+        `ENDPOINT_BESIDE_ROUTER`. Raises InputError for one that was told to listen there.
+        """
+        own, router = Endpoint.parse(link.endpoint), Endpoint.parse(self.router)
+        here = router.is_loopback and (own.is_loopback or own.is_everywhere)
+        if own.port != router.port or not here:
+            return link
+        if link.named:
+            raise InputError(
+                f"{argument('listen')}: got {link.endpoint}, where {argument('ros')} expects the ROS router; "
+                f"allowed: another port, such as {ENDPOINT_BESIDE_ROUTER}"
+            )
+        return replace(link, endpoint=ENDPOINT_BESIDE_ROUTER, named=True)
+
+    def bridge(self, robot: Robot, *, insecure: bool) -> "RosBridge":
+        """Node of a robot, not begun yet.
+
+        Args:
+            robot: who is served.
+            insecure: whether the router may be beyond this computer.
+        """
+        from hexctl.server.ros.bridge import RosBridge
+
+        return RosBridge(robot, self.node, router=self.router, drive=self.drive, insecure=insecure)
+
+    def warnings(self, link: Link) -> tuple[str, ...]:
+        """What an operator must know before anything moves.
+
+        Args:
+            link: where the robot listens.
+        """
+        beside = f"its usual port is left to the ROS router: clients need --connect {link.endpoint}"
+        return (*((beside,) if link.endpoint == ENDPOINT_BESIDE_ROUTER else ()), *self._who_may())
+
+    def _who_may(self) -> tuple[str, ...]:
+        who = f"whoever reaches the ROS router at {self.router}"
+        if self.drive:
+            return (f"{who} may drive this robot (--ros-drive): ROS asks for no password",)
+        return (f"{who} may stop this robot; what would move it is not taken without --ros-drive",)

@@ -1,0 +1,202 @@
+"""Topics that a robot publishes in ROS 2."""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+import zenoh
+
+from hexctl.robot.body_twist import BodyTwist
+from hexctl.robot.formats.link_frames import LinkTransforms, fixed_transforms, link_transforms
+from hexctl.robot.model import Robot
+from hexctl.robot.rotations import xyzw
+from hexctl.server.ros import diagnostics
+from hexctl.server.ros.frames import MAP_FRAME, Frames
+from hexctl.server.ros.snapshot import RobotSnapshot
+from hexctl.types import FloatArray
+from hexctl.wire import ros_cdr
+from hexctl.wire.pose import BODY_FRAME, NO_COVARIANCE, WORLD_FRAME, odometry
+from hexctl.wire.ros import telemetry
+from hexctl.wire.ros.endpoints import RosPublisher
+from hexctl.wire.ros.ros_names import Kind, Qos, RosEndpoint, RosNode
+from hexctl.wire.zenoh_messages import encode_battery, encode_positions
+
+LATCHED = Qos(depth=1, latched=True)
+
+#: Topics by name, with their types and qualities. `imu/data` is there once an orientation is known.
+TOPICS = {
+    "joint_states": (ros_cdr.JOINT_STATE, Qos()),
+    "odom": (ros_cdr.ODOMETRY, Qos()),
+    "tf": (telemetry.TRANSFORMS, Qos(depth=100)),
+    "tf_static": (telemetry.TRANSFORMS, LATCHED),
+    "imu/data": (ros_cdr.IMU, Qos()),
+    "battery_state": (ros_cdr.BATTERY_STATE, Qos()),
+    "/diagnostics": (telemetry.DIAGNOSTICS, Qos()),
+    "robot_description": (telemetry.STRING, LATCHED),
+}
+
+#: Encoder of a topic; None for what is not known.
+Encoder = Callable[[RobotSnapshot], bytes | None]
+
+#: Period of battery and diagnostics.
+SLOW_S = 1.0
+
+#: Number of the first endpoint of the node.
+FIRST_PUBLISHER = 10
+
+
+def publisher_endpoint(node: RosNode, topic: str) -> RosEndpoint:
+    """Endpoint of one of the `TOPICS`."""
+    message, qos = TOPICS[topic]
+    return RosEndpoint(node, Kind.PUBLISHER, topic, message, FIRST_PUBLISHER + list(TOPICS).index(topic), qos)
+
+
+class RobotMessages:
+    """Encodes what the topics of a robot carry.
+
+    Args:
+        robot: who publishes.
+        urdf: its description.
+        node: name of the node in diagnostics, with its namespace.
+    """
+
+    def __init__(self, robot: Robot, urdf: str, node: str = diagnostics.NODE) -> None:
+        self._robot, self._urdf, self._node = robot, urdf, node
+        fixed, moving = fixed_transforms(robot), link_transforms(robot, robot.stance_angles_rad)
+        links = tuple(zip(moving.parents, moving.children, strict=True))
+        self._fixed_rows = _rows(fixed)
+        self._fixed = telemetry.transforms(tuple(zip(fixed.parents, fixed.children, strict=True)))
+        self._links = telemetry.transforms(links)
+        self._all_links = telemetry.transforms(((WORLD_FRAME, BODY_FRAME), *links))
+        self._on_map = telemetry.transforms(((MAP_FRAME, WORLD_FRAME), (WORLD_FRAME, BODY_FRAME), *links))
+        self._imu = telemetry.imu()
+        self._twist, self._frames = BodyTwist(), Frames(robot)
+
+    def follow(self, snapshot: RobotSnapshot, *, wanted: bool) -> None:
+        """Take in a state, each of them and before it is encoded.
+
+        Args:
+            snapshot: of the robot.
+            wanted: whether anything subscribes to where the robot is.
+        """
+        self._frames.follow(snapshot, wanted=wanted)
+
+    def description(self) -> bytes:
+        """The URDF."""
+        return telemetry.encode_string(self._urdf)
+
+    def fixed_frames(self, stamp_ns: int) -> bytes:
+        """Frames of the links that do not move against others."""
+        return self._fixed.encode(stamp_ns, self._fixed_rows)
+
+    def joint_states(self, snapshot: RobotSnapshot) -> bytes:
+        """Angles, and torques where they are known."""
+        state = snapshot.state
+        return encode_positions(state.joint_positions_rad, measured_ns(snapshot), state.joint_torques_nm)
+
+    def moving_frames(self, snapshot: RobotSnapshot) -> bytes:
+        """Frames of the moving links, of the body in `odom` where its pose is known, and of `odom` in `map`.
+
+        `map` is there with a pose from outside only.
+        """
+        rows = _rows(link_transforms(self._robot, snapshot.state.joint_positions_rad))
+        pose, odom = self._frames.body_in_odom(snapshot), self._frames.odom_in_map(snapshot)
+        stamp_ns = measured_ns(snapshot)
+        if pose is None:
+            return self._links.encode(stamp_ns, rows)
+        if odom is None:
+            return self._all_links.encode(stamp_ns, np.concatenate([pose.numbers, rows]))
+        return self._on_map.encode(stamp_ns, np.concatenate([odom.numbers, pose.numbers, rows]))
+
+    def odometry(self, snapshot: RobotSnapshot) -> bytes | None:
+        """Pose in `odom` and velocity in `base_link`, or None where the pose is not known."""
+        pose = self._frames.body_in_odom(snapshot)
+        if pose is None:
+            return None
+        twist = self._twist.of(snapshot.state.stamp_s, pose.position_m, pose.quaternion)
+        return odometry().encode(measured_ns(snapshot), np.concatenate([pose.numbers, twist, NO_COVARIANCE]))
+
+    def imu(self, snapshot: RobotSnapshot) -> bytes | None:
+        """Orientation, or None where it is not known."""
+        if snapshot.orientation is None:
+            return None
+        return self._imu.encode(measured_ns(snapshot), xyzw(snapshot.orientation))
+
+    def battery(self, snapshot: RobotSnapshot) -> bytes:
+        """Voltage and charge, NaN where unknown."""
+        return encode_battery(snapshot.state.battery_v, snapshot.state.battery_share)
+
+    def diagnostics(self, snapshot: RobotSnapshot) -> bytes:
+        """Statuses of the robot and its servos."""
+        found = diagnostics.statuses(snapshot, self._node)
+        return telemetry.encode_diagnostics(found, self._robot.name, snapshot.stamp_ns)
+
+    def silence(self) -> bytes:
+        """Diagnostics of a robot whose control loop says nothing."""
+        found = diagnostics.silent(self._node)
+        return telemetry.encode_diagnostics(found, self._robot.name, time.time_ns())
+
+
+def measured_ns(snapshot: RobotSnapshot) -> int:
+    """When a state was measured, nanoseconds since 1970."""
+    age_s = snapshot.state.age_s
+    return snapshot.stamp_ns - (round(age_s * 1e9) if 0 <= age_s < 1e6 else 0)
+
+
+def _rows(found: LinkTransforms) -> FloatArray:
+    """x, y, z and quaternion (x, y, z, w) of transforms, one after another, (7 N,)."""
+    return np.concatenate([found.translations_m, xyzw(found.quaternions)], axis=1).ravel()
+
+
+class RobotTopics:
+    """Publishes the topics of a robot on a session; only what is subscribed to is encoded.
+
+    Args:
+        session: open.
+        node: who publishes.
+        messages: encodes them.
+    """
+
+    def __init__(self, session: zenoh.Session, node: RosNode, messages: RobotMessages) -> None:
+        self._session, self._node, self._messages = session, node, messages
+        self._publishers = {topic: self._declared(topic) for topic in TOPICS if topic != "imu/data"}
+        self._slow_at_s = -SLOW_S
+        self._publishers["robot_description"].put(messages.description())
+        self._publishers["tf_static"].put(messages.fixed_frames(time.time_ns()))
+
+    def publish(self, snapshot: RobotSnapshot, now_s: float) -> None:
+        """Publish a state, and once a second battery and diagnostics.
+
+        Args:
+            snapshot: of the robot.
+            now_s: on any monotonic clock.
+        """
+        if snapshot.orientation is not None and "imu/data" not in self._publishers:
+            self._publishers["imu/data"] = self._declared("imu/data")
+        messages = self._messages
+        messages.follow(snapshot, wanted=any(self._publishers[topic].wanted for topic in ("tf", "odom")))
+        self._put("joint_states", messages.joint_states, snapshot)
+        self._put("tf", messages.moving_frames, snapshot)
+        self._put("odom", messages.odometry, snapshot)
+        if "imu/data" in self._publishers:
+            self._put("imu/data", messages.imu, snapshot)
+        if now_s - self._slow_at_s >= SLOW_S:
+            self._slow_at_s = now_s
+            self._put("battery_state", messages.battery, snapshot)
+            self._put("/diagnostics", messages.diagnostics, snapshot)
+
+    def publish_silence(self, now_s: float) -> None:
+        """Say once a second that nothing is known of the robot now."""
+        if now_s - self._slow_at_s >= SLOW_S:
+            self._slow_at_s = now_s
+            if self._publishers["/diagnostics"].wanted:
+                self._publishers["/diagnostics"].put(self._messages.silence())
+
+    def _put(self, topic: str, encode: Encoder, snapshot: RobotSnapshot) -> None:
+        publisher = self._publishers[topic]
+        payload = encode(snapshot) if publisher.wanted else None
+        if payload is not None:
+            publisher.put(payload)
+
+    def _declared(self, topic: str) -> RosPublisher:
+        return RosPublisher(self._session, publisher_endpoint(self._node, topic))

@@ -1,0 +1,186 @@
+"""Options of a served robot, and of the servos that are served."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from types import NoneType
+from typing import TYPE_CHECKING, Annotated, ClassVar
+
+from hexctl.backends.registry import BackendOptions, check_options
+from hexctl.backends.robot_options import RobotOptions, lower_case
+from hexctl.backends.sim.world import DEFAULT_WORLD
+from hexctl.errors import InputError, argument, check_type
+from hexctl.options import RARE, Panel, Range, Typed, check_fields, check_used
+from hexctl.robot.failure import Failure, failure_text
+from hexctl.robot.failure_grammar import option_of, read_failures_before
+from hexctl.robot.loader import load_robot_file
+from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
+from hexctl.server.ros.ros_options import RosOptions
+from hexctl.wire.ros.ros_names import MAX_DOMAIN
+
+if TYPE_CHECKING:
+    from hexctl.backends.sim.world import World
+
+SERVED_BACKENDS = ("sim", "mavlink", *BUS_DRIVERS, *PWM_DRIVERS, "mock")
+
+SIT_AFTER_S = Range(low=1, high=3600, unit="s")
+ROS_DOMAIN = Range(low=0, high=MAX_DOMAIN, whole=True)
+
+ROS, CONNECTION = Panel("ROS"), Panel("Connection")
+
+#: Options that only a node of ROS 2 uses.
+OF_ROS = ("ros_domain", "ros_namespace", "ros_drive", "ros_humble")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServedOptions(RobotOptions):
+    """Which servos are served.
+
+    Raises InputError for a value that is not allowed, and for one that only a simulation can use.
+    """
+
+    PANEL: ClassVar = "Robot"
+
+    backend: Annotated[str, Typed(parse=lower_case, words="served_backends")] = "sim"
+    """What moves: sim (simulation in real time), mavlink (a servo board), dynamixel, feetech or lx16a (servos
+    on a serial bus), servo2040 or pca9685 (boards of hobby servos), mock (servos without a robot), or
+    package.module:Class for custom servos.
+    """
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        check_type(self.robot, (str, Path), argument("robot"), "the name or path of a robot file")
+        check_type(
+            self.world, (str, Path, NoneType), argument("world"), "the name or path of a world, or None"
+        )
+        check_options(self.backend, world=self.world, seed=self.seed)
+        for place, (name, value) in enumerate(map(option_of, self.failures)):
+            field = "further_failures" if place else "failure"
+            check_options(self.backend, names={field: name}, **{field: value})
+
+    @property
+    def failures(self) -> tuple[Failure, ...]:
+        """Failures of the simulation, by leg; raises InputError for what is not allowed."""
+        instead = "one from the start, such as 5:limp; hexctl sim fail lets a leg fail later"
+        return read_failures_before(self.failure, self.failed_leg, instead)
+
+    @property
+    def simulated(self) -> dict[str, str] | None:
+        """World and failure of a simulation as text, for the status; None for other servos."""
+        if self.backend != "sim":
+            return None
+        return {"world": str(self.world or DEFAULT_WORLD), "failure": failure_text(*self.failures)}
+
+    def backend_options(
+        self, *, connect: str | None = None, credentials: Path | None = None, insecure: bool = False
+    ) -> BackendOptions:
+        """Options of the backend, in real time.
+
+        Args:
+            connect: port of the servos, or None for the default.
+            credentials: folder with the key of a servo board, or None.
+            insecure: whether a board beyond this computer may do without that key.
+        """
+        file = load_robot_file(str(self.robot))
+        return BackendOptions.of(
+            self,
+            robot=file.robot,
+            world=self._loaded_world(),
+            failure=next(iter(self.failures), None),
+            further_failures=self.failures[1:],
+            realtime=True,
+            robot_file=file,
+            connect=connect,
+            credentials=credentials,
+            insecure=insecure,
+            link=None,
+        )
+
+    def _loaded_world(self) -> "World | None":
+        if self.backend != "sim" and self.world is None:
+            return None
+        from hexctl.backends.sim.world import load_world
+
+        return load_world(str(self.world or DEFAULT_WORLD))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServeOptions(ServedOptions):
+    """Options of `hexctl serve`.
+
+    Raises InputError for a value that is not allowed.
+    """
+
+    listen: Annotated[str | None, CONNECTION] = None
+    """Where to listen: PROTOCOL/HOST:PORT with tcp, tls or quic, such as tls/0.0.0.0:7447. (default:
+    tcp/127.0.0.1:7447)
+    """
+
+    connect: str | None = None
+    """Where the servos are: with mavlink the port of the servo board, /dev/ttyACM0:115200, udpout:HOST:PORT
+    or udpin:HOST:PORT (default: udpout:127.0.0.1:14550); with dynamixel, feetech and lx16a the bus,
+    /dev/ttyUSB0:1000000; with servo2040 the board, /dev/ttyACM0; with pca9685 the I2C bus, /dev/i2c-1.
+    (default: the port in the robot file)
+    """
+
+    device_keys: Annotated[str | Path | None, CONNECTION, RARE] = None
+    """With mavlink, folder with mavlink.key, the board's secret: only what it signed is believed. (default:
+    none)
+    """
+
+    sit_after_s: Annotated[float, SIT_AFTER_S, CONNECTION, RARE] = 10.0
+    """Seconds without a command until the robot sits and relaxes, {}."""
+
+    ros: Annotated[str | None, ROS] = None
+    """Join ROS 2 as a node over Zenoh (rmw_zenoh), through the router at tcp/HOST:PORT; without a value, at
+    tcp/localhost:7447. (default: no ROS)
+    """
+
+    ros_domain: Annotated[int, ROS_DOMAIN, ROS, RARE] = 0
+    """With --ros, the ROS domain, a whole number, {}: ROS_DOMAIN_ID there."""
+
+    ros_namespace: Annotated[str, ROS, RARE] = ""
+    """With --ros, namespace of node and topics, such as lab/ant. (default: none)"""
+
+    ros_drive: Annotated[bool, ROS] = False
+    """With --ros, let ROS move the robot: cmd_vel, robot_joint_command, ~/stand, ~/sit and ~/clear_stop.
+    Whoever reaches the ROS router may then drive it.
+    """
+
+    ros_humble: Annotated[bool, ROS, RARE] = False
+    """With --ros, keys as ROS 2 Humble has them, without type hashes."""
+
+    def __post_init__(self) -> None:
+        if self.backend == "zenoh":
+            raise InputError(
+                f"{argument('backend')}: got zenoh, which is a robot that is served already; "
+                f"allowed: {', '.join(SERVED_BACKENDS)}"
+            )
+        super(ServeOptions, self).__post_init__()
+        check_options(
+            self.backend,
+            names={"credentials": "device_keys"},
+            offered=SERVED_BACKENDS,
+            connect=self.connect,
+            credentials=self.device_keys,
+        )
+        if self.ros_options is None:
+            check_used(self, OF_ROS, f"with {argument('ros')}")
+
+    @property
+    def servo_options(self) -> BackendOptions:
+        """Options of the backend."""
+        keys = None if self.device_keys is None else Path(self.device_keys)
+        return self.backend_options(connect=self.connect, credentials=keys, insecure=self.insecure)
+
+    @property
+    def ros_options(self) -> RosOptions | None:
+        """How it takes part in ROS 2, or None."""
+        if self.ros is None:
+            return None
+        return RosOptions(
+            router=self.ros,
+            domain=self.ros_domain,
+            namespace=self.ros_namespace,
+            humble=self.ros_humble,
+            drive=self.ros_drive,
+        )

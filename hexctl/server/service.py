@@ -1,0 +1,249 @@
+"""Services that run until they are told to stop: a robot on the network, and a servo board.
+
+Nothing here prints or handles signals: callers pass callbacks.
+"""
+
+import resource
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hexctl.backends.clock import request_realtime_priority
+from hexctl.backends.registry import BackendOptions, make_servos
+from hexctl.backends.ticked_servos import PortServos
+from hexctl.options import check_names
+from hexctl.robot.servos.drivers import BUS_DRIVERS, PWM_DRIVERS
+from hexctl.server.serve_options import ServeOptions
+from hexctl.server.server import RobotServer
+from hexctl.server.stops.stop_file import StopFile
+from hexctl.wire.links import CLEAR_COMMAND, Endpoint, Link, load_link
+
+if TYPE_CHECKING:
+    from hexctl.server.keeper import Keeper
+
+#: What is said at every start with a board that cannot be let down when its computer dies.
+NO_WATCHDOG = (
+    "{backend} has no watchdog and its servos no feedback: if this computer dies, they keep their last "
+    "pulses; have a switch in their supply within reach"
+)
+
+#: What is said once the process that would let the robot down has gone.
+KEEPER_LOST = "the keeper has ended: nothing lets the robot down if this process dies"
+
+#: What is said at the end where servos go on by themselves.
+STILL_HOLDS = "the robot holds its pose; its servos keep their torque"
+
+#: The same where they could not be reached at the end.
+NOT_KNOWN = "its servos cannot be reached, and what they do is not known: use the switch of their supply"
+
+
+#: Open files of a server; each connection needs one.
+MOST_DESCRIPTORS = 65_536
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServiceStarted:
+    """What a service reports once clients can connect.
+
+    Attributes:
+        robot: name of the robot.
+        backend: name of its backend.
+        place: where clients reach it: a Zenoh endpoint or a MAVLink port.
+        realtime: whether its process has real-time priority.
+        warnings: what the operator must know before anything moves.
+    """
+
+    robot: str
+    backend: str
+    place: str
+    realtime: bool = False
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotService(ServeOptions):
+    """A robot on the network: options of a `RobotServer`, checked when they are given.
+
+    service = RobotService(backend="sim", robot="ant")
+    service.run(stop_requested)
+    """
+
+    def resolved_link(self) -> Link:
+        """Link that the options describe; raises InputError for a bad link file.
+
+        With ROS, the port of the ROS router is left to it (`RosOptions.link_beside_router`).
+        """
+        link = load_link(
+            self.link,
+            endpoint=self.listen,
+            credentials=None if self.credentials is None else Path(self.credentials),
+            insecure=self.insecure,
+            given_as="listen",
+        )
+        ros = self.ros_options
+        return link if ros is None else ros.link_beside_router(link)
+
+    def run(
+        self,
+        stop_requested: Callable[[], bool],
+        *,
+        on_started: Callable[[ServiceStarted], None] = lambda _: None,
+        on_event: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        """Serve until `stop_requested` returns True.
+
+        Args:
+            stop_requested: asked at every tick.
+            on_started: called once, when clients can connect.
+            on_event: called with a line for each change of controller, stop and posture.
+
+        Raises InputError for a robot, world or link that is not allowed, RobotFaultError when the servos
+        cannot be reached or fail, or the endpoint cannot be listened at.
+        """
+        _raise_descriptor_limit()
+        link = self.resolved_link()
+        options = self.servo_options
+        servos = make_servos(self.backend, options)
+        keeper = self._keeper(options)
+        clear, ros = _clear_command(link), self.ros_options
+        stop_file = self._stop_file(servos.robot.name, options, link, clear)
+        server = RobotServer(
+            servos,
+            link,
+            backend=self.backend,
+            simulated=self.simulated,
+            sit_after_s=self.sit_after_s,
+            on_event=on_event,
+            on_tick=_ticks_of(keeper),
+            ros=None if ros is None else ros.bridge(servos.robot, insecure=self.insecure),
+            stop_file=stop_file,
+            clear=clear,
+        )
+        started = ServiceStarted(
+            robot=servos.robot.name,
+            backend=self.backend,
+            place=link.endpoint,
+            warnings=self._warnings(link) + stop_file.warnings,
+        )
+        held = False
+
+        def stop() -> bool:
+            nonlocal held
+            if not stop_requested():
+                return False
+            held = isinstance(servos, PortServos) and servos.holds
+            return True
+
+        def ready() -> None:
+            warnings = started.warnings + server.warnings
+            on_started(replace(started, realtime=request_realtime_priority(), warnings=warnings))
+
+        _run_kept(server, stop, keeper, ready=ready)
+        if held:
+            on_event(STILL_HOLDS if server.reaches_servos else NOT_KNOWN)
+
+    def _stop_file(self, robot: str, options: BackendOptions, link: Link, clear: str) -> StopFile:
+        """File of the robot's stop."""
+        backend, port = self.backend, self.connect
+        if port is None and backend in (*BUS_DRIVERS, *PWM_DRIVERS) and options.robot_file is not None:
+            port = options.robot_file.content.servos.port
+        simulated = self.simulated is not None
+        return StopFile(robot, backend, port or link.endpoint, asked_only=simulated, clear=clear)
+
+    def _warnings(self, link: Link) -> tuple[str, ...]:
+        """What the operator must know before anything moves."""
+        pwm = self.backend in PWM_DRIVERS
+        board = (NO_WATCHDOG.format(backend=self.backend),) if pwm else ()
+        ros = self.ros_options
+        return board + (() if ros is None else ros.warnings(link))
+
+    def _keeper(self, options: BackendOptions) -> "Keeper | None":
+        """Process that lets the robot down, or hold, when this one has ended without doing so."""
+        from hexctl.server.keeper import KEPT_BACKENDS, Keeper, KeeperSpec
+
+        if self.backend not in KEPT_BACKENDS or options.robot_file is None:
+            return None
+        return Keeper(
+            KeeperSpec(
+                backend=self.backend,
+                robot=str(self.robot),
+                connect=self.connect,
+                sits=options.robot_file.content.servos.if_computer_dies == "sit",
+            )
+        )
+
+
+def _clear_command(link: Link) -> str:
+    """Command that ends a stop of a robot that listens at a link, as far as it is known here."""
+    reached = link.credentials is None and not Endpoint.parse(link.endpoint).is_everywhere
+    return link.clear_command if reached else CLEAR_COMMAND
+
+
+def _run_kept(
+    server: RobotServer, stop: Callable[[], bool], keeper: "Keeper | None", *, ready: Callable[[], None]
+) -> None:
+    """Serve until told to stop, looked after by a keeper where there is one."""
+    if keeper is None:
+        server.run(stop, ready=ready)
+        return
+    try:
+        server.run(_with_goodbye(stop, keeper), ready=ready)
+    except BaseException:
+        keeper.abandon()
+        raise
+    keeper.dismiss()
+
+
+def _with_goodbye(stop_requested: Callable[[], bool], keeper: "Keeper") -> Callable[[], bool]:
+    """Question whether to stop that tells the keeper of a yes."""
+
+    def stop() -> bool:
+        if not stop_requested():
+            return False
+        keeper.goodbye()
+        return True
+
+    return stop
+
+
+def _ticks_of(keeper: "Keeper | None") -> Callable[[], str | None]:
+    """What is done in every control period for a keeper; its loss is an event, once."""
+
+    def tick() -> str | None:
+        if keeper is None or keeper.lost:
+            return None
+        keeper.tick()
+        return KEEPER_LOST if keeper.lost else None
+
+    return tick
+
+
+def _raise_descriptor_limit() -> None:
+    """Allow as many open files as the system lets this user have: connections that are given up hold some."""
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = MOST_DESCRIPTORS if most == resource.RLIM_INFINITY else min(most, MOST_DESCRIPTORS)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, most))
+
+
+def serve(
+    *,
+    stop_requested: Callable[[], bool] = lambda: False,
+    on_started: Callable[[ServiceStarted], None] = lambda _: None,
+    on_event: Callable[[str], None] = lambda _: None,
+    **options: Any,
+) -> None:
+    """Put a robot on the network, as `hexctl serve` does.
+
+    Blocks until `stop_requested` returns True or a KeyboardInterrupt.
+
+    Args:
+        stop_requested: asked at every tick.
+        on_started: called once, when clients can connect.
+        on_event: called with a line for each change of controller, stop and posture.
+        options: fields of `hexctl.server.serve_options.ServeOptions`.
+
+    Raises what `RobotService.run` raises.
+    """
+    check_names("serve", options, RobotService)
+    RobotService(**options).run(stop_requested, on_started=on_started, on_event=on_event)

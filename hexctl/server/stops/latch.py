@@ -1,0 +1,191 @@
+"""The latch of a robot's stop: stops get ids, are kept on the disk, and end by a clear that means them."""
+
+import secrets
+from collections import deque
+from collections.abc import Callable, Collection
+from dataclasses import replace
+from threading import Lock
+from typing import Any
+
+from hexctl.control.guard import Guard
+from hexctl.errors import printable
+from hexctl.server.stops.stop_file import StopFile
+from hexctl.wire.stop import (
+    DATAGRAM_FROM,
+    ESTOP,
+    MAX_BY,
+    UNNAMED,
+    Clear,
+    Stop,
+    claim_in,
+    new_stop_id,
+)
+
+#: Bytes of an epoch.
+EPOCH_BYTES = 16
+
+#: Requests that are known again when they are repeated.
+MOST_REQUESTS = 64
+
+
+class StopLatch:
+    """Stops a guard and lets it go again; its methods may be called from any thread.
+
+    The guard itself latches the reason; this adds what the reason lacks: an id by which a stop is cleared, so
+    that no client clears one that it has not seen, and an epoch, which ends when a stop is cleared: what was
+    valid in one is worth nothing in the next.
+
+    Args:
+        guard: around the servos.
+        file: keeps the stop; one that is kept already is in force at once. None keeps none.
+        commander: name of the client that commanded the robot last, or None.
+
+    Attributes:
+        cleared: the stop that was cleared last, or None.
+    """
+
+    def __init__(
+        self, guard: Guard, file: StopFile | None = None, commander: Callable[[], str | None] = lambda: None
+    ) -> None:
+        self._guard, self._file, self._commander = guard, file, commander
+        self._time = guard.clock.time
+        self._lock = Lock()
+        self._stop: Stop | None = None
+        self.cleared: Clear | None = None
+        self._requests: deque[str] = deque(maxlen=MOST_REQUESTS)
+        self._epoch = secrets.token_bytes(EPOCH_BYTES)
+        if file is not None and (kept := file.load()) is not None:
+            guard.stop(kept.reason)
+            by = None if kept.by is None else printable(kept.by)[:MAX_BY]
+            self._stop = Stop(
+                stop_id=kept.stop_id,
+                reason=kept.reason,
+                since_s=self._time.now(),
+                by=by,
+                claims=kept.claims,
+            )
+
+    @property
+    def epoch(self) -> bytes:
+        """Random bytes, others after each clear."""
+        return self._epoch
+
+    def current(self) -> Stop | None:
+        """The stop in force, one of the guard's own included."""
+        with self._lock:
+            return self._noticed()
+
+    def now(self) -> tuple[Stop | None, bool]:
+        """The stop in force, and whether it is on the disk."""
+        stop = self.current()
+        return stop, stop is not None and self._file is not None and self._file.keeps(stop)
+
+    def status(self) -> dict[str, Any] | None:
+        """The stop in force, as the status of a robot has it."""
+        stop, kept = self.now()
+        return None if stop is None else stop.to_json(self._time.now(), kept=kept)
+
+    def close(self) -> None:
+        """Wait for the last stop to be on the disk, as long as the disk takes no longer than usual."""
+        if self._file is not None:
+            self._file.close()
+
+    def stop(self, request: str | None = None, *, by: str = UNNAMED, claim: str | None = None) -> Stop:
+        """Stop the robot now, on request of a client.
+
+        A stop that is in force already gets a new id and a new time: a client that asks again has seen
+        something.
+
+        Args:
+            request: name that the client gave its request; one that is repeated renews nothing.
+            by: who asks.
+            claim: hash of the clear key of the client; None for the one that the request's name is.
+        """
+        with self._lock:
+            return self._stopped_by(request, by, claim)
+
+    def stop_in(self, epoch: bytes, request: str, *, by: str = UNNAMED) -> bool:
+        """Stop the robot now, as `stop` does, if the epoch is the one of now; whether it was."""
+        with self._lock:
+            if epoch != self._epoch:
+                return False
+            self._stopped_by(request, by)
+            return True
+
+    def ensure(self, *, by: str = UNNAMED) -> Stop:
+        """The stop in force, or a new one."""
+        with self._lock:
+            stop = self._noticed()
+            return stop if stop is not None and stop.stays else self._stopped_by(None, by)
+
+    def clear(
+        self, stop_id: str | None, at_s: float, *, by: str = UNNAMED, keys: Collection[str] = ()
+    ) -> str | None:
+        """Let the robot move again; None, or why it does not: nothing has changed then.
+
+        A robot that is not stopped is let be. Silence (`expired`) needs no id.
+
+        Args:
+            stop_id: of the stop that is meant.
+            at_s: when it was asked for, by the time of the guard's clock.
+            by: who asks.
+            keys: clear keys that the client shows; without those of all claims the stop holds longer.
+        """
+        with self._lock:
+            stop = self._noticed()
+            if stop is None:
+                return None
+            refusal = stop.refusal(stop_id, at_s, keys, by)
+            if refusal is None:
+                self._guard.clear()
+                self.cleared = Clear(stop=stop, by=by, at_s=self._time.now(), proved=stop.proved_by(keys))
+                self._epoch = secrets.token_bytes(EPOCH_BYTES)
+                self._noticed()
+            return refusal
+
+    def _stopped_by(self, request: str | None, by: str, claim: str | None = None) -> Stop:
+        self._guard.stop(ESTOP)  # first: whatever fails below, the robot has stopped
+        before = self._stop
+        last = self._requests[-1] if self._requests else None
+        repeated = request is not None and request in self._requests
+        if request is not None and not repeated:
+            self._requests.append(request)
+        stop = self._noticed(by)
+        assert stop is not None  # noqa: S101  only `clear` ends a stop, and it waits for the lock
+        if not repeated:
+            now_s = self._time.now()
+            renewed = {"stop_id": new_stop_id(), "since_s": now_s, "by": by} if stop is before else {}
+            if stop is not before and self.cleared is not None:
+                renewed = {"repeats": self.cleared.repeats_at(now_s)}
+            stop = replace(stop, commander=self._commander(), **renewed)  # type: ignore[arg-type]
+            stop = stop.with_claim(claim or claim_in(request))
+            if stop != self._stop:
+                self._stop = stop
+                self._keep(stop)
+        elif repeated and request == last and _says_more(by, stop.by or ""):
+            stop = self._stop = replace(stop, by=by)
+            self._keep(stop)
+        return stop
+
+    def _noticed(self, by: str | None = None) -> Stop | None:
+        """The stop that the guard has latched, with an id of its own where the reason is another."""
+        reason, before = self._guard.stopped, self._stop
+        if reason is None:
+            self._stop = None
+        elif before is None or before.reason != reason:
+            self._stop = Stop(stop_id=new_stop_id(), reason=reason, since_s=self._time.now(), by=by)
+            if before is not None:  # another reason takes no claim away
+                self._stop = replace(self._stop, claims=before.claims, commander=before.commander)
+        if self._stop is not before:
+            self._keep(self._stop)
+        return self._stop
+
+    def _keep(self, stop: Stop | None) -> None:
+        if self._file is not None:
+            self._file.keep(stop if stop is not None and stop.stays else None)
+
+
+def _says_more(by: str, before: str) -> bool:
+    """Whether a name says more than the one before: that of a session does, of a datagram with its stop."""
+    named = by != UNNAMED and not by.startswith(DATAGRAM_FROM)
+    return named and before.startswith(DATAGRAM_FROM)

@@ -1,0 +1,262 @@
+"""A stop on the disk: it survives a restart of the server, and a file that cannot be read counts as a stop.
+
+The file is opened when the server starts and overwritten in place, in one block. So a stop is kept although a
+flood of connections has taken all descriptors or the disk is full, and a write that is cut off leaves a file
+that cannot be read.
+"""
+
+import fcntl
+import hashlib
+import os
+import re
+import threading
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from hexctl.errors import printable
+from hexctl.files import atomic_write, read_file, state_folder
+from hexctl.wire.links import CLEAR_COMMAND
+from hexctl.wire.stop import CLAIM_DIGITS, ESTOP, ID_BYTES, MAX_BY, MOST_CLAIMS, Stop, new_stop_id
+
+#: How long closing waits for the last stop to be written.
+WRITE_TIMEOUT_S = 2.0
+
+#: Pause between two writes: a client that stops again and again does not wear the disk out.
+PAUSE_S = 0.1
+
+#: Pause before a write that failed is tried again, as on a disk that was full.
+AGAIN_S = 1.0
+
+#: Size of the file. It is larger than all texts in it, whatever their characters.
+BLOCK_BYTES = 4096
+
+#: Longest reason of a stop, and longest name of a robot or a port, in characters.
+MOST_REASON, MOST_NAME = 300, 100
+
+
+class KeptStop(BaseModel):
+    """A stop as the file has it.
+
+    Attributes:
+        version: of this format.
+        robot: name of the robot, for readers.
+        where: port of its servos, or endpoint of its server, for readers.
+        reason: as `Guard.stopped` has it.
+        stop_id: by which it is cleared.
+        at: when the robot was stopped, UTC by the clock of that time, for readers.
+        by: who asked for it, None where no client did.
+        claims: as `Stop` has them.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    version: Literal[1] = 1
+    robot: str
+    where: str
+    reason: Annotated[str, Field(min_length=1)]
+    stop_id: Annotated[str, Field(pattern=f"^[0-9a-f]{{{2 * ID_BYTES}}}$")]
+    at: AwareDatetime
+    by: Annotated[str, Field(max_length=MAX_BY)] | None
+    claims: Annotated[
+        tuple[Annotated[str, Field(max_length=CLAIM_DIGITS)], ...], Field(max_length=MOST_CLAIMS)
+    ] = ()
+
+    def __str__(self) -> str:
+        """One line for an operator."""
+        by = "" if self.by is None else f", asked for by {self.by}"
+        return f"{self.reason}, {self.at:%Y-%m-%d %H:%M} UTC{by}, {self.robot} at {self.where}"
+
+
+#: Content of the file: a stop, or null.
+_CONTENT: TypeAdapter[KeptStop | None] = TypeAdapter(KeptStop | None)
+
+
+class StopFile:
+    """The file of one robot's stop. A thread of its own writes it: a slow disk costs no tick.
+
+    Args:
+        robot: name of the robot. Robots of one backend whose servos are at devices need names of their own.
+        backend: name of its backend.
+        where: port of its servos as it is typed, or endpoint of its server where they have none. It tells
+            robots of one name apart unless it is a device, which may have another name after a restart.
+        folder: where the file lies; None is `state_folder()`.
+        asked_only: keep only stops that a client asked for, as of a simulation, which stands after a restart.
+        clear: command that ends a stop of this robot, for the warning.
+
+    Attributes:
+        path: of the file.
+        trouble: why the stop of now is not kept, or None.
+        found: what was loaded, in words; None where there was no stop.
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        backend: str,
+        where: str,
+        *,
+        folder: Path | None = None,
+        asked_only: bool = False,
+        clear: str = CLEAR_COMMAND,
+    ) -> None:
+        name = re.sub(r"[^A-Za-z0-9_-]", "_", robot)[:40]
+        at_device = where.removeprefix("serial:").startswith("/")
+        known_by = f"{robot}\n{backend}\n{'' if at_device else where}"
+        digest = hashlib.sha256(known_by.encode(errors="replace")).hexdigest()[:12]
+        self.path = (state_folder() if folder is None else folder) / f"stop-{name}-{digest}.json"
+        self.trouble: str | None = None
+        self.found: str | None = None
+        self._robot, self._where = robot, where
+        self._asked_only, self._clear = asked_only, clear
+        self._descriptor: int | None = None
+        self._wanted: Stop | None = None
+        self._stop_on_disk: str | None = None
+        self._due, self._ended = threading.Event(), False
+        self._writer: threading.Thread | None = None
+
+    def load(self) -> KeptStop | None:
+        """The stop that was kept, None where there is none.
+
+        A file that cannot be read, or is none of these, is a stop too. Notes whether one could be written. A
+        file that another running server holds is of another robot of this name: nothing of it is in force.
+        """
+        kept, unread = self._read()
+        try:
+            self.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if unread is None:
+                self._open(kept)
+        except BlockingIOError:
+            self.trouble = f"{self.path} is that of another {self._robot}, served now; rename one of them"
+            return None
+        except OSError as error:
+            self.trouble = f"{self.path.parent} may not be written ({error.strerror})"
+        self._stop_on_disk = None if kept is None else kept.stop_id
+        self.found = None if kept is None else str(kept) if unread is None else unread
+        return kept
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What an operator must know once it was loaded."""
+        lines = [] if self.trouble is None else [f"a stop will not survive a restart: {self.trouble}"]
+        if self.found is not None:
+            stopped = f"still stopped ({self.found}), as before the restart"
+            lines.insert(0, f"{stopped}; {self._clear} when it may move")
+        return tuple(printable(line) for line in lines)
+
+    def keep(self, stop: Stop | None) -> None:
+        """Write a stop, or for None that there is none, soon; never waits."""
+        kept = stop is not None and (not self._asked_only or stop.by is not None or stop.reason == ESTOP)
+        self._wanted = stop if kept else None
+        if self._writer is None and (self._wanted is not None or self._stop_on_disk is not None):
+            self._begin_to_write()
+        self._due.set()
+
+    def keeps(self, stop: Stop) -> bool:
+        """Whether a stop is on the disk."""
+        return self._stop_on_disk == stop.stop_id
+
+    def close(self) -> None:
+        """Wait for the last stop to be written, as long as the disk takes no longer than usual."""
+        self._ended = True
+        self._due.set()
+        if self._writer is not None:
+            self._writer.join(WRITE_TIMEOUT_S)
+        if self._descriptor is not None and (self._writer is None or not self._writer.is_alive()):
+            os.close(self._descriptor)
+            self._descriptor = None
+
+    def _read(self) -> tuple[KeptStop | None, str | None]:
+        """The stop in the file, and why the file cannot be read, where it cannot."""
+        try:
+            return _CONTENT.validate_json(read_file(self.path, BLOCK_BYTES)), None
+        except (FileNotFoundError, NotADirectoryError):
+            link = _dangling_link(self.path)
+            if link is None:
+                return None, None
+            why = f"{link} is a link to nothing"
+        except OSError as error:
+            why = error.strerror or str(error)
+        except ValidationError:
+            why = "it is not a stop file"
+        return self._content(ESTOP, new_stop_id()), f"{self.path} cannot be read: {why}"
+
+    def _open(self, content: KeptStop | None) -> None:
+        """Hold the file open, made anew with some content where it is missing; raises OSError."""
+        if not self.path.exists():
+            atomic_write(self.path, _block(content).decode())
+        descriptor = os.open(self.path, os.O_RDWR)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            os.close(descriptor)
+            raise
+        self._descriptor = descriptor
+
+    def _begin_to_write(self) -> None:
+        """Start the thread that writes; one that cannot be started is trouble, and keeps no stop back."""
+        writer = threading.Thread(target=self._write, name="stop file", daemon=True)
+        try:
+            writer.start()
+        except RuntimeError as error:  # the computer has no thread left
+            self.trouble = f"{self.path} cannot be written ({error})"
+        else:
+            self._writer = writer
+
+    def _write(self) -> None:
+        while not self._ended or self._due.is_set():
+            self._due.wait(None if self.trouble is None else AGAIN_S)
+            self._due.clear()
+            wanted = self._wanted
+            try:
+                self._put(None if wanted is None else self._content_of(wanted))
+            except OSError as error:
+                self.trouble = f"{self.path} cannot be written ({error.strerror})"
+            else:
+                self.trouble, self._stop_on_disk = None, None if wanted is None else wanted.stop_id
+            time.sleep(0 if self._ended else PAUSE_S)
+
+    def _put(self, content: KeptStop | None) -> None:
+        """Overwrite the file; one that was removed, or was no file, is made anew. Raises OSError."""
+        if self._descriptor is None or os.fstat(self._descriptor).st_nlink == 0:
+            self.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            atomic_write(self.path, _block(content).decode())
+            self._descriptor = None
+            self._open(content)
+            return
+        os.pwrite(self._descriptor, _block(content), 0)
+        os.fsync(self._descriptor)
+
+    def _content_of(self, stop: Stop) -> KeptStop:
+        reason = ESTOP if self._asked_only else stop.reason  # what has fallen stands after a restart
+        return self._content(reason, stop.stop_id, stop.by, stop.claims)
+
+    def _content(
+        self, reason: str, stop_id: str, by: str | None = None, claims: tuple[str, ...] = ()
+    ) -> KeptStop:
+        return KeptStop(
+            robot=_storable(self._robot, MOST_NAME),
+            where=_storable(self._where, MOST_NAME),
+            reason=_storable(reason, MOST_REASON),
+            stop_id=stop_id,
+            at=datetime.now(UTC),
+            by=by,
+            claims=claims,
+        )
+
+
+def _block(content: KeptStop | None) -> bytes:
+    return _CONTENT.dump_json(content).ljust(BLOCK_BYTES)
+
+
+def _storable(text: str, most: int) -> str:
+    """A text as the file can have it: a driver may say what has no UTF-8."""
+    return text[:most].encode(errors="replace").decode()
+
+
+def _dangling_link(path: Path) -> Path | None:
+    """The link that leads nowhere, of a path and the folders above it: a stop may lie behind it."""
+    return next((one for one in (path, *path.parents) if one.is_symlink() and not one.exists()), None)

@@ -1,0 +1,290 @@
+"""The datagram stop of a robot: a socket and a thread that share nothing with what carries sessions."""
+
+import random
+import socket
+import threading
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from itertools import islice, zip_longest
+from types import TracebackType
+from typing import Self
+
+from hexctl.backends.clock import request_realtime_priority
+from hexctl.errors import MessageError
+from hexctl.server.stops.datagram_receiver import (
+    DatagramReceiver,
+    Sender,
+    address_of,
+    bound_socket,
+    drop_in_kernel,
+)
+from hexctl.server.stops.latch import StopLatch
+from hexctl.wire.links import Endpoint, Link, Role
+from hexctl.wire.stop import DATAGRAM_FROM
+from hexctl.wire.stop_datagram import (
+    DATAGRAM_BYTES,
+    KIND_AT,
+    MARK_BYTES,
+    NO_ID,
+    NO_REQUEST,
+    NONCE_AT,
+    NONCE_BYTES,
+    Kind,
+    StopDatagram,
+    mark_of,
+)
+from hexctl.wire.stop_secret import find_stop_secret
+
+#: Nonces of answered datagrams that are known at least; twice as many at most.
+MOST_NONCES = 1 << 14
+
+
+class AnsweredNonces:
+    """Nonces of datagrams that were answered. A client draws another one whenever it asks again."""
+
+    def __init__(self) -> None:
+        self._newer: set[bytes] = set()
+        self._older: set[bytes] = set()
+
+    def __contains__(self, nonce: bytes) -> bool:
+        """Whether a datagram with this nonce was answered."""
+        return nonce in self._newer or nonce in self._older
+
+    def add(self, nonce: bytes) -> None:
+        """Note the nonce of a datagram whose signature was right, and forget the oldest if there are many."""
+        self._newer.add(nonce)
+        if len(self._newer) >= MOST_NONCES:
+            self._older, self._newer = self._newer, set()
+
+
+class Waiting:
+    """Datagrams of one kind that wait for their check, each once, by sender."""
+
+    def __init__(self) -> None:
+        self._senders: dict[bytes, Sender] = {}
+
+    def add(self, data: bytes, sender: Sender) -> None:
+        """Add a datagram; one that has come from elsewhere before keeps its first sender."""
+        self._senders.setdefault(data, sender)
+
+    def __iter__(self) -> Iterator[tuple[bytes, Sender]]:
+        """The newest of each sender, then the second of each, and so on; senders in random order.
+
+        One sender cannot keep out another, however much it sends.
+        """
+        by_sender: defaultdict[Sender, list[bytes]] = defaultdict(list)
+        for data, sender in reversed(self._senders.items()):
+            by_sender[sender].append(data)
+        senders = random.sample(list(by_sender), len(by_sender))
+        for row in zip_longest(*(by_sender[sender] for sender in senders)):
+            yield from ((data, sender) for data, sender in zip(row, senders, strict=True) if data is not None)
+
+
+def sort_datagrams(
+    datagrams: Iterable[tuple[bytes, Sender]], mark: bytes, answered: AnsweredNonces
+) -> tuple[Waiting, Waiting, int]:
+    """Return the stops and the questions worth a check, and how many other datagrams were none of ours.
+
+    Args:
+        datagrams: with their senders, oldest first.
+        mark: first bytes of ours.
+        answered: datagrams with these nonces are left out.
+    """
+    stops, questions, foreign = Waiting(), Waiting(), 0
+    for data, sender in datagrams:
+        if len(data) != DATAGRAM_BYTES or data[:MARK_BYTES] != mark:
+            foreign += 1
+        elif data[NONCE_AT : NONCE_AT + NONCE_BYTES] in answered:
+            continue
+        elif data[KIND_AT] == Kind.STOP:
+            stops.add(data, sender)
+        elif data[KIND_AT] == Kind.ASK:
+            questions.add(data, sender)
+        else:
+            foreign += 1
+    return stops, questions, foreign
+
+
+#: How often the thread looks whether it is to end.
+LOOK_S = 0.2
+
+#: Real-time priority of the thread, where it may have one: below that of the loop that moves the robot.
+PRIORITY = 9
+
+#: Datagrams of each kind whose signatures are checked before the thread receives again.
+MOST_CHECKED = 128
+
+#: After more datagrams at a time than clients send, the thread rests for as long as they took, within these
+#: bounds: a flood leaves half of the time to what moves the robot, and fills no buffer meanwhile.
+FLOOD, LEAST_REST_S, MOST_REST_S = 32, 0.001, 0.005
+
+
+class StopSocket:
+    """Answers datagrams on the port of a robot's link, and stops the robot; open while the block runs.
+
+    A port that cannot be had, a link over QUIC, which needs it itself, and a folder of certificates without
+    the secret leave the robot without: `trouble` says why.
+
+    Args:
+        link: of the robot.
+        robot: name of the robot.
+        latch: stops it.
+        at_rest: whether no joint moves.
+        echoes: whether the joint angles by which that is known are only targets.
+
+    Attributes:
+        trouble: why there is no datagram stop, or why the last datagram had no answer, or None.
+        answered: datagrams answered so far.
+        dropped: datagrams so far that were not ours; what the kernel drops is not counted, and neither is
+            what was answered before or was one of too many.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        robot: str,
+        latch: StopLatch,
+        at_rest: Callable[[], bool],
+        echoes: Callable[[], bool] = lambda: False,
+    ) -> None:
+        self._link, self._robot, self._latch = link, robot, latch
+        self._at_rest, self._echoes = at_rest, echoes
+        self._socket: socket.socket | None = None
+        self._secret, self._nonces = b"", AnsweredNonces()
+        self._thread: threading.Thread | None = None
+        self._ended = False
+        self._told = ""
+        self._event: str | None = None
+        self.trouble: str | None = None
+        self.answered = self.dropped = 0
+
+    @property
+    def port(self) -> int | None:
+        """Its UDP port while it is open, or None."""
+        return None if self._socket is None else int(self._socket.getsockname()[1])
+
+    def take_event(self) -> str | None:
+        """A line on trouble that has come since the last call, or None."""
+        event, self._event = self._event, None
+        return event
+
+    def __enter__(self) -> Self:
+        """Open it.
+
+        Raises InputError for a secret that may not be used.
+        """
+        endpoint = Endpoint.parse(self._link.endpoint)
+        secret = find_stop_secret(self._link, Role.ROBOT)
+        if endpoint.protocol == "quic":
+            self.trouble = "a link over quic needs the port itself; tls has both"
+        elif secret is None:
+            self.trouble = f"{self._link.credentials} has no secret for it; hexctl keys stop makes one"
+        else:
+            self._open(endpoint, secret)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._ended = True
+        if self._thread is not None:
+            self._thread.join()
+        if self._socket is not None:
+            self._socket.close()
+
+    def _open(self, endpoint: Endpoint, secret: bytes) -> None:
+        self._secret = secret
+        try:
+            self._socket = bound_socket(endpoint)
+        except (OSError, UnicodeError) as error:  # the second of a name that no host can have
+            reason = getattr(error, "strerror", None) or error
+            self.trouble = f"UDP port {endpoint.port} cannot be had ({reason})"
+            return
+        drop_in_kernel(self._socket, DATAGRAM_BYTES, mark_of(secret))
+        receiver = DatagramReceiver(self._socket, DATAGRAM_BYTES)
+        self._thread = threading.Thread(target=self._serve, args=(receiver,), name="stop", daemon=True)
+        self._thread.start()
+
+    def _serve(self, receiver: DatagramReceiver) -> None:
+        request_realtime_priority(PRIORITY)
+        while not self._ended:
+            if receiver.wait(LOOK_S):
+                began_s, datagrams = time.monotonic(), receiver.take()
+                try:
+                    self._answer_round(datagrams)
+                except Exception as error:  # noqa: BLE001  the stop must go on answering
+                    self._tell(error)
+                if len(datagrams) > FLOOD:
+                    time.sleep(min(max(LEAST_REST_S, time.monotonic() - began_s), MOST_REST_S))
+
+    def _answer_round(self, datagrams: list[tuple[bytes, Sender]]) -> None:
+        """Answer the datagrams that came at a time, stops first."""
+        stops, questions, foreign = sort_datagrams(datagrams, mark_of(self._secret), self._nonces)
+        self.dropped += foreign
+        for waiting in (stops, questions):
+            self._answer_newest(waiting)
+
+    def _answer_newest(self, waiting: Iterable[tuple[bytes, Sender]]) -> None:
+        """Answer each sender once."""
+        served: set[Sender] = set()
+        unserved = ((data, sender) for data, sender in waiting if sender not in served)
+        for data, sender in islice(unserved, MOST_CHECKED):
+            try:
+                answered = self._answer_sender(data, sender)
+            except Exception as error:  # noqa: BLE001  the next one must be answered
+                self._tell(error)
+                continue
+            if answered:
+                served.add(sender)
+                self._nonces.add(data[NONCE_AT : NONCE_AT + NONCE_BYTES])
+
+    def _answer_sender(self, data: bytes, sender: Sender) -> bool:
+        """Answer a datagram, and return whether it was ours."""
+        assert self._socket is not None  # noqa: S101  for the type
+        address = address_of(sender)
+        answer = self.answer(data, str(address[0]).removeprefix("::ffff:"))
+        if answer is None:
+            return False
+        self.trouble = None
+        with suppress(OSError):
+            self._socket.sendto(answer, address)
+        return True
+
+    def _tell(self, error: Exception) -> None:
+        """Report an error as trouble, and each kind once as an event."""
+        self.trouble = f"a datagram to the stop could not be answered ({type(error).__name__}: {error})"
+        if self.trouble != self._told:
+            self._told = self._event = self.trouble
+
+    def answer(self, data: bytes, host: str = "an unknown host") -> bytes | None:
+        """Do what a datagram from a host asks for; the answer, or None for one that is not ours."""
+        try:
+            asked = StopDatagram.unpacked(data, self._secret)
+        except MessageError:
+            asked = None
+        if asked is None or asked.kind is Kind.STATE:
+            self.dropped += 1
+            return None
+        obeyed = asked.kind is Kind.STOP and self._latch.stop_in(
+            asked.epoch, asked.request.hex(), by=f"{DATAGRAM_FROM}{host}"
+        )
+        self.answered += 1
+        return self._state(asked, obeyed=obeyed).packed(self._secret)
+
+    def _state(self, asked: StopDatagram, *, obeyed: bool) -> StopDatagram:
+        stop, kept = self._latch.now()
+        return StopDatagram(
+            kind=Kind.STATE,
+            nonce=asked.nonce,
+            epoch=self._latch.epoch,
+            request=asked.request if obeyed else NO_REQUEST,
+            stop_id=NO_ID if stop is None else bytes.fromhex(stop.stop_id),
+            reason="" if stop is None else stop.reason,
+            robot=self._robot,
+            stopped=stop is not None and stop.stays,
+            at_rest=self._at_rest(),
+            kept=kept,
+            echoed=self._echoes(),
+        )

@@ -1,0 +1,306 @@
+"""Driving by ROS, tick by tick, with the network left out: lease, guard, expiry, stops and hostile input."""
+
+import random
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.errors import MessageError
+from hexctl.server.inbox import Arrival
+from hexctl.server.ros.ros_commands import Called, RosCommand, Service, Stopped, WantedJoints, WantedVelocity
+from hexctl.server.served_transport import Transport
+from hexctl.server.server import RobotServer
+from hexctl.types import FloatArray
+from hexctl.wire.links import Link
+from hexctl.wire.ros.velocity import TWIST, TWIST_STAMPED, decode_velocity
+from hexctl.wire.stop import OVER_ROS
+from hexctl.wire.zenoh_messages import decode_positions, encode_positions
+from tests.control.posed import PosedMock
+from tests.server.test_hostile_input import Item, spoiled
+from tests.wire.ros.test_velocity import twist
+
+FORWARD = np.array([0.05, 0.0, 0.0])
+STANDING_UP_TICKS = 110
+
+
+class Node:
+    """A node without a network."""
+
+    drive = True
+    condition = None
+
+    def connect(self, *_: object) -> "Node":
+        """Itself."""
+        return self
+
+    def offer(self, _: object) -> None:
+        """Take a state."""
+
+    def status(self) -> dict[str, Any]:
+        """Nothing."""
+        return {}
+
+
+class Answers(list[tuple[bool, str]]):
+    """Answers of a service."""
+
+    def answer(self, success: bool, message: str) -> None:
+        """Keep an answer."""
+        self.append((success, message))
+
+
+class Bench:
+    """A server that ROS may drive, whose time and network the test holds."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.servos = PosedMock()
+        monkeypatch.setattr(Transport, "publish", lambda *_: None)
+        monkeypatch.setattr("time.monotonic", lambda: self.servos.time.now_s)
+        node: Any = Node()
+        self.server = RobotServer(self.servos, Link(), backend="mock", ros=node)
+        self.servos.connect()
+        self.servos.clock.tick()
+
+    def send(self, command: RosCommand) -> None:
+        """Let a command arrive now."""
+        self.server._handle(Arrival("ros", command, self.servos.time.now_s))
+
+    def call(self, service: Service) -> tuple[bool, str]:
+        """Answer of a service."""
+        answers = Answers()
+        self.send(Called(service, answers))
+        (answer,) = answers
+        return answer
+
+    def ticks(self, times: int, velocity: FloatArray | None = None) -> None:
+        """Let time go on, with a velocity in every control period or none."""
+        for _ in range(times):
+            if velocity is not None:
+                self.send(WantedVelocity(velocity))
+            self.server._tick()
+
+    def joints(self) -> FloatArray:
+        """Targets that the servos got last."""
+        return self.servos.sent[-1].joint_positions_rad
+
+    def status(self) -> dict[str, Any]:
+        """Status of the server."""
+        return self.server.status()
+
+    def moved(self, ticks: int, velocity: FloatArray | None = None) -> float:
+        """By how much the targets change within some ticks, in rad."""
+        seen = [self.joints()]
+        for _ in range(ticks):
+            self.ticks(1, velocity)
+            seen.append(self.joints())
+        return float(np.ptp(seen, axis=0).max())
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
+    return Bench(monkeypatch)
+
+
+def test_a_velocity_makes_the_robot_stand_up_and_walk_under_a_lease_of_ros(bench: Bench) -> None:
+    bench.ticks(STANDING_UP_TICKS, FORWARD)
+    assert bench.status()["controller"] == "ROS 2"
+    assert bench.status()["ros"]["motion"] == "driving"
+    assert bench.moved(50, FORWARD) > 0.05
+
+
+def test_silence_ends_in_a_stand_and_gives_the_robot_back(bench: Bench) -> None:
+    bench.ticks(STANDING_UP_TICKS + 50, FORWARD)
+    bench.ticks(24)
+    assert bench.moved(5) > 0  # for half a second it goes on
+    bench.ticks(40)
+    assert bench.status()["controller"] is None
+    assert bench.status()["stopped"] is None
+    assert bench.moved(50) == 0
+
+
+def test_a_zero_velocity_stops_it_sooner(bench: Bench) -> None:
+    bench.ticks(STANDING_UP_TICKS + 50, FORWARD)
+    bench.send(WantedVelocity(np.zeros(3)))
+    bench.ticks(14)
+    assert bench.moved(8) == 0
+
+
+def test_it_walks_on_from_where_it_stopped_without_standing_up_again(bench: Bench) -> None:
+    bench.ticks(STANDING_UP_TICKS + 50, FORWARD)
+    bench.ticks(200)
+    before = bench.joints()
+    bench.ticks(1, FORWARD)
+    assert bench.status()["ros"]["motion"] == "driving"
+    assert float(np.abs(bench.joints() - before).max()) < 0.05
+    assert bench.moved(40, FORWARD) > 0.05
+
+
+def test_zeros_of_an_idle_planner_do_not_hold_the_robot(bench: Bench) -> None:
+    bench.ticks(50, np.zeros(3))
+    assert bench.status()["controller"] is None
+    assert not bench.servos.sent
+
+
+def test_another_controller_keeps_the_robot(bench: Bench) -> None:
+    item: Any = Item(b'{"op": "acquire", "owner": "me"}', None)
+    bench.server._handle(Arrival("lease", item, bench.servos.time.now_s))
+    bench.ticks(20, FORWARD)
+    assert bench.status()["controller"] == "me"
+    assert bench.status()["ros"]["refused"] == 20
+    assert bench.call(Service.STAND) == (False, bench.call(Service.SIT)[1])
+    assert not bench.servos.sent
+
+
+def test_clearing_what_is_not_stopped_disturbs_nobody(bench: Bench) -> None:
+    item: Any = Item(b'{"op": "acquire", "owner": "me"}', None)
+    bench.server._handle(Arrival("lease", item, bench.servos.time.now_s))
+    assert bench.call(Service.CLEAR_STOP) == (True, "it was not stopped")
+    assert bench.status()["controller"] == "me"
+    bench.server._leases.revoke()
+    bench.ticks(STANDING_UP_TICKS, FORWARD)
+    assert bench.call(Service.CLEAR_STOP)[0]
+    assert bench.status()["ros"]["motion"] == "driving"
+    assert bench.moved(20) > 0.05
+
+
+def test_a_stop_ends_everything_until_it_is_cleared(bench: Bench) -> None:
+    bench.ticks(STANDING_UP_TICKS + 20, FORWARD)
+    requests = bench.server._requests
+    requests.urgent(b"", by=OVER_ROS, clear_key=requests.ros_key)
+    bench.send(Stopped())
+    assert bench.moved(50, FORWARD) == 0
+    assert bench.status()["stopped"] == "estop"
+    success, why = bench.call(Service.STAND)
+    assert not success
+    assert "estop" in why
+    assert bench.call(Service.CLEAR_STOP) == (True, "no longer stopped")
+    assert bench.moved(20) == 0  # a command of before the stop is forgotten
+    bench.ticks(STANDING_UP_TICKS, FORWARD)
+    assert bench.status()["ros"]["motion"] == "driving"
+
+
+def test_ros_does_not_clear_the_stop_of_another_client_that_ended_its_walk(bench: Bench) -> None:
+    bench.ticks(STANDING_UP_TICKS, FORWARD)
+    bench.server._requests.urgent(b"")
+    bench.send(Stopped())
+    assert bench.moved(50, FORWARD) == 0
+    assert not bench.call(Service.CLEAR_STOP)[0]
+    assert bench.status()["stopped"] == "estop"
+
+
+def test_a_lease_that_is_revoked_ends_the_walk(bench: Bench) -> None:
+    bench.ticks(STANDING_UP_TICKS + 20, FORWARD)
+    bench.server._leases.revoke()
+    assert bench.moved(20) == 0
+
+
+def test_standing_and_sitting_by_services(bench: Bench) -> None:
+    stance = bench.servos.robot.stance_angles_rad
+    assert bench.call(Service.STAND) == (True, "standing up")
+    bench.ticks(STANDING_UP_TICKS)
+    np.testing.assert_allclose(bench.joints(), stance, atol=1e-6)
+    bench.ticks(50)
+    assert bench.status()["controller"] is None
+    assert bench.call(Service.SIT) == (True, "sitting down")
+    bench.ticks(300)
+    assert bench.status()["posture"] == "limp"
+    assert bench.servos.limp
+    assert bench.status()["controller"] is None
+
+
+def test_a_robot_that_another_client_left_sits_down_from_there(bench: Bench) -> None:
+    assert bench.call(Service.SIT)[0]
+    bench.ticks(150)
+    assert bench.status()["posture"] == "limp"
+
+
+def test_a_velocity_while_it_sits_down_lets_it_stand_up_again(bench: Bench) -> None:
+    bench.call(Service.STAND)
+    bench.ticks(STANDING_UP_TICKS)
+    bench.call(Service.SIT)
+    bench.ticks(40)
+    bench.ticks(2 * STANDING_UP_TICKS, FORWARD)
+    assert bench.status()["ros"]["motion"] == "driving"
+
+
+def test_joint_commands_reach_the_servos_through_the_guard(bench: Bench) -> None:
+    wanted = bench.servos.robot.stance_angles_rad + 0.01
+    bench.send(WantedJoints(wanted))
+    np.testing.assert_array_equal(bench.joints(), wanted)
+    assert bench.status()["controller"] == "ROS 2"
+    bench.send(WantedJoints(wanted + 1.0))
+    most = bench.servos.robot.joint_max_speed_rad_s * bench.servos.clock.period_s
+    assert (np.abs(bench.joints() - wanted) <= most + 0.01).all()
+
+
+def test_joint_commands_that_end_freeze_the_robot_and_begin_again(bench: Bench) -> None:
+    wanted = bench.servos.robot.stance_angles_rad + 0.01
+    for _ in range(5):
+        bench.send(WantedJoints(wanted))
+        bench.ticks(1)
+    bench.ticks(12)
+    assert bench.status()["stopped"] == "expired"
+    bench.send(WantedJoints(wanted + 0.01))
+    assert bench.status()["stopped"] is None
+    np.testing.assert_allclose(bench.joints(), wanted + 0.01)
+
+
+def test_joints_and_velocities_exclude_each_other(bench: Bench) -> None:
+    wanted = bench.servos.robot.stance_angles_rad
+    bench.send(WantedJoints(wanted))
+    bench.send(WantedVelocity(FORWARD))
+    assert bench.status()["ros"]["refused"] == 1
+    bench.ticks(60)
+    bench.ticks(STANDING_UP_TICKS, FORWARD)
+    sent = len(bench.servos.sent)
+    bench.send(WantedJoints(wanted + 0.3))
+    assert len(bench.servos.sent) == sent
+    assert bench.status()["ros"]["refused"] == 2
+
+
+#: Messages of each type; the soak test has the hundred thousand.
+TIMES = 3000
+
+GOOD = {
+    TWIST: twist(TWIST, FORWARD),
+    TWIST_STAMPED: twist(TWIST_STAMPED, FORWARD),
+    "joints": encode_positions(np.zeros(18)),
+}
+
+
+@pytest.mark.parametrize("kind", list(GOOD))
+def test_spoiled_messages_never_leave_the_limits(bench: Bench, kind: str) -> None:
+    check_spoiled(bench, kind, TIMES)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("kind", list(GOOD))
+def test_a_hundred_thousand_spoiled_messages_never_leave_the_limits(bench: Bench, kind: str) -> None:
+    check_spoiled(bench, kind, 100_000)
+
+
+def check_spoiled(bench: Bench, kind: str, times: int) -> None:
+    """Send spoiled messages; what can be decoded at all moves no joint faster or further than it may."""
+    chance, refused = random.Random(kind), 0
+    robot = bench.servos.robot
+    before = robot.stance_angles_rad
+    for index in range(times):
+        payload = spoiled(GOOD[kind], chance)
+        try:
+            wanted = decode_positions(payload) if kind == "joints" else decode_velocity(kind, payload)
+        except MessageError:
+            refused += 1
+        else:
+            bench.send(WantedJoints(wanted) if kind == "joints" else WantedVelocity(wanted))
+        if index % 4 == 0:
+            bench.ticks(1)
+            if bench.servos.sent:
+                now, most = bench.joints(), robot.joint_max_speed_rad_s * bench.servos.clock.period_s
+                assert np.isfinite(now).all()
+                assert (now >= robot.joint_lower_rad - 1e-9).all()
+                assert (now <= robot.joint_upper_rad + 1e-9).all()
+                assert (np.abs(now - before) <= 2 * most + 1e-9).all()  # this period's and the last one's
+                before = now
+    assert times / 3 < refused < times
+    assert bench.status()["stopped"] in (None, "expired")

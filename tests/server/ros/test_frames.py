@@ -1,0 +1,215 @@
+"""The frames that a pose from outside makes: `map` -> `odom` -> `base_link`, read by a decoder of others."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from hexctl.robot.formats.urdf import urdf_of
+from hexctl.robot.rotations import about_z, product, turned, yaw_rad
+from hexctl.server.ros.frames import BodyPose
+from hexctl.server.ros.snapshot import RobotSnapshot
+from hexctl.server.ros.topics import RobotMessages
+from hexctl.types import FloatArray, RobotState
+from hexctl.wire import ros_cdr
+from hexctl.wire.ros import telemetry
+from tests.driven import driven
+from tests.robots import shipped
+from tests.wire.ros.decoding import decoded
+
+#: Turn and shift from the frame of the robot's own pose to that of the one from outside.
+SHIFT_M, TURN = np.array([3.0, -1.0, 0.0]), about_z(2.0)
+
+LEAN = np.array([np.cos(0.04), 0.0, np.sin(0.04), 0.0])
+
+
+@dataclass
+class Walker:
+    """A robot that walks, of which a state comes in every control period."""
+
+    messages: RobotMessages = field(default_factory=lambda: RobotMessages(shipped(), urdf_of(shipped())))
+    index: int = 0
+    has_imu: bool = True
+    wanted: bool = True
+    last: RobotSnapshot | None = None
+
+    def true_pose(self) -> BodyPose:
+        walk = driven("ant", ((1, 0, 0, 0), (4, 0.8, 0, 0.4)))
+        x_m, y_m, yaw = walk.poses[self.index]
+        return BodyPose(np.array([x_m, y_m, walk.height_m[self.index]]), product(about_z(yaw), LEAN))
+
+    def next(self, pose: BodyPose | None, posed_at_s: float | None) -> dict[str, tuple[str, BodyPose]]:
+        """Frames after one more state: parent and transform by child."""
+        walk = driven("ant", ((1, 0, 0, 0), (4, 0.8, 0, 0.4)))
+        state = RobotState(
+            walk.joints_rad[self.index],
+            walk.times_s[self.index],
+            True,
+            base_position_world=None if pose is None else pose.position_m,
+            base_quaternion_world=None if pose is None else pose.quaternion,
+        )
+        orientation = self.true_pose().quaternion if self.has_imu else None
+        self.last = RobotSnapshot(
+            state, orientation, stopped=None, posture="", controller=None, posed_at_s=posed_at_s
+        )
+        self.index += 1
+        self.messages.follow(self.last, wanted=self.wanted)
+        return frames(self.messages.moving_frames(self.last)) if self.wanted else {}
+
+    def own(self) -> dict[str, tuple[str, BodyPose]]:
+        """Frames after a state with a pose of the robot's own."""
+        return self.next(self.true_pose(), None)
+
+    def outside(self, jump_m: FloatArray | float = 0.0, *, level: bool = False) -> BodyPose:
+        """Pose from outside, now."""
+        true = self.true_pose()
+        quaternion = about_z(float(yaw_rad(true.quaternion))) if level else true.quaternion
+        return BodyPose(SHIFT_M + turned(TURN, true.position_m) + jump_m, product(TURN, quaternion))
+
+    def posed(self, pose: BodyPose | None) -> dict[str, tuple[str, BodyPose]]:
+        """Frames after a state with a pose from outside that is new, or lost for None."""
+        at_s = self.last.posed_at_s if pose is None and self.last is not None else float(self.index)
+        return self.next(pose, at_s)
+
+
+def frames(payload: bytes) -> dict[str, tuple[str, BodyPose]]:
+    found = {}
+    for one in decoded(telemetry.TRANSFORMS, payload).transforms:
+        at, turn = one.transform.translation, one.transform.rotation
+        pose = BodyPose(np.array([at.x, at.y, at.z]), np.array([turn.w, turn.x, turn.y, turn.z]))
+        found[one.child_frame_id] = (one.header.frame_id, pose)
+    return found
+
+
+def in_map(found: dict[str, tuple[str, BodyPose]]) -> BodyPose:
+    """Pose of `base_link` in `map`."""
+    (of_odom, odom), (of_body, body) = found["odom"], found["base_link"]
+    assert (of_odom, of_body) == ("map", "odom")
+    quaternion = product(odom.quaternion, body.quaternion)
+    return BodyPose(odom.position_m + turned(odom.quaternion, body.position_m), quaternion)
+
+
+def same(one: BodyPose, other: BodyPose) -> None:
+    np.testing.assert_allclose(one.position_m, other.position_m, atol=1e-6)
+    assert abs(one.quaternion @ other.quaternion) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_a_pose_of_its_own_is_in_odom_and_there_is_no_map() -> None:
+    walker = Walker()
+    for _ in range(3):
+        pose = walker.true_pose()
+        found = walker.own()
+        assert "odom" not in found
+        assert found["base_link"][0] == "odom"
+        np.testing.assert_array_equal(found["base_link"][1].numbers, pose.numbers)
+
+
+@pytest.mark.parametrize("has_imu", [True, False])
+def test_a_pose_from_outside_is_in_map_and_odom_goes_on(has_imu: bool) -> None:
+    walker = Walker(has_imu=has_imu, index=60)
+    before = walker.own()["base_link"][1]
+    for _ in range(100):
+        pose = walker.outside()
+        found = walker.posed(pose)
+        same(in_map(found), pose)
+        after = found["base_link"][1]
+        assert np.linalg.norm(after.position_m - before.position_m) < 0.012
+        assert abs(after.quaternion @ before.quaternion) > np.cos(0.02)
+        before = after
+
+
+def test_a_jump_from_outside_is_one_of_map_to_odom_alone() -> None:
+    found = []
+    for jump_m in (np.zeros(3), np.array([0.5, -0.3, 0.0])):
+        walker = Walker(index=60)
+        walker.own()
+        walker.posed(walker.outside())
+        pose = walker.outside(jump_m)
+        found.append(walker.posed(pose))
+        same(in_map(found[-1]), pose)
+    (_, calm), (_, jumped) = (one["base_link"] for one in found)
+    np.testing.assert_array_equal(calm.numbers, jumped.numbers)
+    moved_m = found[1]["odom"][1].position_m - found[0]["odom"][1].position_m
+    np.testing.assert_allclose(moved_m, [0.5, -0.3, 0.0], atol=1e-9)
+
+
+def test_while_the_pose_is_lost_map_stays_and_the_legs_go_on() -> None:
+    walker = Walker(index=80)
+    walker.own()
+    known = walker.posed(walker.outside())
+    for _ in range(50):
+        true = walker.outside()
+        lost = walker.posed(None)
+        np.testing.assert_array_equal(lost["odom"][1].numbers, known["odom"][1].numbers)
+    assert np.linalg.norm(true.position_m - in_map(known).position_m) > 0.05
+    assert np.linalg.norm(true.position_m - in_map(lost).position_m) < 0.01
+    before, pose = lost["base_link"][1], walker.outside(np.array([0.1, 0.0, 0.0]))
+    found = walker.posed(pose)
+    same(in_map(found), pose)
+    assert np.linalg.norm(found["base_link"][1].position_m - before.position_m) < 0.012
+
+
+def test_between_two_poses_from_outside_the_legs_move_the_body() -> None:
+    walker = Walker(index=80)
+    walker.own()
+    pose = walker.outside()
+    first = walker.posed(pose)
+    for _ in range(5):
+        true = walker.outside()
+        held = walker.next(pose, walker.last.posed_at_s if walker.last else None)
+    np.testing.assert_array_equal(held["odom"][1].numbers, first["odom"][1].numbers)
+    assert np.linalg.norm(in_map(held).position_m - true.position_m) < 0.002
+    assert np.linalg.norm(pose.position_m - true.position_m) > 0.005
+
+
+def test_a_camera_sees_no_roll_and_pitch_which_stay_the_robots_own() -> None:
+    walker = Walker(index=60)
+    walker.own()
+    for _ in range(20):
+        true, pose = walker.outside(), walker.outside(level=True)
+        found = walker.posed(pose)
+        np.testing.assert_allclose(in_map(found).position_m, pose.position_m, atol=1e-6)
+        same(in_map(found), true)
+        np.testing.assert_allclose(found["odom"][1].quaternion[1:3], 0, atol=1e-15)
+
+
+def test_without_an_own_pose_odom_begins_at_the_origin() -> None:
+    walker = Walker(has_imu=False)
+    first = walker.posed(None)
+    assert "odom" not in first
+    np.testing.assert_array_equal(first["base_link"][1].position_m, np.zeros(3))
+    pose = walker.outside()
+    same(in_map(walker.posed(pose)), pose)
+
+
+def test_odometry_is_that_of_dead_reckoning() -> None:
+    walker = Walker(index=80)
+    walker.own()
+    for jump_m in np.linspace(0, 1, 20):
+        found = walker.posed(walker.outside(np.array([jump_m, 0, 0])))
+        assert walker.last is not None
+        message = walker.messages.odometry(walker.last)
+    assert message is not None
+    told = decoded(ros_cdr.ODOMETRY, message)
+    assert (told.header.frame_id, told.child_frame_id) == ("odom", "base_link")
+    at = told.pose.pose.position
+    np.testing.assert_array_equal([at.x, at.y, at.z], found["base_link"][1].position_m)
+    assert 0.03 < told.twist.twist.linear.x < 0.3
+    assert abs(told.twist.twist.linear.y) < 0.1
+
+
+def test_dead_reckoning_begins_when_it_is_wanted_and_then_never_pauses() -> None:
+    walker, ever = Walker(index=80), Walker(index=80)
+    for each in (walker, ever):
+        each.own()
+    walker.wanted = False
+    walker.posed(walker.outside())
+    assert walker.last is not None
+    assert walker.messages.odometry(walker.last) is None
+    walker.index -= 1
+    walker.wanted = True
+    for wanted in (True, False, False, False, True):
+        walker.wanted = wanted
+        found = walker.posed(walker.outside())
+        always = ever.posed(ever.outside())
+    np.testing.assert_array_equal(found["base_link"][1].numbers, always["base_link"][1].numbers)

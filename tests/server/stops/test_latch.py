@@ -1,0 +1,198 @@
+"""The latch: every stop has an id, a stop that is repeated is one, and a clear ends what was valid before."""
+
+from pathlib import Path
+
+import pytest
+
+from hexctl.control.guard import Guard
+from hexctl.server.stops.latch import MOST_REQUESTS, StopLatch
+from hexctl.server.stops.stop_file import StopFile
+from hexctl.wire.stop import (
+    DATAGRAM_FROM,
+    HOLD_S,
+    MOST_CLAIMS,
+    OTHERS_HOLD_S,
+    UNNAMED,
+    Stop,
+    claim_of,
+    new_clear_key,
+)
+from tests.control.posed import connected
+
+
+@pytest.fixture
+def guard() -> Guard:
+    return connected()[0]
+
+
+@pytest.fixture
+def latch(guard: Guard) -> StopLatch:
+    return StopLatch(guard)
+
+
+def now(latch: StopLatch) -> Stop:
+    stop = latch.current()
+    assert stop is not None
+    return stop
+
+
+def test_each_stop_has_an_id_of_its_own_those_of_the_guard_too(guard: Guard, latch: StopLatch) -> None:
+    assert latch.current() is None
+    assert latch.status() is None
+    guard.stop("expired")
+    ids = [now(latch).stop_id]
+    guard.stop("fell")
+    ids.append(now(latch).stop_id)
+    assert now(latch).stop_id == ids[-1], "it is the same stop as before"
+    ids.append(latch.stop().stop_id)
+    assert now(latch).reason == "fell", "what was wrong first is said"
+    ids.append(latch.stop("request 1").stop_id)
+    assert latch.stop("request 1").stop_id == ids[-1]
+    assert len(set(ids)) == 4
+    assert all(len(bytes.fromhex(one)) == 8 for one in ids)
+
+
+def test_a_request_that_is_repeated_does_not_put_off_the_clear(latch: StopLatch) -> None:
+    stop = latch.stop("mine")
+    for _ in range(100):
+        latch.stop("mine")
+    assert now(latch) == stop
+    assert latch.clear(stop.stop_id, stop.since_s + HOLD_S) is None
+    assert latch.current() is None
+
+
+def test_who_asked_is_replaced_by_a_better_name_alone_and_written_only_then(
+    guard: Guard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = StopFile("ant", "mock", "tcp/127.0.0.1:7447", folder=tmp_path)
+    kept: list[str | None] = []
+    monkeypatch.setattr(file, "keep", lambda stop: kept.append(stop.by))
+    latch = StopLatch(guard, file)
+    datagram = f"{DATAGRAM_FROM}10.0.0.7"
+    for by in (datagram, UNNAMED, datagram, f"{DATAGRAM_FROM}10.0.0.8"):
+        assert latch.stop("mine", by=by).by == datagram
+    for by in ("mia on lab-pc", datagram, "ben", UNNAMED):
+        assert latch.stop("mine", by=by).by == "mia on lab-pc"
+    assert kept == [datagram, "mia on lab-pc"]
+
+
+def test_a_flood_of_requests_is_forgotten_and_stops_all_the_same(guard: Guard, latch: StopLatch) -> None:
+    for number in range(3 * MOST_REQUESTS):
+        latch.stop(f"request {number}")
+    assert guard.stopped == "estop"
+
+
+def test_what_was_valid_before_a_clear_stops_nothing_after_it(guard: Guard, latch: StopLatch) -> None:
+    epoch = latch.epoch
+    assert latch.stop_in(epoch, "mine")
+    assert latch.epoch == epoch
+    assert "allowed" in str(latch.clear(None, 0.0))
+    assert latch.epoch == epoch, "a clear that is refused changes nothing"
+    assert latch.clear(now(latch).stop_id, now(latch).since_s + HOLD_S) is None
+    assert latch.epoch != epoch
+    assert not latch.stop_in(epoch, "mine")
+    assert guard.stopped is None
+    assert latch.stop_in(latch.epoch, "mine")
+    assert guard.stopped == "estop"
+
+
+def test_silence_needs_no_id_and_no_time(guard: Guard, latch: StopLatch) -> None:
+    guard.stop("expired")
+    assert not now(latch).stays
+    assert latch.clear(None, 0.0) is None
+    assert guard.stopped is None
+
+
+def test_a_stop_is_there_or_made(guard: Guard, latch: StopLatch) -> None:
+    guard.stop("expired")
+    stop = latch.ensure()
+    assert stop.reason == guard.stopped == "estop"
+    assert latch.ensure() == stop
+
+
+def test_the_robot_is_stopped_before_anything_that_may_fail(
+    guard: Guard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = StopFile("ant", "mock", "tcp/127.0.0.1:7447", folder=tmp_path)
+
+    def fail(_: Stop | None) -> None:
+        raise RuntimeError("no memory")
+
+    monkeypatch.setattr(file, "keep", fail)
+    latch = StopLatch(guard, file)
+    guard.stop("expired")
+    with pytest.raises(RuntimeError, match="no memory"):
+        latch.stop("mine")
+    assert guard.stopped == "estop"
+
+
+def test_a_claimed_stop_is_cleared_quickly_by_its_key_and_not_by_its_id(latch: StopLatch) -> None:
+    key = new_clear_key()
+    stop = latch.stop(claim_of(key))
+    for keys in ((), (new_clear_key(),), stop.claims):
+        assert latch.clear(stop.stop_id, stop.since_s + 60.0, keys=keys) is not None
+    assert latch.clear(stop.stop_id, stop.since_s + HOLD_S, keys=(key,)) is None
+    assert latch.current() is None
+
+
+def test_a_client_that_joins_a_claimed_stop_cannot_clear_it_with_its_own_key(latch: StopLatch) -> None:
+    person, client = new_clear_key(), [new_clear_key() for _ in range(2 * MOST_CLAIMS)]
+    latch.stop(claim_of(person))
+    for key in client:
+        stop = latch.stop(claim_of(key))
+        assert latch.clear(stop.stop_id, stop.since_s + 60.0, keys=client) is not None
+
+
+def test_the_client_that_was_stopped_never_clears_the_stop_without_the_key(guard: Guard) -> None:
+    latch, key, ever_s = StopLatch(guard, commander=lambda: "walker"), new_clear_key(), 1e6
+    latch.stop(claim_of(key), by="mia")
+    latch.stop(claim_of(new_clear_key()), by="walker")  # to make it a stop of its own
+    latch.stop("renewed", by="walker")
+    stop = now(latch)
+    for at_s in (0.0, OTHERS_HOLD_S, ever_s):
+        assert latch.clear(stop.stop_id, stop.since_s + at_s, by="walker") is not None
+    guard.stop("fell")
+    assert latch.clear(now(latch).stop_id, stop.since_s + ever_s, by="walker") is not None
+    assert latch.clear(now(latch).stop_id, stop.since_s + ever_s, by="ben") is None
+
+
+@pytest.mark.parametrize("claim", [None, "key"])
+def test_a_client_clears_the_stop_that_it_asked_for_itself(guard: Guard, claim: str | None) -> None:
+    latch, keys = StopLatch(guard, commander=lambda: "walker"), () if claim is None else (claim,)
+    stop = latch.stop(None if claim is None else claim_of(claim), by="walker")
+    assert latch.clear(stop.stop_id, stop.since_s + HOLD_S, by="walker", keys=keys) is None
+
+
+def test_in_a_minute_no_client_without_the_key_clears_a_claimed_stop(guard: Guard, latch: StopLatch) -> None:
+    stop, began_s = latch.stop(claim_of(new_clear_key()), by="mia"), 1000.0
+    for tenth in range(600):
+        keys = (*stop.claims, stop.stop_id, new_clear_key())
+        for stop_id in (None, "", stop.stop_id):
+            assert latch.clear(stop_id, began_s + tenth / 10, by=f"client {tenth}", keys=keys) is not None
+    assert guard.stopped == "estop"
+    assert now(latch) == stop, "its tries put off nobody else"
+
+
+def test_a_robot_that_fails_after_a_claimed_stop_stays_claimed(guard: Guard, latch: StopLatch) -> None:
+    latch.stop(claim_of(new_clear_key()))
+    guard.stop("fell")
+    stop = now(latch)
+    assert latch.clear(stop.stop_id, stop.since_s + 60.0) is not None
+
+
+def test_a_stop_that_is_repeated_after_a_clear_by_others_holds_longer(latch: StopLatch) -> None:
+    for hold_s in (OTHERS_HOLD_S, 2 * OTHERS_HOLD_S, 4 * OTHERS_HOLD_S):
+        stop = latch.stop(claim_of(new_clear_key()))
+        assert latch.clear(stop.stop_id, stop.since_s + hold_s - 1.0) is not None
+        assert latch.clear(stop.stop_id, stop.since_s + hold_s) is None
+
+
+def test_a_claim_survives_a_restart(guard: Guard, tmp_path: Path) -> None:
+    latch = StopLatch(guard, StopFile("ant", "mock", "tcp/127.0.0.1:7447", folder=tmp_path))
+    key = new_clear_key()
+    latch.stop(claim_of(key))
+    latch.close()
+    again = StopLatch(connected()[0], StopFile("ant", "mock", "tcp/127.0.0.1:7447", folder=tmp_path))
+    stop = now(again)
+    assert again.clear(stop.stop_id, stop.since_s + 60.0) is not None
+    assert again.clear(stop.stop_id, stop.since_s + HOLD_S, keys=(key,)) is None

@@ -1,0 +1,314 @@
+"""A stop on the disk: what is found after a restart, whatever has become of the file."""
+
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from hexctl.control.guard import Guard
+from hexctl.server.stops import stop_file
+from hexctl.server.stops.latch import StopLatch
+from hexctl.server.stops.stop_file import BLOCK_BYTES, StopFile
+from hexctl.waiting import comes_true
+from hexctl.wire.stop import HOLD_S, MAX_BY, MOST_CLAIMS, claim_of
+from tests.control.posed import connected
+
+#: The server that was begun last.
+_BEGUN: list[StopLatch] = []
+
+
+def begun(
+    folder: Path, *, asked_only: bool = False, where: str = "/dev/ttyACM0", robot: str = "ant"
+) -> tuple[Guard, StopLatch, StopFile]:
+    """A server's stop, as after a start; the server before has ended."""
+    while _BEGUN:
+        _BEGUN.pop().close()
+    guard = connected()[0]
+    file = StopFile(robot, "feetech", where, folder=folder, asked_only=asked_only)
+    _BEGUN.append(StopLatch(guard, file))
+    return guard, _BEGUN[0], file
+
+
+@pytest.mark.parametrize("reason", ["estop", "fell", "fault: low battery 9.5 V", "state", "pose lost"])
+def test_a_stop_is_there_after_a_restart_with_its_id_until_it_is_cleared(tmp_path: Path, reason: str) -> None:
+    guard, latch, file = begun(tmp_path / "state")
+    assert guard.stopped is None
+    assert file.warnings == ()
+    guard.stop(reason)
+    stop = latch.current()
+    assert stop is not None
+    assert comes_true(lambda: file.keeps(stop), 10.0)
+    status = latch.status()
+    assert status is not None
+    assert status["kept"] is True
+
+    guard, latch, file = begun(tmp_path / "state")
+    assert guard.stopped == reason
+    again = latch.current()
+    assert again is not None
+    assert (again.stop_id, again.reason) == (stop.stop_id, reason)
+    assert f"still stopped ({reason}, 20" in file.warnings[0]
+    assert "after the stop" in str(latch.clear(again.stop_id, again.since_s)), "it is held again"
+    assert latch.clear(again.stop_id, again.since_s + HOLD_S) is None
+    latch.close()
+
+    guard, latch, file = begun(tmp_path / "state")
+    assert guard.stopped is None
+    assert list((tmp_path / "state").iterdir()) == [file.path]
+
+
+def test_who_asked_for_a_stop_is_kept_with_it(tmp_path: Path) -> None:
+    _, latch, _ = begun(tmp_path)
+    latch.stop(by="mia on lab-pc")
+    latch.close()
+    _, latch, file = begun(tmp_path)
+    stop = latch.current()
+    assert stop is not None
+    assert stop.by == "mia on lab-pc"
+    assert "UTC, asked for by mia on lab-pc, ant at /dev/ttyACM0), as before the restart" in file.warnings[0]
+
+
+def test_silence_is_not_kept(tmp_path: Path) -> None:
+    guard, latch, _ = begun(tmp_path)
+    guard.stop("expired")
+    assert latch.current() is not None
+    assert begun(tmp_path)[0].stopped is None
+
+
+def test_of_a_simulation_only_what_a_client_asked_for_is_kept(tmp_path: Path) -> None:
+    guard, latch, _ = begun(tmp_path, asked_only=True)
+    guard.stop("fell")
+    assert latch.current() is not None
+    latch.close()
+    assert begun(tmp_path, asked_only=True)[0].stopped is None
+    _, latch, _ = begun(tmp_path, asked_only=True)
+    latch.stop()
+    latch.close()
+    assert begun(tmp_path, asked_only=True)[0].stopped == "estop"
+
+
+def test_a_stop_that_a_client_asks_for_once_a_simulation_has_fallen_is_kept(tmp_path: Path) -> None:
+    guard, latch, file = begun(tmp_path, asked_only=True)
+    guard.stop("fell")
+    assert latch.current() is not None
+    stop = latch.stop()
+    assert stop.reason == "fell"
+    assert comes_true(lambda: file.keeps(stop), 10.0)
+    guard, latch, _ = begun(tmp_path, asked_only=True)
+    assert guard.stopped == "estop", "it stands again, and a client has stopped it"
+    again = latch.current()
+    assert again is not None
+    assert again.stop_id == stop.stop_id
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"{}", b"\xff\xfe", b'{"version": 2}', b"x" * 100_000, b'{"version": 1, "reason": ""}']
+)
+def test_a_file_that_cannot_be_read_is_a_stop(tmp_path: Path, content: bytes) -> None:
+    _, latch, file = begun(tmp_path)
+    latch.stop()
+    latch.close()
+    file.path.write_bytes(content)
+    guard, latch, file = begun(tmp_path)
+    assert guard.stopped == "estop"
+    assert "cannot be read" in file.warnings[0]
+    stop = latch.current()
+    assert stop is not None
+    assert latch.clear(stop.stop_id, stop.since_s + HOLD_S) is None
+    latch.close()
+    assert begun(tmp_path)[0].stopped is None
+
+
+def dangle(path: Path) -> None:
+    """Put a link to nothing in place of a file."""
+    path.symlink_to("nothing")
+
+
+def loop(path: Path) -> None:
+    """Put a link to itself in place of a file."""
+    path.symlink_to(path)
+
+
+def endless(path: Path) -> None:
+    """Put a device without an end in place of a file."""
+    path.symlink_to("/dev/zero")
+
+
+@pytest.mark.parametrize("place_strangely", [os.mkfifo, dangle, loop, endless])
+def test_what_is_no_plain_file_is_a_stop_until_it_is_cleared(
+    tmp_path: Path, place_strangely: Callable[[Path], None]
+) -> None:
+    place_strangely(StopFile("ant", "feetech", "/dev/ttyACM0", folder=tmp_path).path)
+    guard, latch, file = begun(tmp_path)
+    assert guard.stopped == "estop"
+    assert len(file.warnings) == 1
+    stop = latch.current()
+    assert stop is not None
+    assert latch.clear(stop.stop_id, stop.since_s + HOLD_S) is None
+    assert begun(tmp_path)[0].stopped is None
+    assert list(tmp_path.iterdir()) == [file.path]
+
+
+def test_a_folder_that_is_a_link_to_nothing_is_a_stop(tmp_path: Path) -> None:
+    """The disk on which a stop was kept may not be mounted yet."""
+    dangle(tmp_path / "state")
+    assert begun(tmp_path / "state")[0].stopped == "estop"
+
+
+def test_a_folder_in_the_place_of_the_file_is_a_stop_and_its_trouble_is_said(tmp_path: Path) -> None:
+    file = StopFile("ant", "feetech", "/dev/ttyACM0", folder=tmp_path)
+    file.path.mkdir()
+    guard, latch, file = begun(tmp_path)
+    assert guard.stopped == "estop"
+    latch.stop()
+    assert comes_true(lambda: file.trouble is not None, 10.0)
+    status = latch.status()
+    assert status is not None
+    assert status["kept"] is False
+    stop = latch.current()
+    assert stop is not None
+    file.path.rmdir()
+    assert comes_true(lambda: file.keeps(stop), 10.0), "it is tried again"
+    assert file.trouble is None
+
+
+def test_a_reason_that_no_file_can_have_is_kept_nearly_as_it_was(tmp_path: Path) -> None:
+    guard, latch, _ = begun(tmp_path)
+    guard.stop("fault: \ud800")
+    assert latch.current() is not None
+    latch.close()
+    assert begun(tmp_path)[0].stopped == "fault: ?"
+
+
+def test_where_nothing_can_be_written_it_is_said_at_the_start(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    guard, latch, file = begun(tmp_path / "file")
+    assert guard.stopped is None
+    assert "will not survive a restart" in file.warnings[0]
+    latch.stop()
+    latch.close()
+    assert guard.stopped == "estop"
+
+
+class NoThread(threading.Thread):
+    """A thread on a computer that has none left."""
+
+    def start(self) -> None:
+        raise RuntimeError("can't start new thread")
+
+
+def test_a_computer_without_a_thread_left_stops_the_robot_and_the_next_stop_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    guard, latch, file = begun(tmp_path / "state")
+    with monkeypatch.context() as without:
+        without.setattr(stop_file, "threading", SimpleNamespace(Thread=NoThread))
+        stop = latch.stop()
+    assert guard.stopped == "estop"
+    assert not file.keeps(stop)
+    assert "can't start new thread" in (file.trouble or "")
+    again = latch.stop()
+    assert comes_true(lambda: file.keeps(again), 10.0)
+    assert file.trouble is None
+    latch.close()
+
+
+#: Keeps a stop in a process that has no free descriptor, and is killed then.
+NO_DESCRIPTOR = """
+import os, resource, signal, sys, time
+from pathlib import Path
+from tests.server.stops.test_stop_file import begun
+
+_, latch, file = begun(Path(sys.argv[1]))
+resource.setrlimit(resource.RLIMIT_NOFILE, (64, 64))
+try:
+    while True:
+        os.open("/dev/null", os.O_RDONLY)
+except OSError:
+    pass
+stop = latch.stop()
+until_s = time.monotonic() + 20
+while not file.keeps(stop) and time.monotonic() < until_s:
+    time.sleep(0.01)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_a_stop_is_kept_although_all_descriptors_are_taken(tmp_path: Path) -> None:
+    subprocess.run([sys.executable, "-c", NO_DESCRIPTOR, str(tmp_path)], check=False, timeout=120)
+    assert [path.suffix for path in tmp_path.iterdir()] == [".json"]
+    _, latch, _ = begun(tmp_path)
+    assert latch.current() is not None
+    latch.close()
+
+
+def test_a_device_with_another_name_changes_nothing_and_the_stop_says_where_it_was(tmp_path: Path) -> None:
+    begun(tmp_path, where="/dev/ttyUSB0")[1].stop()
+    guard, _, file = begun(tmp_path, where="/dev/ttyUSB1")
+    assert guard.stopped == "estop"
+    assert "ant at /dev/ttyUSB0" in file.warnings[0]
+
+
+def test_robots_have_files_of_their_own_by_name_backend_and_place(tmp_path: Path) -> None:
+    robots = [("ant", "mock", "a"), ("ant", "mock", "b"), ("ant", "dead", "a"), ("../../etc/x", "mock", "a")]
+    devices = ["/dev/ttyUSB0", "serial:/dev/ttyACM0:1000000"]
+    paths = {StopFile(*robot, folder=tmp_path).path for robot in robots}
+    assert len(paths) == len(robots)
+    assert len({StopFile("ant", "mock", device, folder=tmp_path).path for device in devices} - paths) == 1
+    assert {path.parent for path in paths} == {tmp_path}
+
+
+def test_two_robots_of_one_name_do_not_share_a_stop_and_the_second_says_that_it_keeps_none(
+    tmp_path: Path,
+) -> None:
+    _, latch, file = begun(tmp_path, where="/dev/ttyUSB0")
+    stop = latch.stop()
+    assert comes_true(lambda: file.keeps(stop), 10.0)
+    second = StopFile("ant", "feetech", "/dev/ttyUSB1", folder=tmp_path)
+    guard = connected()[0]
+    other = StopLatch(guard, second)
+    assert guard.stopped is None
+    assert "will not survive a restart" in second.warnings[0]
+    stopped = other.stop()
+    assert not second.keeps(stopped)
+    assert other.clear(stopped.stop_id, stopped.since_s + HOLD_S) is None
+    other.close()
+    guard, latch, _ = begun(tmp_path, where="/dev/ttyUSB0")
+    assert guard.stopped == "estop"
+    assert latch.current().stop_id == stop.stop_id  # type: ignore[union-attr]
+
+
+def test_a_file_that_is_removed_meanwhile_is_made_anew(tmp_path: Path) -> None:
+    _, latch, file = begun(tmp_path)
+    file.path.unlink()
+    latch.stop()
+    assert begun(tmp_path)[0].stopped == "estop"
+
+
+def test_a_write_that_is_cut_off_anywhere_loses_no_stop(tmp_path: Path) -> None:
+    _, latch, file = begun(tmp_path)
+    cleared = file.path.read_bytes()
+    latch.stop(by="mia")
+    latch.close()
+    stopped = file.path.read_bytes()
+    assert len(stopped) == len(cleared) == BLOCK_BYTES
+    for before, after in ((cleared, stopped), (stopped, cleared)):
+        for cut in range(1, len(after.rstrip())):
+            file.path.write_bytes(after[:cut] + before[cut:])
+            assert StopFile("ant", "feetech", "/dev/ttyACM0", folder=tmp_path).load() is not None
+
+
+@pytest.mark.parametrize("character", ["\0", "\U0001f916", '"', "\ud800"])
+def test_the_longest_texts_fit_into_the_file(tmp_path: Path, character: str) -> None:
+    guard, latch, file = begun(tmp_path, robot=1000 * character, where=1000 * character)
+    guard.stop(1000 * character)
+    for number in range(2 * MOST_CLAIMS):
+        latch.stop(claim_of(str(number)), by=MAX_BY * "\U0001f916")
+    latch.close()
+    assert len(file.path.read_bytes()) == BLOCK_BYTES
+    assert begun(tmp_path, robot=1000 * character, where=1000 * character)[1].current().claims  # type: ignore[union-attr]

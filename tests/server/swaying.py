@@ -1,0 +1,155 @@
+"""A controller that sways all joints until it is stopped: `-m tests.server.swaying ENDPOINT [OPTION ...]`.
+
+Options: `loss=SHARE` and `reorder=SHARE` of the commands; `jump=SECONDS` of the wall's clock after a second;
+`again=1` to take a new lease whenever one is lost, over one session; `keys=FOLDER` of certificates.
+"""
+
+import math
+import random
+import sys
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from hexctl.backends.clock import request_realtime_priority
+from hexctl.backends.zenoh import zenoh_client
+from hexctl.backends.zenoh.zenoh_client import ZenohServos
+from hexctl.control.guard import Guard
+from hexctl.errors import HexctlError
+from hexctl.types import JointTargets
+from hexctl.wire.links import KeyMap, Link, Role
+from hexctl.wire.zenoh_session import open_session
+from tests.robots import shipped
+
+SWAY_RAD = 0.25
+SWAY_HZ = 0.8
+
+#: Between two commands: so long that a robot may take it for silence, which is then no fault of the link.
+HELD_UP_S = 0.1
+HELD_UP = "held up by a busy machine"
+
+
+class LossyPublisher:
+    """Loses some commands and lets some be overtaken by the next one."""
+
+    def __init__(self, publisher: Any, *, loss: float, reorder: float) -> None:
+        self._publisher, self._loss, self._reorder = publisher, loss, reorder
+        self._held: tuple[bytes, bytes] | None = None
+        self._random = random.Random(1)
+
+    def put(self, payload: bytes, *, attachment: bytes) -> None:
+        """Send a command, or not, or after the next."""
+        if self._random.random() < self._loss:
+            return
+        if self._held is None and self._random.random() < self._reorder:
+            self._held = (payload, attachment)
+            return
+        self._publisher.put(payload, attachment=attachment)
+        if self._held is not None:
+            self._publisher.put(self._held[0], attachment=self._held[1])
+            self._held = None
+
+
+class LentSession:
+    """A session that is lent to one connection after another; what each of them declares ends with it.
+
+    Otherwise the subscribers of all connections so far, each with a thread, would take the computer's time.
+    """
+
+    def __init__(self, session: Any) -> None:
+        self._session = session
+        self._declared: list[Any] = []
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._session, name)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        while self._declared:
+            self._declared.pop().undeclare()
+
+    def declare_subscriber(self, *arguments: Any, **options: Any) -> Any:
+        """Declare a subscriber that ends with the connection."""
+        self._declared.append(self._session.declare_subscriber(*arguments, **options))
+        return self._declared[-1]
+
+    def declare_publisher(self, *arguments: Any, **options: Any) -> Any:
+        """Declare a publisher that ends with the connection."""
+        self._declared.append(self._session.declare_publisher(*arguments, **options))
+        return self._declared[-1]
+
+
+def say(text: str) -> None:
+    """Print a line and flush it."""
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
+
+
+def main(endpoint: str, *options: str) -> int:
+    """Sway until killed or refused; print what happens."""
+    request_realtime_priority()
+    given = dict(option.split("=") for option in options)
+    if "again" not in given:
+        return control(endpoint, given)
+    with open_session(link_of(endpoint, given), Role.CONTROLLER, KeyMap.of("ant")) as session:
+        vars(zenoh_client)["open_session"] = lambda *_: LentSession(session)
+        while True:
+            control(endpoint, given)
+            time.sleep(0.02)
+
+
+def link_of(endpoint: str, given: dict[str, str]) -> Link:
+    """Link with the certificates that were given."""
+    return Link(endpoint=endpoint, credentials=Path(given["keys"]) if "keys" in given else None)
+
+
+def control(endpoint: str, given: dict[str, str]) -> int:
+    """Take the lease and sway until something goes wrong."""
+    servos = ZenohServos(shipped(), link=link_of(endpoint, given))
+    try:
+        with Guard(servos) as guard:
+            if "loss" in given or "reorder" in given:
+                lossy: Any = LossyPublisher(
+                    servos._publisher,
+                    loss=float(given.get("loss", 0)),
+                    reorder=float(given.get("reorder", 0)),
+                )
+                servos._publisher = lossy
+            sway(guard, float(given.get("jump", 0)))
+    except HexctlError as error:
+        say(f"ended: {type(error).__name__}: {error}")
+        return 3
+    return 0
+
+
+def sway(guard: Guard, jump_s: float) -> None:
+    """Command a slow wave, and say when the joints move."""
+    robot, wall = guard.robot, time.time_ns
+    step, last_s = 0, math.inf
+    while True:
+        guard.clock.tick()
+        if guard.clock.now_s - last_s > HELD_UP_S:
+            say(HELD_UP)
+        guard.read()
+        angle = SWAY_RAD * np.sin(2 * np.pi * SWAY_HZ * step * guard.clock.period_s)
+        # Made now, not at the tick: where it has no priority it may have been held up since.
+        now_s = guard.clock.now_s
+        guard.write(JointTargets(robot.stance_angles_rad + angle, now_s))
+        last_s = now_s
+        step += 1
+        if step == 25:
+            say("moving")
+        if step == 50 and jump_s:
+            time.time_ns = lambda: wall() + round(jump_s * 1e9)
+            say("jumped")
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

@@ -1,0 +1,213 @@
+"""What becomes of a robot on a bus when the process that serves it is killed, or hangs."""
+
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hexctl.backends.bus.tools import scan_bus
+from hexctl.backends.mock import MockServos
+from hexctl.backends.pwm.i2c_socket import I2cSocket
+from hexctl.control.controllers import sitting_angles_rad
+from hexctl.robot.loader import load_robot_file
+from hexctl.robot.servos.bus_map import bus_map_of
+from hexctl.server.keeper import KeeperSpec, take_over, wait_for_the_end
+from hexctl.simulators.register_servos import BusServo
+from hexctl.types import JOINT_NAMES, FloatArray, JointTargets
+from tests.backends.bus.boards import a_map, bus_board
+from tests.backends.mavlink.boards import board
+from tests.backends.pwm.boards import i2c_servos_on, pca9685_board
+from tests.robots import edited_file, put
+from tests.server.processes import program, served, wait_until
+
+WALK = ("hexctl", "run", "--backend", "zenoh", "--duration", "60", "--no-record")
+
+#: Horns mounted so that sitting fits into the travel of the servos.
+FITTING = {"model": "sts3215", "femur": {"offset_deg": -10}, "tibia": {"offset_deg": 40}}
+
+
+@pytest.mark.parametrize(("written", "how"), [(b"...", "gone"), (b"", None), (b"..q", None), (b"q", None)])
+def test_a_pipe_that_closes_without_goodbye_means_a_server_has_gone(written: bytes, how: str | None) -> None:
+    end, begin = os.pipe()
+    os.write(begin, written)
+    os.close(begin)
+    assert wait_for_the_end(end) == how
+    os.close(end)
+
+
+def test_ticks_that_end_are_a_server_that_hangs() -> None:
+    end, begin = os.pipe()
+    os.write(begin, b".")
+    assert wait_for_the_end(end, silent_s=0.05) == "hangs"
+    os.close(begin)
+    os.close(end)
+
+
+def test_a_robot_file_that_is_edited_meanwhile_does_not_keep_it_from_the_servos(tmp_path: Path) -> None:
+    file = edited_file(tmp_path, put("servos", FITTING), base="phantomx")
+    spec = KeeperSpec(backend="feetech", robot=str(file), connect="/dev/null", sits=True)
+    before = spec.servos().robot
+    file.write_text("servos: {", encoding="utf-8")
+    assert spec.servos().robot == before
+
+
+def _goals(folder: Path, device: str) -> FloatArray:
+    """Joint angles at which the servos are, (18,), once none of them turns."""
+    file = load_robot_file(folder / "robot.yaml")
+    found = scan_bus(device, "feetech", 1_000_000, ids=range(1, 19))
+    counts = np.array([each.position for each in found], dtype=float)
+    return bus_map_of(file.content.servos, "feetech").angles_rad(counts)
+
+
+@pytest.mark.parametrize(("number", "how"), [(signal.SIGKILL, "serve gone"), (signal.SIGSTOP, "serve hangs")])
+def test_a_robot_whose_server_ends_in_mid_motion_sits_down(
+    number: signal.Signals, how: str, tmp_path: Path
+) -> None:
+    file = edited_file(tmp_path, put("servos", FITTING), base="phantomx")
+    file.rename(tmp_path / "robot.yaml")
+    robot = ("--robot", str(tmp_path / "robot.yaml"))
+    with board("--bus", "feetech", "--backend", "mock", *robot) as bus:
+        with (
+            served(tmp_path, *robot, "--connect", bus.port, backend="feetech") as server,
+            program(tmp_path, "walk", *WALK, "--connect", server.endpoint, *robot),
+        ):
+            wait_until(lambda: server.status()["commands"]["accepted"] > 20, "commands")
+            server.signal(number)
+            wait_until(lambda: f"{how}: the robot sat down, and its torque is off" in server.said(), how)
+        end = sitting_angles_rad(load_robot_file(tmp_path / "robot.yaml").robot)
+        assert _goals(tmp_path, bus.port) == pytest.approx(end, abs=0.01)
+
+
+@pytest.mark.parametrize(("number", "how"), [(signal.SIGKILL, "serve gone"), (signal.SIGSTOP, "serve hangs")])
+def test_hobby_servos_on_an_i2c_bus_are_let_down_too(
+    number: signal.Signals, how: str, tmp_path: Path
+) -> None:
+    file = edited_file(tmp_path, put("servos", {"tibia": {"offset_deg": 40}}), base="ant")
+    robot = ("--robot", str(file))
+    with board("--bus", "pca9685", "--backend", "mock", *robot) as boards:
+        with (
+            served(tmp_path, *robot, "--connect", boards.port, backend="pca9685") as server,
+            program(tmp_path, "walk", *WALK, "--connect", server.endpoint, *robot),
+        ):
+            assert "warning: pca9685 has no watchdog" in server.said()
+            # Legs get their pulses one after the other, which takes a second.
+            wait_until(lambda: server.status()["commands"]["accepted"] > 100, "commands")
+            server.signal(number)
+            wait_until(lambda: f"{how}: the robot sat down, and its torque is off" in server.said(), how)
+        bus = I2cSocket(boards.port)
+        off = [bus.read_byte_data(0x40 + n // 16, 0x09 + 4 * (n % 16)) for n in range(18)]
+        bus.close()
+        assert boards.end()["refused"] == 0
+    assert off == [0x10] * 18
+
+
+def test_hobby_servos_without_pulses_are_left_alone() -> None:
+    with pca9685_board() as boards:
+        spec = KeeperSpec(backend="pca9685", robot="ant", connect=boards.path, sits=True)
+        assert take_over(spec) == "had no torque"
+        assert not boards.pulses_us().any()
+
+
+def test_a_server_that_ends_as_it_should_ends_its_keeper(tmp_path: Path) -> None:
+    with board("--bus", "feetech", "--backend", "mock", "--robot", "phantomx") as bus:
+        options = ("--robot", "phantomx", "--connect", bus.port)
+        with served(tmp_path, *options, backend="feetech") as server:
+            server.signal(signal.SIGINT)
+            assert server.wait() == 0
+            assert "the robot" not in server.said()
+        assert len(scan_bus(bus.port, "feetech", 1_000_000, ids=range(4))) == 3, "the port is free again"
+
+
+@pytest.mark.parametrize(
+    ("driver", "model", "fault"),
+    [
+        ("dynamixel", "xl430-w250", None),
+        ("feetech", "sts3215", "hot:2:femur:69"),
+        ("feetech", "sts3215", None),
+    ],
+)
+def test_it_lets_down_what_it_finds(driver: str, model: str, fault: str | None, tmp_path: Path) -> None:
+    """An expired watchdog, a hot servo, and one servo that has lost its torque do not keep it from that."""
+    content = {**FITTING, "model": model}
+    file = edited_file(tmp_path, put("servos", content), base="phantomx")
+    bus_map = bus_map_of(load_robot_file(file).content.servos, driver)
+    with bus_board(bus_map, *([fault] if fault else [])) as bus:
+        for joint, servo in enumerate(bus._servos):
+            assert isinstance(servo, BusServo)
+            servo.write(servo._table.torque.address, bytes([joint != 7]))
+            if driver == "dynamixel":
+                servo.memory[98] = 255
+        done = take_over(KeeperSpec(backend=driver, robot=str(file), connect=bus.path, sits=True))
+        assert done == "sat down, and its torque is off"
+        assert not any(servo.holds for servo in bus._servos)
+
+
+@pytest.mark.parametrize(
+    ("tripped", "done"),
+    [
+        ((7,), "sat down without leg3 femur, which did not follow, and its torque is off"),
+        (tuple(range(7)), "did not sit down: {}; it holds"),
+    ],
+)
+def test_joints_that_do_not_follow_keep_it_from_sitting_only_where_they_are_many(
+    tripped: tuple[int, ...], done: str, tmp_path: Path
+) -> None:
+    """Servos that have tripped stay limp until they restart; the others sit, and are limp afterwards."""
+    file = edited_file(tmp_path, put("servos", {**FITTING, "model": "xl430-w250"}), base="phantomx")
+    bus_map = bus_map_of(load_robot_file(file).content.servos, "dynamixel")
+    raised = MockServos(load_robot_file(file).robot)
+    with bus_board(bus_map, servos=raised) as bus:
+        for joint, servo in enumerate(bus._servos):
+            assert isinstance(servo, BusServo)
+            servo.write(servo._table.torque.address, b"\1")
+            if joint in tripped:
+                servo.trip()
+        raised._positions_rad += np.isin(np.arange(18), tripped) * 0.6  # far from where they sit
+        said = take_over(KeeperSpec(backend="dynamixel", robot=str(file), connect=bus.path, sits=True))
+        names = ", ".join(JOINT_NAMES[joint].replace("_", " ") for joint in tripped)
+        assert said == done.format(f"{names} do not follow")
+        assert sum(servo.holds for servo in bus._servos) == (0 if len(tripped) == 1 else 18 - len(tripped))
+
+
+@pytest.mark.parametrize("sits", [True, False])
+def test_hobby_servos_of_a_board_that_was_reset_are_not_powered_again(sits: bool) -> None:
+    with pca9685_board() as boards:
+        with i2c_servos_on(boards) as servos:
+            while not servos.powered.all():
+                servos.clock.tick()
+                servos.write(JointTargets(servos.robot.stance_angles_rad, servos.clock.now_s))
+        boards.chips[0x41].reset()
+        before = boards.pulses_us()
+        assert 0 < np.count_nonzero(before) < 18
+        done = take_over(KeeperSpec(backend="pca9685", robot="ant", connect=boards.path, sits=sits))
+        if sits:
+            assert done == "had lost the pulses of some servos, and its torque is off"
+            assert not boards.pulses_us().any()
+        else:
+            assert done == "holds, where its servos still have pulses"
+            assert boards.pulses_us() == pytest.approx(before)
+
+
+def test_a_robot_without_torque_is_left_alone() -> None:
+    with bus_board(a_map()) as bus:
+        spec = KeeperSpec(backend="feetech", robot="phantomx", connect=bus.path, sits=True)
+        assert take_over(spec) == "had no torque"
+        assert not any(servo.holds for servo in bus._servos)
+
+
+def test_a_robot_that_holds_is_not_told_anew_where_to_be() -> None:
+    """Its joints hang a little below their goals; told to be where they are, they would sag further."""
+    bus_map = a_map()
+    robot = MockServos("phantomx")
+    with bus_board(bus_map, servos=robot) as bus:
+        for servo in bus._servos:
+            assert isinstance(servo, BusServo)
+            servo.write(servo._table.torque.address, b"\1")
+        goals = bus._family.goals(0.0)
+        robot._positions_rad -= 0.05
+        spec = KeeperSpec(backend="feetech", robot="phantomx", connect=bus.path, sits=False)
+        assert take_over(spec) == "holds"
+        assert bus._family.goals(0.0) == pytest.approx(goals)
+        assert all(servo.holds for servo in bus._servos)

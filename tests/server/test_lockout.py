@@ -1,0 +1,374 @@
+"""A stranger or a stubborn client wants a robot to move on: it is stopped all the same, and stays so."""
+
+import os
+import random
+import socket
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.backends.zenoh.zenoh_client import ask
+from hexctl.client.remote import RemoteRobots
+from hexctl.client.stop_client import ReadyStop, StopResult, estop
+from hexctl.errors import HexctlError
+from hexctl.wire.certificates import make_certificates
+from hexctl.wire.links import KeyMap, Link, Role
+from hexctl.wire.stop import HOLD_S
+from hexctl.wire.stop_datagram import DATAGRAM_BYTES, Kind, StopDatagram, mark_of
+from hexctl.wire.stop_secret import find_stop_secret
+from hexctl.wire.zenoh_messages import LEASE_ID_BYTES, CommandTag, encode_positions
+from hexctl.wire.zenoh_session import open_session
+from tests.server.processes import Served, controlling, program, served, wait_until
+from tests.server.swaying import HELD_UP
+from tests.server.test_link_faults import ATTEMPTS, wait_for_motion
+
+KEYS = KeyMap.of("ant")
+
+#: How often in the ordinary tests, and in the soak test.
+FEW, MANY = 2, 100
+
+#: Stops of a minute each in the soak test.
+MINUTES = 5
+
+#: A robot rests after this, in s, on a machine that has time for it, and on one that runs other tests beside.
+RESTS_S, RESTS_ON_A_BUSY_MACHINE_S = 0.5, 2.0
+
+#: A stop is confirmed after this, in s, under an attack that the network carries, and under one at the speed
+#: of this computer.
+CONFIRMED_S, CONFIRMED_AT_FULL_SPEED_S = 0.5, 2.0
+
+HANDSHAKES_PER_S = 20
+SILENT = 300
+
+#: The beginning of a TLS handshake that goes no further: a record of a client's hello, cut off.
+ABORTED = bytes.fromhex("16030100c8010000c40303") + bytes(40)
+
+
+@contextmanager
+def repeated(act: Callable[[], object], period_s: float) -> Iterator[None]:
+    """Do something again and again on a thread until the block ends."""
+    until = threading.Event()
+
+    def run() -> None:
+        while not until.is_set():
+            with suppress(OSError):
+                act()
+            until.wait(period_s)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        yield
+    finally:
+        until.set()
+        thread.join()
+
+
+@contextmanager
+def aborted_handshakes(port: int) -> Iterator[None]:
+    """One client that begins TLS handshakes and gives them up, twenty in a second."""
+
+    def knock() -> None:
+        with socket.create_connection(("127.0.0.1", port), timeout=1.0) as stranger:
+            stranger.sendall(ABORTED)
+
+    with repeated(knock, 1 / HANDSHAKES_PER_S):
+        time.sleep(1.0)
+        yield
+
+
+@contextmanager
+def silent_connections(port: int) -> Iterator[None]:
+    """One client with three hundred connections that say nothing; those that are closed are opened anew."""
+    held: list[socket.socket] = []
+
+    def hold() -> None:
+        while len(held) < SILENT:
+            stranger = socket.socket()
+            stranger.setblocking(False)
+            stranger.connect_ex(("127.0.0.1", port))
+            held.append(stranger)
+        for stranger in list(held):
+            with suppress(BlockingIOError, OSError):
+                if stranger.recv(1) == b"":
+                    stranger.close()
+                    held.remove(stranger)
+
+    try:
+        with repeated(hold, 0.2):
+            time.sleep(1.0)
+            yield
+    finally:
+        for stranger in held:
+            stranger.close()
+
+
+@contextmanager
+def garbage(port: int, mark: bytes = b"") -> Iterator[None]:
+    """Tens of thousands of random datagrams a second, of the right length, with the mark if it is known."""
+    chance = random.Random(1)
+    flood = [mark + chance.randbytes(DATAGRAM_BYTES - len(mark)) for _ in range(64)]
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+
+        def send() -> None:
+            for _ in range(4):
+                for data in flood:
+                    stranger.sendto(data, ("127.0.0.1", port))
+
+        with repeated(send, 0.002):
+            yield
+
+
+@contextmanager
+def recorded_question(robot: Served, per_s: float) -> Iterator[None]:
+    """The question of a client that was recorded on the network, sent again and again by another process."""
+    recorded = StopDatagram(kind=Kind.ASK, nonce=b"recorded").packed(secret_of(robot))
+    arguments = ("tests.server.flooder", str(port_of(robot)), recorded.hex(), str(per_s))
+    with program(robot.log_path.parent, "flooder", *arguments) as flooder:
+        flooder.wait_for("flooding")
+        yield
+    sys.stderr.write(f"\n{flooder.said().splitlines()[-1]}")
+
+
+@contextmanager
+def both_ways(robot: Served, per_s: float) -> Iterator[None]:
+    """An attack on sessions and on datagrams by a stranger who has no certificate."""
+    with recorded_question(robot, per_s), aborted_handshakes(port_of(robot)):
+        yield
+
+
+@dataclass
+class Stops:
+    """What stops took.
+
+    Attributes:
+        motions_s: from the press until the servos were last told to go elsewhere.
+        results: what the client found.
+    """
+
+    motions_s: list[float] = field(default_factory=list)
+    results: list[StopResult] = field(default_factory=list)
+
+    def report(self, name: str) -> None:
+        """Print the distribution."""
+        motions = np.sort(self.motions_s) * 1000
+        confirmed = np.sort([one.took_s for one in self.results]) * 1000
+        by_session = sum("session" in one.ways for one in self.results)
+        sys.stderr.write(
+            f"\n{name}: {len(motions)} stops, {by_session} also confirmed by session; ms until rest: "
+            f"median {np.median(motions):.1f}, 95 % {np.quantile(motions, 0.95):.1f}, max {motions[-1]:.1f}; "
+            f"ms until confirmed: median {np.median(confirmed):.1f}, max {confirmed[-1]:.1f}\n"
+        )
+
+
+def clear(session: Any, link: Link) -> None:
+    """Clear the stop as the person who asked for it, as soon as that is allowed."""
+    (answer,) = RemoteRobots(session, link).clear()
+    assert answer["stopped"] is None, answer
+
+
+def stop_in_a_walk(
+    folder: Path, attack: Callable[[Served], Any], *, times: int, ready: bool = False
+) -> Stops:
+    """Stop a robot that is swayed over TLS, again and again while it is attacked."""
+    keys = folder / "keys"
+    make_certificates(keys, hosts=["127.0.0.1"], days=1)
+    stops = Stops()
+    with ExitStack() as stack:
+        robot = stack.enter_context(served(folder, keys=keys))
+        stack.enter_context(controlling(folder, robot.endpoint, "again=1", f"keys={keys}")).wait_for("moving")
+        link = Link(endpoint=robot.endpoint, credentials=keys)
+        session = stack.enter_context(open_session(link, Role.CONTROLLER, KEYS))  # before it is locked out
+        place: dict[str, Any] = {"connect": robot.endpoint, "credentials": keys}
+        stack.enter_context(attack(robot))
+        for _ in range(times):
+            wait_for_motion(robot)
+            with ExitStack() as once:
+                armed = once.enter_context(ReadyStop(**place)) if ready else None
+                if armed is not None:
+                    wait_until(lambda: "datagram" in armed.reach.ways, "the robot")  # noqa: B023
+                at_s = time.monotonic()
+                stops.results.append(estop(**place) if armed is None else armed.wait_for_rest())
+            time.sleep(0.1)
+            stops.motions_s.append(robot.log().moved_after(at_s))
+            clear(session, link)
+    return stops
+
+
+def port_of(robot: Served) -> int:
+    return int(robot.endpoint.rpartition(":")[2])
+
+
+def secret_of(robot: Served) -> bytes:
+    secret = find_stop_secret(Link(endpoint=robot.endpoint, credentials=robot.keys), Role.CONTROLLER)
+    assert secret
+    return secret
+
+
+ATTACKS: dict[str, Callable[[Served], Any]] = {
+    "aborted handshakes": lambda robot: aborted_handshakes(port_of(robot)),
+    "silent connections": lambda robot: silent_connections(port_of(robot)),
+    "garbage datagrams": lambda robot: garbage(port_of(robot)),
+    "garbage datagrams with the mark": lambda robot: garbage(port_of(robot), mark_of(secret_of(robot))),
+    "both ways at 50,000/s": lambda robot: both_ways(robot, 50_000),
+}
+
+#: Attacks of the soak test, and the time in s in which a stop of each is confirmed.
+LONG_ATTACKS: dict[str, tuple[Callable[[Served], Any], float]] = {
+    **{name: (attack, CONFIRMED_S) for name, attack in ATTACKS.items()},
+    "both ways at 1,000/s": (lambda robot: both_ways(robot, 1_000), CONFIRMED_S),
+    "both ways at 10,000/s": (lambda robot: both_ways(robot, 10_000), CONFIRMED_S),
+    "both ways at full speed": (lambda robot: both_ways(robot, 0), CONFIRMED_AT_FULL_SPEED_S),
+}
+
+
+@pytest.mark.parametrize("name", ATTACKS)
+def test_a_robot_is_stopped_although_it_is_attacked(tmp_path: Path, name: str) -> None:
+    stops = stop_in_a_walk(tmp_path, ATTACKS[name], times=FEW)
+    assert max(stops.motions_s) <= RESTS_ON_A_BUSY_MACHINE_S
+    assert all(one.at_rest for one in stops.results)
+    if name != "garbage datagrams with the mark":  # a flood of which the robot has to read each
+        assert all("datagram" in one.ways for one in stops.results)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("ready", [False, True], ids=["estop", "ready"])
+@pytest.mark.parametrize("name", LONG_ATTACKS)
+def test_a_robot_is_stopped_a_hundred_times_of_a_hundred_although_it_is_attacked(
+    tmp_path: Path, name: str, ready: bool
+) -> None:
+    times = int(os.environ.get("HEXCTL_TEST_STOPS", MANY))
+    attack, confirmed_s = LONG_ATTACKS[name]
+    stops = stop_in_a_walk(tmp_path, attack, times=times, ready=ready)
+    stops.report(f"{name}, {'ready' if ready else 'estop'}")
+    assert len(stops.motions_s) == times
+    assert max(stops.motions_s) <= max(RESTS_S, confirmed_s)
+    assert max(one.took_s for one in stops.results) <= confirmed_s
+    assert all(one.at_rest for one in stops.results)
+
+
+#: Commands under a wrong lease: so many at a time, so often, and until so many have been read.
+BURST, BURSTS_S, ENOUGH = 10, 0.002, 10_000
+
+
+@contextmanager
+def foreign_commands(session: Any) -> Iterator[None]:
+    """Thousands of well-formed commands a second under a lease that nobody has."""
+    payload = encode_positions(np.zeros(18))
+    tag = CommandTag(
+        sequence=1 << 40,
+        stamp_ns=time.monotonic_ns(),
+        time_to_live_ms=200,
+        lease_id=bytes(LEASE_ID_BYTES),
+        lease_sequence=1,
+    ).packed()
+
+    def send() -> None:
+        for _ in range(BURST):
+            session.put(KEYS.command, payload, attachment=tag)
+
+    with repeated(send, BURSTS_S):
+        yield
+
+
+def test_commands_get_through_a_flood_of_foreign_ones(tmp_path: Path) -> None:
+    for attempt in range(ATTEMPTS):
+        (place := tmp_path / str(attempt)).mkdir()
+        with served(place) as robot, controlling(place, robot.endpoint) as controller:
+            controller.wait_for("moving")
+            with (
+                open_session(Link(endpoint=robot.endpoint), Role.CONTROLLER, KEYS) as session,
+                foreign_commands(session),
+            ):
+                wait_until(lambda: robot.status()["commands"]["stale_owner"] > ENOUGH, "the flood")
+                status = robot.status()
+        if status["stopped"] is None or HELD_UP not in controller.said():
+            break
+    assert status["stopped"] is None
+    assert status["controller"] is not None
+    assert (
+        status["commands"]["lost"] + status["commands"]["overflowed"] <= status["commands"]["accepted"] / 10
+    )
+
+
+class StubbornClient:
+    """Clears by the id of the status, takes the lease and commands, as fast as it is answered.
+
+    Attributes:
+        clears: answers to its clears so far.
+        leases: leases that it was given.
+    """
+
+    def __init__(self, session: Any) -> None:
+        self._session = session
+        self._old = ["0" * 16]
+        self._chance = random.Random(1)
+        self.clears = self.leases = 0
+
+    def remember(self, stop_id: str) -> None:
+        """Use the id of a stop that has been cleared, too."""
+        self._old.append(stop_id)
+
+    def act(self) -> None:
+        """One turn."""
+        wanted: list[dict[str, Any]] = [{}, {"id": ""}, {"id": self._chance.choice(self._old)}]
+        with suppress(HexctlError):
+            for described in ask(self._session, KEYS.describe):
+                stop = described["status"]["stop"]
+                quoted = {} if stop is None else {"id": stop["id"], "keys": stop["claims"]}
+                wanted.append({**quoted, "owner": "somebody else"})
+            for more in wanted:
+                self.clears += len(ask(self._session, KEYS.estop, {"op": "clear", **more}))
+            (answer,) = ask(self._session, KEYS.lease, {"op": "acquire", "owner": "stubborn"})
+            self.leases += "lease" in answer
+
+
+def stays_stopped(folder: Path, *, times: int, for_s: float = HOLD_S + 0.5) -> None:
+    """Stop a robot for a while against a client that clears, takes the lease and commands in a loop."""
+    moved_s: list[float] = []
+    turns = 0
+    with (
+        served(folder) as robot,
+        controlling(folder, robot.endpoint, "again=1"),  # which takes each lease that there is, and commands
+        open_session(Link(endpoint=robot.endpoint), Role.CONTROLLER, KEYS) as session,
+    ):
+        for _ in range(times):
+            wait_for_motion(robot)
+            stubborn = StubbornClient(session)
+            with repeated(stubborn.act, 0.0):
+                result = estop(connect=robot.endpoint)
+                rest_s = time.monotonic()
+                time.sleep(for_s)
+                moved_s.append(robot.log().moved_after(rest_s))
+                status = robot.status()
+                assert status["stopped"] == "estop"
+                assert status["stop"]["id"] == result.stop_id
+                assert status["controller"] is None
+            assert stubborn.leases == 0
+            turns += stubborn.clears
+            clear(session, Link(endpoint=robot.endpoint))
+    sys.stderr.write(f"\n{times} stops of {for_s:g} s stayed, against {turns} clears\n")
+    assert turns > times
+    assert max(moved_s) == 0
+
+
+def test_a_stop_stays_against_a_client_that_clears_and_commands_in_a_loop(tmp_path: Path) -> None:
+    stays_stopped(tmp_path, times=FEW)
+
+
+@pytest.mark.soak
+def test_a_hundred_stops_stay_against_a_client_that_clears_and_commands_in_a_loop(tmp_path: Path) -> None:
+    stays_stopped(tmp_path, times=int(os.environ.get("HEXCTL_TEST_STOPS", MANY)))
+
+
+@pytest.mark.soak
+def test_stops_stay_for_a_minute_against_a_client_that_clears_and_commands_in_a_loop(tmp_path: Path) -> None:
+    stays_stopped(tmp_path, times=int(os.environ.get("HEXCTL_TEST_MINUTES", MINUTES)), for_s=60.0)

@@ -1,0 +1,226 @@
+"""Requests for leases, stops and failures, and what a robot answers."""
+
+import json
+import time
+
+import pytest
+
+from hexctl.backends.sim.servos import SimServos
+from hexctl.control.guard import Guard
+from hexctl.errors import EStopError
+from hexctl.robot.failure import Failure
+from hexctl.server.leases import LeaseManager
+from hexctl.server.requests import MOST_CHANGES, RequestHandler
+from hexctl.wire.description import encode_json
+from hexctl.wire.stop import HOLD_S, MAX_BY, UNNAMED
+from tests.control.posed import connected, send
+from tests.robots import shipped
+
+
+@pytest.fixture
+def guard() -> Guard:
+    return connected()[0]
+
+
+@pytest.fixture
+def desk(guard: Guard) -> RequestHandler:
+    return RequestHandler(guard, LeaseManager())
+
+
+def ask(desk: RequestHandler, now_s: float = 0.0, **content: str) -> dict[str, object]:
+    return desk.lease(encode_json(content), now_s)
+
+
+def test_a_lease_is_given_renewed_and_released(desk: RequestHandler) -> None:
+    given = ask(desk, op="acquire", owner="alice")
+    lease = str(given["lease"])
+    assert ask(desk, 0.3, op="renew", lease=lease) == {"sequence": given["sequence"]}
+    assert "alice" in str(ask(desk, 0.6, op="acquire", owner="bob")["error"])
+    assert ask(desk, 0.6, op="release", lease=lease) == {"released": True}
+    assert "lease" in ask(desk, 0.7, op="acquire", owner="bob")
+
+
+def test_silence_is_lifted_by_a_new_lease_and_every_other_stop_is_not(
+    guard: Guard, desk: RequestHandler
+) -> None:
+    guard.stop("expired")
+    assert "lease" in ask(desk, op="acquire", owner="alice")
+    assert guard.stopped is None
+    for reason in ("estop", "fell", "fault: low battery", "state", "pose lost"):
+        guard.clear()
+        guard.stop(reason)
+        assert reason in str(ask(desk, 10.0, op="acquire", owner="bob")["error"])
+        assert guard.stopped == reason
+
+
+def test_a_stop_outweighs_silence_and_takes_the_lease_away(guard: Guard, desk: RequestHandler) -> None:
+    lease = str(ask(desk, op="acquire", owner="alice")["lease"])
+    guard.stop("expired")
+    assert desk.estop(b"", 0.1)["stopped"] == "estop"
+    assert "error" in ask(desk, 0.1, op="renew", lease=lease)
+    assert "estop" in str(ask(desk, 0.1, op="acquire", owner="alice")["error"])
+
+
+def clear(desk: RequestHandler, *, after_s: float = HOLD_S) -> dict[str, object]:
+    """Clear the stop in force by its id, a time after it was asked for."""
+    stop = desk.latch.current()
+    assert stop is not None
+    return desk.estop(encode_json({"op": "clear", "id": stop.stop_id}), stop.since_s + after_s)
+
+
+def test_a_stop_works_at_once_and_is_cleared_explicitly(guard: Guard, desk: RequestHandler) -> None:
+    desk.urgent(encode_json({"op": "stop"}))
+    with pytest.raises(EStopError, match="estop"):
+        send(guard, guard.robot.stance_angles_rad)
+    desk.urgent(encode_json({"op": "clear"}))
+    assert guard.stopped == "estop"
+    assert "got no id" in str(desk.estop(encode_json({"op": "clear"}), time.monotonic() + 2)["error"])
+    assert "0.5 s after the stop" in str(clear(desk, after_s=0.5)["error"])
+    assert guard.stopped == "estop"
+    assert clear(desk) == {"stopped": None}
+    send(guard, guard.robot.stance_angles_rad)
+
+
+@pytest.mark.parametrize(
+    ("owner", "by"),
+    [
+        ("alice on lab-pc", "alice on lab-pc"),
+        ("x" * 500, "x" * MAX_BY),
+        *((bad, UNNAMED) for bad in (None, 5, "", " ", "a\nb", "\ud800")),
+    ],
+)
+def test_who_asks_for_a_stop_or_a_clear_is_known_by_the_name_that_it_says(
+    desk: RequestHandler, owner: object, by: str
+) -> None:
+    payload = json.dumps({"op": "stop", "owner": owner}).encode()
+    desk.urgent(payload)
+    assert desk.estop(payload, 0.0)["stopped"] == "estop"
+    stop = desk.latch.current()
+    assert stop is not None
+    assert stop.by == by
+    asked = json.dumps({"op": "clear", "id": stop.stop_id, "owner": owner}).encode()
+    assert desk.estop(asked, stop.since_s + HOLD_S) == {"stopped": None}
+    assert desk.latch.cleared is not None
+    assert (desk.latch.cleared.by, desk.latch.cleared.stop) == (by, stop)
+
+
+def test_a_stop_after_a_clear_was_sent_is_not_cleared_by_it(desk: RequestHandler) -> None:
+    desk.urgent(b"")
+    first = desk.latch.current()
+    assert first is not None
+    desk.urgent(b"")  # somebody else has seen something, too
+    answer = desk.estop(encode_json({"op": "clear", "id": first.stop_id}), first.since_s + 2 * HOLD_S)
+    assert answer["stopped"] == "estop"
+    assert "of another stop" in str(answer["error"])
+
+
+def test_a_clear_of_what_is_not_stopped_leaves_the_lease(guard: Guard, desk: RequestHandler) -> None:
+    now_s = time.monotonic()
+    lease = str(ask(desk, now_s, op="acquire", owner="alice")["lease"])
+    assert desk.estop(encode_json({"op": "clear"}), now_s) == {"stopped": None}
+    assert "sequence" in ask(desk, now_s + 0.1, op="renew", lease=lease)
+    guard.stop("fell")
+    assert "error" in desk.estop(encode_json({"op": "clear"}), now_s + 0.1)
+    assert "sequence" in ask(desk, now_s + 0.2, op="renew", lease=lease), "nothing has changed"
+    assert clear(desk) == {"stopped": None}
+    assert "error" in ask(desk, now_s + 0.3, op="renew", lease=lease)
+
+
+UNREADABLE = [b"x", b"[]", b"{}", b'{"op": "go"}', b'{"op": 1}', b'{"op": "clear", "id": 5}']
+
+
+@pytest.mark.parametrize("payload", UNREADABLE)
+def test_what_is_no_request_for_a_lease_changes_nothing_and_is_counted(
+    guard: Guard, desk: RequestHandler, payload: bytes
+) -> None:
+    assert "error" in desk.lease(payload, 0.0)
+    assert guard.stopped is None
+    assert desk.malformed == 1
+
+
+@pytest.mark.parametrize("payload", UNREADABLE)
+def test_what_cannot_be_read_at_the_stop_stops_and_is_counted(
+    guard: Guard, desk: RequestHandler, payload: bytes
+) -> None:
+    lease = str(ask(desk, op="acquire", owner="alice")["lease"])
+    desk.urgent(payload)
+    assert guard.stopped == "estop"
+    answer = desk.estop(payload, 0.0)
+    assert answer["stopped"] == "estop"
+    assert "error" in answer
+    assert desk.malformed == 1
+    assert "error" in ask(desk, 0.1, op="renew", lease=lease)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {"op": "renew", "lease": "no hex"},
+        {"op": "renew", "lease": 5},
+        {"op": "acquire", "owner": 5},
+        {"op": "acquire", "owner": "a\nb"},
+    ],
+)
+def test_a_lease_request_with_bad_values_is_refused(desk: RequestHandler, content: dict[str, object]) -> None:
+    assert "allowed" in str(desk.lease(encode_json(content), 0.0)["error"])
+
+
+def test_resting_is_no_silence(guard: Guard, desk: RequestHandler) -> None:
+    lease = str(ask(desk, op="acquire", owner="alice")["lease"])
+    send(guard, guard.robot.stance_angles_rad)
+    assert guard.expects_commands
+    assert "sequence" in ask(desk, 0.1, op="rest", lease=lease)
+    assert not guard.expects_commands
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        *(b"", b"[]", b'{"op": "break"}', b'{"op": "fail"}', b'{"op": "heal"}', b'{"op": "heal", "leg": 9}'),
+        *(b'{"op": "fail", "failure": 5}', b'{"op": "fail", "failure": "5:limp@3"}'),
+    ],
+)
+def test_a_request_for_a_failure_that_cannot_be_is_answered_with_an_error(payload: bytes) -> None:
+    with SimServos(shipped()) as servos:
+        answer = RequestHandler(Guard(servos), LeaseManager()).failure(payload, 0.0)
+        assert list(answer) == ["error"]
+        assert servos.failures == ()
+
+
+class Buggy(SimServos):
+    """A simulation that cannot break legs."""
+
+    def change_leg(self, leg: int, failure: Failure | None) -> None:
+        raise ZeroDivisionError
+
+
+def test_a_simulation_that_fails_at_breaking_a_leg_answers_with_an_error() -> None:
+    with Buggy(shipped()) as servos:
+        desk = RequestHandler(Guard(servos), LeaseManager())
+        answer = desk.failure(b'{"op": "fail", "failure": "5:limp"}', 0.0)
+    assert "Buggy.change_leg" in answer["error"]
+
+
+def test_a_robot_breaks_no_leg(desk: RequestHandler) -> None:
+    assert list(desk.failure(b'{"op": "fail", "failure": "5:limp"}', 0.0)) == ["error"]
+
+
+def test_a_leg_that_is_whole_already_and_the_torque_of_a_weak_one_are_told() -> None:
+    heal = b'{"op": "heal", "leg": 5}'
+    with SimServos(shipped()) as servos:
+        desk = RequestHandler(Guard(servos), LeaseManager())
+        assert desk.failure(heal, 0.0) == {"failures": [], "note": "leg 5 was whole already"}
+        weak = desk.failure(b'{"op": "fail", "failure": "5:weak:femur:0.2"}', 0.0)
+        assert weak == {"failures": ["leg 5 femur weak (0.2 of its torque)"]}
+        assert desk.failure(heal, 0.0) == {"failures": []}
+
+
+def test_legs_that_fail_and_heal_too_often_are_refused_until_a_second_has_passed() -> None:
+    requests = [b'{"op": "fail", "failure": "5:limp"}', b'{"op": "heal", "leg": 5}']
+    with SimServos(shipped()) as servos:
+        desk = RequestHandler(Guard(servos), LeaseManager())
+        answers = [desk.failure(requests[number % 2], 0.01 * number) for number in range(50)]
+        assert ["error" in answer for answer in answers] == [False] * MOST_CHANGES + [True] * 40
+        assert answers[-1]["error"] == "failure: got more in a second; allowed: 10 legs that fail or heal"
+        assert desk.failure(requests[0], 1.005) == {"failures": ["leg 5 limp"]}
+        assert "error" in desk.failure(requests[1], 1.006)

@@ -1,0 +1,36 @@
+"""Viewers in one process: `python -m tests.server.viewing ENDPOINT COUNT`.
+
+They print `viewing` once all have subscribed. They are clients of Zenoh with its default settings: a robot
+notices
+only after 10 s that one is silent, and by then much waits for it.
+"""
+
+import json
+import sys
+import threading
+from contextlib import ExitStack
+
+import zenoh
+
+from hexctl.wire.links import KeyMap
+from hexctl.wire.zenoh_session import PUBLISHED
+
+
+def main() -> None:
+    """View until the process is ended."""
+    keys, config = KeyMap.of("ant"), zenoh.Config()
+    settings = {"mode": "client", "connect/endpoints": [sys.argv[1]], "scouting/multicast/enabled": False}
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    with ExitStack() as stack:
+        for _ in range(int(sys.argv[2])):
+            session = stack.enter_context(zenoh.open(config))
+            for kind in PUBLISHED:
+                session.declare_subscriber(getattr(keys, kind), lambda _: None)
+        sys.stdout.write("viewing\n")
+        sys.stdout.flush()
+        threading.Event().wait()
+
+
+if __name__ == "__main__":
+    main()
