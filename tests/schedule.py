@@ -31,7 +31,6 @@ REALTIME = (
     "tests/client/test_stop_client.py",
     "tests/simulators/test_servo_board.py",
     "tests/client/test_remote.py",
-    "tests/client/test_stop_sender.py",
     "tests/cli/test_foreign_text.py::test_a_ro",
     "tests/backends/test_port_thread.py",
     "tests/backends/bus/test_packet_line.py",

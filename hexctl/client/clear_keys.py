@@ -52,6 +52,43 @@ class NewClaim:
                 old.unlink(missing_ok=True)
 
 
+class StopOrder:
+    """Whether a client wants its robots stopped, and under which claim: a new one after each clear.
+
+    A stop under a claim that was cleared would be one without a claim, which anybody clears after a second.
+
+    Attributes:
+        wanted: set while the robots are to be stopped.
+    """
+
+    def __init__(self) -> None:
+        self.wanted = threading.Event()
+        self._claim = NewClaim()
+        self._lock = threading.Lock()
+
+    @property
+    def request(self) -> bytes:
+        """Name of the stop: its claim, 8 bytes."""
+        return bytes.fromhex(self._claim.claim)
+
+    def press(self) -> None:
+        """Want a stop; never waits."""
+        self.wanted.set()
+        self._claim.keep()
+
+    def cleared(self, request: bytes) -> None:
+        """Take a new claim where that of a request was cleared."""
+        with self._lock:
+            if request == self.request:
+                self._claim = NewClaim()
+                if self.wanted.is_set():
+                    self._claim.keep()
+
+    def wait_kept(self, timeout_s: float) -> None:
+        """Wait until the key that clears the stop is on the disk."""
+        self._claim.wait(timeout_s)
+
+
 def keys_for(claims: Iterable[object]) -> list[str]:
     """Clear keys that this user has for the claims of a stop."""
     return [key for key in map(_key_for, claims) if key is not None]

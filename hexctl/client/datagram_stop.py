@@ -11,6 +11,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 
+from hexctl.client.clear_keys import StopOrder
 from hexctl.errors import HexctlError, InputError, MessageError, printable
 from hexctl.wire.links import Endpoint, Link, Role
 from hexctl.wire.stop_datagram import DATAGRAM_BYTES, NONCE_BYTES, Kind, StopDatagram
@@ -62,19 +63,16 @@ class DatagramStop:
 
     Args:
         link: to the robot.
-        request: name of the stop.
-        pressed: set once the robot is to stop.
+        order: whether the robot is to stop, and under which name.
         see: called with each answer that came, on the thread.
 
     Attributes:
         trouble: why no datagram can be sent, or None.
-        obeyed: whether the robot has confirmed the stop.
+        obeyed: name of the stop that the robot has confirmed and not cleared since, or None.
     """
 
-    def __init__(
-        self, link: Link, request: bytes, pressed: threading.Event, see: Callable[[Sighting], None]
-    ) -> None:
-        self._link, self._request, self._pressed, self._see = link, request, pressed, see
+    def __init__(self, link: Link, order: StopOrder, see: Callable[[Sighting], None]) -> None:
+        self._link, self._order, self._see = link, order, see
         self._epoch: bytes | None = None
         self._asked: deque[bytes] = deque(maxlen=MOST_ASKED)  # nonces without an answer
         self._secret = b""
@@ -87,7 +85,7 @@ class DatagramStop:
         self._addresses: Addresses = []
         self._thread = threading.Thread(target=self._run, name="stop by datagram", daemon=True)
         self.trouble: str | None = None
-        self.obeyed = False
+        self.obeyed: bytes | None = None
 
     def begin(self) -> None:
         """Begin to ask, once; what is wrong with the secret or the address is trouble, not an error."""
@@ -131,7 +129,7 @@ class DatagramStop:
 
     def _ask_once(self) -> None:
         """Send one datagram, and take what comes until the next one is due."""
-        period_s = STOP_PERIOD_S if self._pressed.is_set() else ASK_PERIOD_S
+        period_s = STOP_PERIOD_S if self._order.wanted.is_set() else ASK_PERIOD_S
         self._follow_host()
         self._send()
         until_s = time.monotonic() + period_s
@@ -190,8 +188,9 @@ class DatagramStop:
         nonce = secrets.token_bytes(NONCE_BYTES)
         self._asked.append(nonce)
         datagram = StopDatagram(kind=Kind.ASK, nonce=nonce)
-        if self._pressed.is_set() and not self.obeyed and self._epoch is not None:
-            datagram = StopDatagram(kind=Kind.STOP, nonce=nonce, epoch=self._epoch, request=self._request)
+        request = self._order.request
+        if self._order.wanted.is_set() and self.obeyed != request and self._epoch is not None:
+            datagram = StopDatagram(kind=Kind.STOP, nonce=nonce, epoch=self._epoch, request=request)
         return datagram.packed(self._secret)
 
     def _wait(self, timeout_s: float) -> bool:
@@ -217,11 +216,13 @@ class DatagramStop:
             self._asked.remove(answer.nonce)  # each answer counts once
             self._heard_s = time.monotonic()
             new_epoch, self._epoch = answer.epoch != self._epoch, answer.epoch
-            self.obeyed = self.obeyed or (answer.request == self._request and answer.stopped)
-            if self.obeyed and not answer.stopped:
-                self.obeyed = False  # it was cleared: stop it again
+            if self.obeyed is not None and (new_epoch or not answer.stopped):
+                self._order.cleared(self.obeyed)
+                self.obeyed = None
+            if answer.stopped and answer.request == self._order.request:
+                self.obeyed = answer.request
             self._see(_sighting(answer))
-            return new_epoch and self._pressed.is_set() and not self.obeyed
+            return new_epoch and self._order.wanted.is_set() and self.obeyed is None
         return False
 
 

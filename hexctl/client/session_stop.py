@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+from hexctl.client.clear_keys import StopOrder
 from hexctl.client.datagram_stop import Sighting
 from hexctl.errors import HexctlError, RobotFaultError
 from hexctl.wire.links import Link
@@ -22,14 +23,14 @@ class SessionStop:
 
     Args:
         link: to the robots.
-        request: name of the stop.
-        pressed: set once the robots are to stop.
+        order: whether the robots are to stop, and under which name.
         see: called with what all of them said together, on the thread.
         again: whether a session that cannot be opened is tried again.
 
     Attributes:
         error: why there is no session now, or why a robot has not stopped; None while all is well.
         answers: of the robots to the stop, the last of each.
+        obeyed: name of the stop to which they answered, unless one has cleared it since; else None.
         opened: whether there is a session.
         ended: whether the thread does no more.
     """
@@ -37,19 +38,20 @@ class SessionStop:
     def __init__(
         self,
         link: Link,
-        request: bytes,
-        pressed: threading.Event,
+        order: StopOrder,
         see: Callable[[Sighting], None],
         *,
         again: bool,
     ) -> None:
-        self._link, self._request, self._pressed, self._see = link, request, pressed, see
+        self._link, self._order, self._see = link, order, see
         self._again = again
         self._due = threading.Event()
         self._ends = self._all_stay = False
         self._known: set[str] = set()  # robots that have to stop: of the last look before, and all since
+        self._stop_ids: dict[bytes, set[str]] = {}  # of the stop under the name that was used last
         self.error: HexctlError | None = None
         self.answers: list[dict[str, Any]] = []
+        self.obeyed: bytes | None = None
         self.opened = self.ended = False
         # No daemon: a process that ends while a session opens would not close it.
         self._thread = threading.Thread(target=self._run, name="stop by session")
@@ -100,29 +102,42 @@ class SessionStop:
             robots = RemoteRobots(session, self._link)
             self.opened, self.error, self._all_stay = True, None, False
             while not self._ends:
-                if self._pressed.is_set() and not self._all_stay:
+                if self._order.wanted.is_set() and not self._all_stay:
                     self._stop(robots)
                 self._look(robots)
-                self._pause(WATCH_PERIOD_S if self._pressed.is_set() else ASK_PERIOD_S)
+                self._pause(WATCH_PERIOD_S if self._order.wanted.is_set() else ASK_PERIOD_S)
 
     def _stop(self, robots: "RemoteRobots") -> None:
-        """Ask all robots to stop; under the same name it renews nothing of those that have stopped."""
-        answers = robots.stop(self._request.hex())
+        """Ask all robots to stop; under the same name it renews nothing of those that have stopped.
+
+        Another id than before is of another stop: the one under this name was cleared meanwhile.
+        """
+        request, told = self._order.request, self._stop_ids
+        answers = robots.stop(request.hex())
+        if request in told and not _stop_ids(answers) <= told[request]:
+            self._order.cleared(request)
+            request = self._order.request
+            answers = robots.stop(request.hex())
+        self._stop_ids, self.obeyed = {request: _stop_ids(answers)}, request
         names = _names(answers)
         self._known |= names
         self.answers = [one for one in self.answers if not _names([one]) & names] + answers
 
     def _look(self, robots: "RemoteRobots") -> None:
         """Ask all robots, and tell what they are together."""
-        asked_s, pressed = time.monotonic(), self._pressed.is_set()
+        asked_s, pressed = time.monotonic(), self._order.wanted.is_set()
         self._all_stay = False
         statuses = robots.statuses()
         if not statuses:
             self.error = RobotFaultError(f"no robot answers at {self._link.endpoint}; is hexctl serve there?")
             return
+        moving = _names([one for one in statuses if not _stays(one)])
+        if self.obeyed is not None and moving & _names(self.answers):
+            self._order.cleared(self.obeyed)
+            self.obeyed = None
         self._known = self._known | _names(statuses) if pressed else _names(statuses)
         stopped = [status.get("stopped") for status in statuses]
-        left = self._known - _names(statuses) | _names([one for one in statuses if not _stays(one)])
+        left = self._known - _names(statuses) | moving
         stays = not left
         self._all_stay = stays and bool(self.answers) and self._known <= _names(self.answers)
         self.error = None
@@ -156,6 +171,10 @@ def _cleared(statuses: list[dict[str, Any]]) -> tuple[str, str] | None:
     """Id of the stop that was cleared last, and who cleared it, of the first robot that says it."""
     cleared = (one for status in statuses if isinstance(one := status.get("cleared"), dict))
     return next(((str(one.get("id")), str(one.get("by"))) for one in cleared), None)
+
+
+def _stop_ids(answers: list[dict[str, Any]]) -> set[str]:
+    return {str(answer.get("stop_id")) for answer in answers}
 
 
 def _names(messages: list[dict[str, Any]]) -> set[str]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from hexctl.client.clear_keys import NewClaim
+from hexctl.client.clear_keys import StopOrder
 from hexctl.client.datagram_stop import DatagramStop, Sighting
 from hexctl.client.session_stop import SessionStop
 from hexctl.client.stop_watch import SILENCE_S, StopWatch
@@ -28,6 +28,9 @@ REACH_S, REST_TIMEOUT_S = 6.0, 5.0
 DATAGRAM_S = 1.0
 
 POLL_S, WATCH_S, EARLY_POLL_S = 0.01, 0.1, 0.001
+
+#: A press without a confirmation for this long is trouble; the end waits for one for so long.
+CONFIRM_S, END_S = 0.5, 2.0
 
 #: How long a slow disk may take to keep the key that clears the stop.
 KEY_WRITE_S = 1.0
@@ -103,8 +106,10 @@ class ReadyStop:
         connect: Zenoh endpoint of the robot; None is that of the link, or the default.
         credentials: folder of certificates, or None.
         insecure: whether a link beyond this computer may do without certificates.
-        link: name or path of a link file, or None.
+        link: a link, or name or path of a link file, or None.
         again: whether a session that cannot be opened is tried again.
+        stays: whether a robot is stopped again where the stop is cleared, until the block ends; else a press
+            is one stop.
 
     Raises InputError for an endpoint or a link that is not allowed.
     """
@@ -115,22 +120,24 @@ class ReadyStop:
         connect: str | None = None,
         credentials: Path | None = None,
         insecure: bool = False,
-        link: str | None = None,
+        link: Link | str | None = None,
         again: bool = True,
+        stays: bool = True,
     ) -> None:
-        self._link = load_link(link, endpoint=connect, credentials=credentials, insecure=insecure)
+        self._link = (
+            link
+            if isinstance(link, Link)
+            else load_link(link, endpoint=connect, credentials=credentials, insecure=insecure)
+        )
         Endpoint.parse(self._link.endpoint)
-        self._pressed = threading.Event()
+        self._order, self._stays, self._confirmed = StopOrder(), stays, threading.Event()
         self._lock = threading.Lock()  # over what both ways have seen
         self._pressed_s = self._begun_s = 0.0
-        self._claimed = NewClaim()
-        request = bytes.fromhex(self._claimed.claim)
         self._seen: dict[str, Sighting] = {}
         self._rested: dict[str, float] = {}
         self._first_stop_s: float | None = None
-        self._datagrams = DatagramStop(self._link, request, self._pressed, partial(self._see, "datagram"))
-        see = partial(self._see, "session")
-        self._session = SessionStop(self._link, request, self._pressed, see, again=again)
+        self._datagrams = DatagramStop(self._link, self._order, partial(self._see, "datagram"))
+        self._session = SessionStop(self._link, self._order, partial(self._see, "session"), again=again)
 
     def __enter__(self) -> Self:
         """Begin to reach the robot; returns at once."""
@@ -142,6 +149,10 @@ class ReadyStop:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        """End; a press that is one stop gets the time to be confirmed."""
+        if not self._stays and self._pressed_s:
+            self._confirmed.wait(END_S)
+            self._order.wait_kept(KEY_WRITE_S)
         self._session.end()
         self._datagrams.end()
 
@@ -167,16 +178,26 @@ class ReadyStop:
         return self._link
 
     def press(self) -> None:
-        """Stop the robot now, by all ways; may be called from any thread.
-
-        As long as the block runs it is stopped again where that was cleared.
-        """
-        if not self._pressed.is_set():
+        """Stop the robot now, by all ways; may be called from any thread, and never waits."""
+        if not self._order.wanted.is_set():
             self._pressed_s = time.monotonic()
-            self._pressed.set()
+            self._confirmed.clear()
+        self._order.press()
         self._datagrams.wake()
         self._session.wake()
-        self._claimed.keep()
+
+    @property
+    def clear_command(self) -> str:
+        """Command that clears the stop."""
+        return self._link.clear_command
+
+    @property
+    def trouble(self) -> str | None:
+        """Why the last press is not confirmed by the robot, or None."""
+        if self._confirmed.is_set() or not 0 < self._pressed_s < time.monotonic() - CONFIRM_S:
+            return None
+        why = self.reach.trouble or "it has not stopped"
+        return f"the stop is not confirmed by the robot at {self._link.endpoint}: {why}"
 
     @property
     def reach(self) -> Reach:
@@ -212,7 +233,7 @@ class ReadyStop:
                 self._raise_if_late()
                 rests_since_s = time.monotonic()
             elif self._session_is_over() or time.monotonic() - rests_since_s >= identity_s:
-                self._claimed.wait(KEY_WRITE_S)
+                self._order.wait_kept(KEY_WRITE_S)
                 return result
             time.sleep(POLL_S)
 
@@ -225,7 +246,7 @@ class ReadyStop:
 
         From the first line that is asked for, the robot is not stopped again if the stop is cleared.
         """
-        self._pressed.clear()
+        self._order.wanted.clear()
         watch = StopWatch(result.stop_id)
         while True:
             with self._lock:
@@ -242,12 +263,15 @@ class ReadyStop:
     def _take(self, way: str, sighting: Sighting) -> None:
         before = self._seen.get(way)
         self._seen[way] = sighting
-        confirmed = self._datagrams.obeyed if way == "datagram" else bool(self._session.answers)
-        if not confirmed or sighting.stopped is None:
+        obeyed = self._datagrams.obeyed if way == "datagram" else self._session.obeyed
+        if obeyed is None or sighting.stopped is None:
             self._rested.pop(way, None)
             return
         if self._first_stop_s is None:
             self._first_stop_s = time.monotonic()
+        self._confirmed.set()
+        if not self._stays and (way == "session" or not self._session.opened):
+            self._order.wanted.clear()  # not yet while a session may add who asks
         if not sighting.at_rest:
             self._rested.pop(way, None)
         elif way not in self._rested or before is None or sighting.at_s - before.at_s > MOST_PAUSE_S:

@@ -90,15 +90,15 @@ class Device(Protocol):
 
 
 class RobotStop(Protocol):
-    """A stop at the robot, which only a clear ends.
+    """A stop at the robot, which only a clear ends."""
 
-    Attributes:
-        clear_command: command that clears it.
-        trouble: why the last stop did not reach the robot, or None.
-    """
+    @property
+    def clear_command(self) -> str:
+        """Command that clears it."""
 
-    clear_command: str
-    trouble: str | None
+    @property
+    def trouble(self) -> str | None:
+        """Why the last stop did not reach the robot, or None."""
 
     def press(self) -> None:
         """Stop the robot now; from any thread, and without waiting."""

@@ -1,17 +1,18 @@
 """The datagrams of a stop: where they go, and that what keeps them from being sent is told."""
 
 import socket
-import threading
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from hexctl.client import datagram_stop
+from hexctl.client.clear_keys import StopOrder
 from hexctl.client.datagram_stop import DatagramStop, Sighting
 from hexctl.waiting import comes_true
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import Link
+from hexctl.wire.stop import OTHERS_HOLD_S
 from hexctl.wire.stop_datagram import DATAGRAM_BYTES, StopDatagram
 from hexctl.wire.stop_secret import SECRET_FILE
 from tests.many_files import many_open_files
@@ -20,7 +21,7 @@ from tests.server.stops.test_stop_socket import Bench
 
 
 def began(link: Link) -> DatagramStop:
-    way = DatagramStop(link, b"mine    ", threading.Event(), lambda _: None)
+    way = DatagramStop(link, StopOrder(), lambda _: None)
     way.begin()
     return way
 
@@ -44,18 +45,18 @@ def test_a_robot_that_has_another_address_now_is_found_again(monkeypatch: pytest
         return [(socket.AF_INET, socket.SOCK_DGRAM, 17, "", place)]
 
     seen: list[Sighting] = []
-    pressed = threading.Event()
+    order = StopOrder()
     with bench.stop_socket:
         monkeypatch.setattr(datagram_stop, "LOOK_UP_AGAIN_S", 0.2)
         monkeypatch.setattr("socket.getaddrinfo", look_up)
-        way = DatagramStop(bench.link, b"mine    ", pressed, seen.append)
+        way = DatagramStop(bench.link, order, seen.append)
         way.begin()
         try:
             assert comes_true(lambda: bool(seen), 10.0)
             assert len(asked) >= 3
-            pressed.set()
+            order.press()
             way.wake()
-            assert comes_true(lambda: way.obeyed, 10.0)
+            assert comes_true(lambda: way.obeyed == order.request, 10.0)
         finally:
             way.end()
     assert bench.guard.stopped == "estop"
@@ -78,7 +79,7 @@ def test_each_address_of_a_robot_is_asked_with_its_own_nonce(monkeypatch: pytest
 
 
 def test_an_error_of_any_kind_is_trouble_and_the_robot_is_asked_again() -> None:
-    bench, pressed = Bench(), threading.Event()
+    bench, order = Bench(), StopOrder()
     seen: list[Sighting] = []
 
     def see(sighting: Sighting) -> None:
@@ -87,12 +88,12 @@ def test_an_error_of_any_kind_is_trouble_and_the_robot_is_asked_again() -> None:
             raise RuntimeError("can't start new thread")
 
     with bench.stop_socket:
-        way = DatagramStop(bench.link, b"mine    ", pressed, see)
+        way = DatagramStop(bench.link, order, see)
         way.begin()
         try:
             assert comes_true(lambda: bool(seen), 10.0)
-            pressed.set()
-            assert comes_true(lambda: way.obeyed, 10.0)
+            order.press()
+            assert comes_true(lambda: way.obeyed == order.request, 10.0)
             assert "can't start new thread" in (way.trouble or "")
         finally:
             way.end()
@@ -100,15 +101,35 @@ def test_an_error_of_any_kind_is_trouble_and_the_robot_is_asked_again() -> None:
 
 
 def test_a_program_with_many_open_files_stops_a_robot() -> None:
-    bench, pressed = Bench(), threading.Event()
-    pressed.set()
+    bench, order = Bench(), StopOrder()
+    order.press()
     with many_open_files(), bench.stop_socket:
-        way = DatagramStop(bench.link, b"mine    ", pressed, lambda _: None)
+        way = DatagramStop(bench.link, order, lambda _: None)
         way.begin()
         try:
-            assert comes_true(lambda: way.obeyed, 10.0)
+            assert comes_true(lambda: way.obeyed == order.request, 10.0)
         finally:
             way.end()
+
+
+def test_a_stop_that_is_made_again_after_a_clear_is_claimed_again() -> None:
+    bench, order = Bench(), StopOrder()
+    order.press()
+    with bench.stop_socket:
+        way = DatagramStop(bench.link, order, lambda _: None)
+        way.begin()
+        try:
+            assert comes_true(lambda: way.obeyed is not None, 10.0)
+            first = bench.latch.current()
+            assert first is not None
+            assert bench.latch.clear(first.stop_id, first.since_s + OTHERS_HOLD_S) is None
+            assert comes_true(lambda: way.obeyed not in (None, bytes.fromhex(first.claims[0])), 10.0)
+            again = bench.latch.current()
+        finally:
+            way.end()
+    assert again is not None
+    assert again.claims == (order.request.hex(),)
+    assert again.repeats == 1, "it holds longer"
 
 
 def test_a_folder_without_the_secret_and_quic_are_trouble(tmp_path: Path) -> None:

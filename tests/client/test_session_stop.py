@@ -1,10 +1,9 @@
 """The session of a stop: it outlasts what goes wrong in it."""
 
 import json
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,6 +12,7 @@ import zenoh
 
 import hexctl.client.remote  # noqa: F401  it keeps the session's opener that it finds when it is first imported
 from hexctl.client import session_stop
+from hexctl.client.clear_keys import StopOrder
 from hexctl.client.datagram_stop import Sighting
 from hexctl.client.session_stop import SessionStop
 from hexctl.waiting import comes_true
@@ -42,7 +42,7 @@ def test_an_error_of_the_library_is_told_and_a_session_is_opened_again(
     monkeypatch.setattr("hexctl.wire.zenoh_session.open_session", opened)
     monkeypatch.setattr(session_stop, "ASK_PERIOD_S", 0.2)
     seen: list[Sighting] = []
-    way = SessionStop(Link(), b"mine    ", threading.Event(), seen.append, again=True)
+    way = SessionStop(Link(), StopOrder(), seen.append, again=True)
     way.begin()
     try:
         assert comes_true(lambda: "closed" in str(way.error), 10.0)
@@ -64,8 +64,10 @@ class OnTheLink:
     at_rest: bool | None = True
     silent: bool = False
     asked: int = 0
+    requests: list[str] = field(default_factory=list)
+    stops: int = 0
 
-    def answer(self, key: str) -> dict[str, Any] | None:
+    def answer(self, key: str, content: dict[str, Any]) -> dict[str, Any] | None:
         """Answer to a query at a key."""
         if self.silent:
             return None
@@ -73,8 +75,10 @@ class OnTheLink:
             self.asked += 1
             if self.asked <= self.deaf:
                 return None
+            self.stops += self.stopped is None
             self.stopped = "estop"
-            return {"robot": self.name, "stopped": self.stopped}
+            self.requests.append(content["request"])
+            return {"robot": self.name, "stopped": self.stopped, "stop_id": str(self.stops)}
         return {"status": {"robot": self.name, "stopped": self.stopped, "at_rest": self.at_rest}}
 
 
@@ -84,9 +88,11 @@ class SharedSession:
     def __init__(self, robots: tuple[OnTheLink, ...]) -> None:
         self._robots = robots
 
-    def get(self, key: str, **_options: object) -> list[Any]:
+    def get(self, key: str, *, payload: bytes | None = None, **_options: object) -> list[Any]:
         """Answers of the robots that give one."""
-        answers = [answer for robot in self._robots if (answer := robot.answer(key)) is not None]
+        content = json.loads(payload or b"{}")
+        given = (robot.answer(key, content) for robot in self._robots)
+        answers = [answer for answer in given if answer is not None]
         return [
             SimpleNamespace(ok=SimpleNamespace(payload=json.dumps(answer).encode())) for answer in answers
         ]
@@ -95,7 +101,7 @@ class SharedSession:
 @contextmanager
 def asking(
     monkeypatch: pytest.MonkeyPatch, *robots: OnTheLink
-) -> Iterator[tuple[SessionStop, threading.Event, list[Sighting]]]:
+) -> Iterator[tuple[SessionStop, StopOrder, list[Sighting]]]:
     """A session way to robots, what tells it to stop them, and what it has seen."""
 
     @contextmanager
@@ -106,12 +112,12 @@ def asking(
     monkeypatch.setattr(session_stop, "ASK_PERIOD_S", 0.01)
     monkeypatch.setattr(session_stop, "WATCH_PERIOD_S", 0.01)
     seen: list[Sighting] = []
-    pressed = threading.Event()
-    way = SessionStop(Link(), b"mine    ", pressed, seen.append, again=False)
+    order = StopOrder()
+    way = SessionStop(Link(), order, seen.append, again=False)
     way.begin()
     try:
         assert comes_true(lambda: bool(seen), 10.0)
-        yield way, pressed, seen
+        yield way, order, seen
     finally:
         way.end()
         assert comes_true(lambda: way.ended, 10.0)
@@ -127,10 +133,10 @@ def test_a_robot_that_missed_the_first_request_is_asked_until_it_has_stopped(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     ant, ben = OnTheLink("ant"), OnTheLink("ben", deaf=3)
-    with asking(monkeypatch, ant, ben) as (way, pressed, seen):
+    with asking(monkeypatch, ant, ben) as (way, order, seen):
         assert sees(seen, None)
         assert ant.asked == 0, "nothing is pressed yet"
-        pressed.set()
+        order.press()
         assert sees(seen, "estop")
         assert (ant.stopped, ben.stopped, ben.asked) == ("estop", "estop", 4)
         assert sorted(answer["robot"] for answer in way.answers) == ["ant", "ben"]
@@ -141,18 +147,32 @@ def test_a_robot_that_missed_the_first_request_is_asked_until_it_has_stopped(
 
 def test_a_robot_that_was_cleared_meanwhile_is_stopped_again(monkeypatch: pytest.MonkeyPatch) -> None:
     ant = OnTheLink("ant")
-    with asking(monkeypatch, ant) as (_, pressed, seen):
-        pressed.set()
+    with asking(monkeypatch, ant) as (_, order, seen):
+        order.press()
         assert sees(seen, "estop")
         ant.stopped = None
-        assert comes_true(lambda: ant.asked == 2, 10.0)
+        assert comes_true(lambda: ant.asked >= 2, 10.0)
         assert sees(seen, "estop")
+    assert len(set(ant.requests)) == 2, "under a claim of its own: nobody clears it after a second"
+
+
+def test_a_stop_that_was_cleared_between_two_looks_is_claimed_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    ant = OnTheLink("ant")
+    with asking(monkeypatch, ant) as (way, order, seen):
+        order.press()
+        assert sees(seen, "estop")
+        order.wanted.clear()
+        assert sees(seen, "estop")
+        ant.stopped, way._all_stay = None, False
+        order.press()
+        assert sees(seen, "estop")
+    assert len(set(ant.requests)) == 2
 
 
 def test_a_robot_that_falls_silent_is_not_taken_for_stopped(monkeypatch: pytest.MonkeyPatch) -> None:
     ant, ben = OnTheLink("ant"), OnTheLink("ben", deaf=1000)
-    with asking(monkeypatch, ant, ben) as (way, pressed, seen):
-        pressed.set()
+    with asking(monkeypatch, ant, ben) as (way, order, seen):
+        order.press()
         assert comes_true(lambda: ant.stopped is not None, 10.0)
         ben.silent = True
         assert sees(seen, None)

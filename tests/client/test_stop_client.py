@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -15,9 +16,11 @@ import hexctl
 from hexctl.client.datagram_stop import Sighting
 from hexctl.client.stop_client import ReadyStop, clear_stop, estop
 from hexctl.errors import InputError, RobotFaultError
+from hexctl.waiting import wait_for
 from tests.cli.terminals import OnTerminal
 from tests.server.cable import Cable
 from tests.server.processes import Served, controlling, free_port, served, wait_until
+from tests.server.processes import hexctl as hexctl_command
 from tests.server.test_link_faults import STILL_ON_A_BUSY_MACHINE_S, stopped
 
 
@@ -109,7 +112,7 @@ def test_what_one_way_sees_is_no_rest_while_the_other_sees_a_robot_that_is_not_s
     ready, now_s = ReadyStop(connect=f"tcp/127.0.0.1:{free_port()}"), time.monotonic()
     try:
         ready.press()
-        ready._datagrams.obeyed = True
+        ready._datagrams.obeyed = b"\0" * 8
         for later_s in (0.0, 0.3, 0.6):
             ready._see("datagram", seen(now_s + later_s))
         ready._see("session", seen(now_s + 0.4, None))
@@ -213,3 +216,36 @@ class UdpRelay:
                 self._front.sendto(self._back.recv(2000), sender)
             except TimeoutError:
                 continue
+
+
+#: For a stop of the command line.
+WAIT_S = 30.0
+
+
+def test_stops_in_a_row_have_one_claim_and_one_after_a_clear_has_another(tmp_path: Path) -> None:
+    with served(tmp_path, backend="mock") as robot, ReadyStop(connect=robot.endpoint, stays=False) as ready:
+
+        def stop() -> dict[str, Any] | None:
+            ready.press()
+            stopped: dict[str, Any] | None = robot.status()["stop"]
+            return stopped
+
+        first = wait_for(stop, WAIT_S, "the robot is not stopped")
+        for _ in range(20):
+            again = stop()
+        assert again is not None
+        assert again["claims"] == first["claims"]
+        assert len(first["claims"]) == 1
+        assert ready.trouble is None
+        assert hexctl_command("estop", "--clear", "--connect", robot.endpoint).returncode == 0
+        assert robot.status()["stop"] is None
+        after = wait_for(stop, WAIT_S, "the robot is not stopped again")
+        wait_for(lambda: robot.status()["stop"]["claims"], WAIT_S, "the stop is not claimed")
+        assert after["id"] != first["id"]
+
+
+def test_a_stop_that_reaches_no_robot_says_so() -> None:
+    with ReadyStop(connect="tcp/127.0.0.1:1", stays=False) as ready:
+        ready.press()
+        trouble = wait_for(lambda: ready.trouble, WAIT_S, "nothing is said")
+    assert "127.0.0.1:1" in trouble

@@ -22,7 +22,7 @@ from hexctl.errors import EStopError, InputError
 from hexctl.teleop.drive_options import DriveOptions
 
 if TYPE_CHECKING:
-    from hexctl.client.stop_sender import StopSender
+    from hexctl.client.stop_client import ReadyStop
     from hexctl.control.drive.drive import Drive
     from hexctl.control.log import Recorder
     from hexctl.robot.failure import Failure
@@ -103,14 +103,14 @@ def _why(drive: "Drive", stopped: str) -> str:
     )
 
 
-def _robot_stop(drive: "Drive") -> "StopSender | None":
+def _robot_stop(drive: "Drive") -> "ReadyStop | None":
     """What stops a robot on the network for all its clients; None for another backend."""
     remote = drive.guard.remote
     if remote is None or remote.link.plain:
         return None
-    from hexctl.client.stop_sender import StopSender
+    from hexctl.client.stop_client import ReadyStop
 
-    return StopSender(remote.link)
+    return ReadyStop(link=remote.link, stays=False)
 
 
 def _drive(stack: ExitStack, drive: "Drive", options: DriveOptions, keep: Callable[[], None]) -> int:
@@ -146,7 +146,7 @@ def _drive(stack: ExitStack, drive: "Drive", options: DriveOptions, keep: Callab
     return INTERRUPTED if why == "interrupted" else DONE
 
 
-def _say_unconfirmed(robot_stop: "StopSender") -> None:
+def _say_unconfirmed(robot_stop: "ReadyStop") -> None:
     """Report a stop that the robot has not confirmed until the end."""
     if robot_stop.trouble is not None:
         _say(f"hexctl: {robot_stop.trouble}; use hexctl estop or the switch")
