@@ -42,7 +42,7 @@ class Feed:
         with Layout(blueprint) as layout:
             self._stream.connect_grpc(address, default_blueprint=layout)
         self._stream.send_recording_name(header["title"])
-        send_scene(self._stream, robot, plan, floor, meshes)
+        send_scene(self._stream, robot, plan, floor, meshes, servos=header["servos"])
         self._began_at_s: float | None = None
 
     def show(self, block: dict[str, Any]) -> None:

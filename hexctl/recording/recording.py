@@ -7,6 +7,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.terrain import Floor
 from hexctl.control.log import TickLog
 from hexctl.control.trial_plan import TrialPlan
@@ -36,9 +37,11 @@ from hexctl.robot.model import Robot
 
 APPLICATION_ID = "hexctl"
 
-#: Rows are written when there are this many or the last write was this long ago: chunks cost time and space.
+#: Rows are written when there are this many: chunks cost time and space. Of a walk that is not more than
+#: twice as fast as real time also when the last write was this long ago: what a crash may lose.
 BLOCK_TICKS = 2000
 BLOCK_S = 2.0
+MOST_PACE = 2.0
 
 #: Longer walks have no index: Rerun keeps it in memory until the end, and it grows by 150 kB a second.
 #: `rerun rrd optimize` adds one.
@@ -101,8 +104,9 @@ class Recording:
         self._stream.send_recording_name(title)
         # With it a recording can be exported without the robot's file, as it was then.
         self._stream.send_property("robot", rr.AnyValues(name=robot.name, model=robot_to_json(robot)))
-        send_scene(self._stream, robot, plan, floor, meshes or {})
+        send_scene(self._stream, robot, plan, floor, meshes or {}, servos=servos)
         self._send_summary(None, {})
+        flush(self._stream, path)  # a file that is cut off has its robot and scene all the same
 
     def __enter__(self) -> Self:
         return self
@@ -123,8 +127,13 @@ class Recording:
         self._log, self._due = log, stop
         if self._parts is not None:
             self._write_part()
-        elif stop - self._written >= BLOCK_TICKS or time.monotonic() - self._written_at_s >= BLOCK_S:
+        elif self._is_due(stop - self._written):
             self._begin_to_write()
+
+    def _is_due(self, rows: int) -> bool:
+        """Whether so many rows are to be written now."""
+        passed_s = time.monotonic() - self._written_at_s
+        return rows >= BLOCK_TICKS or passed_s >= max(BLOCK_S, rows * PERIOD_S / MOST_PACE)
 
     def finish(self, result: TrialResult, facts: Mapping[str, Any]) -> None:
         """Add the outcome, as text and as properties, close the file, and check that it is whole.

@@ -14,16 +14,13 @@ from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.palette import TEXT_COLOR
 from hexctl.recording import paths, style
 from hexctl.recording.rrd import load_rerun
-from hexctl.recording.series import ALL
+from hexctl.recording.series import SERVOS, WALK
 from hexctl.recording.style import GROUND_COLOR
 from hexctl.robot.failure import Failure
 from hexctl.robot.meshes import Meshes, PartMesh
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import xyzw
 from hexctl.types import JOINT_KINDS, N_LEGS, ArrayFields, FloatArray
-
-#: Radius of the mark at a leg that was noticed, in radii of its coxa.
-MARK_SIZE = 1.8
 
 #: What the eye sees to each side of the robot, in stance radii. The viewer uses this size or the layout's
 #: eye, whichever it gets first; both give the same picture.
@@ -51,8 +48,10 @@ def path_end_m(robot: Robot, plan: TrialPlan) -> FloatArray:
     return length * np.array([math.cos(plan.heading_rad), math.sin(plan.heading_rad)])
 
 
-def send_scene(stream: Any, robot: Robot, plan: TrialPlan, floor: Floor, meshes: Meshes) -> None:
-    """Send the static part of a recording to its stream."""
+def send_scene(
+    stream: Any, robot: Robot, plan: TrialPlan, floor: Floor, meshes: Meshes, *, servos: bool
+) -> None:
+    """Send the static part of a recording to its stream; `servos` is whether single servos may report."""
     rr = load_rerun()
     stream.log(paths.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     _send_floor(stream, floor, path_end_m(robot, plan))
@@ -61,7 +60,7 @@ def send_scene(stream: Any, robot: Robot, plan: TrialPlan, floor: Floor, meshes:
         send_leg(stream, robot, plan, meshes, leg)
     _send_frame(stream, robot)
     _send_looks(stream, robot)
-    for series in ALL:
+    for series in (*WALK, *SERVOS) if servos else WALK:
         widths = {} if series.widths is None else {"widths": series.widths}
         lines = rr.SeriesLines(colors=list(series.colors), names=list(series.names), **widths)
         stream.log(series.path, lines, static=True)
@@ -79,14 +78,14 @@ def _send_frame(stream: Any, robot: Robot) -> None:
 def _send_looks(stream: Any, robot: Robot) -> None:
     """Send the static properties of what is drawn on the floor."""
     rr, foot_m = load_rerun(), robot.foot_radius_m
-    for path, color, radius in (
+    foot = rr.Points3D.from_fields(radii=[1.2 * foot_m])
+    for path, color, radius, *ends in (
         (paths.TRAIL, style.TRAIL_COLOR, foot_m / 3),
         (paths.COURSE, style.COURSE_COLOR, foot_m / 4),
-        (paths.CENTRE, style.PLUMB_COLOR, foot_m / 6),
+        (paths.CENTRE, style.PLUMB_COLOR, foot_m / 6, foot),
     ):
         look = rr.LineStrips3D.from_fields(colors=[color], radii=[radius])
-        stream.log(path, look, static=True)
-    stream.log(paths.CENTRE, rr.Points3D.from_fields(radii=[1.2 * foot_m]), static=True)
+        stream.log(path, look, *ends, static=True)
     quad = rr.Mesh3D.from_fields(triangle_indices=[[0, 2, 3], [0, 3, 1]])
     stream.log(paths.RIBBON, quad, static=True)
     fan = rr.Mesh3D.from_fields(triangle_indices=[[0, corner, corner + 1] for corner in range(1, N_LEGS - 1)])
@@ -142,12 +141,8 @@ def send_leg(stream: Any, robot: Robot, plan: TrialPlan, meshes: Meshes, leg: in
     place = [start[0], 0.0, start[1]]
     foot = rr.Points3D([place], radii=[1.3 * robot.foot_radius_m], show_labels=False)
     stream.log(paths.foot_path(leg), foot, static=True)
-    radii, colors = [MARK_SIZE * robot.link_radii_m[0]], [style.NOTICED_COLOR]
-    mark = rr.Points3D.from_fields(radii=radii, colors=colors, show_labels=False)
-    stream.log(paths.noticed_path(leg), mark, static=True)
-    for path, at in ((paths.foot_path(leg), place), (paths.noticed_path(leg), [0.0, 0.0, 0.0])):
-        label = rr.Points3D([at], radii=[0.0], colors=[TEXT_COLOR], show_labels=True)
-        stream.log(paths.label_path(path), label, static=True)
+    label = rr.Points3D([place], radii=[0.0], colors=[TEXT_COLOR], show_labels=True)
+    stream.log(paths.label_path(paths.foot_path(leg)), label, static=True)
 
 
 def _trunk(robot: Robot) -> Any:

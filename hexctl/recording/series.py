@@ -85,4 +85,5 @@ SERVOS = (
     _of_joints(paths.AGES, "ages of the joint angles (s)", "ages_s"),
 )
 
-ALL = (DEVIATION, MARGIN, SUSPICION, *SAMPLED, *SERVOS)
+#: What each walk has, where it is known.
+WALK = (DEVIATION, MARGIN, SUSPICION, *SAMPLED)

@@ -82,7 +82,7 @@ def test_the_drawn_feet_are_where_the_kinematics_put_them(read: ReadBack, trial:
         point = np.array(read.values(path, "Points3D:positions")[0][0])
         while (path := path.rpartition("/")[0]) != "/world/robot":
             point = _placed(read, path, row, point)
-        np.testing.assert_allclose(point, expected[leg - 1], atol=2e-4)
+        np.testing.assert_allclose(point, expected[leg - 1], atol=4e-4)  # drawn angles are rounded
 
 
 def _placed(read: ReadBack, path: str, row: int, point: np.ndarray) -> np.ndarray:

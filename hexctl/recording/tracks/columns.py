@@ -195,8 +195,8 @@ def rounded(values: FloatArray, bits: int) -> FloatArray:
 AXES = {"coxa": (0.0, 0.0, 1.0), "femur": (0.0, -1.0, 0.0), "tibia": (0.0, -1.0, 0.0)}
 
 
-#: Binary places that a drawn angle is rounded to: a fiftieth of a degree.
-DRAWN_BITS = 11
+#: Binary places that a drawn angle is rounded to: an error of a twentieth of a degree at most.
+DRAWN_BITS = 9
 
 
 @dataclass(frozen=True, slots=True)

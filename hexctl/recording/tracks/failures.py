@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.control.log import LegChange
+from hexctl.palette import TEXT_COLOR
 from hexctl.recording import paths, style
 from hexctl.recording.rrd import load_rerun
 from hexctl.recording.series import SUSPICION
@@ -16,6 +17,9 @@ from hexctl.types import JOINT_KINDS
 
 #: Evidence is drawn up to this many alarms: beyond, it says nothing more.
 MOST_ALARMS = 3.0
+
+#: Radius of the mark at a leg that was noticed, in radii of its coxa.
+MARK_SIZE = 1.8
 
 
 def send_suspicion(block: Block) -> None:
@@ -126,8 +130,17 @@ def _link_columns(failure: Failure | None, kind: str, mesh: PartMesh | None) -> 
 def _send_mark(block: Block, row: int, leg: int, failure: Failure | None) -> None:
     """Send the mark at the hip of a leg that was noticed to have failed, or take it away for None."""
     labels = [] if failure is None else [f"noticed: {in_words(failure)}"]
-    points = load_rerun().Points3D
-    mark = points.columns(positions=np.zeros((len(labels), 3)), labels=labels).partition([len(labels)])
-    block.send_at(paths.noticed_path(leg), [row], mark)
-    label = points.columns(labels=labels).partition([len(labels)])
-    block.send_at(paths.label_path(paths.noticed_path(leg)), [row], label)
+    coxa_m = block.subject.robot.link_radii_m[0]
+    for path, radius, color, shown in (
+        (paths.noticed_path(leg), MARK_SIZE * coxa_m, style.NOTICED_COLOR, False),
+        (paths.label_path(paths.noticed_path(leg)), 0.0, TEXT_COLOR, True),
+    ):
+        count = len(labels)
+        columns = load_rerun().Points3D.columns(
+            positions=np.zeros((count, 3)),
+            labels=labels,
+            radii=count * [radius],
+            colors=count * [style.packed(color)],
+            show_labels=count * [shown],
+        )
+        block.send_at(path, [row], columns.partition([count]))

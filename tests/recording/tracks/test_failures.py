@@ -90,7 +90,7 @@ def test_a_leg_is_red_while_it_is_broken_and_marked_while_it_is_noticed(
     ]
     assert shown == [labels, marks], "labels are those of foot and mark, in the colour of texts"
     texts = read.values(f"/{paths.label_path(paths.noticed_path(2))}", "Points3D:colors")
-    assert texts == [[style.packed(TEXT_COLOR)]]
+    assert texts == [[style.packed(TEXT_COLOR)], []]
     assert [(round(time, 6), label) for time, label in marks] == [
         (round(noticed, 6), ["noticed: limp"]), (round(healed, 6), [])
     ]  # fmt: skip
