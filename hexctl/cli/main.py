@@ -1,6 +1,7 @@
 """The `hexctl` command: its sub-commands, and how errors become a line and an exit code."""
 
 import os
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Annotated, Any
@@ -193,9 +194,12 @@ def every_command(
 
 
 def exit_code(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit code."""
+    """Run the command line and return its exit code; `help run` is `run --help`."""
+    given = sys.argv[1:] if arguments is None else list(arguments)
+    if given[:1] == ["help"]:
+        given = [*given[1:], "--help"]
     try:
-        code = app(args=arguments, prog_name="hexctl", standalone_mode=False)
+        code = app(args=given, prog_name="hexctl", standalone_mode=False)
     except typer.BadParameter as error:
         return _print_error(_bad_value(error), BAD_INPUT)
     except TyperException as error:

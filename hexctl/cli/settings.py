@@ -97,13 +97,17 @@ class SettingsGroup(_FollowsSettings, HelpGroup):
     """A group of commands with options of its own, which follow the settings."""
 
 
+#: Width of help texts, and what asks for them.
+_CONTEXT = {"max_content_width": WIDTH, "help_option_names": ["--help", "-h"]}
+
+
 class Commands(typer.Typer):
     """A group of commands that follow the settings."""
 
     def __init__(self, **more: Any) -> None:
         """Make a group; help texts are plain, so that `--help` need not import what draws boxes."""
         more.setdefault("cls", HelpGroup)
-        super().__init__(rich_markup_mode=None, context_settings={"max_content_width": WIDTH}, **more)
+        super().__init__(rich_markup_mode=None, context_settings=_CONTEXT, **more)
 
     def command(self, *arguments: Any, **more: Any) -> Callable[[FunctionT], FunctionT]:
         """Register a command, as Typer does."""

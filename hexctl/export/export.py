@@ -183,9 +183,9 @@ def _format(to: str | None, output: str | Path | None) -> str:
     if to is None and by_name is None:
         recorded = ", ".join(name for name in FORMATS if name not in ROBOT_FORMATS)
         allowed = f"{recorded} for recordings, {', '.join(ROBOT_FORMATS)} for robots"
-        raise InputError(
-            f"{argument('to')}: got none; allowed: {allowed}, or {argument('output')} FILE.FORMAT"
-        )
+        suffix = "" if output is None else Path(output).suffix
+        got = f"{argument('output')}: got {output}" if suffix else f"{argument('to')}: got none"
+        raise InputError(f"{got}; allowed: {allowed}, or {argument('output')} FILE.FORMAT")
     if to is not None and by_name not in (None, to):
         raise InputError(f"{argument('output')}: got {output} for {to}; allowed: a name that ends in .{to}")
     return to or str(by_name)

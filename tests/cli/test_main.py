@@ -432,3 +432,11 @@ def test_names_are_taken_in_any_case(capsys: pytest.CaptureFixture[str]) -> None
     assert exit_code(["check", "Ant", "--gait", "Tripod"]) == 0
     assert exit_code(["run", "--backend", "Mock", "--world", "flat"]) == 2
     assert "--backend mock" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "asked", [["-h"], ["help"], ["run", "-h"], ["help", "run"], ["help", "sim", "board"]]
+)
+def test_help_is_asked_for_in_any_usual_way(asked: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code(asked) == 0
+    assert "Usage: hexctl" in capsys.readouterr().out

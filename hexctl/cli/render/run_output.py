@@ -9,6 +9,7 @@ from rich.text import Text
 
 from hexctl.cli.render.stop_reasons import clearing_in_words, link_in_words, why_in_words
 from hexctl.cli.render.tables import label_table
+from hexctl.control.assessment.leg_sets import MOST_LOST
 from hexctl.gait.gait import AUTO
 from hexctl.wire.links import CLEAR_COMMAND
 
@@ -51,7 +52,9 @@ def _next_command(outcome: dict[str, Any], clear: str) -> list[str]:
     """The command to type next: ends the stop of a robot, walks another gait, or shows the recording."""
     if clearing := clearing_in_words(outcome["stopped"], clear=clear):
         return [f"next: {clearing}"]
-    if outcome["status"] == "no_progress" and outcome["failed_leg"] and outcome["gait"]["name"] != AUTO:
+    failed = (outcome["failed_leg"], *outcome.get("further_failures", ()))
+    may_walk = outcome["failed_leg"] and len(failed) <= MOST_LOST
+    if outcome["status"] == "no_progress" and may_walk and outcome["gait"]["name"] != AUTO:
         return [f"next: the same with --gait {AUTO}, the most stable gait for the other legs"]
     return [f"next: hexctl view {shlex.quote(outcome['recording'])}"] if outcome["recording"] else []
 

@@ -35,6 +35,9 @@ DIRECTIONS_RAD = tuple(math.radians(degrees) for degrees in (0, 90, 180, 270))
 #: Sets are judged up to this number of lost legs; without four, two feet are left.
 MOST_JUDGED = 3
 
+#: Legs that may carry nothing: of the others three carry while one swings.
+MOST_LOST = N_LEGS - 4
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LegSet:
@@ -121,7 +124,7 @@ def drag(robot: Robot, failures: Sequence[Failure], heading_rad: float) -> str |
 
 
 def _verdict(lost: int, margin: float, crawl: bool) -> str:
-    if N_LEGS - lost < 4:
+    if lost > MOST_LOST:
         return NO_GAIT
     if margin < -_most_lean(crawl):
         return DOUBTFUL
