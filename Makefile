@@ -58,6 +58,9 @@ $(RUNNABLE): pyproject.toml constraints.txt
 	$(call install,demo,--no-compile)
 	touch $@
 
+# What tests start again and again is compiled once, also where the shell forbids it.
+unexport PYTHONDONTWRITEBYTECODE
+
 # Two of them at a time would spoil one another.
 .NOTPARALLEL:
 

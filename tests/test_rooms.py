@@ -20,7 +20,7 @@ CEILINGS = {
     "recording": 4_750,
     "robot": 4_690,
     "runs": 1_080,
-    "server": 4_450,
+    "server": 4_455,
     "simulators": 2_410,
     "study": 8_900,
     "teleop": 1_980,

@@ -113,6 +113,7 @@ class StopFile:
         self._robot, self._where = robot, where
         self._asked_only, self._clear = asked_only, clear
         self._descriptor: int | None = None
+        self._of_another = False
         self._wanted: Stop | None = None
         self._stop_on_disk: str | None = None
         self._due, self._ended = threading.Event(), False
@@ -130,6 +131,7 @@ class StopFile:
             if unread is None:
                 self._open(kept)
         except BlockingIOError:
+            self._of_another = True
             self.trouble = f"{self.path} is that of another {self._robot}, served now; rename one of them"
             return None
         except OSError as error:
@@ -149,6 +151,8 @@ class StopFile:
 
     def keep(self, stop: Stop | None) -> None:
         """Write a stop, or for None that there is none, soon; never waits."""
+        if self._of_another:
+            return
         kept = stop is not None and (not self._asked_only or stop.by is not None or stop.reason == ESTOP)
         self._wanted = stop if kept else None
         if self._writer is None and (self._wanted is not None or self._stop_on_disk is not None):

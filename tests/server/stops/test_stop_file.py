@@ -275,7 +275,8 @@ def test_two_robots_of_one_name_do_not_share_a_stop_and_the_second_says_that_it_
     assert guard.stopped is None
     assert "will not survive a restart" in second.warnings[0]
     stopped = other.stop()
-    assert not second.keeps(stopped)
+    assert not comes_true(lambda: second.keeps(stopped), 1.0)
+    assert "rename one of them" in str(second.trouble)
     assert other.clear(stopped.stop_id, stopped.since_s + HOLD_S) is None
     other.close()
     guard, latch, _ = begun(tmp_path, where="/dev/ttyUSB0")
