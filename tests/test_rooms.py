@@ -6,7 +6,7 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 
 #: Most lines of each folder of the package, and of the modules directly in it.
 CEILINGS = {
-    "": 2_150,
+    "": 2_155,
     "adapt": 8_400,
     "backends": 10_050,
     "cli": 7_050,

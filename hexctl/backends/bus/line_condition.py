@@ -4,13 +4,13 @@ A brown-out is many servos with little voltage at once, which restart without to
 bad cable or noise is answers that are damaged or missing while the voltage is good, often those of one leg.
 """
 
-import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from hexctl.robot.servos.bus_map import BusMap
+from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, ServoReadings
 
 #: Questions over which shares are taken, and bad answers among them with which a share is no accident.
@@ -74,10 +74,8 @@ class AnswerShares:
 class LineCondition:
     """What can be said of the line and the supply of servos on a bus."""
 
-    def __init__(
-        self, servos: BusMap, shares: AnswerShares, *, now_s: Callable[[], float] = time.monotonic
-    ) -> None:
-        self._map, self._shares, self._now_s = servos, shares, now_s
+    def __init__(self, servos: BusMap, shares: AnswerShares, *, time: TimeSource = WALL_TIME) -> None:
+        self._map, self._shares, self._time = servos, shares, time
         self._least_v = np.array([_least_v(model.name) for model in servos.models])
         self._usual_v: float | None = None
         self._at_s = self._sagged_at_s = -np.inf
@@ -92,7 +90,7 @@ class LineCondition:
             limp: joints whose servos have lost their torque, (18,).
             mute: joints whose servos are silent, (18,).
         """
-        now_s = self._now_s()
+        now_s = self._time.now()
         low = self._low(servos.voltages_v, now_s)
         if np.count_nonzero(low) >= SEVERAL:
             self._low_v = min(self._low_v, float(np.median(servos.voltages_v[low])))

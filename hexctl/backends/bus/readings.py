@@ -1,6 +1,5 @@
 """Readings of the servos on a bus: the newest of each joint, as far as it can be believed."""
 
-import time
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -54,7 +53,7 @@ class BelievedReadings:
 
     @property
     def heard_at_s(self) -> "NDArray[np.float64]":
-        """Times of the newest reading of each joint, believed or not, on time.monotonic."""
+        """Times of the newest reading of each joint, believed or not."""
         return self._heard_at_s
 
     def take(self, reports: Sequence[Report]) -> None:
@@ -82,10 +81,10 @@ class BelievedReadings:
         self.trusted[:] = False
         self._doubts.clear()
 
-    def servos(self, now_s: float | None = None) -> ServoReadings:
-        """Readings with the ages of the positions, which are believed ones, at a time on time.monotonic."""
+    def servos(self, now_s: float) -> ServoReadings:
+        """Readings with the ages of the positions, which are believed ones, at a time."""
         return ServoReadings(
-            ages_s=(time.monotonic() if now_s is None else now_s) - self._measured_at_s,
+            ages_s=now_s - self._measured_at_s,
             efforts=self._efforts.copy(),
             currents_a=self._currents.copy(),
             voltages_v=self._voltages.copy(),

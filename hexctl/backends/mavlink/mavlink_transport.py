@@ -5,7 +5,6 @@ import os
 import re
 import socket
 import threading
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from typing import Any, Literal
 
 from hexctl.backends.mavlink.codec import Codec, Frame
 from hexctl.errors import InputError, RobotFaultError, argument
+from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.waiting import wait_ready
 
 #: Default port of a board.
@@ -300,7 +300,7 @@ class Arrival:
 
     Attributes:
         sender: address that it was received from, None on a stream.
-        at_s: when it arrived, on time.monotonic.
+        at_s: when it arrived.
     """
 
     frame: Frame
@@ -336,8 +336,8 @@ class LinkCounters:
 class MavlinkLink:
     """A port with a codec: messages out, frames in; sends from any thread, receives on one."""
 
-    def __init__(self, port: Port, codec: Codec) -> None:
-        self._port, self._codec = port, codec
+    def __init__(self, port: Port, codec: Codec, *, time: TimeSource = WALL_TIME) -> None:
+        self._port, self._codec, self.time = port, codec, time
         self._sending = threading.Lock()
         self._sequences: dict[Address, int] = {}
         self.received_bytes = 0
@@ -370,7 +370,7 @@ class MavlinkLink:
         """
         arrivals = []
         for data, sender in self._port.receive(timeout_s):
-            at_s = time.monotonic()
+            at_s = self.time.now()
             self.received_bytes += len(data)
             frames = self._codec.decode(data, whole=self._port.datagrams)
             arrivals += [Arrival(frame, sender, at_s) for frame in frames]
