@@ -129,16 +129,17 @@ class RegisterBus(ServoBus):
         else:
             asked = (self._packets.ask(servo_id, READ, block) for servo_id in ids)
             answers = [answer for answer in asked if answer is not None]
-        reports = [self._report(answer) for answer in answers if len(answer.parameters) == size]
+        now_s = self._time.now()
+        reports = [self._report(answer, now_s) for answer in answers if len(answer.parameters) == size]
         self._count(places, reports)
         return reports
 
-    def _report(self, answer: StatusPacket) -> Report:
+    def _report(self, answer: StatusPacket, now_s: float) -> Report:
         place = self._places[answer.servo_id]
         position, effort, current_a, voltage_v, temperature_c = self.table.numbers(answer.parameters)
         return Report(
             place=place,
-            at_s=self._time.now(),
+            at_s=now_s,
             position=position,
             effort=effort,
             current_a=current_a,

@@ -96,7 +96,7 @@ class BusThread(PortThread[ServoBus]):
 
     def start(self, *, on: bool = False) -> None:
         """Begin; servos that hold already, `on`, approach the first targets from where they are."""
-        self._sent = self._readings.positions.copy() if on else None
+        self._sent = self._readings.positions if on else None
         self._held = np.isfinite(self._readings.positions)
         super().start(on=on)
 
@@ -105,7 +105,7 @@ class BusThread(PortThread[ServoBus]):
         with self._lock:
             now_s = self._time.now()
             readings = self._readings
-            return readings.positions.copy(), readings.servos(now_s), now_s - readings.heard_at_s
+            return readings.positions, readings.servos(now_s), now_s - readings.heard_at_s
 
     def _follow(self, targets: FloatArray) -> FloatArray:
         if not self.on:
@@ -143,7 +143,7 @@ class BusThread(PortThread[ServoBus]):
         for reports in polls(self._device, self._readings):
             self._take(reports)
         with self._lock:
-            here = self._readings.positions.copy()
+            here = self._readings.positions
         heard: BoolArray = self._readings.heard_at_s >= begun_s
         known: BoolArray = self._readings.trusted & heard
         self._held = self._device.hold(np.where(known, here, 0.0), known)
