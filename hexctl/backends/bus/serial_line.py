@@ -37,29 +37,9 @@ class SerialLine:
     """
 
     def __init__(self, path: str, baud: int, *, time: TimeSource = WALL_TIME) -> None:
-        import serial
-
         self.path, self.baud, self.echoes, self.free_s = path, baud, False, 0.0
         self.time = time
-        try:
-            self._device: Any = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
-        except (OSError, ValueError, OverflowError, termios.error) as error:
-            number = getattr(error, "errno", None)
-            if number == errno.ENOENT:
-                raise RobotFaultError(
-                    f"there is no port {path}; is the cable in? `hexctl ports` lists those that there are"
-                ) from error
-            reason = os.strerror(number) if number else str(error)  # pyserial's own has the name once more
-            if number == errno.EAGAIN:  # locked: another program has it exclusively
-                program = holder_of(path) or "another program"
-                raise RobotFaultError(
-                    f"the port {path} is in use by {program}; `hexctl serve` and its keeper hold their port, "
-                    "and a keeper lets the robot down before it ends"
-                ) from error
-            raise RobotFaultError(
-                f"the port {path} cannot be opened ({reason}); is the cable in, the name right, and no other "
-                "program using it?"
-            ) from error
+        self._device = open_device(path, baud)
         # FTDI adapters wait 16 ms for more bytes; other drivers and pseudo-terminals have no such setting.
         with contextlib.suppress(ValueError, NotImplementedError, OSError):
             self._device.set_low_latency_mode(True)
@@ -153,6 +133,34 @@ class SerialLine:
             return self._without_echo(data)
         self._echo = self._echo[count:]
         return data[count:]
+
+
+def open_device(path: str, baud: int) -> Any:
+    """Open a serial device for this program only, as pyserial's `Serial`.
+
+    Raises RobotFaultError that says what to check.
+    """
+    import serial
+
+    try:
+        return serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
+    except (OSError, ValueError, OverflowError, termios.error) as error:
+        number = getattr(error, "errno", None)
+        if number == errno.ENOENT:
+            raise RobotFaultError(
+                f"there is no port {path}; is the cable in? `hexctl ports` lists those that there are"
+            ) from error
+        reason = os.strerror(number) if number else str(error)  # pyserial's own has the name once more
+        if number == errno.EAGAIN:  # locked: another program has it exclusively
+            program = holder_of(path) or "another program"
+            raise RobotFaultError(
+                f"the port {path} is in use by {program}; `hexctl serve` and its keeper hold their port, "
+                "and a keeper lets the robot down before it ends"
+            ) from error
+        raise RobotFaultError(
+            f"the port {path} cannot be opened ({reason}); is the cable in, the name right, and no other "
+            "program using it?"
+        ) from error
 
 
 def holder_of(path: str) -> str | None:

@@ -9,12 +9,7 @@ import numpy as np
 from hexctl.backends.clock import Clock, WallClock
 from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec
-from hexctl.backends.mavlink.mavlink_transport import (
-    LinkCounters,
-    MavlinkLink,
-    open_port,
-    parse_port,
-)
+from hexctl.backends.mavlink.mavlink_transport import LinkCounters, MavlinkLink, open_port, parse_port
 from hexctl.backends.mavlink.receiver import Peer, Receiver, Stamped
 from hexctl.backends.ticked_servos import MappedServos
 from hexctl.errors import RobotFaultError

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from hexctl.backends.bus.serial_line import open_device
 from hexctl.backends.mavlink.codec import Codec, Frame
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.time_source import WALL_TIME, TimeSource
@@ -235,21 +236,20 @@ def open_port(address: PortAddress, *, text: str) -> Port:
 
     Raises RobotFaultError that says what to check.
     """
+    if address.kind == "serial":
+        return _open_serial(address)
     try:
-        return open_serial(address) if address.kind == "serial" else UdpPort(address)
+        return UdpPort(address)
     except (OSError, ValueError, OverflowError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise RobotFaultError(
-            f"the port {text} cannot be opened ({reason}); is the cable in, the name right, "
-            "and no other program using it?"
+            f"the port {text} cannot be opened ({reason}); is the address right, and is no "
+            "other program using it?"
         ) from error
 
 
-def open_serial(address: PortAddress) -> StreamPort:
-    """Open a serial device exclusively, and discard what it has buffered."""
-    import serial
-
-    device = serial.Serial(address.place, address.number, timeout=0, write_timeout=0, exclusive=True)
+def _open_serial(address: PortAddress) -> StreamPort:
+    device = open_device(address.place, address.number)
     try:
         device.reset_input_buffer()
         port = StreamPort(device.fileno(), device.close)
