@@ -19,6 +19,10 @@ class TimeSource:
         """Wait until an event is set or a condition notified, at most for a time in s; whether it was."""
         return event.wait(timeout_s)
 
+    def join(self, thread: threading.Thread) -> None:
+        """Wait until a thread has ended, which may wait itself."""
+        thread.join()
+
 
 #: The time of this computer, for everything that is given no other.
 WALL_TIME = TimeSource()

@@ -82,7 +82,7 @@ class Told(SimulatedBoard):
 
     def _serve(self, timeout_s: float) -> None:
         super()._serve(timeout_s)  # type: ignore[safe-super]  # behind it is a board
-        goals, now_s = int(getattr(self._counted, "goals", 0)), time.monotonic()
+        goals, now_s = self.counts["goals"], time.monotonic()
         if goals == self._goals and (not self._moves_take_time() or now_s < self._noted_s + PERIOD_S):
             return
         self._goals, self._noted_s = goals, now_s

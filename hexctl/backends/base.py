@@ -94,6 +94,28 @@ class LegServos(ABC):
         self.close()
 
 
+class OwnServos(LegServos):
+    """Servos with a robot and a clock of their own, which wrappers do not have.
+
+    Args:
+        robot: the robot that the servos belong to, or the name or path of its file.
+        clock: of this end.
+    """
+
+    def __init__(self, robot: Robot | str | Path, clock: Clock) -> None:
+        self._robot, self._clock = as_robot(robot), clock
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that the servos belong to."""
+        return self._robot
+
+    @property
+    def clock(self) -> Clock:
+        """The clock of this end."""
+        return self._clock
+
+
 class ServosWrapper(LegServos):
     """Servos around servos: forwards everything, so that a subclass overrides only what it changes."""
 

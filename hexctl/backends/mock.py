@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hexctl.backends.base import LegServos, as_robot, check_connected, check_targets
+from hexctl.backends.base import OwnServos, check_connected, check_targets
 from hexctl.backends.clock import Clock, WallClock
 from hexctl.robot.model import Robot
 from hexctl.types import JointTargets, RobotState
@@ -14,7 +14,7 @@ from hexctl.types import JointTargets, RobotState
 KEPT_COMMANDS = 10_000
 
 
-class MockServos(LegServos):
+class MockServos(OwnServos):
     """Echoes its targets, as hobby servos without position feedback do.
 
     It knows neither base pose nor contacts, so a walk on it has neither distance nor deviation.
@@ -29,22 +29,11 @@ class MockServos(LegServos):
     """
 
     def __init__(self, robot: Robot | str | Path, *, clock: Clock | None = None) -> None:
-        self._robot = as_robot(robot)
-        self._clock = clock or WallClock()
+        super().__init__(robot, clock or WallClock())
         self._connected = False
         self._positions_rad = self._robot.stance_angles_rad.copy()
         self.sent: deque[JointTargets] = deque(maxlen=KEPT_COMMANDS)
         self.limp = False
-
-    @property
-    def robot(self) -> Robot:
-        """The robot it stands in for."""
-        return self._robot
-
-    @property
-    def clock(self) -> Clock:
-        """Its clock, a wall clock unless another was given."""
-        return self._clock
 
     def connect(self) -> None:
         """Start to answer."""

@@ -2,7 +2,6 @@
 
 import contextlib
 import threading
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Generic, Protocol, TypeVar
@@ -10,6 +9,7 @@ from typing import Generic, Protocol, TypeVar
 import numpy as np
 
 from hexctl.backends.clock import PERIOD_S, request_realtime_priority
+from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.types import FloatArray
 
 #: What is on the port is polled once in this time, after the targets of the tick if there are any.
@@ -46,6 +46,7 @@ class PortThread(ABC, Generic[Device]):
         speeds: greatest of the joints, (18,), in the units of the port per second. Targets move no farther in
             a packet than joints turn in a control period, and less in one that follows sooner: a port that
             was held up must not jump.
+        time: where the thread gets the time from.
 
     Attributes:
         gone: why the port cannot be used at this moment, or None.
@@ -60,10 +61,12 @@ class PortThread(ABC, Generic[Device]):
         counters: ReopenedCount,
         speeds: FloatArray,
         name: str,
+        time: TimeSource = WALL_TIME,
     ) -> None:
+        self._time = time
         self._open, self._device, self._reopened = opened, device, counters
         self._steps = PERIOD_S * speeds
-        self._allowance, self._stepped_at_s = np.ones(len(speeds)), time.monotonic()
+        self._allowance, self._stepped_at_s = np.ones(len(speeds)), self._time.now()
         self._lock, self._wake, self._stopping = threading.Lock(), threading.Event(), threading.Event()
         self._targets: FloatArray | None = None
         self._sent: FloatArray | None = None
@@ -81,7 +84,7 @@ class PortThread(ABC, Generic[Device]):
         """End after what is on the line; the servos hold, but for a torque that was to be off."""
         self._stopping.set()
         self._wake.set()
-        self._thread.join()
+        self._time.join(self._thread)
 
     def send(self, targets: FloatArray) -> None:
         """Leave targets, (18,) in the units of the port, in place of any that have not been sent."""
@@ -131,7 +134,7 @@ class PortThread(ABC, Generic[Device]):
         The allowance of a joint, in control periods at its greatest speed, grows with the time up to one.
         Joints of which nothing was sent are NaN in those sent before.
         """
-        now_s = time.monotonic()
+        now_s = self._time.now()
         allowed = np.minimum(1.0, self._allowance + (now_s - self._stepped_at_s) / PERIOD_S)
         self._allowance, self._stepped_at_s = allowed, now_s
         if self._sent is None:
@@ -144,17 +147,17 @@ class PortThread(ABC, Generic[Device]):
 
     def _run(self) -> None:
         request_realtime_priority()  # threads do not inherit it, and a tick is worth what reaches the port
-        due_s = time.monotonic()
+        due_s = self._time.now()
         while not self._stopping.is_set():
-            self._wake.wait(max(0.0, due_s - time.monotonic()))
+            self._time.wait(self._wake, max(0.0, due_s - self._time.now()))
             self._wake.clear()
             try:
-                if self._write() or time.monotonic() >= due_s:
-                    due_s = time.monotonic() + POLL_PERIOD_S
+                if self._write() or self._time.now() >= due_s:
+                    due_s = self._time.now() + POLL_PERIOD_S
                     self._poll()
             except Exception as error:  # noqa: BLE001  whatever it is, the robot must be told to stop
                 self._reopen(error)
-                due_s = time.monotonic()
+                due_s = self._time.now()
         self._end()
 
     def _write(self) -> bool:
@@ -183,7 +186,7 @@ class PortThread(ABC, Generic[Device]):
         self.gone = reason_of(error)
         with contextlib.suppress(Exception):
             self._device.close()
-        while not self._stopping.wait(REOPEN_PERIOD_S):
+        while not self._time.wait(self._stopping, REOPEN_PERIOD_S):
             if self._is_back():
                 self._reopened.reopened += 1
                 with self._lock:  # those that came while it was opened were meant for a robot that had gone

@@ -147,16 +147,7 @@ def _sim(options: BackendOptions) -> LegServos:
         from hexctl.backends.sim.servos import SimServos
     except ModuleNotFoundError as error:
         raise MissingExtraError("the simulation", "sim") from error
-    return SimServos(
-        options.robot,
-        world=options.world,
-        failure=options.failure,
-        seed=options.seed,
-        trial=options.trial,
-        realtime=options.realtime,
-        events=options.events,
-        further_failures=options.further_failures,
-    )
+    return SimServos(options.robot, **_given(options, BACKENDS["sim"].takes))
 
 
 def _mock(options: BackendOptions) -> LegServos:
@@ -219,11 +210,7 @@ def _pca9685(options: BackendOptions) -> LegServos:
 def _make_own(name: str, options: BackendOptions) -> LegServos:
     own = _own_class(name)
     accepted = _arguments(own)
-    given: dict[str, Any] = {
-        field.name: getattr(options, field.name)
-        for field in fields(options)
-        if field.name in accepted and getattr(options, field.name) != field.default
-    }
+    given = _given(options, accepted)
     if "servo_map" in accepted:
         given["servo_map"] = options.servo_map
     try:
@@ -235,6 +222,16 @@ def _make_own(name: str, options: BackendOptions) -> LegServos:
             f"{argument('backend')}: {name!r} made a {type(made).__name__}; allowed: a subclass of LegServos"
         )
     return made
+
+
+def _given(options: BackendOptions, accepted: Container[str]) -> dict[str, Any]:
+    """Options that are not as by default, of those that a class accepts."""
+    values = {field.name: getattr(options, field.name) for field in fields(options)}
+    return {
+        field.name: values[field.name]
+        for field in fields(options)
+        if field.name in accepted and values[field.name] != field.default
+    }
 
 
 def _own_class(name: str) -> Any:

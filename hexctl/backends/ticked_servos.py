@@ -6,7 +6,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from hexctl.backends.base import LegServos, as_robot, check_connected, check_targets
+from hexctl.backends.base import OwnServos, check_connected, check_targets
 from hexctl.backends.clock import Clock, WallClock
 from hexctl.backends.port_thread import PortThread, ReopenedCount, reason_of
 from hexctl.errors import RobotFaultError
@@ -24,31 +24,16 @@ Counters = TypeVar("Counters")
 PortCounters = TypeVar("PortCounters", bound=ReopenedCount)
 
 
-class TickedServos(LegServos):
-    """Eighteen servos with the clock of this end; `read` gives one state until the next tick.
-
-    Args:
-        robot: the robot that the servos belong to, or the name or path of its file.
-        clock: of this end.
-    """
+class TickedServos(OwnServos):
+    """Eighteen servos with the clock of this end; `read` gives one state until the next tick."""
 
     #: What is at the other end, as messages have it.
     what = "the servos"
 
     def __init__(self, robot: Robot | str | Path, clock: Clock) -> None:
-        self._robot, self._clock = as_robot(robot), clock
+        super().__init__(robot, clock)
         self._snapshot: tuple[int, RobotState] | None = None
         self._opened: ExitStack | None = None
-
-    @property
-    def robot(self) -> Robot:
-        """The robot that the servos belong to."""
-        return self._robot
-
-    @property
-    def clock(self) -> Clock:
-        """The clock of this end."""
-        return self._clock
 
     def read(self) -> RobotState:
         """Newest state; the same one until the next tick.

@@ -10,7 +10,7 @@ from hexctl.backends.bus.tools import FACTORY_ID
 from hexctl.robot.servos.bus_map import BusMap
 from hexctl.simulators.board_faults import BoardFault
 from hexctl.simulators.bus_faults import BUS_FAULTS, BusFaults
-from hexctl.simulators.bus_servos import BusBoardCounters, SimulatedServos
+from hexctl.simulators.bus_servos import BUS_COUNTS, SimulatedServos
 from hexctl.simulators.lx16a_servos import Lx16aServos
 from hexctl.simulators.register_servos import RegisterServos
 from hexctl.simulators.simulated_board import PseudoTerminal, SimulatedBoard
@@ -43,7 +43,7 @@ class BusBoard(SimulatedBoard):
         seed: of garbled bytes.
     """
 
-    what, kinds = "bus", BUS_FAULTS
+    what, kinds, counted = "bus", BUS_FAULTS, BUS_COUNTS
 
     def __init__(
         self,
@@ -54,12 +54,12 @@ class BusBoard(SimulatedBoard):
         faults: tuple[BoardFault, ...] = (),
         seed: int = 0,
     ) -> None:
-        self._line, self._counters = PseudoTerminal(), BusBoardCounters()
-        super().__init__(servos, self._line, self._counters, faults, seed)
+        self._line = PseudoTerminal()
+        super().__init__(servos, self._line, faults, seed)
         self._map, self._baud = bus_map, baud
         stance = bus_map.raw(servos.robot.stance_angles_rad)
         self._faults = BusFaults()
-        self._family = FAMILIES[bus_map.driver](bus_map, stance, self._faults, self._counters)
+        self._family = FAMILIES[bus_map.driver](bus_map, stance, self._faults, self.counts)
         self._servos = self._family.servos
         self._free_s = 0.0  # when the line has carried what came so far
         self._data = b""
@@ -89,7 +89,7 @@ class BusBoard(SimulatedBoard):
         """Send answers no sooner than the line could carry them, garbled as the faults say."""
         if not answers:
             return
-        self._counters.answers += len(answers)
+        self.counts["answers"] += len(answers)
         packets, rng = self._family.packets, self._random
         data = b"".join(self._faults.damaged(each, packets, rng, self._sender(each)) for each in answers)
         self._occupy(len(data))

@@ -2,7 +2,6 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,23 +16,8 @@ from hexctl.types import BoolArray, FloatArray
 USUAL_V, USUAL_C = 12.0, 35.0
 
 
-@dataclass(slots=True)
-class BusBoardCounters:
-    """Counts of a bus since it began.
-
-    Attributes:
-        packets: instructions that were understood.
-        answers: of servos.
-        goals: packets with goals.
-        garbage: bytes that belonged to no instruction.
-        ticks: control periods.
-    """
-
-    packets: int = 0
-    answers: int = 0
-    goals: int = 0
-    garbage: int = 0
-    ticks: int = 0
+#: Counts of a bus: instructions that were understood, answers, packets with goals and garbage.
+BUS_COUNTS = ("packets", "answers", "goals", "garbage")
 
 
 class SimulatedServo(ABC):
@@ -73,15 +57,16 @@ class SimulatedServos(ABC):
 
     Args:
         stance: counts at first, (18,).
+        counts: of the bus, as `BUS_COUNTS` has their names.
     """
 
     packets: PacketFormat
     servos: Sequence[SimulatedServo]
 
     def __init__(
-        self, bus_map: BusMap, stance: FloatArray, faults: BusFaults, counters: BusBoardCounters
+        self, bus_map: BusMap, stance: FloatArray, faults: BusFaults, counts: dict[str, int]
     ) -> None:
-        self._faults, self._counters = faults, counters
+        self._faults, self._counts = faults, counts
         self.packets = packets_of(bus_map.driver, bus_map.protocol)
         parts = zip(bus_map.ids.tolist(), bus_map.models, stance.tolist(), strict=True)
         self.servos = [self._made(*each) for each in parts]

@@ -93,8 +93,8 @@ class Lx16aServos(SimulatedServos):
 
     def obey(self, servo_id: int, instruction: int, parameters: bytes, now_s: float) -> list[bytes]:
         """Do what a command says; the answers to it."""
-        self._counters.packets += 1
-        self._counters.goals += instruction == lx.MOVE
+        self._counts["packets"] += 1
+        self._counts["goals"] += instruction == lx.MOVE
         everyone, asks = servo_id == BROADCAST, instruction in lx.ANSWER_BYTES
         # The id is all that a broadcast may ask for.
         if asks and (parameters or (everyone and instruction != lx.READ_ID)):

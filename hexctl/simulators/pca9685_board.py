@@ -4,7 +4,6 @@ import contextlib
 import errno
 import socket
 import time
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,23 +25,6 @@ BITS = 9
 PCA9685_FAULTS = {"nack": "[:SHARE]", "unplug": "", "replug": "", "reset": ""}
 
 
-@dataclass(slots=True)
-class Pca9685Counters:
-    """Counts of the boards since they began.
-
-    Attributes:
-        transfers: that were understood.
-        goals: messages with pulses.
-        refused: transfers that were not acknowledged.
-        ticks: control periods.
-    """
-
-    transfers: int = 0
-    goals: int = 0
-    refused: int = 0
-    ticks: int = 0
-
-
 class Pca9685Board(SimulatedBoard):
     """Boards on a Unix socket, as there are no pseudo-devices for I2C.
 
@@ -52,7 +34,7 @@ class Pca9685Board(SimulatedBoard):
         seed: of transfers that are not acknowledged.
     """
 
-    what, kinds = "bus", PCA9685_FAULTS
+    what, kinds, counted = "bus", PCA9685_FAULTS, ("transfers", "goals", "refused")
 
     def __init__(
         self,
@@ -63,8 +45,8 @@ class Pca9685Board(SimulatedBoard):
         faults: tuple[BoardFault, ...] = (),
         seed: int = 0,
     ) -> None:
-        self._line, self._counters = SocketLine("i2c"), Pca9685Counters()
-        super().__init__(servos, self._line, self._counters, faults, seed)
+        self._line = SocketLine("i2c")
+        super().__init__(servos, self._line, faults, seed)
         self._map, self._bits_per_s = pwm_map, bits_per_s
         self.chips = {
             address: SimulatedPca9685(oscillator_mhz)
@@ -95,16 +77,16 @@ class Pca9685Board(SimulatedBoard):
         """Answer to a transaction: 0 and what was read, or an error number."""
         count = sum(1 + len(message.data) + message.reads for message in messages)
         time.sleep(BITS * count / self._bits_per_s)
-        self._counters.transfers += 1
+        self.counts["transfers"] += 1
         if self._unplugged or self._random.random() < self._nacks:
-            self._counters.refused += 1
+            self.counts["refused"] += 1
             return bytes([errno.EREMOTEIO])
         try:
             answer = self._bus.transfer(messages)
         except OSError as error:
-            self._counters.refused += 1
+            self.counts["refused"] += 1
             return bytes([error.errno or errno.EIO])
-        self._counters.goals += any(len(message.data) > 2 for message in messages)
+        self.counts["goals"] += any(len(message.data) > 2 for message in messages)
         return b"\0" + answer
 
     def _begin(self, fault: BoardFault) -> None:

@@ -20,13 +20,7 @@ from hexctl.backends.bus.registers import Register, RegisterTable, table_of
 from hexctl.robot.servos.bus_map import BusMap
 from hexctl.robot.servos.servo_models import ServoType
 from hexctl.simulators.bus_faults import BusFaults
-from hexctl.simulators.bus_servos import (
-    USUAL_C,
-    USUAL_V,
-    BusBoardCounters,
-    SimulatedServo,
-    SimulatedServos,
-)
+from hexctl.simulators.bus_servos import USUAL_C, USUAL_V, SimulatedServo, SimulatedServos
 from hexctl.types import FloatArray
 
 #: Bytes of a servo's memory.
@@ -229,9 +223,9 @@ class RegisterServos(SimulatedServos):
     servos: Sequence[BusServo]
 
     def __init__(
-        self, bus_map: BusMap, stance: FloatArray, faults: BusFaults, counters: BusBoardCounters
+        self, bus_map: BusMap, stance: FloatArray, faults: BusFaults, counts: dict[str, int]
     ) -> None:
-        super().__init__(bus_map, stance, faults, counters)
+        super().__init__(bus_map, stance, faults, counts)
         self._table = table_of(bus_map.models[0].name)
         self._heard_s = -math.inf
 
@@ -246,9 +240,9 @@ class RegisterServos(SimulatedServos):
             servo.watch(now_s - self._heard_s)
         self._heard_s = now_s
         if not self._complete(instruction, parameters):
-            self._counters.garbage += 1
+            self._counts["garbage"] += 1
             return []
-        self._counters.packets += 1
+        self._counts["packets"] += 1
         if instruction == SYNC_WRITE:
             self._sync_write(parameters)
             return []
@@ -276,7 +270,7 @@ class RegisterServos(SimulatedServos):
 
     def _sync_write(self, parameters: bytes) -> None:
         address, size, rows = self.packets.placed(parameters)
-        self._counters.goals += address == self._table.goal.address
+        self._counts["goals"] += address == self._table.goal.address
         for start in range(0, len(rows) - size, size + 1):
             for servo in self._called([rows[start]]):
                 servo.write(address, rows[start + 1 : start + 1 + size])

@@ -1,7 +1,5 @@
 """A servo2040 with the Chica firmware, or its fork, on a pseudo-terminal; it moves a simulated robot."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from hexctl.backends.base import LegServos
@@ -47,25 +45,6 @@ PRESSED, FREE = 1020, 3
 SERVO2040_FAULTS = {"mute": "", "unplug": "", "replug": "", "garble": "SHARE", "trip": "AMPERES"}
 
 
-@dataclass(slots=True)
-class Servo2040Counters:
-    """Counts of a board since it began.
-
-    Attributes:
-        goals: frames with pulses.
-        answers: replies.
-        garbage: bytes that belonged to no command.
-        torn: frames of which bytes came too late.
-        ticks: control periods.
-    """
-
-    goals: int = 0
-    answers: int = 0
-    garbage: int = 0
-    torn: int = 0
-    ticks: int = 0
-
-
 class Servo2040Board(SimulatedBoard):
     """A servo2040 on a pseudo-terminal, which moves simulated joints.
 
@@ -81,6 +60,7 @@ class Servo2040Board(SimulatedBoard):
     """
 
     kinds = SERVO2040_FAULTS
+    counted = ("goals", "answers", "garbage", "torn")  # frames of which bytes came too late are torn
 
     def __init__(
         self,
@@ -93,8 +73,8 @@ class Servo2040Board(SimulatedBoard):
     ) -> None:
         if firmware not in FIRMWARES:
             raise InputError(f"servos.model: got {firmware}; allowed: {', '.join(FIRMWARES)} with servo2040")
-        self._line, self._counters = PseudoTerminal(), Servo2040Counters()
-        super().__init__(servos, self._line, self._counters, faults, seed)
+        self._line = PseudoTerminal()
+        super().__init__(servos, self._line, faults, seed)
         self._map, self._fork = pwm_map, firmware == "fork"
         self.pulses_us: FloatArray = np.zeros(N_JOINTS)
         self.enabled: BoolArray = np.zeros(N_JOINTS, dtype=bool)
@@ -112,7 +92,7 @@ class Servo2040Board(SimulatedBoard):
         while self._data:
             command = self._data.pop(0)
             if command not in (SET, GET):
-                self._counters.garbage += 1
+                self.counts["garbage"] += 1
                 continue
             if not (header := self._take(2)):
                 continue
@@ -138,14 +118,14 @@ class Servo2040Board(SimulatedBoard):
         if not torn:
             del self._data[:count]
             return taken
-        self._counters.torn += 1
+        self.counts["torn"] += 1
         if self._fork:
             return b""
         self._data.clear()
         return taken + b"\x7f" * (count - len(taken))
 
     def _set(self, start: int, values: list[int]) -> None:
-        self._counters.goals += start < TOUCH
+        self.counts["goals"] += start < TOUCH
         for index, value in enumerate(values, start):
             if index < TOUCH:
                 self.pulses_us[index] = np.clip(value, *SERVO2040_US) if value else self.pulses_us[index]
@@ -175,7 +155,7 @@ class Servo2040Board(SimulatedBoard):
         if self._random.random() < self._garbles:
             place = self._random.randrange(len(reply))
             reply = reply[:place] + bytes([self._random.randrange(256)] * self._random.randrange(3))
-        self._counters.answers += 1
+        self.counts["answers"] += 1
         if not self._unplugged:
             self._line.send(reply)
 

@@ -1,14 +1,12 @@
 """A servo board that speaks MAVLink: 18 channels, several peers of which one commands, state at 50 Hz."""
 
 import time
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from hexctl.backends.base import LegServos
-from hexctl.backends.clock import SPARE_S
 from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec
 from hexctl.backends.mavlink.mavlink_messages import (
@@ -21,10 +19,11 @@ from hexctl.backends.mavlink.mavlink_messages import (
 )
 from hexctl.backends.mavlink.mavlink_transport import Address, Arrival, MavlinkLink, Port, SequenceCount
 from hexctl.control.guard import EXPIRY_S, Guard
-from hexctl.errors import CommandRefusedError, EStopError, RobotFaultError
+from hexctl.errors import CommandRefusedError, EStopError
 from hexctl.robot.servos.servo_map import ServoMap
 from hexctl.simulators import board_messages
 from hexctl.simulators.board_messages import answers, for_us
+from hexctl.simulators.simulated_board import RunningBoard
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, JointTargets, RobotState
 
 #: After a silence in which the pose was held, overrides of a controller whose heartbeats do not show that it
@@ -220,30 +219,7 @@ REFUSAL_PERIOD_S = 1.0
 CRITICAL_SEVERITY, WARNING_SEVERITY = 2, 4
 
 
-@dataclass(slots=True)
-class BoardCounters:
-    """Counts of a board since it began.
-
-    Attributes:
-        overrides: executed overrides.
-        refused: overrides with a pulse out of range, or while the robot is stopped.
-        of_others: overrides of peers that do not command.
-        not_yet: overrides after a silence, of which some may have been on their way since before it.
-        expired: times that commands stopped and the pose was held.
-        released: times that the servos were released.
-        ticks: control periods.
-    """
-
-    overrides: int = 0
-    refused: int = 0
-    of_others: int = 0
-    not_yet: int = 0
-    expired: int = 0
-    released: int = 0
-    ticks: int = 0
-
-
-class ServoBoard:
+class ServoBoard(RunningBoard):
     """Moves servos as the frames on a MAVLink port command.
 
     Commands expire after `expiry_s`: then the pose is held until overrides come again from a controller whose
@@ -251,6 +227,12 @@ class ServoBoard:
     commander arrived for `release_after_s`, not even a heartbeat, the servos are released. The guard limits
     ranges and speeds and detects falls, as everywhere.
     """
+
+    what = "board's port"
+
+    #: Overrides that were executed, that were refused (pulse out of range, stopped robot), of peers that do
+    #: not command, and of which some may be older than a silence; poses held, and servos released.
+    counted = ("overrides", "refused", "of_others", "not_yet", "expired", "released")
 
     def __init__(
         self,
@@ -262,42 +244,24 @@ class ServoBoard:
         expiry_s: float = EXPIRY_S,
         release_after_s: float = RELEASE_AFTER_S,
     ) -> None:
-        self._guard = Guard(servos, expiry_s=expiry_s)
-        self._map = servo_map
         codec = Codec(
             mavlink_messages.BOARD_SYSTEM, mavlink_messages.BOARD_COMPONENT, signing_key=signing_key
         )
-        self._link = MavlinkLink(port, codec)
+        self._guard, self._link = Guard(servos, expiry_s=expiry_s), MavlinkLink(port, codec)
+        super().__init__(self._guard, self._link)
+        self._map = servo_map
         self._release_after_s = release_after_s
         self._channels = Channels(servo_map)
         self._expiry_s, self._overrides = expiry_s, OverrideStream(expiry_s)
         self._peers = Peers()
         self._stream = not port.datagrams
-        self._counters = BoardCounters()
         self._commanded = False
         self._heard_at_s = 0.0
-
-    def run(self, until: Callable[[], bool], *, ready: Callable[[], None] = lambda: None) -> None:
-        """Serve until `until` returns True; `ready` is called once peers may send.
-
-        Raises RobotFaultError when the servos cannot be reached, or they or the port fail.
-        """
-        try:
-            with self._guard:
-                self._guard.clock.tick()
-                ready()
-                while not until():
-                    self._listen()
-                    self._tick()
-        except OSError as error:
-            raise RobotFaultError(f"the board's port has gone: {error.strerror or error}") from error
-        finally:
-            self._link.close()
 
     def report(self) -> dict[str, Any]:
         """Counts so far, as JSON values."""
         return {
-            **asdict(self._counters),
+            **super().report(),
             "clipped": self._channels.clipped + self._guard.counters.clipped,
             "lost": self._peers.lost,
             "out_of_order": self._peers.out_of_order,
@@ -308,11 +272,8 @@ class ServoBoard:
             "stopped": self._guard.stopped,
         }
 
-    def _listen(self) -> None:
-        while (timeout_s := self._guard.clock.due_in_s - SPARE_S) > 0:
-            for arrival in self._link.receive(timeout_s):
-                self._handle(arrival)
-        for arrival in self._link.receive(0.0):  # even when a tick took all its time
+    def _serve(self, timeout_s: float) -> None:
+        for arrival in self._link.receive(timeout_s):
             self._handle(arrival)
 
     def _handle(self, arrival: Arrival) -> None:
@@ -338,7 +299,7 @@ class ServoBoard:
 
     def _override(self, message: Any, peer: Peer, at_s: float) -> None:
         if not self._peers.may_command(peer, at_s):
-            self._counters.of_others += 1
+            self.counts["of_others"] += 1
             if at_s - peer.refused_at_s > REFUSAL_PERIOD_S:
                 peer.refused_at_s = at_s
                 words = "another controller holds the servos"
@@ -352,15 +313,15 @@ class ServoBoard:
         self._heard_at_s = at_s
         raw = mavlink_messages.channels_of(message)
         if not self._counts(raw, peer, at_s):
-            self._counters.not_yet += 1
+            self.counts["not_yet"] += 1
             return
         try:
             self._channels.take(raw)
             self._move()
         except (CommandRefusedError, EStopError):
-            self._counters.refused += 1
+            self.counts["refused"] += 1
             return
-        self._counters.overrides += 1
+        self.counts["overrides"] += 1
 
     def _counts(self, raw: list[int], peer: Peer, at_s: float) -> bool:
         """Whether an override counts.
@@ -393,23 +354,21 @@ class ServoBoard:
         self._channels.release()
         self._guard.disable_torque()
         self._guard.pause_watchdog()
-        self._counters.released += 1
+        self.counts["released"] += 1
         self._commanded = False
 
     def _tick(self) -> None:
-        self._guard.clock.tick()
         expired_before = self._guard.stopped == "expired"
         state = self._guard.read()
-        self._counters.expired += not expired_before and self._guard.stopped == "expired"
+        self.counts["expired"] += not expired_before and self._guard.stopped == "expired"
         if self._commanded and time.monotonic() - self._heard_at_s > self._release_after_s:
             self._release()
             self._peers.commander = None
         self._send_to_all(self._telemetry(state))
-        self._counters.ticks += 1
 
     def _telemetry(self, state: RobotState) -> list[Any]:
         """Messages for a state, and periodically for the health of the board."""
-        ticks, now_s = self._counters.ticks, time.monotonic()
+        ticks, now_s = self.counts["ticks"], time.monotonic()
         pulses = self._map.by_channel(self._map.raw(state.joint_positions_rad))
         sent = [board_messages.outputs(pulses, self._channels.active, now_s)]
         sent += board_messages.pose(state, now_s, with_euler=ticks % EULER_TICKS == 0)

@@ -10,8 +10,7 @@ import tty
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import asdict
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -22,9 +21,6 @@ from hexctl.errors import RobotFaultError
 from hexctl.scratch import scratch_folder
 from hexctl.simulators.board_faults import BoardFault, DueFaults
 from hexctl.types import BoolArray, FloatArray, JointTargets, RobotState
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
 
 #: Bytes of a read: more than a controller sends between two of them.
 CHUNK = 4096
@@ -99,13 +95,78 @@ class SocketLine:
         self._scratch.close()
 
 
-class SimulatedBoard(ABC):
-    """Runs a simulated robot in real time, and serves a line between its ticks.
+class Closing(Protocol):
+    """What is closed at the end."""
+
+    def close(self) -> None:
+        """Close it."""
+
+
+class RunningBoard(ABC):
+    """Runs servos in real time, and serves a line between their ticks.
+
+    Args:
+        servos: not connected.
+        line: open; closed at the end of `run`.
+
+    Attributes:
+        counts: of its work so far, by name.
+    """
+
+    #: What it is, as messages have it.
+    what = "board"
+
+    #: Names of the counts besides `ticks`, the control periods.
+    counted: ClassVar[tuple[str, ...]]
+
+    def __init__(self, servos: LegServos, line: Closing) -> None:
+        self._robot, self._closed_at_end = servos, line
+        self.counts = dict.fromkeys((*self.counted, "ticks"), 0)
+
+    def run(self, until: Callable[[], bool], *, ready: Callable[[], None] = lambda: None) -> None:
+        """Serve until `until` returns True; `ready` is called once controllers may open the line.
+
+        Raises RobotFaultError when the servos or the line fail.
+        """
+        try:
+            with self._robot:
+                self._robot.clock.tick()
+                self._start()
+                ready()
+                while not until():
+                    while (timeout_s := self._robot.clock.due_in_s - SPARE_S) > 0:
+                        self._serve(timeout_s)
+                    self._serve(0.0)  # even when a tick took all its time
+                    self._robot.clock.tick()
+                    self._tick()
+                    self.counts["ticks"] += 1
+        except OSError as error:
+            raise RobotFaultError(f"the {self.what} has gone: {error.strerror or error}") from error
+        finally:
+            self._closed_at_end.close()
+
+    def report(self) -> dict[str, Any]:
+        """Counts so far, as JSON values."""
+        return dict(self.counts)
+
+    def _start(self) -> None:  # noqa: B027  most have nothing to prepare
+        """Prepare for what comes, once the servos are connected."""
+
+    @abstractmethod
+    def _serve(self, timeout_s: float) -> None:
+        """Obey what comes within a time."""
+
+    @abstractmethod
+    def _tick(self) -> None:
+        """Do what each control period asks for, after the tick of the clock."""
+
+
+class SimulatedBoard(RunningBoard):
+    """Moves a simulated robot by what comes on a line, with faults.
 
     Args:
         servos: of the simulated robot, in real time, not connected.
         line: open; closed at the end of `run`.
-        counters: of the board, with `ticks`.
         faults: what goes wrong, and when.
         seed: of what goes wrong at random.
 
@@ -114,9 +175,6 @@ class SimulatedBoard(ABC):
         due: faults that are still to come.
     """
 
-    #: What it is, as messages have it.
-    what = "board"
-
     #: What each word of a fault takes, as `parse_fault` reads it.
     kinds: ClassVar[Mapping[str, str]]
 
@@ -124,44 +182,14 @@ class SimulatedBoard(ABC):
         self,
         servos: LegServos,
         line: PseudoTerminal | SocketLine,
-        counters: "DataclassInstance",
         faults: tuple[BoardFault, ...],
         seed: int,
     ) -> None:
-        self._robot, self._counted, self.path = servos, counters, line.path
-        self._closed_at_end, self.due = line, DueFaults(faults)
+        super().__init__(servos, line)
+        self.path, self.due = line.path, DueFaults(faults)
         self._limits = StepLimits.of(servos.robot, servos.clock.period_s)
         self._random = random.Random(seed)  # noqa: S311  faults are no secret
         self._sent_rad: FloatArray | None = None
-
-    def run(self, until: Callable[[], bool], *, ready: Callable[[], None] = lambda: None) -> None:
-        """Serve until `until` returns True; `ready` is called once controllers may open `path`.
-
-        Raises RobotFaultError when the simulated robot fails.
-        """
-        try:
-            with self._robot:
-                self._robot.clock.tick()
-                self._suffer()
-                self._show(self._robot.read())
-                ready()
-                while not until():
-                    while (timeout_s := self._robot.clock.due_in_s - SPARE_S) > 0:
-                        self._serve(timeout_s)
-                    self._serve(0.0)
-                    self._tick()
-        except OSError as error:
-            raise RobotFaultError(f"the {self.what} has gone: {error.strerror or error}") from error
-        finally:
-            self._closed_at_end.close()
-
-    def report(self) -> dict[str, Any]:
-        """Counts so far, as JSON values."""
-        return asdict(self._counted)
-
-    @abstractmethod
-    def _serve(self, timeout_s: float) -> None:
-        """Obey what comes within a time."""
 
     @abstractmethod
     def _begin(self, fault: BoardFault) -> None:
@@ -179,9 +207,11 @@ class SimulatedBoard(ABC):
         for fault in self.due.begun(self._robot.clock.now_s):
             self._begin(fault)
 
+    def _start(self) -> None:
+        self._suffer()
+        self._show(self._robot.read())
+
     def _tick(self) -> None:
-        self._robot.clock.tick()
-        self._counted.ticks += 1  # type: ignore[attr-defined]
         self._suffer()
         state = self._robot.read()
         self._move(state)

@@ -1,7 +1,6 @@
 """The thread that owns a port: what was asked for happens, whatever the port does meanwhile."""
 
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -14,6 +13,7 @@ from hexctl.backends.port_thread import reason_of
 from hexctl.backends.pwm.servos import BoardReport, BoardThread, PwmCounters
 from hexctl.types import BoolArray, FloatArray
 from hexctl.waiting import wait_for
+from tests.backends.fake_time import FakeTime
 
 
 @dataclass
@@ -21,10 +21,12 @@ class _Board:
     """A board that writes down what it is told, and fails where it is to.
 
     Attributes:
+        time: of its reports.
         fails: what its calls raise, by their names, for ever.
         fault: of its reports.
     """
 
+    time: FakeTime
     said: list[str] = field(default_factory=list)
     fails: dict[str, Exception] = field(default_factory=dict)
     fault: str | None = None
@@ -49,7 +51,7 @@ class _Board:
     def poll(self) -> BoardReport:
         if "poll" in self.fails:
             raise self.fails["poll"]
-        return BoardReport(at_s=time.monotonic(), fault=self.fault)
+        return BoardReport(at_s=self.time.now(), fault=self.fault)
 
     def close(self) -> None:
         self._do("close")
@@ -58,8 +60,10 @@ class _Board:
 @contextmanager
 def _running(board: _Board, opened: Callable[[], _Board]) -> Iterator[BoardThread]:
     """A thread that runs a board meanwhile."""
-    first = BoardReport(at_s=time.monotonic())
-    thread = BoardThread(opened, board, first, PwmCounters(), np.full(18, 1e6), np.full(18, np.nan))
+    first, time = BoardReport(at_s=board.time.now()), board.time
+    thread = BoardThread(
+        opened, board, first, PwmCounters(), np.full(18, 1e6), np.full(18, np.nan), time=time
+    )
     thread.start()
     try:
         yield thread
@@ -67,8 +71,13 @@ def _running(board: _Board, opened: Callable[[], _Board]) -> Iterator[BoardThrea
         thread.stop()
 
 
-def _wait(condition: Callable[[], object]) -> None:
-    wait_for(condition, 10.0, "never came")
+def _wait(time: FakeTime, condition: Callable[[], object]) -> None:
+    wait_for(condition, 60.0, "never came", time=time)
+
+
+@pytest.fixture
+def time() -> FakeTime:
+    return FakeTime()
 
 
 POSE = np.full(18, 1500.0)
@@ -78,8 +87,10 @@ ERRORS = [OSError(5, "Input/output error"), ValueError("not a number"), RuntimeE
 
 @pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
 @pytest.mark.parametrize("call", ["begin", "poll", "end"])
-def test_whatever_a_port_raises_it_has_gone_and_is_opened_again(call: str, error: Exception) -> None:
-    board, mended = _Board(), _Board()
+def test_whatever_a_port_raises_it_has_gone_and_is_opened_again(
+    call: str, error: Exception, time: FakeTime
+) -> None:
+    board, mended = _Board(time), _Board(time)
     back = threading.Event()
 
     def opened() -> _Board:
@@ -93,33 +104,31 @@ def test_whatever_a_port_raises_it_has_gone_and_is_opened_again(call: str, error
             thread.send(POSE)
         if call == "end":
             thread.release()
-        _wait(lambda: thread.gone)
+        _wait(time, lambda: thread.gone)
         assert thread.gone == reason_of(error)
         time.sleep(0.6)  # two more attempts
         assert thread._thread.is_alive()
         back.set()
-        _wait(lambda: thread.gone is None)
+        _wait(time, lambda: thread.gone is None)
         assert "begin" not in mended.said, "nothing is powered by itself"
         thread.send(POSE)
-        _wait(lambda: "begin" in mended.said)
+        _wait(time, lambda: "begin" in mended.said)
     assert mended.said[-1] == "close"
 
 
 def test_targets_that_come_late_and_then_at_once_move_no_joint_farther_than_it_may_turn(
-    monkeypatch: pytest.MonkeyPatch,
+    time: FakeTime,
 ) -> None:
-    now_s, rng = 100.0, np.random.default_rng(11)
-    monkeypatch.setattr("hexctl.backends.port_thread.time.monotonic", lambda: now_s)
-    first = BoardReport(at_s=now_s)
+    rng, board = np.random.default_rng(11), _Board(time)
+    first = BoardReport(at_s=time.now())
     step = 10.0  # in a control period
-    thread = BoardThread(
-        _Board, _Board(), first, PwmCounters(), np.full(18, step / PERIOD_S), np.full(18, np.nan)
-    )
+    speeds, told_us = np.full(18, step / PERIOD_S), np.full(18, np.nan)
+    thread = BoardThread(lambda: board, board, first, PwmCounters(), speeds, told_us, time=time)
     told = [np.where(np.arange(18) < 9, POSE, np.nan)]
     passed_s = [0.0]
     for _ in range(500):
         wait_s = rng.choice([0.001, 0.019, 0.02, 0.021, 0.039])
-        now_s += wait_s
+        time.work(wait_s)
         thread._sent = told[-1]
         told.append(thread._stepped(POSE + rng.choice([-300.0, 300.0], 18)))
         passed_s.append(passed_s[-1] + wait_s)
@@ -131,28 +140,28 @@ def test_targets_that_come_late_and_then_at_once_move_no_joint_farther_than_it_m
         at_most = step * (1 + (times_s[first_row:] - times_s[first_row]) / PERIOD_S)
         assert ((way[first_row:] - way[first_row]).max(axis=1) <= at_most + 1e-6).all()
     for _ in range(40):
-        now_s += PERIOD_S
+        time.work(PERIOD_S)
         thread._sent = told[-1]
         told.append(thread._stepped(POSE))
     assert (told[-1] == POSE).all(), "what was held back follows"
 
 
-def test_a_torque_that_could_not_be_switched_off_is_off_once_the_port_is_back() -> None:
-    board, mended = _Board(), _Board()
+def test_a_torque_that_could_not_be_switched_off_is_off_once_the_port_is_back(time: FakeTime) -> None:
+    board, mended = _Board(time), _Board(time)
     with _running(board, lambda: mended) as thread:
         thread.send(POSE)
-        _wait(lambda: "begin" in board.said)
+        _wait(time, lambda: "begin" in board.said)
         board.fails["end"] = OSError(5, "Input/output error")
         thread.release()
-        _wait(lambda: mended.said)
-        _wait(lambda: "end" in mended.said)
+        _wait(time, lambda: mended.said)
+        _wait(time, lambda: "end" in mended.said)
         assert not thread.on
         time.sleep(0.1)
         assert mended.said.count("end") == 1, "once is enough"
 
 
-def test_targets_that_come_before_the_torque_is_off_are_obeyed() -> None:
-    board, mended = _Board(), _Board()
+def test_targets_that_come_before_the_torque_is_off_are_obeyed(time: FakeTime) -> None:
+    board, mended = _Board(time), _Board(time)
     back = threading.Event()
 
     def opened() -> _Board:
@@ -163,33 +172,33 @@ def test_targets_that_come_before_the_torque_is_off_are_obeyed() -> None:
     with _running(board, opened) as thread:
         board.fails["end"] = OSError(5, "Input/output error")
         thread.release()
-        _wait(lambda: thread.gone)
+        _wait(time, lambda: thread.gone)
         thread.send(POSE)
         back.set()
-        _wait(lambda: thread.gone is None)
+        _wait(time, lambda: thread.gone is None)
         assert "begin" not in mended.said, "what was left meanwhile is dropped"
         thread.send(POSE)
-        _wait(lambda: "begin" in mended.said)
+        _wait(time, lambda: "begin" in mended.said)
         assert "end" not in mended.said
 
 
-def test_a_board_that_tripped_is_switched_off_although_targets_follow() -> None:
-    board = _Board(fault="overcurrent")
+def test_a_board_that_tripped_is_switched_off_although_targets_follow(time: FakeTime) -> None:
+    board = _Board(time, fault="overcurrent")
     with _running(board, lambda: board) as thread:
-        _wait(lambda: thread.newest.fault)
+        _wait(time, lambda: thread.newest.fault)
         thread.send(POSE)
         time.sleep(0.1)
         assert "begin" not in board.said
         board.fault = None
         thread.release()
         thread.send(POSE)
-        _wait(lambda: "begin" in board.said)
+        _wait(time, lambda: "begin" in board.said)
         assert board.said[:2] == ["end", "begin"]
 
 
 @pytest.mark.parametrize("released", [True, False])
-def test_what_was_asked_for_last_is_done_before_the_end(released: bool) -> None:
-    board = _Board()
+def test_what_was_asked_for_last_is_done_before_the_end(released: bool, time: FakeTime) -> None:
+    board = _Board(time)
     with _running(board, lambda: board) as thread:
         thread.send(POSE)
         if released:
@@ -197,14 +206,16 @@ def test_what_was_asked_for_last_is_done_before_the_end(released: bool) -> None:
     assert board.said[-2:] == (["end", "close"] if released else ["write", "close"])
 
 
-def test_an_end_that_fails_is_an_end() -> None:
-    board = _Board()
+def test_an_end_that_fails_is_an_end(time: FakeTime) -> None:
+    board = _Board(time)
     with _running(board, lambda: board) as thread:
         board.fails = {"begin": RuntimeError("no"), "close": ValueError("no")}
     assert not thread._thread.is_alive()
 
 
-def test_torque_that_is_to_be_off_stays_off_when_that_is_asked_for_in_the_midst_of_a_write() -> None:
+def test_torque_that_is_to_be_off_stays_off_when_that_is_asked_for_in_the_midst_of_a_write(
+    time: FakeTime,
+) -> None:
     """What was left of a step that was under way is not sent behind it."""
     writing, released = threading.Event(), threading.Event()
 
@@ -214,22 +225,23 @@ def test_torque_that_is_to_be_off_stays_off_when_that_is_asked_for_in_the_midst_
             writing.set()
             assert released.wait(10)
 
-    board = Slow()
+    board = Slow(time)
     thread = BoardThread(
         lambda: board,
         board,
-        BoardReport(at_s=time.monotonic()),
+        BoardReport(at_s=time.now()),
         PwmCounters(),
         np.full(18, 100.0),  # slow joints: far targets take many steps
         np.full(18, 1000.0),
+        time=time,
     )
     thread.start(on=True)
     try:
         thread.send(POSE)
-        _wait(writing.is_set)
+        assert writing.wait(10)
         thread.release()
         released.set()
-        _wait(lambda: "end" in board.said)
+        _wait(time, lambda: "end" in board.said)
         time.sleep(0.3)
         assert board.said[-1] == "end", board.said
     finally:
@@ -237,7 +249,7 @@ def test_torque_that_is_to_be_off_stays_off_when_that_is_asked_for_in_the_midst_
         thread.stop()
 
 
-def test_targets_that_come_while_a_port_is_opened_are_dropped() -> None:
+def test_targets_that_come_while_a_port_is_opened_are_dropped(time: FakeTime) -> None:
     opening, sent = threading.Event(), threading.Event()
 
     class Met(_Board):
@@ -246,12 +258,12 @@ def test_targets_that_come_while_a_port_is_opened_are_dropped() -> None:
             assert sent.wait(10)
             return super().commanded_us()
 
-    board, mended = _Board(), Met()
+    board, mended = _Board(time), Met(time)
     with _running(board, lambda: mended) as thread:
         board.fails["poll"] = OSError(5, "Input/output error")
-        _wait(opening.is_set)
+        _wait(time, opening.is_set)
         thread.send(POSE)
         sent.set()
-        _wait(lambda: thread.gone is None)
+        _wait(time, lambda: thread.gone is None)
         time.sleep(0.2)
         assert "begin" not in mended.said

@@ -4,13 +4,13 @@ A brown-out is many servos with little voltage at once, which restart without to
 bad cable or noise is answers that are damaged or missing while the voltage is good, often those of one leg.
 """
 
-import time
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from hexctl.robot.servos.bus_map import BusMap
+from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, ServoReadings
 
 #: Questions over which shares are taken, and bad answers among them with which a share is no accident.
@@ -47,12 +47,35 @@ _LEAST_OTHER_V = 6.0
 
 
 @dataclass(slots=True)
+class _Answers:
+    """Answers of one servo: share of its recent questions without a complete one, and how many were asked."""
+
+    damaged: float = 0.0
+    asked: int = 0
+    missed: int = 0  # in a row
+
+    def note(self, damaged: bool) -> None:
+        """Note how a question was answered."""
+        self.asked += 1
+        weight = max(1 / self.asked, 1 / WINDOW)
+        self.damaged += weight * (float(damaged) - self.damaged)
+
+
 class AnswerShares:
     """Recent shares of the questions to each joint's servo without a complete answer; arrays are (18,)."""
 
-    damaged: FloatArray = field(default_factory=lambda: np.zeros(N_JOINTS))
-    asked: FloatArray = field(default_factory=lambda: np.zeros(N_JOINTS))
-    _in_a_row: FloatArray = field(default_factory=lambda: np.zeros(N_JOINTS))
+    def __init__(self) -> None:
+        self._joints = [_Answers() for _ in range(N_JOINTS)]
+
+    @property
+    def damaged(self) -> FloatArray:
+        """Shares of damaged or missing answers."""
+        return np.array([each.damaged for each in self._joints])
+
+    @property
+    def asked(self) -> FloatArray:
+        """Questions so far."""
+        return np.array([float(each.asked) for each in self._joints])
 
     def take(self, asked: Sequence[int], heard: Collection[int]) -> None:
         """Take which joints were asked, and which of them were heard.
@@ -60,24 +83,21 @@ class AnswerShares:
         Questions without an answer count once an answer comes: a servo that is silent has no bad answers.
         """
         for joint in asked:
+            answers = self._joints[joint]
             if joint not in heard:
-                self._in_a_row[joint] += 1
+                answers.missed += 1
                 continue
-            missed = self._in_a_row[joint]
-            for bad in (1.0,) * int(missed if missed <= MOST_IN_A_ROW else 0) + (0.0,):
-                self.asked[joint] += 1
-                weight = max(1 / self.asked[joint], 1 / WINDOW)
-                self.damaged[joint] += weight * (bad - self.damaged[joint])
-            self._in_a_row[joint] = 0
+            for _ in range(answers.missed if answers.missed <= MOST_IN_A_ROW else 0):
+                answers.note(damaged=True)
+            answers.note(damaged=False)
+            answers.missed = 0
 
 
 class LineCondition:
     """What can be said of the line and the supply of servos on a bus."""
 
-    def __init__(
-        self, servos: BusMap, shares: AnswerShares, *, now_s: Callable[[], float] = time.monotonic
-    ) -> None:
-        self._map, self._shares, self._now_s = servos, shares, now_s
+    def __init__(self, servos: BusMap, shares: AnswerShares, *, time: TimeSource = WALL_TIME) -> None:
+        self._map, self._shares, self._time = servos, shares, time
         self._least_v = np.array([_least_v(model.name) for model in servos.models])
         self._usual_v: float | None = None
         self._at_s = self._sagged_at_s = -np.inf
@@ -92,7 +112,7 @@ class LineCondition:
             limp: joints whose servos have lost their torque, (18,).
             mute: joints whose servos are silent, (18,).
         """
-        now_s = self._now_s()
+        now_s = self._time.now()
         low = self._low(servos.voltages_v, now_s)
         if np.count_nonzero(low) >= SEVERAL:
             self._low_v = min(self._low_v, float(np.median(servos.voltages_v[low])))

@@ -5,7 +5,6 @@ whose goals changed, at most `MOST_MOVES` in a period and those first that wait 
 one by one in the time that is left.
 """
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import ClassVar
 
@@ -140,7 +139,7 @@ class Lx16aBus(ServoBus):
             else:
                 reports += self._ask_reports([self._next])
                 self._next, asked = (self._next + 1) % len(self.ids), asked + 1
-            begin_s = max(self._line.free_s, time.monotonic())
+            begin_s = max(self._line.free_s, self._time.now())
             late = begin_s + wire_s + self._packets.timeout_s / TIMEOUT_TIMES > self._began_s + SPAN_S
             if asked and (late or asked == len(self.ids) or until()):
                 return reports
@@ -151,7 +150,7 @@ class Lx16aBus(ServoBus):
 
     def _send_moves(self) -> None:
         """Move places whose goals have changed, those first that wait longest, and one of the others."""
-        self._began_s = now_s = time.monotonic()
+        self._began_s = now_s = self._time.now()
         if self._goals is None:
             return
         order = [
@@ -215,7 +214,7 @@ class Lx16aBus(ServoBus):
         limp = "limp" if self._limp[place] else ""
         return Report(
             place=place,
-            at_s=time.monotonic(),
+            at_s=self._time.now(),
             position=lx.number(answer),
             effort=np.nan,
             current_a=np.nan,
@@ -246,5 +245,5 @@ class Lx16aBus(ServoBus):
                 self._silent[place] = False
                 return answer.parameters
             if not self._silent[place]:  # one that is dead says nothing of the others' moves
-                self._silent[place], self._missed_at_s = True, time.monotonic()
+                self._silent[place], self._missed_at_s = True, self._time.now()
         return None

@@ -1,6 +1,5 @@
 """A line on which servos answer packets, one question at a time."""
 
-import time
 from collections.abc import Collection
 from dataclasses import dataclass
 
@@ -80,7 +79,7 @@ class PacketLine:
         wire_s = self.line.wire_s(len(request) + self.packets.status_size(room))
         self._wait_for_late(servo_id, request, size)
         for attempt in range(tries):
-            late_deadline_s = time.monotonic() + wire_s + LATEST_TIMES * self._most_timeout_s
+            late_deadline_s = self.line.time.now() + wire_s + LATEST_TIMES * self._most_timeout_s
             answers = self.transact(request, (servo_id,), wire_s)
             fitting = [each for each in answers if size in (None, len(each.parameters)) or each.error]
             if attempt or not fitting:
@@ -96,7 +95,7 @@ class PacketLine:
             return
         if None not in (size, missed.size) and size != missed.size:
             return
-        while time.monotonic() < missed.deadline_s:
+        while self.line.time.now() < missed.deadline_s:
             self.line.read(missed.deadline_s)
         del self._missed[servo_id]
 
@@ -114,17 +113,17 @@ class PacketLine:
         stream.finish()
         # Moves of LX-16A servos fill the line for milliseconds; shorter packets are in the learned delay.
         free_s = line.free_s if self.packets.names_question else 0.0
-        begin_s = answered_s = max(time.monotonic(), free_s)
+        begin_s = answered_s = max(self.line.time.now(), free_s)
         line.write(request)
         answers: dict[int, StatusPacket] = {}
         deadline_s = begin_s + wire_s + self.timeout_s
         while len(answers) < len(asked):
             data = line.read(deadline_s)
             came = stream.feed(data)
-            over = not data and time.monotonic() >= deadline_s
+            over = not data and self.line.time.now() >= deadline_s
             for answer in came + stream.finish() if over else came:
                 if answer.servo_id in asked and self.packets.answers(request, answer):
-                    answers[answer.servo_id], answered_s = answer, time.monotonic()
+                    answers[answer.servo_id], answered_s = answer, self.line.time.now()
                 else:  # too late for the packet before
                     self._wait_longer()
             if over:
@@ -147,8 +146,8 @@ class PacketLine:
         """Drop an answer that is late, unless it says to which question it belongs."""
         if self.packets.names_question:
             return
-        deadline_s = time.monotonic() + self._most_timeout_s
-        while time.monotonic() < deadline_s:
+        deadline_s = self.line.time.now() + self._most_timeout_s
+        while self.line.time.now() < deadline_s:
             self.line.read(deadline_s)
         self._stream.finish()
 

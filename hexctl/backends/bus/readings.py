@@ -1,10 +1,10 @@
 """Readings of the servos on a bus: the newest of each joint, as far as it can be believed."""
 
-import time
+import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hexctl.backends.bus.servo_bus import Report, ServoBus
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, ServoReadings
@@ -23,6 +23,39 @@ SPEED_TIMES, JUMP_DEG = 2.0, 4.0
 VOLTAGE_V, TEMPERATURE_C = 1.5, 5.0
 
 
+@dataclass(slots=True)
+class _Quantity:
+    """One quantity that a servo reports: its newest value that is believed, and one that is in doubt.
+
+    Attributes:
+        follows: whether the next value has to follow on the believed one.
+        times: values in a row that agree with the one in doubt.
+    """
+
+    value: float = math.nan
+    follows: bool = False
+    doubted: float = math.nan
+    times: int = 0
+
+    def take(self, value: float, reach: float) -> bool:
+        """Take a value within reach of the one before, or with which as many as it takes agree.
+
+        One that follows on none has to agree with the one that was read before it. Whether it was taken.
+        """
+        self.times = self.times + 1 if abs(value - self.doubted) <= reach else 1
+        near = self.follows and abs(value - self.value) <= reach
+        if near or self.times >= (AGREEING if self.follows else AGREEING_AT_FIRST):
+            self.value, self.follows = value, True
+            self.forget_doubt()
+            return True
+        self.doubted = value
+        return False
+
+    def forget_doubt(self) -> None:
+        """Let the next value agree with none."""
+        self.doubted, self.times = math.nan, 0
+
+
 class BelievedReadings:
     """Newest plausible readings of each joint; arrays are (18,).
 
@@ -35,83 +68,79 @@ class BelievedReadings:
         counts_per_deg: of the servos.
 
     Attributes:
-        positions: in counts; NaN before the first.
-        trusted: whether the position of each joint follows on others.
         implausible: readings so far that were not believed.
     """
 
     def __init__(self, speeds: FloatArray, counts_per_deg: FloatArray) -> None:
-        self._speeds, self._jump = SPEED_TIMES * speeds, JUMP_DEG * counts_per_deg
-        self.positions: FloatArray = np.full(N_JOINTS, np.nan)
-        self._heard_at_s: FloatArray = np.full(N_JOINTS, -np.inf)
-        self._measured_at_s: FloatArray = np.full(N_JOINTS, -np.inf)  # when a position was believed
-        self._efforts, self._currents = np.full(N_JOINTS, np.nan), np.full(N_JOINTS, np.nan)
-        self._voltages, self._temperatures = np.full(N_JOINTS, np.nan), np.full(N_JOINTS, np.nan)
+        # Lists: a report changes single numbers, which take several times as long in an array.
+        self._speeds, self._jumps = (SPEED_TIMES * speeds).tolist(), (JUMP_DEG * counts_per_deg).tolist()
+        self._positions, self._voltages, self._temperatures = (
+            [_Quantity() for _ in range(N_JOINTS)] for _ in range(3)
+        )
+        self._efforts, self._currents = [math.nan] * N_JOINTS, [math.nan] * N_JOINTS
+        self._heard_at_s = [-math.inf] * N_JOINTS
+        self._measured_at_s = [-math.inf] * N_JOINTS  # when a position was believed
         self._errors = [""] * N_JOINTS
-        self._doubts: dict[tuple[str, int], tuple[float, int]] = {}
-        self.trusted: BoolArray = np.zeros(N_JOINTS, dtype=bool)
         self.implausible = 0
 
     @property
-    def heard_at_s(self) -> "NDArray[np.float64]":
-        """Times of the newest reading of each joint, believed or not, on time.monotonic."""
-        return self._heard_at_s
+    def positions(self) -> FloatArray:
+        """Positions in counts; NaN before the first."""
+        return _values(self._positions)
+
+    @property
+    def trusted(self) -> BoolArray:
+        """Whether the position of each joint follows on others."""
+        return np.array([each.follows for each in self._positions])
+
+    @property
+    def heard_at_s(self) -> FloatArray:
+        """Times of the newest reading of each joint, believed or not."""
+        return np.array(self._heard_at_s)
 
     def take(self, reports: Sequence[Report]) -> None:
         """Take reports of some servos."""
         for report in reports:
             joint = report.place
             # Since the last reading, not the last that was believed: after a while any would be in reach.
-            reach = self._jump[joint] + self._speeds[joint] * (report.at_s - self._heard_at_s[joint])
-            follows = bool(self.trusted[joint])
-            taken = self._believe("position", self.positions, joint, report.position, reach, follows=follows)
-            self.trusted[joint] = follows or taken
-            if taken:
+            reach = self._jumps[joint] + self._speeds[joint] * (report.at_s - self._heard_at_s[joint])
+            if self._believe(self._positions[joint], report.position, reach):
                 self._measured_at_s[joint] = report.at_s
-            for name, values, value, near in (
-                ("voltage", self._voltages, report.voltage_v, VOLTAGE_V),
-                ("temperature", self._temperatures, report.temperature_c, TEMPERATURE_C),
-            ):
-                self._believe(name, values, joint, value, near, follows=bool(np.isfinite(values[joint])))
+            self._believe(self._voltages[joint], report.voltage_v, VOLTAGE_V)
+            self._believe(self._temperatures[joint], report.temperature_c, TEMPERATURE_C)
             self._heard_at_s[joint] = report.at_s
             self._efforts[joint], self._currents[joint] = report.effort, report.current_a
             self._errors[joint] = report.error
 
     def distrust(self) -> None:
         """Accept any first position of each joint again: joints were moved by hand meanwhile."""
-        self.trusted[:] = False
-        self._doubts.clear()
+        for position in self._positions:
+            position.follows = False
+        for each in (*self._positions, *self._voltages, *self._temperatures):
+            each.forget_doubt()
 
-    def servos(self, now_s: float | None = None) -> ServoReadings:
-        """Readings with the ages of the positions, which are believed ones, at a time on time.monotonic."""
+    def servos(self, now_s: float) -> ServoReadings:
+        """Readings with the ages of the positions, which are believed ones, at a time."""
         return ServoReadings(
-            ages_s=(time.monotonic() if now_s is None else now_s) - self._measured_at_s,
-            efforts=self._efforts.copy(),
-            currents_a=self._currents.copy(),
-            voltages_v=self._voltages.copy(),
-            temperatures_c=self._temperatures.copy(),
+            ages_s=now_s - np.array(self._measured_at_s),
+            efforts=np.array(self._efforts),
+            currents_a=np.array(self._currents),
+            voltages_v=_values(self._voltages),
+            temperatures_c=_values(self._temperatures),
             errors=tuple(self._errors),
         )
 
-    def _believe(
-        self, name: str, values: FloatArray, joint: int, value: float, reach: float, *, follows: bool = True
-    ) -> bool:
-        """Take a value that is within reach of the one before, or with which as many as it takes agree.
-
-        One that follows on none has to agree with the one that was read before it. Whether it was taken.
-        """
-        if np.isnan(value):  # not read this time
+    def _believe(self, quantity: _Quantity, value: float, reach: float) -> bool:
+        """Whether a value was taken; NaN is one that was not read this time."""
+        if math.isnan(value):
             return False
-        before, key = values[joint], (name, joint)
-        doubted, times = self._doubts.pop(key, (value, 0))
-        times = times + 1 if abs(value - doubted) <= reach else 1
-        near = follows and abs(value - before) <= reach
-        if near or times >= (AGREEING if follows else AGREEING_AT_FIRST):
-            values[joint] = value
-            return True
-        self.implausible += follows
-        self._doubts[key] = (value, times)
-        return False
+        follows, taken = quantity.follows, quantity.take(value, reach)
+        self.implausible += follows and not taken
+        return taken
+
+
+def _values(quantities: Sequence[_Quantity]) -> FloatArray:
+    return np.array([each.value for each in quantities])
 
 
 def polls(bus: ServoBus, readings: BelievedReadings) -> Iterator[list[Report]]:

@@ -1,6 +1,5 @@
 """A bus of servos with registers, Dynamixel and Feetech: what one thread asks them and tells them."""
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -130,16 +129,17 @@ class RegisterBus(ServoBus):
         else:
             asked = (self._packets.ask(servo_id, READ, block) for servo_id in ids)
             answers = [answer for answer in asked if answer is not None]
-        reports = [self._report(answer) for answer in answers if len(answer.parameters) == size]
+        now_s = self._time.now()
+        reports = [self._report(answer, now_s) for answer in answers if len(answer.parameters) == size]
         self._count(places, reports)
         return reports
 
-    def _report(self, answer: StatusPacket) -> Report:
+    def _report(self, answer: StatusPacket, now_s: float) -> Report:
         place = self._places[answer.servo_id]
         position, effort, current_a, voltage_v, temperature_c = self.table.numbers(answer.parameters)
         return Report(
             place=place,
-            at_s=time.monotonic(),
+            at_s=now_s,
             position=position,
             effort=effort,
             current_a=current_a,
@@ -160,7 +160,7 @@ class RegisterBus(ServoBus):
 
     def _ask_for_an_alert(self) -> None:
         """Ask one of the servos that raise their alert for the reason, each once in a while."""
-        now_s = time.monotonic()
+        now_s = self._time.now()
         for place, (asked_at_s, words) in self._alerts.items():
             if asked_at_s < now_s - ALERT_S:
                 reason = self.servos[place].hardware_error()

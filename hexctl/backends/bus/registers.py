@@ -70,45 +70,14 @@ class OverloadRegisters:
 
 @dataclass(frozen=True, kw_only=True)
 class RegisterTable:
-    """Registers of servos that one program can treat alike.
+    """Registers of servos that one program can treat alike; None for those that a servo does not have.
 
-    Attributes:
-        torque: 1 where the servo holds its goal.
-        goal: position in counts.
-        position: in counts.
-        effort: share of the greatest that the motor gives, or None.
-        current: in A, or None.
-        voltage: in V.
-        temperature: in degrees Celsius.
-        sync_read: whether many servos answer one packet.
-        ram: first address of the memory that is not kept without power; settings below it are changed while
-            the torque is off.
-        least: lowest goal that the servo takes, in counts.
-        most: highest goal that it takes, in counts.
-        mode: register of the operating mode, or None; where it is None, a servo with both limits at 0 is
-            in wheel mode.
-        position_mode: what `mode` is for a servo that steers for a position.
-        flags: register of flags that change what counts mean, or None.
-        refused: flags by bit with which a servo is refused, in words.
-        cleared: flags by bit that are cleared while the torque is off, in words.
-        shutdown: register of the conditions under which the servo lets go, or None.
-        protections: bits of `shutdown` that protect it, in words.
-        overload: what it does after an overload, where it says so, or None.
-        max_torque: greatest torque at power-up, or None.
-        torque_limit: greatest torque now, or None; some servos set it to 0 after an overload.
-        soft_torque: register that limits the torque of single servos while they are tried, or None.
-        speed: register that limits the speed, 0 for full, or None.
-        hardware_error: register that says why the servo has let go, or None.
-        hardware_errors: words for its bits.
-        watchdog: time in 20 ms without packets after which the servo stops, or None.
-        unlock: register that is 0 where settings are kept, or None.
-        errors: words for the bits of the error byte that tell how the servo is.
-        refusals: words for what the error byte says of an instruction: bits in protocol 1, codes in 2.
+    Units are counts, shares of the greatest effort or torque, A, V and degrees Celsius.
     """
 
     protocol: int
     byte_order: Literal["little", "big"] = "little"
-    torque: Register
+    torque: Register  # 1 while the servo holds its goal
     goal: Register
     position: Register
     effort: Register | None = None
@@ -118,28 +87,28 @@ class RegisterTable:
     model: Register
     servo_id: Register
     return_delay: Register
-    sync_read: bool = True
-    ram: int
-    least: Register
-    most: Register
-    mode: Register | None = None
-    position_mode: int = 0
-    flags: Register | None = None
-    refused: Mapping[int, str] = field(default_factory=dict)
-    cleared: Mapping[int, str] = field(default_factory=dict)
-    shutdown: Register | None = None
-    protections: Mapping[int, str] = field(default_factory=dict)
+    sync_read: bool = True  # many servos answer one packet
+    ram: int  # first address that is not kept without power; settings below it change without torque only
+    least: Register  # lowest goal that the servo takes
+    most: Register  # highest goal
+    mode: Register | None = None  # without one, a servo with both limits at 0 is in wheel mode
+    position_mode: int = 0  # `mode` of a servo that steers for a position
+    flags: Register | None = None  # change what counts mean
+    refused: Mapping[int, str] = field(default_factory=dict)  # flags by bit with which a servo is refused
+    cleared: Mapping[int, str] = field(default_factory=dict)  # flags by bit that are cleared without torque
+    shutdown: Register | None = None  # conditions under which the servo lets go
+    protections: Mapping[int, str] = field(default_factory=dict)  # bits of `shutdown` that protect it
     overload: OverloadRegisters | None = None
-    max_torque: Register | None = None
-    torque_limit: Register | None = None
-    soft_torque: Register | None = None
-    speed: Register | None = None
-    hardware_error: Register | None = None
-    hardware_errors: Mapping[int, str] = field(default_factory=dict)
-    watchdog: Register | None = None
-    unlock: Register | None = None
-    errors: Mapping[int, str] = field(default_factory=dict)
-    refusals: Mapping[int, str] = field(default_factory=dict)
+    max_torque: Register | None = None  # at power-up
+    torque_limit: Register | None = None  # now; some servos set it to 0 after an overload
+    soft_torque: Register | None = None  # limits the torque of single servos while they are tried
+    speed: Register | None = None  # highest, 0 for full
+    hardware_error: Register | None = None  # why the servo has let go
+    hardware_errors: Mapping[int, str] = field(default_factory=dict)  # words for its bits
+    watchdog: Register | None = None  # time in 20 ms without packets after which the servo stops
+    unlock: Register | None = None  # 0 while settings are kept
+    errors: Mapping[int, str] = field(default_factory=dict)  # of the error byte: how the servo is, by bit
+    refusals: Mapping[int, str] = field(default_factory=dict)  # of an instruction: bits, in protocol 2 codes
 
     @cached_property
     def reported(self) -> tuple[Register | None, ...]:

@@ -4,12 +4,12 @@ import contextlib
 import errno
 import os
 import termios
-import time
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from hexctl.errors import RobotFaultError
+from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.waiting import wait_ready
 
 #: Bytes per read: more than a bus delivers between two reads.
@@ -30,34 +30,16 @@ class SerialLine:
 
     Attributes:
         echoes: whether the adapter sends back what is written, as some half-duplex adapters do.
-        free_s: when the wire has carried all that was written, on time.monotonic.
+        free_s: when the wire has carried all that was written.
+        time: where all times on the line come from.
 
     Raises RobotFaultError when the device cannot be opened.
     """
 
-    def __init__(self, path: str, baud: int) -> None:
-        import serial
-
+    def __init__(self, path: str, baud: int, *, time: TimeSource = WALL_TIME) -> None:
         self.path, self.baud, self.echoes, self.free_s = path, baud, False, 0.0
-        try:
-            self._device: Any = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
-        except (OSError, ValueError, OverflowError, termios.error) as error:
-            number = getattr(error, "errno", None)
-            if number == errno.ENOENT:
-                raise RobotFaultError(
-                    f"there is no port {path}; is the cable in? `hexctl ports` lists those that there are"
-                ) from error
-            reason = os.strerror(number) if number else str(error)  # pyserial's own has the name once more
-            if number == errno.EAGAIN:  # locked: another program has it exclusively
-                program = holder_of(path) or "another program"
-                raise RobotFaultError(
-                    f"the port {path} is in use by {program}; `hexctl serve` and its keeper hold their port, "
-                    "and a keeper lets the robot down before it ends"
-                ) from error
-            raise RobotFaultError(
-                f"the port {path} cannot be opened ({reason}); is the cable in, the name right, and no other "
-                "program using it?"
-            ) from error
+        self.time = time
+        self._device = open_device(path, baud)
         # FTDI adapters wait 16 ms for more bytes; other drivers and pseudo-terminals have no such setting.
         with contextlib.suppress(ValueError, NotImplementedError, OSError):
             self._device.set_low_latency_mode(True)
@@ -75,23 +57,23 @@ class SerialLine:
                 self._echo += packet
             else:
                 self._damaged = b""
-        now_s = time.monotonic()
+        now_s = self.time.now()
         deadline_s, self.free_s = now_s + timeout_s, max(self.free_s, now_s) + self.wire_s(len(packet))
         while packet:
             try:
                 packet = packet[os.write(self._descriptor, packet) :]
             except BlockingIOError:
-                left_s = deadline_s - time.monotonic()
+                left_s = deadline_s - self.time.now()
                 if left_s <= 0:
                     raise TimeoutError(f"{self.path} takes no bytes") from None
                 wait_ready(self._descriptor, left_s, to_write=True)
 
     def read(self, deadline_s: float) -> bytes:
-        """What has come, or comes first until a time on time.monotonic; empty where nothing does.
+        """What has come, or comes first until a time; empty if nothing does.
 
         Raises OSError when the device has gone.
         """
-        wait_s = max(0.0, deadline_s - time.monotonic())
+        wait_s = max(0.0, deadline_s - self.time.now())
         if not wait_ready(self._descriptor, wait_s):
             return b""
         data = os.read(self._descriptor, CHUNK)
@@ -115,10 +97,10 @@ class SerialLine:
         for _ in range(ECHO_TRIES):
             self.discard()
             self.write(ping)
-            deadline_s, seen = time.monotonic() + self.wire_s(2 * len(ping)) + timeout_s, b""
-            while time.monotonic() < deadline_s and len(seen) < len(ping):
+            deadline_s, seen = self.time.now() + self.wire_s(2 * len(ping)) + timeout_s, b""
+            while self.time.now() < deadline_s and len(seen) < len(ping):
                 seen += self.read(deadline_s)
-            time.sleep(ANSWERED_S)
+            self.time.sleep(ANSWERED_S)
             self.discard()
             if seen.startswith(ping):
                 self.echoes = True
@@ -151,6 +133,34 @@ class SerialLine:
             return self._without_echo(data)
         self._echo = self._echo[count:]
         return data[count:]
+
+
+def open_device(path: str, baud: int) -> Any:
+    """Open a serial device for this program only, as pyserial's `Serial`.
+
+    Raises RobotFaultError that says what to check.
+    """
+    import serial
+
+    try:
+        return serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
+    except (OSError, ValueError, OverflowError, termios.error) as error:
+        number = getattr(error, "errno", None)
+        if number == errno.ENOENT:
+            raise RobotFaultError(
+                f"there is no port {path}; is the cable in? `hexctl ports` lists those that there are"
+            ) from error
+        reason = os.strerror(number) if number else str(error)  # pyserial's own has the name once more
+        if number == errno.EAGAIN:  # locked: another program has it exclusively
+            program = holder_of(path) or "another program"
+            raise RobotFaultError(
+                f"the port {path} is in use by {program}; `hexctl serve` and its keeper hold their port, "
+                "and a keeper lets the robot down before it ends"
+            ) from error
+        raise RobotFaultError(
+            f"the port {path} cannot be opened ({reason}); is the cable in, the name right, and no other "
+            "program using it?"
+        ) from error
 
 
 def holder_of(path: str) -> str | None:

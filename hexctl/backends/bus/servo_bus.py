@@ -30,7 +30,7 @@ class Report:
 
     Attributes:
         place: of the servo among those of the bus.
-        at_s: when its answer came, on time.monotonic.
+        at_s: when its answer came.
         position: in counts.
         effort: share of its greatest, or NaN.
         error: what it complains of; empty for nothing.
@@ -95,7 +95,7 @@ class ServoBus(ABC):
     servos: Sequence[Servo]
 
     def __init__(self, packets: PacketLine, models: Mapping[int, ServoType], counters: BusCounters) -> None:
-        self._packets, self._counters = packets, counters
+        self._packets, self._counters, self._time = packets, counters, packets.line.time
         self.ids, count = tuple(models), len(models)
         self._every = tuple(range(count))
         self._reach = BEYOND_DEG * np.array([model.counts_per_deg for model in models.values()])

@@ -1,7 +1,6 @@
 """Leg servos on a bus, as `LegServos`, and the thread that owns the bus."""
 
 import re
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.model import Robot
 from hexctl.robot.servos.bus_map import BusMap
 from hexctl.robot.servos.servo_models import DEFAULT_BAUDS, SERVO_TYPES
+from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState, ServoReadings
 
 MOST_BAUD = 4_500_000
@@ -84,8 +84,10 @@ class BusThread(PortThread[ServoBus]):
         readings: BelievedReadings,
         counters: BusCounters,
         speeds: FloatArray,
+        *,
+        time: TimeSource = WALL_TIME,
     ) -> None:
-        super().__init__(opened, bus, counters=counters, speeds=speeds, name="servo bus")
+        super().__init__(opened, bus, counters=counters, speeds=speeds, name="servo bus", time=time)
         self._readings, self._counters = readings, counters
         self._asked = 0  # joint whose torque was read last
         self._active_at_s = -np.inf
@@ -94,21 +96,21 @@ class BusThread(PortThread[ServoBus]):
 
     def start(self, *, on: bool = False) -> None:
         """Begin; servos that hold already, `on`, approach the first targets from where they are."""
-        self._sent = self._readings.positions.copy() if on else None
+        self._sent = self._readings.positions if on else None
         self._held = np.isfinite(self._readings.positions)
         super().start(on=on)
 
     def newest(self) -> tuple[FloatArray, ServoReadings, FloatArray]:
         """Newest positions in counts, what the servos report, and how long each was silent in s, (18,)."""
         with self._lock:
-            now_s = time.monotonic()
+            now_s = self._time.now()
             readings = self._readings
-            return readings.positions.copy(), readings.servos(now_s), now_s - readings.heard_at_s
+            return readings.positions, readings.servos(now_s), now_s - readings.heard_at_s
 
     def _follow(self, targets: FloatArray) -> FloatArray:
         if not self.on:
             self._hold_where_it_is()
-        elif time.monotonic() - self._active_at_s > GAP_S:
+        elif self._time.now() - self._active_at_s > GAP_S:
             self._device.renew_watchdog()
         near = self._stepped(targets)
         # Some servos switch their torque on with a goal: one that has let go would jump to it.
@@ -124,7 +126,7 @@ class BusThread(PortThread[ServoBus]):
         self._take(reports)
         if reports:  # where none came, another question would only be waited for too
             self._check_torque()
-        self._active_at_s = time.monotonic()
+        self._active_at_s = self._time.now()
 
     def _meet(self) -> None:
         with self._lock:
@@ -137,11 +139,11 @@ class BusThread(PortThread[ServoBus]):
         """Switch the torque on with each goal where its joint is now, so that nothing jumps."""
         with self._lock:
             self._readings.distrust()
-        begun_s = time.monotonic()
+        begun_s = self._time.now()
         for reports in polls(self._device, self._readings):
             self._take(reports)
         with self._lock:
-            here = self._readings.positions.copy()
+            here = self._readings.positions
         heard: BoolArray = self._readings.heard_at_s >= begun_s
         known: BoolArray = self._readings.trusted & heard
         self._held = self._device.hold(np.where(known, here, 0.0), known)
@@ -198,7 +200,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         self._held = False
         self._speeds = np.degrees(self._robot.joint_max_speed_rad_s) * bus_map.per_deg
         self._notes: tuple[str, ...] = ()
-        self._condition = LineCondition(bus_map, self.counters.shares)
+        self._condition = LineCondition(bus_map, self.counters.shares, time=self._clock.time)
 
     @property
     def holds(self) -> bool:
@@ -227,13 +229,14 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
             bus.close()
             raise
         self._held = bool(on.any())
-        thread = BusThread(self._open, bus, readings, self.counters, self._speeds)
+        time = self._clock.time
+        thread = BusThread(self._open, bus, readings, self.counters, self._speeds, time=time)
         thread.start(on=bool(heard.any() and on[heard].all()))
         return thread
 
     def _open(self, *, first: bool = False) -> ServoBus:
         """Bus on the opened port, on which enough servos have answered; first, with no unexpected ids."""
-        line = SerialLine(self._place, self._baud)
+        line = SerialLine(self._place, self._baud, time=self._clock.time)
         try:
             bus = bus_of(self._map, line, self.counters)
             bus.speeds = self._speeds

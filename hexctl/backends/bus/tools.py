@@ -1,6 +1,5 @@
 """Tools on a bus by the ids of its servos: scan, a new id, ids that a robot file does not have, a lost id."""
 
-import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -231,7 +230,7 @@ def _ids_by_broadcast(path: str, baud: int) -> list[int]:
         for _ in range(BROADCASTS):
             wire_s = line.wire_s(len(request) + lx.LX16A.status_size(1))
             ids |= {each.parameters[0] for each in packets.transact(request, range(BROADCAST + 1), wire_s)}
-            time.sleep(TIMEOUT_S)
+            line.time.sleep(TIMEOUT_S)
         if not ids and packets.garbled:
             raise InputError("servos that answer: got several at once; allowed: exactly one on the bus")
     return sorted(ids)
@@ -318,7 +317,7 @@ def adopt(robot: Robot, servos: BusMap, port: str, baud: int) -> Adoption:
         adopted = _give_id(servo, int(servos.ids[joint_index]))
         servo.reboot()
         if servos.driver == "dynamixel" and servos.protocol == 2:
-            time.sleep(REBOOTS_S)
+            line.time.sleep(REBOOTS_S)
             adopted = servo.look()
         return Adoption(joint=joint_index, angle_deg=angle_deg, servo=adopted)
 

@@ -1,7 +1,6 @@
 """A MAVLink servo board as LegServos; docs/firmware.md specifies the board's side."""
 
 import math
-import time
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -10,12 +9,7 @@ import numpy as np
 from hexctl.backends.clock import Clock, WallClock
 from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec
-from hexctl.backends.mavlink.mavlink_transport import (
-    LinkCounters,
-    MavlinkLink,
-    open_port,
-    parse_port,
-)
+from hexctl.backends.mavlink.mavlink_transport import LinkCounters, MavlinkLink, open_port, parse_port
 from hexctl.backends.mavlink.receiver import Peer, Receiver, Stamped
 from hexctl.backends.ticked_servos import MappedServos
 from hexctl.errors import RobotFaultError
@@ -90,7 +84,7 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
             mavlink_messages.CONTROLLER_COMPONENT,
             signing_key=self._signing_key,
         )
-        self._link = MavlinkLink(port, codec)
+        self._link = MavlinkLink(port, codec, time=self._clock.time)
         self._receiver = Receiver(self._link, self.counters)
         self._receiver.start()
         opening.callback(self._receiver.stop)
@@ -112,7 +106,7 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
 
     def _resumes(self) -> bool:
         """Whether a write follows a pause, or has followed one of late; notes the write."""
-        now_s = time.monotonic()
+        now_s = self._clock.time.now()
         if now_s - self._written_at_s > PAUSE_S:
             self._resumed_at_s = now_s
         self._written_at_s = now_s
@@ -137,7 +131,7 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
             self._check_port()
             return self._receiver.peer
 
-        return wait_for(peer, CONNECT_TIMEOUT_S, self._no_heartbeat, poll_s=0.002)
+        return wait_for(peer, CONNECT_TIMEOUT_S, self._no_heartbeat, poll_s=0.002, time=self._clock.time)
 
     def _no_heartbeat(self) -> str:
         if self._receiver.wrong_type is not None:
@@ -162,13 +156,13 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
             f"the servo board at {self._port_text} sends no ACTUATOR_OUTPUT_STATUS with pulses in "
             "microseconds; see docs/firmware.md"
         )
-        outputs = wait_for(first_outputs, CONNECT_TIMEOUT_S, message, poll_s=0.002)
+        outputs = wait_for(first_outputs, CONNECT_TIMEOUT_S, message, poll_s=0.002, time=self._clock.time)
         if self._wall is not None:
             self._wall.begin(outputs.at_s - self._clock.period_s * PHASE)
 
     def _newest(self) -> RobotState:
         self._check_port()
-        now_s = time.monotonic()
+        now_s = self._clock.time.now()
         outputs = self._receiver.newest("outputs")
         assert outputs is not None  # noqa: S101  connect waited for it
         age_s = max(0.0, now_s - outputs.at_s)

@@ -5,14 +5,15 @@ import os
 import re
 import socket
 import threading
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from hexctl.backends.bus.serial_line import open_device
 from hexctl.backends.mavlink.codec import Codec, Frame
 from hexctl.errors import InputError, RobotFaultError, argument
+from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.waiting import wait_ready
 
 #: Default port of a board.
@@ -235,21 +236,20 @@ def open_port(address: PortAddress, *, text: str) -> Port:
 
     Raises RobotFaultError that says what to check.
     """
+    if address.kind == "serial":
+        return _open_serial(address)
     try:
-        return open_serial(address) if address.kind == "serial" else UdpPort(address)
+        return UdpPort(address)
     except (OSError, ValueError, OverflowError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise RobotFaultError(
-            f"the port {text} cannot be opened ({reason}); is the cable in, the name right, "
-            "and no other program using it?"
+            f"the port {text} cannot be opened ({reason}); is the address right, and is no "
+            "other program using it?"
         ) from error
 
 
-def open_serial(address: PortAddress) -> StreamPort:
-    """Open a serial device exclusively, and discard what it has buffered."""
-    import serial
-
-    device = serial.Serial(address.place, address.number, timeout=0, write_timeout=0, exclusive=True)
+def _open_serial(address: PortAddress) -> StreamPort:
+    device = open_device(address.place, address.number)
     try:
         device.reset_input_buffer()
         port = StreamPort(device.fileno(), device.close)
@@ -300,7 +300,7 @@ class Arrival:
 
     Attributes:
         sender: address that it was received from, None on a stream.
-        at_s: when it arrived, on time.monotonic.
+        at_s: when it arrived.
     """
 
     frame: Frame
@@ -336,8 +336,8 @@ class LinkCounters:
 class MavlinkLink:
     """A port with a codec: messages out, frames in; sends from any thread, receives on one."""
 
-    def __init__(self, port: Port, codec: Codec) -> None:
-        self._port, self._codec = port, codec
+    def __init__(self, port: Port, codec: Codec, *, time: TimeSource = WALL_TIME) -> None:
+        self._port, self._codec, self.time = port, codec, time
         self._sending = threading.Lock()
         self._sequences: dict[Address, int] = {}
         self.received_bytes = 0
@@ -370,7 +370,7 @@ class MavlinkLink:
         """
         arrivals = []
         for data, sender in self._port.receive(timeout_s):
-            at_s = time.monotonic()
+            at_s = self.time.now()
             self.received_bytes += len(data)
             frames = self._codec.decode(data, whole=self._port.datagrams)
             arrivals += [Arrival(frame, sender, at_s) for frame in frames]

@@ -1,7 +1,6 @@
 """The thread that receives from a servo board, and keeps the newest of what it says."""
 
 import threading
-import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -51,7 +50,7 @@ class Peer:
 
 @dataclass(frozen=True, slots=True)
 class Stamped:
-    """A received value, and when it arrived, on time.monotonic."""
+    """A received value, and when it arrived."""
 
     value: Any
     at_s: float
@@ -86,7 +85,7 @@ class Receiver:
     def stop(self) -> None:
         """End the thread and announce the end to the board."""
         self._stopping.set()
-        self._thread.join()
+        self._link.time.join(self._thread)
         if self.peer is not None and self.error is None:
             self._beat(mavlink_messages.POWEROFF)
 
@@ -96,7 +95,7 @@ class Receiver:
 
     def _run(self) -> None:
         request_realtime_priority()  # a state that waits for the processor is late too
-        beat_at_s = time.monotonic()
+        beat_at_s = self._link.time.now()
         while not self._stopping.is_set() and self.error is None:
             try:
                 arrivals = self._link.receive(RECEIVE_TIMEOUT_S)
@@ -106,11 +105,15 @@ class Receiver:
                 self.error = error
                 break
             if len(arrivals) >= MOST_AT_ONCE:
-                time.sleep(FLOODED_S)  # at its priority this thread would keep others from the processor
+                self._link.time.sleep(
+                    FLOODED_S
+                )  # at its priority this thread would keep others from the processor
             self.counters.malformed, self.counters.dropped = self._link.malformed, self._link.dropped
-            if time.monotonic() >= beat_at_s:
+            if self._link.time.now() >= beat_at_s:
                 self._beat(mavlink_messages.ACTIVE)
-                beat_at_s = time.monotonic() + (SEARCH_PERIOD_S if self.peer is None else HEARTBEAT_PERIOD_S)
+                beat_at_s = self._link.time.now() + (
+                    SEARCH_PERIOD_S if self.peer is None else HEARTBEAT_PERIOD_S
+                )
 
     def _beat(self, state: int) -> None:
         try:

@@ -7,7 +7,6 @@ end of a message, all that it wrote together. After a loss of power MODE1 is 11:
 """
 
 import errno
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -21,6 +20,7 @@ from hexctl.backends.pwm.servos import BoardReport, BoardThread, PwmServos
 from hexctl.errors import InputError, MissingExtraError, RobotFaultError, argument
 from hexctl.robot.model import Robot
 from hexctl.robot.servos.pwm_map import PCA9685_CHANNELS, PwmMap
+from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.types import N_JOINTS, BoolArray, FloatArray
 
 MODE1, MODE2, CHANNELS, PRESCALE = 0x00, 0x01, 0x06, 0xFE
@@ -107,8 +107,16 @@ class Pca9685Chip:
         channels: that are used, at least one; those between them keep what they have.
     """
 
-    def __init__(self, bus: I2cBus, address: int, oscillator_mhz: float, channels: Sequence[int]) -> None:
-        self._bus, self.address, self._oscillator_mhz = bus, address, oscillator_mhz
+    def __init__(
+        self,
+        bus: I2cBus,
+        address: int,
+        oscillator_mhz: float,
+        channels: Sequence[int],
+        *,
+        time: TimeSource = WALL_TIME,
+    ) -> None:
+        self._bus, self.address, self._oscillator_mhz, self._time = bus, address, oscillator_mhz, time
         self._first, self._last = min(channels), max(channels)
         self._prescale = prescale_of(oscillator_mhz)
         self._count_us = (self._prescale + 1) / oscillator_mhz
@@ -145,7 +153,7 @@ class Pca9685Chip:
         self._write(MODE2, DRIVEN)
         self.send()
         self._write(MODE1, INCREMENT)
-        time.sleep(STARTS_S)
+        self._time.sleep(STARTS_S)
         if self._read(MODE1) & RESTART:  # channels that had pulses when it fell asleep
             self._write(MODE1, INCREMENT | RESTART)
         self.send()
@@ -220,12 +228,24 @@ class Pca9685:
     Raises RobotFaultError for boards that do not keep their settings, OSError where none answers.
     """
 
-    def __init__(self, bus: I2cBus, pwm_map: PwmMap, *, known: bool = False, owned: bool = True) -> None:
-        self._bus, self._owned = bus, owned
+    def __init__(
+        self,
+        bus: I2cBus,
+        pwm_map: PwmMap,
+        *,
+        known: bool = False,
+        owned: bool = True,
+        time: TimeSource = WALL_TIME,
+    ) -> None:
+        self._bus, self._owned, self._time = bus, owned, time
         boards, channels = np.divmod(pwm_map.outputs, PCA9685_CHANNELS)
         self._chips = {
             board: Pca9685Chip(
-                bus, pwm_map.addresses[board], pwm_map.oscillators_mhz[board], channels[boards == board]
+                bus,
+                pwm_map.addresses[board],
+                pwm_map.oscillators_mhz[board],
+                channels[boards == board],
+                time=time,
             )
             for board in sorted(set(boards.tolist()))
         }
@@ -281,7 +301,7 @@ class Pca9685:
         if not texts:
             self._each(lambda chip: self._send(chip) if chip.address in self._unsent else None)
         fault = f"servos limp: {'; '.join(texts)}" if texts else None
-        return BoardReport(at_s=time.monotonic(), fault=fault)
+        return BoardReport(at_s=self._time.now(), fault=fault)
 
     def _set(self, pulses_us: FloatArray, on: BoolArray) -> None:
         for joint, (board, channel) in enumerate(self._places):
@@ -298,7 +318,7 @@ class Pca9685:
         try:
             do(chip)
         except OSError:
-            now_s = time.monotonic()
+            now_s = self._time.now()
             if now_s - self._silent_since_s.setdefault(chip.address, now_s) >= SILENCE_S:
                 raise
             return False
@@ -364,7 +384,7 @@ class Pca9685Servos(PwmServos):
     def _open(self) -> Pca9685:
         bus = open_i2c(self._place) if self._i2c is None else self._i2c
         try:
-            return Pca9685(bus, self._map, known=self._known, owned=self._i2c is None)
+            return Pca9685(bus, self._map, known=self._known, owned=self._i2c is None, time=self._clock.time)
         except BaseException:
             if self._i2c is None:
                 bus.close()  # type: ignore[attr-defined]

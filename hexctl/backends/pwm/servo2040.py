@@ -9,7 +9,6 @@ The fork github.com/olli-io/hexapod-servo2040-driver ends its replies with a che
 bit 7 set, gives current and voltage in hundredths, and switches itself off at an overcurrent.
 """
 
-import time
 from collections.abc import Sequence
 
 import numpy as np
@@ -156,7 +155,7 @@ class Servo2040:
         self._voltages = [*self._voltages[-2:], volts]  # the original has no checksum: one may be wrong
         status = values[STATUS - TOUCH] if self._asked > N_LEGS + 2 else 0
         return BoardReport(
-            at_s=time.monotonic(),
+            at_s=self._line.time.now(),
             contacts=np.array(values[:N_LEGS])[self._map.touches] > TOUCHED,
             voltage_v=float(np.median(self._voltages)),
             current_a=current / FORK_COUNTS if self.fork else (current - NO_CURRENT) * AMPERES_PER_COUNT,
@@ -180,7 +179,7 @@ class Servo2040:
             data = self._gather(VOLTAGE, 1, checked=False)
             if find_reply(data, VOLTAGE, 1, checked=False) is None:
                 continue
-            data += self._line.read(time.monotonic() + CHECKSUM_S)
+            data += self._line.read(self._line.time.now() + CHECKSUM_S)
             return find_reply(data, VOLTAGE, 1, checked=True) is not None
         raise RobotFaultError(
             f"no servo2040 answers on {self._line.path}; is it the board's port, and does the board have the "
@@ -198,7 +197,7 @@ class Servo2040:
         return None
 
     def _gather(self, start: int, count: int, *, checked: bool) -> bytes:
-        deadline_s, data = time.monotonic() + REPLY_TIMEOUT_S, b""
+        deadline_s, data = self._line.time.now() + REPLY_TIMEOUT_S, b""
         while find_reply(data, start, count, checked=checked) is None:
             more = self._line.read(deadline_s)
             if not more:
@@ -211,7 +210,7 @@ class Servo2040Servos(PwmServos):
     """Eighteen hobby servos on a servo2040, with foot contacts; their place is a serial device."""
 
     def _open(self) -> Servo2040:
-        line = SerialLine(self._place, BAUD)
+        line = SerialLine(self._place, BAUD, time=self._clock.time)
         try:
             return Servo2040(line, self._map)
         except BaseException:

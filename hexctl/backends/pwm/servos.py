@@ -1,6 +1,5 @@
 """Hobby servos on a board, as `LegServos`, and the thread that owns the board."""
 
-import time
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -14,6 +13,7 @@ from hexctl.backends.port_thread import POLL_PERIOD_S, PortThread
 from hexctl.backends.ticked_servos import PortServos
 from hexctl.robot.model import Robot
 from hexctl.robot.servos.pwm_map import PwmMap
+from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.types import JOINTS_PER_LEG, BoolArray, FloatArray, RobotState
 
 #: A board that has not answered for this long is mute.
@@ -29,7 +29,7 @@ class BoardReport:
     """What a board tells of itself.
 
     Attributes:
-        at_s: when, on time.monotonic.
+        at_s: when.
         contacts: which feet touch the floor, (6,), or None for a board without inputs.
         fault: why the board has switched its servos off, or None.
     """
@@ -103,8 +103,10 @@ class BoardThread(PortThread[PwmBoard]):
         counters: PwmCounters,
         speeds: FloatArray,
         told_us: FloatArray,
+        *,
+        time: TimeSource = WALL_TIME,
     ) -> None:
-        super().__init__(opened, board, counters=counters, speeds=speeds, name="servo board")
+        super().__init__(opened, board, counters=counters, speeds=speeds, name="servo board", time=time)
         self._counters = counters
         self.newest, self.told_us = newest, told_us
         self._sent = told_us
@@ -119,7 +121,7 @@ class BoardThread(PortThread[PwmBoard]):
         return self.newest.fault is not None
 
     def _follow(self, targets: FloatArray) -> FloatArray:
-        if self.on and self.powered.all() and time.monotonic() >= self._next_leg_at_s:
+        if self.on and self.powered.all() and self._time.now() >= self._next_leg_at_s:
             self.told_us = self._stepped(targets)
             self._device.write(self.told_us, self.powered)
         elif self.on:
@@ -133,7 +135,7 @@ class BoardThread(PortThread[PwmBoard]):
         return np.where(self.powered, self.told_us, np.nan)
 
     def _power_next_leg(self) -> None:
-        now_s, waiting = time.monotonic(), np.flatnonzero(~self.powered)
+        now_s, waiting = self._time.now(), np.flatnonzero(~self.powered)
         if len(waiting) and now_s >= self._next_leg_at_s:
             leg = waiting[0] // JOINTS_PER_LEG
             self.powered = self.powered.copy()
@@ -169,7 +171,7 @@ class BoardThread(PortThread[PwmBoard]):
             self.on = True
             if (self._sent == targets).all():
                 return
-            time.sleep(POLL_PERIOD_S)
+            self._time.sleep(POLL_PERIOD_S)
 
 
 class PwmServos(PortServos[PwmMap, BoardThread, PwmCounters]):
@@ -193,15 +195,15 @@ class PwmServos(PortServos[PwmMap, BoardThread, PwmCounters]):
         """The board, found; raises RobotFaultError or OSError where there is none."""
 
     def _started(self) -> BoardThread:
-        board = self._open()
+        board, time = self._open(), self._clock.time
         try:
             pulses = board.commanded_us()
-            report = board.poll() or BoardReport(at_s=time.monotonic())
+            report = board.poll() or BoardReport(at_s=time.now())
         except BaseException:
             board.close()
             raise
         speeds = np.degrees(self._robot.joint_max_speed_rad_s) * self._map.per_deg
-        thread = BoardThread(self._open, board, report, self.counters, speeds, pulses)
+        thread = BoardThread(self._open, board, report, self.counters, speeds, pulses, time=time)
         thread.start()
         return thread
 
@@ -210,7 +212,7 @@ class PwmServos(PortServos[PwmMap, BoardThread, PwmCounters]):
         told = np.isfinite(told_us)
         told_rad = self._map.angles_rad(np.where(told, told_us, self._map.centre))
         fault = self._fault(thread.gone, report)
-        silent_s = max(0.0, time.monotonic() - report.at_s)
+        silent_s = max(0.0, self._clock.time.now() - report.at_s)
         age_s = silent_s if thread.gone is not None or silent_s > MUTE_S else 0.0
         if fault is not None:
             report = BoardReport(at_s=report.at_s)
@@ -229,6 +231,6 @@ class PwmServos(PortServos[PwmMap, BoardThread, PwmCounters]):
     def _fault(self, gone: str | None, report: BoardReport) -> str | None:
         if gone is not None:
             return self._gone(gone)
-        if time.monotonic() - report.at_s > MUTE_S:
+        if self._clock.time.now() - report.at_s > MUTE_S:
             return f"the board on {self._place} does not answer any more"
         return report.fault

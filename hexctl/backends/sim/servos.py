@@ -8,7 +8,7 @@ from typing import Any, Self
 import mujoco
 import numpy as np
 
-from hexctl.backends.base import LegServos, as_robot, check_connected, check_targets
+from hexctl.backends.base import OwnServos, check_connected, check_targets
 from hexctl.backends.clock import Clock, Standstill, Tick, WallClock
 from hexctl.backends.facets import TruePose
 from hexctl.backends.sim.actuators import ActuatorModel
@@ -64,7 +64,7 @@ class SimClock(Clock):
         return Tick(self.index, self.index * self.period_s, late_s)
 
 
-class SimServos(LegServos):
+class SimServos(OwnServos):
     """A MuJoCo hexapod in a world, with a failed leg if one is given.
 
     Deterministic for the same robot, world, failure, seed, trial and library versions.
@@ -95,7 +95,7 @@ class SimServos(LegServos):
         events: Sequence[FailureEvent] = (),
         further_failures: Sequence[Failure] = (),
     ) -> None:
-        self._robot = as_robot(robot)
+        super().__init__(robot, SimClock(self._step, WallClock() if realtime else None))
         self.world = as_world(world)
         check_type(failure, (Failure, type(None)), "failure", "a Failure, as Failure(leg=5), or None")
         check_further(failure, further_failures, "further_failures")
@@ -112,19 +112,8 @@ class SimServos(LegServos):
         self.seed = seed
         self.trial = trial
         self.facing_rad = facing_rad
-        self._clock = SimClock(self._step, WallClock() if realtime else None)
         self._compiled: Simulation | None = None
         self._limp, self._to_come = False, FailuresToCome((), 0.0)
-
-    @property
-    def robot(self) -> Robot:
-        """The simulated robot."""
-        return self._robot
-
-    @property
-    def clock(self) -> Clock:
-        """The clock that steps the physics."""
-        return self._clock
 
     @property
     def simulation(self) -> Self:

@@ -10,13 +10,7 @@ import numpy as np
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure, FailureEvent, Failures, each_failure
 from hexctl.robot.model import Robot
-from hexctl.types import (
-    N_JOINTS,
-    N_LEGS,
-    BoolArray,
-    FloatArray,
-    leg_slice,
-)
+from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray, leg_slice
 
 #: An event this near before a control period, as a share of one, belongs to it.
 ROUNDING = 1e-6

@@ -17,13 +17,7 @@ from hexctl.robot.failure import Failures, each_failure
 from hexctl.robot.formats.mjcf import GEAR_DAMPING, STICTION
 from hexctl.robot.model import Robot
 from hexctl.robot.schema import Body
-from hexctl.types import (
-    JOINT_KINDS,
-    N_JOINTS,
-    N_LEGS,
-    ArrayFields,
-    FloatArray,
-)
+from hexctl.types import JOINT_KINDS, N_JOINTS, N_LEGS, ArrayFields, FloatArray
 
 #: Where the joints begin in qpos: after the free joint's position and quaternion.
 FIRST_JOINT = 7

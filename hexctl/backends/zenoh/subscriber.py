@@ -1,7 +1,6 @@
 """State subscriber: the latest messages of a served robot, put together into robot states."""
 
 import math
-import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -13,6 +12,7 @@ import zenoh
 from hexctl.errors import InputError, MessageError, RobotFaultError, printable
 from hexctl.robot.failure import Failure, each_failure
 from hexctl.robot.failure_grammar import parse_failure
+from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.types import FloatArray, RobotState, ServoReadings
 from hexctl.waiting import wait_for
 from hexctl.wire.description import decode_answer
@@ -43,7 +43,7 @@ class StampedSample:
     """A received message.
 
     Attributes:
-        at_s: when it arrived, on time.monotonic.
+        at_s: when it arrived.
     """
 
     payload: bytes
@@ -54,13 +54,14 @@ class StampedSample:
 class LatestValues:
     """Keeps the newest sample of each kind; callbacks only store, and replace what was never read."""
 
-    def __init__(self) -> None:
+    def __init__(self, time: TimeSource = WALL_TIME) -> None:
+        self.time = time
         self._newest: dict[str, StampedSample] = {}
 
     def put(self, kind: str, sample: Any) -> None:
         """Keep a Zenoh sample as the newest of its kind."""
         attachment = None if sample.attachment is None else bytes(sample.attachment)
-        self._newest[kind] = StampedSample(bytes(sample.payload), attachment, time.monotonic())
+        self._newest[kind] = StampedSample(bytes(sample.payload), attachment, self.time.now())
 
     def clear(self) -> None:
         """Discard everything."""
@@ -103,17 +104,18 @@ class StateSubscriber:
 
     @property
     def heard_at_s(self) -> float:
-        """When the newest state arrived, on time.monotonic; minus infinity before the first."""
+        """When the newest state arrived; minus infinity before the first."""
         sample = self._latest.newest("joint_states")
         return -math.inf if sample is None else sample.at_s
 
     def wait_for_first_s(self) -> float:
-        """Arrival time of the first state, on time.monotonic, after waiting for it.
+        """Arrival time of the first state, after waiting for it.
 
         Raises RobotFaultError when none arrives.
         """
         message = f"the robot sends no state at {self._keys.joint_states}; see hexctl status"
-        return wait_for(self._first, FIRST_STATE_TIMEOUT_S, message, poll_s=0.001).at_s
+        time = self._latest.time
+        return wait_for(self._first, FIRST_STATE_TIMEOUT_S, message, poll_s=0.001, time=time).at_s
 
     def _first(self) -> StampedSample | None:
         """The newest state, None while it is one of those that are discarded."""
@@ -134,7 +136,7 @@ class StateSubscriber:
         Raises RobotFaultError for a robot that is silent or sends invalid states.
         """
         sample = self._latest.newest("joint_states")
-        now_s = time.monotonic()
+        now_s = self._latest.time.now()
         if sample is None or now_s - sample.at_s > GONE_AFTER_S:
             raise RobotFaultError(
                 f"the robot has been silent for {GONE_AFTER_S:g} s; "
@@ -187,7 +189,7 @@ class StateSubscriber:
         self._warnings = tuple(map(str, warnings)) if isinstance(warnings, list) else ()
 
     def _servos_at(self, now_s: float) -> ServoReadings | None:
-        """What was told last of single servos, with their ages at a time on time.monotonic."""
+        """What was told last of single servos, with their ages at a time."""
         if self._servos is None or self._status_of is None:
             return None
         return replace(self._servos.copy(), ages_s=self._servos.ages_s + (now_s - self._status_of.at_s))

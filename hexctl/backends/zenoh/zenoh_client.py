@@ -5,7 +5,6 @@ import os
 import re
 import socket
 import threading
-import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -20,6 +19,7 @@ from hexctl.backends.zenoh.subscriber import LatestValues, StateSubscriber
 from hexctl.errors import MessageError, RobotFaultError, argument, shown
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
+from hexctl.time_source import WALL_TIME, TimeSource
 from hexctl.types import JointTargets, RobotState
 from hexctl.waiting import wait_for
 from hexctl.wire import TIME_TO_LIVE_S
@@ -141,7 +141,7 @@ class LeaseClient:
     Attributes:
         after_state: number of the newest state before it was granted.
         lost: why the lease is gone, or None while it is in force.
-        lost_at_s: when it was lost, on time.monotonic.
+        lost_at_s: when it was lost.
     """
 
     def __init__(
@@ -151,15 +151,16 @@ class LeaseClient:
         heard_at_s: Callable[[], float] = lambda: -math.inf,
         *,
         clear: str = CLEAR_COMMAND,
+        time: TimeSource = WALL_TIME,
     ) -> None:
         """Hold nothing yet.
 
         Args:
-            heard_at_s: when the robot was heard last otherwise, on time.monotonic: one that is heard has not
-                gone, though answers get lost.
+            heard_at_s: when the robot was heard last otherwise: one that is heard has not gone, though
+                answers get lost.
             clear: command that ends a stop of that robot, which refusals name.
         """
-        self._clear = clear
+        self._clear, self._time = clear, time
         self._session, self._key, self._heard_at_s = session, key, heard_at_s
         self.lease_id = b""
         self.sequence = self.after_state = 0
@@ -209,24 +210,24 @@ class LeaseClient:
         """Give the lease back, if it is still in force."""
         self._released.set()
         if self._renewal is not None:
-            self._renewal.join()
+            self._time.join(self._renewal)
             if self.lost is None:
                 self._request("release")
 
     def _renew(self) -> None:
         """Renew until released; a robot that does not answer for the duration of the lease has gone."""
-        heard_s = time.monotonic()
+        heard_s = self._time.now()
         pause_s = self._duration_s / 3
-        while not self._released.wait(pause_s) and self.lost is None:
+        while not self._time.wait(self._released, pause_s) and self.lost is None:
             answer = self._request("renew")
             pause_s = self._duration_s / (20 if answer is None else 3)
             if answer is not None:
-                heard_s = self.lost_at_s = time.monotonic()
+                heard_s = self.lost_at_s = self._time.now()
                 self.lost = answer.get("error")
                 continue
-            silent_s = time.monotonic() - max(heard_s, self._heard_at_s())
+            silent_s = self._time.now() - max(heard_s, self._heard_at_s())
             if silent_s > self._duration_s:
-                self.lost_at_s = time.monotonic()
+                self.lost_at_s = self._time.now()
                 self.lost = f"the robot has not answered for {silent_s:.1f} s"
 
     def _request(self, op: str, **words: Any) -> dict[str, Any] | None:
@@ -253,18 +254,26 @@ class ZenohServos(TickedServos):
         robot: the robot expected at the other end, or the name or path of its file.
         link: endpoint, credentials and names of the link.
         latest: where received messages are kept; a new one unless given.
+        time: of this end.
     """
 
     what = "the robot on the network"
 
-    def __init__(self, robot: Robot | str | Path, *, link: Link, latest: LatestValues | None = None) -> None:
-        self._wall = WallClock()
+    def __init__(
+        self,
+        robot: Robot | str | Path,
+        *,
+        link: Link,
+        latest: LatestValues | None = None,
+        time: TimeSource = WALL_TIME,
+    ) -> None:
+        self._wall = WallClock(time=time)
         super().__init__(robot, self._wall)
         self._link = link
         self.identity: RobotIdentity | None = None
         self.simulated: Mapping[str, str] | None = None
         self._keys = link.keys(self._robot.name)
-        self._subscriber = StateSubscriber(self._keys, latest or LatestValues(), plain=link.plain)
+        self._subscriber = StateSubscriber(self._keys, latest or LatestValues(time), plain=link.plain)
         self._lease: LeaseClient | None = None
         self._sequence = 0
 
@@ -299,6 +308,7 @@ class ZenohServos(TickedServos):
                 self._keys.lease,
                 lambda: self._subscriber.heard_at_s,
                 clear=self._link.clear_command,
+                time=self._clock.time,
             )
             self._lease.acquire()
             opening.callback(self._lease.release)
@@ -381,14 +391,14 @@ class ZenohServos(TickedServos):
         lease = self._lease
         if lease is None or lease.lost is None or state.stopped is not None:
             return
-        if time.monotonic() - lease.lost_at_s > STOP_REASON_TIMEOUT_S:
+        if self._clock.time.now() - lease.lost_at_s > STOP_REASON_TIMEOUT_S:
             raise RobotFaultError(f"this end no longer commands the robot: {lease.lost}")
 
     def _tag(self) -> bytes:
         lease = self._lease
         return CommandTag(
             sequence=self._sequence,
-            stamp_ns=time.monotonic_ns(),
+            stamp_ns=int(1e9 * self._clock.time.now()),
             time_to_live_ms=round(1000 * TIME_TO_LIVE_S),
             lease_id=NO_LEASE if lease is None else lease.lease_id,
             lease_sequence=0 if lease is None else lease.sequence,

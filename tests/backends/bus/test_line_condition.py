@@ -13,17 +13,9 @@ from hexctl.backends.bus.line_condition import AnswerShares, LineCondition
 from hexctl.backends.bus.servos import BusServos
 from hexctl.types import JointTargets, ServoReadings
 from tests.backends.bus.boards import a_map, bus_board, servos_on
+from tests.backends.fake_time import FakeTime
 
 NONE = np.zeros(18, dtype=bool)
-
-
-class Clock:
-    """Time that a test sets."""
-
-    now_s = 0.0
-
-    def __call__(self) -> float:
-        return self.now_s
 
 
 def _readings(volts: float = 12.0) -> ServoReadings:
@@ -38,9 +30,9 @@ def _readings(volts: float = 12.0) -> ServoReadings:
     )
 
 
-def _condition(model: str = "ax12a") -> tuple[LineCondition, AnswerShares, Clock]:
-    shares, clock = AnswerShares(), Clock()
-    return LineCondition(a_map("dynamixel", model), shares, now_s=clock), shares, clock
+def _condition(model: str = "ax12a") -> tuple[LineCondition, AnswerShares, FakeTime]:
+    shares, clock = AnswerShares(), FakeTime(0.0)
+    return LineCondition(a_map("dynamixel", model), shares, time=clock), shares, clock
 
 
 def _joints(*chosen: int) -> np.ndarray:

@@ -102,14 +102,14 @@ def test_goals_that_did_not_change_are_not_sent_and_others_go_in_halves() -> Non
     with _bus() as (bus, board, _):
         _hold_stance(bus)
         bus.poll_all()
-        before = board._counters.goals
+        before = board.counts["goals"]
         bus.write_goals(stance_counts(MAP))
         bus.poll_all()
-        assert board._counters.goals <= before + 1  # one that was sent long ago
-        before = board._counters.goals
+        assert board.counts["goals"] <= before + 1  # one that was sent long ago
+        before = board.counts["goals"]
         bus.write_goals(stance_counts(MAP) + 5)
         bus.poll_all()
-        assert board._counters.goals == before + MOST_MOVES
+        assert board.counts["goals"] == before + MOST_MOVES
         assert _reaches(bus, stance_counts(MAP) + 5)
 
 

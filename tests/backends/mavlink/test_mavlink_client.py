@@ -362,7 +362,7 @@ class TestConnecting:
         assert "baud rate" in message
 
     def test_no_such_device(self, tmp_path: Path) -> None:
-        assert "cannot be opened" in self.connecting(tmp_path, "/dev/no-such-port")
+        assert "/dev/no-such-port" in self.connecting(tmp_path, "/dev/no-such-port")
 
     def test_a_port_in_use(self, tmp_path: Path) -> None:
         with ScriptedBoard() as board:

@@ -3,7 +3,6 @@
 import errno
 import random
 import sys
-import time
 from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
@@ -30,6 +29,7 @@ from hexctl.testing.servo_conformance import LegServosConformance
 from hexctl.types import N_JOINTS, FloatArray, JointTargets, RobotState
 from hexctl.waiting import wait_for
 from hexctl.wire.zenoh_messages import MAX_TEXT_BYTES
+from tests.backends.fake_time import FakeTime
 from tests.backends.pwm.boards import a_map
 from tests.backends.pwm.i2c import ChipBus, FlatBus
 from tests.robots import shipped
@@ -43,7 +43,7 @@ FREENOVE = [16, 17, 18, 19, 20, 21, 22, 23, 27, 9, 8, 31, 12, 11, 10, 15, 14, 13
 
 def _servos(bus: I2cBus, pwm_map: PwmMap | None = None) -> Pca9685Servos:
     used = a_map("pca9685") if pwm_map is None else pwm_map
-    return Pca9685Servos(shipped(), pwm_map=used, place="1", i2c=bus)
+    return Pca9685Servos(shipped(), pwm_map=used, place="1", i2c=bus, clock=FakeTime().clock())
 
 
 def _until(
@@ -134,7 +134,7 @@ def test_the_prescaler_is_set_in_sleep_and_nothing_comes_out_before_the_first_ta
         assert servos.holds
         assert not bus.pulses_us()[18:].any()
         servos.disable_torque()
-        wait_for(lambda: not bus.pulses_us().any(), 5.0, "limp servos never came")
+        wait_for(lambda: not bus.pulses_us().any(), 5.0, "limp servos never came", time=servos.clock.time)
         assert bus.chips[0x40].registers[0x09] == 0x10, "off by the bit that is made for it"
         _until(servos, lambda _: (bus.pulses_us()[:18] > 0).all())
     assert (bus.pulses_us()[:18] > 0).all(), "after closing the robot holds its pose"
@@ -145,12 +145,12 @@ def test_a_pose_is_one_message_for_each_board() -> None:
     with _servos(bus) as servos:
         _until(servos, lambda _: (bus.pulses_us()[:18] > 0).all())
         servos.clock.tick()
-        time.sleep(0.1)
+        servos.clock.time.sleep(0.1)
         bus.log.clear()
         before = servos.counters.writes
         servos.write(JointTargets(servos.robot.stance_angles_rad + 0.01, servos.clock.now_s))
-        wait_for(lambda: servos.counters.writes > before, 5.0, "the write never came")
-        time.sleep(0.1)
+        wait_for(lambda: servos.counters.writes > before, 5.0, "the write never came", time=servos.clock.time)
+        servos.clock.time.sleep(0.1)
         sent = bus.writes()
     written = [(address, data[0], len(data)) for address, data in sent]
     assert written[:2] == [(0x40, 6, 65), (0x41, 6, 9)]
@@ -166,7 +166,12 @@ def test_ids_and_addresses_are_those_of_a_freenove_kit() -> None:
     with _servos(bus, pwm_map) as servos:
         angles = pwm_map.angles_rad(wanted)
         servos.write(JointTargets(angles, servos.clock.now_s))
-        wait_for(lambda: np.count_nonzero(bus.pulses_us()) == 18, 5.0, "the pose never came")
+        wait_for(
+            lambda: np.count_nonzero(bus.pulses_us()) == 18,
+            5.0,
+            "the pose never came",
+            time=servos.clock.time,
+        )
     for output, pulse_us in zip(FREENOVE, wanted, strict=True):
         chip = bus.chips[0x41 if output < 16 else 0x40]
         assert chip.pulses_us()[output % 16] == pytest.approx(pulse_us, abs=COUNT_US / 2 + 0.01)
@@ -272,9 +277,16 @@ def test_a_torque_off_that_one_board_does_not_hear_reaches_the_other_and_is_trie
         _until(servos, lambda _: (bus.pulses_us()[:18] > 0).all())
         bus.fails = lambda address: address == 0x40
         servos.disable_torque()
-        wait_for(lambda: not bus.chips[0x41].pulses_us().any(), 5.0, "the second board never was limp")
+        wait_for(
+            lambda: not bus.chips[0x41].pulses_us().any(),
+            5.0,
+            "the second board never was limp",
+            time=servos.clock.time,
+        )
         bus.fails = lambda _: False
-        wait_for(lambda: not bus.pulses_us().any(), 5.0, "the first board never was limp")
+        wait_for(
+            lambda: not bus.pulses_us().any(), 5.0, "the first board never was limp", time=servos.clock.time
+        )
 
 
 @pytest.mark.parametrize("share", [0.02, 0.2])

@@ -31,6 +31,7 @@ from hexctl.errors import InputError, RobotFaultError
 from hexctl.simulators.board_faults import parse_fault
 from hexctl.simulators.servo2040_board import Servo2040Board
 from hexctl.testing.servo_conformance import LegServosConformance
+from hexctl.time_source import WALL_TIME
 from hexctl.types import JointTargets, RobotState
 from hexctl.waiting import wait_for
 from tests.backends.pwm.boards import a_map, servo2040_board, servos_on
@@ -97,6 +98,8 @@ def _until(servos: LegServos, condition: Callable[[RobotState], Any], *, write: 
 
 class _Line(SerialLine):
     """A line that keeps what is written to it, and on which nothing is heard."""
+
+    time = WALL_TIME
 
     def __init__(self) -> None:
         self.written: list[bytes] = []

@@ -5,11 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hexctl.backends.zenoh import subscriber
 from hexctl.backends.zenoh.subscriber import LatestValues, StateSubscriber
 from hexctl.errors import RobotFaultError
 from hexctl.wire.links import KeyMap
 from hexctl.wire.zenoh_messages import StateTag, encode_positions
+from tests.backends.fake_time import FakeTime
 
 
 def state(sequence: int) -> SimpleNamespace:
@@ -25,10 +25,9 @@ def state(sequence: int) -> SimpleNamespace:
     return SimpleNamespace(payload=encode_positions(np.zeros(18)), attachment=tag.packed())
 
 
-def test_states_of_before_the_lease_are_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_states_of_before_the_lease_are_not_waited_for() -> None:
     """They come on another thread than the answer that grants it, and may tell of a stop that it lifted."""
-    monkeypatch.setattr(subscriber, "FIRST_STATE_TIMEOUT_S", 0.05)
-    latest = LatestValues()
+    latest = LatestValues(FakeTime())
     states = StateSubscriber(KeyMap.of("ant"), latest)
     states.forget(after=5)
     for sequence in (4, 5):

@@ -18,7 +18,7 @@ from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.pwm_map import pwm_map_of
 from hexctl.simulators.bus_board import FAMILIES
 from hexctl.simulators.bus_faults import BusFaults
-from hexctl.simulators.bus_servos import BusBoardCounters, SimulatedServo, SimulatedServos
+from hexctl.simulators.bus_servos import BUS_COUNTS, SimulatedServo, SimulatedServos
 from hexctl.simulators.pca9685_chips import SimulatedI2c, SimulatedPca9685
 from hexctl.simulators.servo2040_board import Servo2040Board
 from hexctl.types import N_JOINTS, FloatArray
@@ -47,7 +47,7 @@ def _made(driver: str, model: str) -> tuple[SimulatedServos, FloatArray, list[di
     """Servos, the counts at which they stand, and their state at first."""
     bus_map = a_map(driver, model)
     counts = stance_counts(bus_map)
-    family = FAMILIES[driver](bus_map, counts, BusFaults(), BusBoardCounters())
+    family = FAMILIES[driver](bus_map, counts, BusFaults(), dict.fromkeys(BUS_COUNTS, 0))
     return family, counts, [_state(servo) for servo in family.servos]
 
 

@@ -18,6 +18,7 @@ from hexctl.errors import RobotFaultError
 from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.bus_map import BusMap
 from hexctl.robot.servos.pwm_map import pwm_map_of
+from hexctl.time_source import WALL_TIME
 from hexctl.types import N_JOINTS
 from tests.backends.bus.boards import MODELS, a_map
 from tests.fuzz.target import Target
@@ -36,7 +37,7 @@ class FuzzedLine:
         packets: of the servos; None for a line without packets.
     """
 
-    path, baud, echoes, free_s = "/dev/fuzz", 1_000_000, False, 0.0
+    path, baud, echoes, free_s, time = "/dev/fuzz", 1_000_000, False, 0.0, WALL_TIME
 
     def __init__(self, data: bytes, packets: PacketFormat | None) -> None:
         self._data, self._packets = data, packets
