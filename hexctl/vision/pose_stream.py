@@ -126,7 +126,7 @@ class PoseStream:
     ) -> None:
         self._place, self._outputs = place, outputs
         self._observer = Observer(
-            robot, place.camera, place.floor_corners, place.robot_tag, latency_s=latency_s, finder=finder
+            robot, place.viewpoint, place.floor_corners, place.tag, latency_s=latency_s, finder=finder
         )
         self._overlay = Overlay()
         self._pictures = self._seen = self._restarts = 0
@@ -179,8 +179,8 @@ class PoseStream:
         """A picture of the lens's size, or None: a camera that was away may come back with another."""
         if frame is None:
             return None
-        lens, (height_px, width_px) = self._place.camera.lens, frame.picture.shape[:2]
-        if (width_px, height_px) == (lens.width_px, lens.height_px):
+        lens, (height_px, width_px) = self._place.viewpoint.lens, frame.picture.shape[:2]
+        if (width_px, height_px) == lens.size_px:
             return frame
         if not self._misfits:
             on_event(

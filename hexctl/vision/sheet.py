@@ -91,10 +91,10 @@ class Sheet:
         return min(width_mm, high_mm) * MODULES / (MODULES + 2)
 
     @property
-    def floor_edges_m(self) -> dict[int, float]:
+    def floor_edges_mm(self) -> dict[int, float]:
         """Edges of the floor's tags, by number."""
         further = range(HOME_TAG + 1, HOME_TAG + 1 + self.floor_tags)
-        return {HOME_TAG: self.home_edge_mm / 1000} | dict.fromkeys(further, self.floor_edge_mm / 1000)
+        return {HOME_TAG: self.home_edge_mm} | dict.fromkeys(further, self.floor_edge_mm)
 
     def pdf(self) -> bytes:
         """The pages, all squares as vectors: first robot and home, then the floor, then the board."""

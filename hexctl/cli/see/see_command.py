@@ -43,7 +43,7 @@ def _print_started(started: "CameraStarted", path: Path) -> None:
 
     tags = ", ".join(map(str, sorted(started.place.floor_tags)))
     learned = "learned by looking" if started.learned else "as the file says"
-    x_m, y_m, z_m = started.place.camera.position_floor
+    x_m, y_m, z_m = started.place.camera.position_m
     print_note(
         f"{path}: tags {tags} on the floor, {learned}; "
         f"the camera stands at {x_m:.2f}, {y_m:.2f} m, {z_m:.2f} m high"

@@ -13,7 +13,7 @@ from hexctl.robot.rotations import wrapped_rad
 from hexctl.types import ArrayFields, FloatArray
 from hexctl.vision.detection.camera import Camera, camera_candidates, place_camera, reprojection_px
 from hexctl.vision.detection.lens import Lens
-from hexctl.vision.detection.planar_pose import PlanarPose, tag_pose
+from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose, tag_pose
 from hexctl.vision.detection.tags import HOME_TAG, UNIT_CORNERS, SeenTag
 
 #: A tag that is seen in fewer of the pictures of one camera place, as a share, is not used.
@@ -41,24 +41,6 @@ TRIED = 2
 CornersPx = Mapping[int, FloatArray]
 
 
-@dataclass(frozen=True, slots=True)
-class FloorTag:
-    """A tag that lies on the floor.
-
-    Attributes:
-        edge_m: of its black square.
-        pose: in the frame of the floor: the middle of the home tag, x along its arrow.
-    """
-
-    edge_m: float
-    pose: PlanarPose
-
-    @property
-    def corners(self) -> FloatArray:
-        """Its corners on the floor, (4, 2) in m."""
-        return self.pose.of_points(UNIT_CORNERS * self.edge_m)
-
-
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class LearnedFloor(ArrayFields):
     """The tags on the floor, and the places from which a camera saw them.
@@ -71,7 +53,7 @@ class LearnedFloor(ArrayFields):
         doubts: what cannot be trusted, a sentence each.
     """
 
-    tags: Mapping[int, FloorTag]
+    tags: Mapping[int, PlacedTag]
     cameras: tuple[Camera, ...]
     residuals_px: Mapping[int, float]
     deviations_m: Mapping[int, float]
@@ -158,7 +140,7 @@ def _chained(
                 pose = None if tag_id in poses else _seen_pose(camera, corners_px)
                 if pose is not None:
                     poses[tag_id] = pose
-        corners = {tag_id: FloorTag(edges_m[tag_id], pose).corners for tag_id, pose in poses.items()}
+        corners = {tag_id: PlacedTag(tag_id, edges_m[tag_id], pose).corners for tag_id, pose in poses.items()}
         for number, view in enumerate(views):
             camera_there = None if number in cameras else place_camera(lens, view, corners)
             if camera_there is not None:
@@ -215,16 +197,16 @@ class _Fit:
         )
         return self
 
-    def _unpacked(self, values: FloatArray) -> tuple[list[Camera], dict[int, FloorTag]]:
+    def _unpacked(self, values: FloatArray) -> tuple[list[Camera], dict[int, PlacedTag]]:
         count = len(self._places)
         cameras = [
             Camera(self._lens, Rotation.from_rotvec(six[:3]).as_matrix(), six[3:])
             for six in values[: 6 * count].reshape(-1, 6)
         ]
-        tags = {HOME_TAG: FloorTag(self._edges_m[HOME_TAG], PlanarPose(0.0, 0.0, 0.0))}
+        tags = {HOME_TAG: PlacedTag(HOME_TAG, self._edges_m[HOME_TAG], PlanarPose(0.0, 0.0, 0.0))}
         for tag_id, (x_m, y_m, yaw) in zip(self._tag_ids, values[6 * count :].reshape(-1, 3), strict=True):
             pose = PlanarPose(float(x_m), float(y_m), wrapped_rad(float(yaw)))
-            tags[tag_id] = FloorTag(self._edges_m[tag_id], pose)
+            tags[tag_id] = PlacedTag(tag_id, self._edges_m[tag_id], pose)
         return cameras, tags
 
     def _misses(self, values: FloatArray) -> FloatArray:
@@ -272,7 +254,7 @@ class _Fit:
 
 
 def _tag_doubts(
-    cameras: Sequence[Camera], views: Sequence[CornersPx], tags: Mapping[int, FloorTag],
+    cameras: Sequence[Camera], views: Sequence[CornersPx], tags: Mapping[int, PlacedTag],
     residuals_px: Mapping[int, float], deviations_m: Mapping[int, float],
 ) -> Iterable[str]:  # fmt: skip
     """What cannot be trusted about single tags."""

@@ -66,12 +66,17 @@ class Lens(ArrayFields):
             width_px=width_px, height_px=height_px, matrix=matrix, distortion=np.zeros(5), calibrated=False
         )
 
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height of its pictures."""
+        return self.width_px, self.height_px
+
     def scaled(self, width_px: int, height_px: int) -> "Lens":
         """The same lens with pictures of another size, if their shape is the same.
 
         Raises InputError where it is not: the camera cuts its pictures, and which part is not known.
         """
-        if (width_px, height_px) == (self.width_px, self.height_px):
+        if (width_px, height_px) == self.size_px:
             return self
         scale = width_px / self.width_px
         if abs(height_px - scale * self.height_px) > 1:

@@ -7,8 +7,8 @@ import numpy as np
 from hexctl.robot.rotations import levelled
 from hexctl.types import ArrayFields, FloatArray
 from hexctl.vision.detection.camera import Camera
-from hexctl.vision.detection.planar_pose import PlanarFit, PlanarPose, fitted_pose
-from hexctl.vision.detection.tags import UNIT_CORNERS, Picture, SeenTag, TagFinder
+from hexctl.vision.detection.planar_pose import PlacedTag, PlanarFit, PlanarPose, fitted_pose
+from hexctl.vision.detection.tags import Picture, SeenTag, TagFinder
 
 #: Standard deviation of a corner's coordinate, in px, that is believed at first, and never less: noise, blur,
 #: and what is left of the lens's distortion.
@@ -53,28 +53,6 @@ LEVEL = np.array([0.0, 0.0, 1.0])
 SEARCH_EVERY, THOROUGH_EVERY = 3, 3
 
 
-@dataclass(frozen=True, slots=True)
-class RobotTag:
-    """The tag on a robot.
-
-    Attributes:
-        tag_id: its number.
-        edge_m: of its black square.
-        mount: its pose in the frame of the robot's base, seen from above.
-        height_m: above the origin of the base.
-    """
-
-    tag_id: int
-    edge_m: float
-    mount: PlanarPose
-    height_m: float
-
-    @property
-    def corners_body(self) -> FloatArray:
-        """Its corners in the frame of the robot's base, (4, 3) in m."""
-        return np.column_stack([self.mount.of_points(self.edge_m * UNIT_CORNERS), np.full(4, self.height_m)])
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenRobot(ArrayFields):
     """A robot as seen in one picture.
@@ -100,7 +78,7 @@ class RobotTracker:
         finder: of the tags.
     """
 
-    def __init__(self, tag: RobotTag, finder: TagFinder) -> None:
+    def __init__(self, tag: PlacedTag, finder: TagFinder) -> None:
         self.tag, self._finder = tag, finder
         self._last_px: FloatArray | None = None
         self._missed = 0

@@ -18,7 +18,7 @@ from hexctl.robot.rotations import about_z
 from hexctl.types import ArrayFields, FloatArray
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.lens import Lens
-from hexctl.vision.detection.planar_pose import PlanarPose
+from hexctl.vision.detection.planar_pose import PlacedTag
 from hexctl.vision.detection.tags import MODULES, Picture, tag_modules
 
 #: The camera by which MuJoCo draws has no distortion; a lens wider than this would need too many pixels.
@@ -57,23 +57,6 @@ class CameraFlaws:
     exposure_s: float = 0.0
     brightness: float = 1.0
     shadow: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class PlacedTag:
-    """A printed tag at a place: on the floor, or on the robot's trunk.
-
-    Attributes:
-        tag_id: its number.
-        edge_m: of its black square.
-        pose: in the frame of the floor, or of the robot's base.
-        height_m: above the floor, or above the origin of the base.
-    """
-
-    tag_id: int
-    edge_m: float
-    pose: PlanarPose
-    height_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,12 +13,12 @@ from hexctl.robot.model import Robot
 from hexctl.vision.camera_options import never
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.lens import Lens, load_lens
-from hexctl.vision.detection.planar_pose import PlanarPose
+from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose
 from hexctl.vision.detection.tags import Picture
 from hexctl.vision.twin.camera_faults import CameraFaults, parse_camera_fault, with_hand
 from hexctl.vision.twin.delivery import Delivery, TakenPicture
 from hexctl.vision.twin.posture_history import PostureHistory, followed_robot
-from hexctl.vision.twin.rendering import CameraFlaws, PlacedTag, RobotPosture, SceneRenderer
+from hexctl.vision.twin.rendering import CameraFlaws, RobotPosture, SceneRenderer
 from hexctl.vision.twin.twin_options import LOOK_AT_M, POSITION_M, TwinOptions
 from hexctl.vision.video.mjpeg import MjpegServer
 
