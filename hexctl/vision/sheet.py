@@ -157,7 +157,7 @@ class _Page:
         self._canvas.drawPath(path, stroke=0, fill=1, fillMode=1)
 
     def tag(self, tag_id: int, left_mm: float, top_mm: float, edge_mm: float) -> None:
-        """A tag whose black square has its upper left corner at a place."""
+        """A tag whose black square has its upper left corner at a point."""
         module_mm = edge_mm / MODULES
         self.squares(
             (left_mm + start * module_mm, top_mm + row * module_mm, count * module_mm, module_mm)

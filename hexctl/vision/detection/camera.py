@@ -21,7 +21,7 @@ EDGE_PX = 1.25 * LEAST_EDGE_PX
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Camera(ArrayFields):
-    """A lens at a place over the floor, whose frame has z up and z = 0 on the floor.
+    """A lens at a pose over the floor, whose frame has z up and z = 0 on the floor.
 
     Attributes:
         lens: of the camera.
@@ -35,7 +35,7 @@ class Camera(ArrayFields):
 
     @classmethod
     def looking(cls, lens: Lens, position_floor: FloatArray, target_floor: FloatArray) -> "Camera":
-        """Camera at a place that looks at a point, its pictures upright."""
+        """Camera at a position that looks at a point, its pictures upright."""
         ahead = np.asarray(target_floor, dtype=float) - position_floor
         ahead = ahead / np.linalg.norm(ahead)
         right = np.cross(ahead, [0.0, 0.0, 1.0])
@@ -129,7 +129,7 @@ def visible_circle(camera: Camera, height_m: float, edge_m: float) -> tuple[tupl
         height_m: of the tag above the floor.
         edge_m: of the tag.
 
-    Raises InputError for a camera that sees no such place.
+    Raises InputError for a camera that sees none.
     """
     steps = np.arange(-REACH_M, REACH_M, STEP_M)
     x, y = np.meshgrid(camera.position_floor[0] + steps, camera.position_floor[1] + steps)

@@ -32,7 +32,7 @@ MOST_ANGLE_DEG = 85.0
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Lens(ArrayFields):
-    """A camera without its place. In its frame z looks out, x to the right and y down, as in OpenCV.
+    """A camera without its pose. In its frame z looks out, x to the right and y down, as in OpenCV.
 
     Attributes:
         width_px: of its pictures.

@@ -45,7 +45,7 @@ class PlanarPose:
 
 @dataclass(frozen=True, slots=True)
 class PlacedTag:
-    """A printed tag at a place: on the floor, or on the robot's trunk.
+    """A printed tag with a pose: on the floor, or on the robot's trunk.
 
     Attributes:
         tag_id: its number.
@@ -86,7 +86,7 @@ class PlanarFit:
 
 
 def fitted_pose(points: FloatArray, seen: FloatArray) -> PlanarFit:
-    """Pose at which points (N, 2) are seen at other places (N, 2), both in m, by least squares.
+    """Pose at which points (N, 2) are seen at other points (N, 2), both in m, by least squares.
 
     Rotation, scale and shift are those of Umeyama (1991) in the plane.
     """

@@ -17,7 +17,7 @@ CORNER_PX = 0.25
 #: What is believed at first counts as so many pictures; so many pictures are remembered.
 FIRST_PICTURES, MOST_PICTURES = 1.0, 20.0
 
-#: A square that is fitted by place, turn and size leaves so many of the eight coordinates free.
+#: A square that is fitted by position, turn and size leaves so many of the eight coordinates free.
 _FREE = 4
 
 

@@ -89,5 +89,5 @@ def with_hand(picture: Picture, camera: Camera, posture: RobotPosture, tag: Plac
         return picture
     covered = picture.copy()
     radius_px = int(np.hypot(*(seen_px[1] - seen_px[0]))) + 1
-    cv2.circle(covered, tuple(int(place) for place in seen_px[0]), radius_px, _HAND_COLOR, cv2.FILLED)
+    cv2.circle(covered, tuple(int(pixel) for pixel in seen_px[0]), radius_px, _HAND_COLOR, cv2.FILLED)
     return covered

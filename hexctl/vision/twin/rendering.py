@@ -33,7 +33,7 @@ _MODULE_PX, _EDGED = 24, MODULES + 2
 #: Thickness of a sheet of paper on the floor.
 _SHEET_M = 0.0005
 
-#: Places in the noise from which a picture takes its own, in each direction.
+#: Positions in the noise from which a picture takes its own, in each direction.
 _SHIFTS = 64
 
 #: Colours of the floor and of the light.
@@ -106,7 +106,7 @@ class SceneRenderer:
         self._last: RobotPosture | None = None
 
     def move_camera(self, camera: Camera) -> None:
-        """Draw from another place from now on, through the same lens."""
+        """Draw from another position from now on, through the same lens."""
         self.camera = camera
         seen = self.model.camera("see")
         seen.pos = camera.position_floor
@@ -135,14 +135,14 @@ class SceneRenderer:
 
     def _exposed(self, posture: RobotPosture) -> NDArray[np.uint8]:
         """What falls onto the sensor: a robot that moved is smeared by the mean of two moments."""
-        self._place(posture)
+        self._pose(posture)
         picture = self._renderer.picture(self.data)
         if self.flaws.exposure_s <= 0 or self._last is None:
             return picture
-        self._place(self._last)
+        self._pose(self._last)
         return np.asarray(cv2.addWeighted(picture, 0.5, self._renderer.picture(self.data), 0.5, 0))
 
-    def _place(self, posture: RobotPosture) -> None:
+    def _pose(self, posture: RobotPosture) -> None:
         mujoco, qpos = self._mujoco, self.data.qpos
         qpos[:3], qpos[3:7] = posture.position_floor, posture.quaternion_floor
         qpos[7:] = posture.joint_positions_rad
@@ -157,7 +157,7 @@ class SceneRenderer:
         if flaws.shadow > 0 or flaws.brightness != 1:
             light = flaws.brightness * _shadow(picture.shape[1], at_s, flaws.shadow)
             picture = np.clip(picture * light[:, np.newaxis], 0, 255).astype(np.uint8)
-        # The same noise at another place in each picture: to draw a million new numbers takes longer.
+        # The same noise at another position in each picture: to draw a million new numbers takes longer.
         row, column = self._random.integers(_SHIFTS, size=2)
         noise = self._noise[row:, column:][: picture.shape[0], : picture.shape[1]]
         return np.asarray(cv2.add(picture, noise, dtype=cv2.CV_8U))
@@ -220,7 +220,7 @@ def _drawn_lens(lens: Lens) -> tuple[Lens, tuple[Any, Any]]:
     where = rays[:, :2] * focal_px + ((width_px - 1) / 2, (height_px - 1) / 2)
     shape = (lens.height_px, lens.width_px)
     columns, rows = (where[:, axis].reshape(shape).astype(np.float32) for axis in (0, 1))
-    # OpenCV itself rounds places to 1/32 px, each time if this is not done once.
+    # OpenCV itself rounds pixels to 1/32 px, each time if this is not done once.
     return drawn, cv2.convertMaps(columns, rows, cv2.CV_16SC2)
 
 

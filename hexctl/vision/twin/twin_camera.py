@@ -40,8 +40,8 @@ CAMERA = Camera.looking(WEBCAM, np.array(POSITION_M), np.array(LOOK_AT_M))
 
 #: Tags on the floor by number, as large as `hexctl see print` makes them.
 FLOOR_TAGS = {
-    number: PlacedTag(number, edge_m, PlanarPose(*place))
-    for number, (edge_m, *place) in enumerate(
+    number: PlacedTag(number, edge_m, PlanarPose(*pose))
+    for number, (edge_m, *pose) in enumerate(
         [(0.11, 0.0, 0.9, 0.3), (0.16, 0.2, -0.95, 1.0), (0.16, 0.9, 0.1, 2.0), (0.16, -0.6, 0.0, 0.0)]
     )
 }
@@ -143,7 +143,7 @@ class TwinCamera(TwinOptions):
             parse_camera_fault(text)
 
     def camera(self) -> Camera:
-        """Lens and place. Raises InputError for a lens that does not fit the pictures."""
+        """Lens and position. Raises InputError for a lens that does not fit the pictures."""
         return Camera.looking(self._lens(), np.array(self.position_m), np.array(self.look_at_m))
 
     def _lens(self) -> Lens:

@@ -109,7 +109,7 @@ def test_a_place_without_the_home_tag_is_tied_by_the_others() -> None:
     assert len(learned.cameras) == 2
     apart = learn_floor(WEBCAM, [{2: far[2]}, near], EDGES_M)
     assert len(apart.cameras) == 1
-    assert "camera place 1 shares no tag" in " ".join(apart.doubts)
+    assert "camera position 1 shares no tag" in " ".join(apart.doubts)
 
 
 @pytest.mark.parametrize("seed", range(5))
