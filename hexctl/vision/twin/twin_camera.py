@@ -170,7 +170,7 @@ class TwinCamera(TwinOptions):
             on_event: called with a line when the robot falls silent, and when the computer is too slow.
 
         Raises InputError for a lens or link that is not allowed, RobotFaultError where no simulated robot
-        answers, or the port is taken, and what `open_context` raises.
+        answers, or the port is taken, and what `Canvas` raises.
         """
         camera, link = self.camera(), self.load_link()
         flaws = CameraFlaws(noise=self.noise, blur_px=self.blur_px, shadow=self.shadow)
@@ -279,15 +279,14 @@ class _Shooting:
             self._on_event(f"pictures are {least_ms:.0f} ms late, as drawing takes that long")
 
     def _report(self, delivery: Delivery, duration_s: float) -> TwinReport:
-        counts = delivery.counts
         return TwinReport(
             duration_s=duration_s,
             drawn=self._drawn,
-            delivered=counts.delivered,
+            delivered=delivery.delivered,
             dropped=self._dropped,
             skipped=self._skipped,
-            late=counts.late,
-            latency_s=counts.latency_s / counts.delivered if counts.delivered else None,
+            late=delivery.late,
+            latency_s=delivery.latency_s / delivery.delivered if delivery.delivered else None,
             drawing_s=self._drawing_s,
             developing_s=delivery.developing_s,
         )
