@@ -10,8 +10,10 @@ This is the whole public interface of the package. Names are imported when first
 """
 
 import os
-from typing import TYPE_CHECKING
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
 
+from hexctl.errors import MissingExtraError
 from hexctl.lazy_names import lazy_names
 
 if TYPE_CHECKING:
@@ -61,7 +63,7 @@ __all__ = [
 ]
 # fmt: on
 
-__getattr__ = lazy_names(
+_load = lazy_names(
     "hexctl.vision",
     {
         "robot_camera": "RobotCamera CameraStarted",
@@ -80,6 +82,12 @@ __getattr__ = lazy_names(
         "estimation.pose_filter": "PoseEstimate",
     },
 )
+
+
+def __getattr__(name: str) -> Any:
+    if name in __all__ and find_spec("cv2") is None:
+        raise MissingExtraError(f"hexctl.vision.{name}", "see")
+    return _load(name)
 
 
 def __dir__() -> list[str]:

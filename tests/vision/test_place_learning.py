@@ -8,9 +8,9 @@ import pytest
 
 from hexctl.errors import InputError
 from hexctl.robot.loader import load_robot
-from hexctl.vision.camera_options import RobotCameraOptions
 from hexctl.vision.place import Place, load_place
 from hexctl.vision.place_learning import check_known, learned_place
+from hexctl.vision.robot_camera import RobotCamera
 from tests.vision.detection.test_floor import seen_by
 from tests.vision.scenes import CAMERA
 from tests.vision.test_place import PLACE, saved
@@ -19,18 +19,18 @@ from tests.vision.test_place import PLACE, saved
 SAME = {"robot_tag": 10, "robot_edge_mm": 100, "home_edge_mm": 110, "floor_edge_mm": 160}
 
 
-def given(**options: Any) -> RobotCameraOptions:
+def given(**options: Any) -> RobotCamera:
     """Options of a camera."""
-    return RobotCameraOptions(camera="0", **options)
+    return RobotCamera(camera="0", **options)
 
 
-def learned(options: RobotCameraOptions, *numbers: int, before: Place | None = None) -> Place:
+def learned(options: RobotCamera, *numbers: int, before: Place | None = None) -> Place:
     """A place that is learned by a look at tags of some numbers."""
     return doubted(options, *numbers, before=before)[0]
 
 
 def doubted(
-    options: RobotCameraOptions, *numbers: int, before: Place | None = None
+    options: RobotCamera, *numbers: int, before: Place | None = None
 ) -> tuple[Place, tuple[str, ...]]:
     """The same, and what cannot be trusted of it."""
     views = [{number: seen_by(CAMERA)[number] for number in numbers}]
