@@ -95,7 +95,6 @@ class CameraLens(VideoOptions):
 
 
 def _grey_frames(video: "VideoSource", stop_requested: Callable[[], bool]) -> "Iterator[Picture]":
-    """Grey frames of a video, until it ends or a stop is requested."""
     while not video.ended and not stop_requested():
         frame = video.read()
         if frame is not None:

@@ -258,12 +258,10 @@ def _edges_mm(given: "RobotCamera", before: Place | None, robot_tag: int) -> dic
 
 
 def _edge_option(number: int) -> str:
-    """Option with the edge of a tag of the floor."""
     return "home_edge_mm" if number == HOME_TAG else "floor_edge_mm"
 
 
 def _unseen_doubt(numbers: Sequence[int]) -> tuple[str, ...]:
-    """What is said of printed tags that were not seen."""
     if not numbers:
         return ()
     those = f"tag {numbers[0]} is" if len(numbers) == 1 else f"tags {', '.join(map(str, numbers))} are"

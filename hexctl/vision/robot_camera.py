@@ -184,8 +184,7 @@ class RobotCamera(CameraOptions):
         from hexctl.robot.loader import load_robot
         from hexctl.vision.detection.tags import TagFinder
         from hexctl.vision.place_learning import found_place, known_place
-        from hexctl.vision.pose_stream import CameraReport, PoseOutputs, PoseStream
-        from hexctl.vision.pose_table import PoseTable
+        from hexctl.vision.pose_stream import CameraReport, PoseOutputs, PoseStream, PoseTable
         from hexctl.vision.robot_link import robot_link
         from hexctl.vision.video.mjpeg import MjpegServer
         from hexctl.vision.video.video_writer import VideoWriter

@@ -146,7 +146,6 @@ class _Page:
         self._canvas, self.width_mm, self.height_mm = canvas, width_mm, height_mm
 
     def finish(self) -> None:
-        """Begin the next page."""
         self._canvas.showPage()
 
     def squares(self, rectangles_mm: Iterable[Rectangle]) -> None:
@@ -165,7 +164,6 @@ class _Page:
         )
 
     def line(self, *points_mm: tuple[float, float], dashed: bool = False, width_mm: float = 0.2) -> None:
-        """Lines from point to point."""
         self._canvas.setLineWidth(width_mm * _MM)
         self._canvas.setDash([2 * _MM, 2 * _MM] if dashed else [])
         path = self._canvas.beginPath()
@@ -175,7 +173,6 @@ class _Page:
         self._canvas.drawPath(path, stroke=1, fill=0)
 
     def arrow(self, left_mm: float, y_mm: float, length_mm: float) -> None:
-        """An arrow to the right."""
         end_mm = left_mm + length_mm
         self.line((left_mm, y_mm), (end_mm, y_mm), width_mm=0.8)
         self.line((end_mm - 3, y_mm - 1.8), (end_mm, y_mm), (end_mm - 3, y_mm + 1.8), width_mm=0.8)
@@ -274,7 +271,6 @@ def _floor_page(page: _Page, tag_id: int, edge_mm: float) -> float:
 
 
 def _board_page(page: _Page) -> None:
-    """The board by which a lens is calibrated."""
     columns, rows = SQUARES
     left_mm, top_mm = (page.width_mm - columns * SQUARE_M * 1000) / 2, 2 * MARGIN_MM
     page.squares(

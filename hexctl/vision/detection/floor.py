@@ -210,7 +210,6 @@ class _Fit:
         return cameras, tags
 
     def _misses(self, values: FloatArray) -> FloatArray:
-        """By how much each corner is seen elsewhere, in px."""
         cameras, tags = self._unpacked(values)
         misses = []
         for camera, view in zip(cameras, self._views, strict=True):
@@ -257,7 +256,6 @@ def _tag_doubts(
     cameras: Sequence[Camera], views: Sequence[CornersPx], tags: Mapping[int, PlacedTag],
     residuals_px: Mapping[int, float], deviations_m: Mapping[int, float],
 ) -> Iterable[str]:  # fmt: skip
-    """What cannot be trusted about single tags."""
     for tag_id, tag in tags.items():
         looks = [
             seen.scale / tag.edge_m - 1

@@ -119,8 +119,6 @@ class Lens(ArrayFields):
 
 
 class _Matrix(BaseModel):
-    """A matrix as ROS writes it."""
-
     model_config = ConfigDict(allow_inf_nan=False)
 
     rows: Annotated[int, Field(ge=1, le=14)]

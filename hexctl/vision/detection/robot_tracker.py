@@ -135,7 +135,6 @@ def _expected_px(camera: Camera, corners: FloatArray, expected: PlanarPose | Non
 
 
 def _fitted(camera: Camera, seen_tag: SeenTag, corners: FloatArray) -> PlanarFit | None:
-    """Pose of the robot by where rays meet the heights of the corners (4, 3)."""
     seen = camera.floor_points(seen_tag.corners_px, corners[:, 2])
     return fitted_pose(corners[:, :2], seen) if np.isfinite(seen).all() else None
 

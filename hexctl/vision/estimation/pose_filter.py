@@ -195,7 +195,6 @@ class PoseFilter:
         return self._advanced(self._newest(), at_s)
 
     def _newest(self) -> PoseBelief:
-        """Belief after the newest sighting and motion."""
         last = self._fused[-1][1] if self._fused else self._base
         assert last is not None  # noqa: S101  asked for only where something is believed
         tip = last if self._tip is None or self._tip.at_s < last.at_s else self._tip
@@ -271,7 +270,6 @@ class PoseFilter:
         self._published_s, self._offset = -math.inf, np.zeros(3)
 
     def _slip(self) -> PoseBelief | None:
-        """Belief whose slip is to be kept."""
         return self._newest() if self._base is not None else self._slip_of
 
     def _forget(self) -> None:

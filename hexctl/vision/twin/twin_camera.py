@@ -257,7 +257,6 @@ class _Shooting:
                 delivery.send(TakenPicture(develop, taken_at_s, due_at_s))
 
     def _cost_s(self, delivery: Delivery) -> float:
-        """How long it takes to draw and to develop a picture."""
         return self._drawing_s + delivery.developing_s
 
     def _judge(self, now_s: float, since_start_s: float, delivery: Delivery) -> None:
