@@ -125,9 +125,16 @@ def ranked_codes(prior: Prior | ScorePrior, robot: Robot, leg: int, objective: s
         ends = samples_of(prior, robot, leg)
         means = np.log(np.abs(ends.features[..., FINAL]).mean(axis=0))
         worlds, share = len(ends.features), ends.finished
-    # Rule of succession: no fall in these worlds is not a probability of zero.
-    chance = (worlds * share + 1) / (worlds + 2)
-    return [int(row) + 1 for row in np.argsort(means - np.log(chance), kind="stable")]
+    order = np.argsort(means - np.log(chance_of(share, worlds)), kind="stable")
+    return [int(row) + 1 for row in order]
+
+
+def chance_of(share: FloatArray, worlds: int) -> FloatArray:
+    """Probability of what a share of some worlds did; none in these worlds is not a probability of zero.
+
+    It is Laplace's rule of succession.
+    """
+    return (worlds * share + 1) / (worlds + 2)
 
 
 def covers(robot: Robot, self_rotation: str, legs: tuple[int, ...], leg: int) -> bool:
