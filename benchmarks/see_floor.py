@@ -13,13 +13,12 @@ from hexctl.types import FloatArray
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.floor import LearnedFloor, averaged_corners, learn_floor
 from hexctl.vision.detection.lens import Lens
-from hexctl.vision.detection.planar_pose import PlanarPose
-from hexctl.vision.detection.robot_tracker import RobotTag
+from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose
 from hexctl.vision.detection.tags import Picture, SeenTag, TagFinder
 from hexctl.vision.observer import Observer
-from hexctl.vision.robot_camera import LEARNING_PICTURES
+from hexctl.vision.place_learning import LEARNING_PICTURES
 from hexctl.vision.robot_link import LegState
-from hexctl.vision.twin.rendering import CameraFlaws, PlacedTag, RobotPosture, SceneRenderer
+from hexctl.vision.twin.rendering import CameraFlaws, RobotPosture, SceneRenderer
 from hexctl.vision.twin.twin_camera import tag_on
 
 #: Half of the floor: ahead of the camera, and to its side, in m.
@@ -159,8 +158,7 @@ def _looked(
 ) -> tuple[PlanarPose | None, float]:
     """Where the robot is by some pictures, and the processor time of each; the first only finds the tag."""
     corners = {number: one.corners for number, one in floor.tags.items()}
-    on_robot = RobotTag(tag.tag_id, tag.edge_m, tag.pose, tag.height_m)
-    observer = Observer(robot, floor.cameras[0], corners, on_robot, finder=finder)
+    observer = Observer(robot, floor.cameras[0], corners, tag, finder=finder)
     began_s, seen, pose = 0.0, None, None
     for number, picture in enumerate(pictures):
         at_s = number * PERIOD_S

@@ -18,12 +18,11 @@ from hexctl.study.holds.hold_walks import HoldCase, HoldPlace
 from hexctl.types import RobotState
 from hexctl.vision.detection.camera import Camera, place_camera
 from hexctl.vision.detection.floor import averaged_corners
-from hexctl.vision.detection.planar_pose import PlanarPose
-from hexctl.vision.detection.robot_tracker import RobotTag
-from hexctl.vision.detection.tags import UNIT_CORNERS, Picture, TagFinder
+from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose
+from hexctl.vision.detection.tags import Picture, TagFinder
 from hexctl.vision.observer import Observer
 from hexctl.vision.robot_link import LegState
-from hexctl.vision.twin.rendering import CameraFlaws, PlacedTag, RobotPosture, SceneRenderer
+from hexctl.vision.twin.rendering import CameraFlaws, RobotPosture, SceneRenderer
 from hexctl.vision.twin.twin_camera import WEBCAM, tag_on
 
 #: Pictures per second, how late they come, and the share that never does.
@@ -87,13 +86,12 @@ class SeenServos(ServosWrapper):
         super().connect()
         renderer = SceneRenderer(self.robot, CAMERA, TAGS, self._tag, self._flaws, seed=self._seed)
         self._renderer, finder = renderer, TagFinder()
-        corners = {number: tag.pose.of_points(tag.edge_m * UNIT_CORNERS) for number, tag in TAGS.items()}
+        corners = {number: tag.corners for number, tag in TAGS.items()}
         views = [finder.search(renderer.draw(self._posture()), thorough=True) for _ in range(20)]
         camera = place_camera(WEBCAM, averaged_corners(views), corners)
         if camera is None:
             raise RuntimeError("the rendered camera sees no tag of the floor")
-        tag = RobotTag(self._tag.tag_id, self._tag.edge_m, self._tag.pose, self._tag.height_m)
-        self._observer = Observer(self.robot, camera, corners, tag, latency_s=LATENCY_S, finder=finder)
+        self._observer = Observer(self.robot, camera, corners, self._tag, latency_s=LATENCY_S, finder=finder)
         state = super().read()
         for step in range(-_STEPS, 0):
             at_s = state.stamp_s + step * _STEP_S

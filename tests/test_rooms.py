@@ -7,11 +7,11 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 #: Most lines of each folder of the package, and of the modules directly in it.
 CEILINGS = {
     "": 2_170,
-    "adapt": 8_390,
+    "adapt": 8_210,
     "backends": 10_050,
     "cli": 6_990,
     "client": 1_180,
-    "control": 12_610,
+    "control": 12_660,
     "demo": 270,
     "doctor": 630,
     "export": 2_100,
@@ -25,7 +25,7 @@ CEILINGS = {
     "study": 8_850,
     "teleop": 1_980,
     "testing": 560,
-    "vision": 6_540,
+    "vision": 6_420,
     "wire": 3_210,
 }
 

@@ -1,7 +1,7 @@
 """From what was asked for to a checked session spec."""
 
 import math
-from collections.abc import Container
+from collections.abc import Container, Iterator
 from dataclasses import fields, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -215,81 +215,45 @@ def _with_trim(spec: SessionSpec, prior: Path | str | None, *, free: bool) -> Se
 def _check_options(spec: SessionSpec, objective: Objective) -> None:
     """Raise InputError for options that do not belong to the session's robot, or contradict one another."""
     make_policy(spec.policy)
-    if spec.uncertainty_m and spec.objective != "final":
-        raise InputError(
-            f"uncertainty_m: got {spec.uncertainty_m} with {argument('objective')} {spec.objective}; "
-            "allowed: with final, whose end of a walk it is of"
-        )
-    if objective.name in ("tilt", "steadiness") and spec.duration_s < LEAST_S:
-        raise InputError(
-            f"{argument('duration_s')}: got {spec.duration_s:g} with {argument('objective')} "
-            f"{objective.name}, which is measured after the soft start; allowed: {LEAST_S:g} or more"
-        )
     linked = option_values(spec, but=("robot", "world", "failure", "seed"))
     if ":" not in spec.backend or any(linked.values()):
         check_options(spec.backend, **linked)
-    if spec.simulated and (spec.arena_m is not None or spec.ask):
-        raise InputError(
-            f"{argument('ask' if spec.ask else 'arena_m')}: got it with {argument('backend')} sim, where "
-            "each trial begins at the "
-            "same place; allowed: with a robot that stays where a walk ends"
-        )
-    _check_home(spec)
-    if spec.cool_down_c is not None:
-        _check_cooling(spec)
-    if (spec.arena_m is not None or spec.ask) and spec.heading_rad and spec.self_rotation != "none":
-        raise InputError(
-            f"{argument('heading_rad')}: got {math.degrees(spec.heading_rad):g} with "
-            f"{argument('ask' if spec.ask else 'arena_m')}, where the line is "
-            f"wherever it fits; allowed: with {argument('self_rotation')} none, as seen from the body"
-        )
-    if spec.ask:
-        _check_asking(spec, objective)
+    for contradicts, got, allowed in _contradictions(spec, objective):
+        if contradicts:
+            raise InputError(f"{got}; allowed: {allowed}")
 
 
-def _check_home(spec: SessionSpec) -> None:
-    """Raise InputError for a middle without an arena around it, and for one that is no place."""
-    if spec.home_m is None:
-        return
-    if spec.arena_m is None:
-        raise InputError(f"home_m: got {spec.home_m} without arena_m; allowed: with it, whose middle it is")
-    if len(spec.home_m) != 2 or not all(map(math.isfinite, spec.home_m)):
-        raise InputError(f"home_m: got {spec.home_m}; allowed: x and y in m")
-
-
-def _check_cooling(spec: SessionSpec) -> None:
-    """Raise InputError for a temperature that nothing tells."""
-    if spec.simulated:
-        raise InputError(
-            f"{argument('cool_down_c')}: got it with {argument('backend')} sim, whose servos do not heat up; "
-            "allowed: with a real robot"
-        )
-
-
-def _check_asking(spec: SessionSpec, objective: Objective) -> None:
-    """Raise InputError for options that need more than what an operator measures."""
-    if spec.arena_m is not None:
-        raise InputError(
-            f"{argument('arena_m')}: got it with {argument('ask')}; allowed: with a robot that knows where "
-            "it is"
-        )
-    if spec.early_stop:
-        raise InputError(
-            f"{argument('early_stop')}: got it with {argument('ask')}; allowed: with a robot that knows "
-            "where it is"
-        )
-    if spec.hold == "line":
-        raise InputError(
-            f"{argument('hold')}: got line with {argument('ask')}, where the robot does not know its "
-            "position; allowed: auto, heading, none"
-        )
-    if objective.needs_course:
-        usable = [name for name, shipped in OBJECTIVES.items() if not shipped.needs_course]
-        raise InputError(
-            f"{argument('objective')}: got {spec.objective} with {argument('ask')}; allowed: "
-            f"{' or '.join(usable)}, "
-            "for which the end of a walk is enough"
-        )
+def _contradictions(spec: SessionSpec, objective: Objective) -> Iterator[tuple[bool, str, str]]:
+    """Whether options contradict one another, what was got then, and what is allowed instead."""
+    named, sim, ask = argument("objective"), f"{argument('backend')} sim", argument("ask")
+    staying = ask if spec.ask else argument("arena_m")
+    stays = spec.arena_m is not None or spec.ask
+    uncertain = bool(spec.uncertainty_m) and spec.objective != "final"
+    got = f"uncertainty_m: got {spec.uncertainty_m} with {named} {spec.objective}"
+    yield uncertain, got, "with final, whose end of a walk it is of"
+    short = objective.name in ("tilt", "steadiness") and spec.duration_s < LEAST_S
+    got = f"{argument('duration_s')}: got {spec.duration_s:g} with {named} {objective.name}"
+    yield short, f"{got}, which is measured after the soft start", f"{LEAST_S:g} or more"
+    got = f"{staying}: got it with {sim}, where each trial begins at the same place"
+    yield spec.simulated and stays, got, "with a robot that stays where a walk ends"
+    home, nowhere = spec.home_m, "with it, whose middle it is"
+    yield home is not None and spec.arena_m is None, f"home_m: got {home} without arena_m", nowhere
+    point = home is None or (len(home) == 2 and all(map(math.isfinite, home)))
+    yield not point, f"home_m: got {home}", "x and y in m"
+    got = f"{argument('cool_down_c')}: got it with {sim}, whose servos do not heat up"
+    yield spec.cool_down_c is not None and spec.simulated, got, "with a real robot"
+    aimed = stays and bool(spec.heading_rad) and spec.self_rotation != "none"
+    got = f"{argument('heading_rad')}: got {math.degrees(spec.heading_rad):g} with {staying}"
+    seen = f"with {argument('self_rotation')} none, as seen from the body"
+    yield aimed, f"{got}, where the line is wherever it fits", seen
+    located = "with a robot that knows where it is"
+    yield spec.ask and spec.arena_m is not None, f"{argument('arena_m')}: got it with {ask}", located
+    yield spec.ask and spec.early_stop, f"{argument('early_stop')}: got it with {ask}", located
+    got = f"{argument('hold')}: got line with {ask}, where the robot does not know its position"
+    yield spec.ask and spec.hold == "line", got, "auto, heading, none"
+    usable = [name for name, shipped in OBJECTIVES.items() if not shipped.needs_course]
+    enough = f"{' or '.join(usable)}, for which the end of a walk is enough"
+    yield spec.ask and objective.needs_course, f"{named}: got {spec.objective} with {ask}", enough
 
 
 def check_parts(

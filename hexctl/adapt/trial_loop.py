@@ -8,11 +8,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from hexctl.adapt.objectives import Objective, make_objective
-from hexctl.adapt.optimizer import Observation, Optimizer, Prediction
+from hexctl.adapt.optimizer import Observation, Optimizer
 from hexctl.adapt.optimizers.trim import wanted_trim_rad, wanted_turn_trim_rad_s
 from hexctl.adapt.runner import LegFailedError, RobotStoppedError, WalkedTrial, noticed_legs
 from hexctl.adapt.sessions.recommendation import Contender, next_to_confirm
 from hexctl.adapt.sessions.search_session import Session
+from hexctl.adapt.sessions.session_lines import Walk as StoredWalk
 from hexctl.adapt.sessions.store import SessionStore
 from hexctl.adapt.sessions.walk_records import BASELINE_INDEX, BaselineRecord, ConfirmationRecord, TrialRecord
 from hexctl.adapt.space import GaitSpace
@@ -131,8 +132,7 @@ class AdaptLoop:
             code = _code_of(space, slots)
             what = f"the baseline {name}"
             one = self._checked(self._walk(BASELINE_INDEX, code or 0, slots, None), what)
-            if one.result.status == "aborted":
-                _check_recording(one, f"{what} was interrupted")
+            if _interrupted(one, what):
                 return False
             record = BaselineRecord(
                 gait=name,
@@ -142,10 +142,7 @@ class AdaptLoop:
                 margin_m=self._margin_m(slots),
                 **_stored(one),
             )
-            self._store.add(session, record)
-            if self._on_baseline is not None:
-                self._on_baseline(session, record)
-            _check_recording(one, f"{what} is done")
+            self._keep(record, one, self._on_baseline)
         return True
 
     def _search(self) -> str:
@@ -162,15 +159,9 @@ class AdaptLoop:
             if self._stop_requested():
                 return "interrupted"
             (code,) = self._optimizer.ask(1)
-            predicted = self._optimizer.predict(code)
             should_stop = self._optimizer.early_stopping(code) if spec.early_stop else None
-            walked = self._try(code, should_stop)
-            if walked.result.status == "aborted":
-                _check_recording(walked, f"trial {self._index} was interrupted")
+            if not self._try(code, should_stop):
                 return "interrupted"
-            score = self._score(code, walked)
-            self._optimizer.tell([code], [score], [Observation.of(walked.result)])
-            self._store_trial(code, score, walked, predicted)
         if self._optimizer.finished:
             return "confirmed"
         return "target" if self._reached() else "budget"
@@ -195,14 +186,8 @@ class AdaptLoop:
             code = self._optimizer.recommended() or (session.best.code if session.best else None)
             if code is None:
                 break
-            predicted = self._optimizer.predict(code)
-            walked = self._try(code)
-            if walked.result.status == "aborted":
-                _check_recording(walked, f"trial {self._index} was interrupted")
+            if not self._try(code, confirms=True):
                 return False
-            score = self._score(code, walked)
-            self._optimizer.repeat(code, score, Observation.of(walked.result))
-            self._store_trial(code, score, walked, predicted, confirms=True)
         return True
 
     def _confirm_finely(self) -> bool:
@@ -218,7 +203,7 @@ class AdaptLoop:
         code, slots = found.walk.code, found.walk.slots
         what = f"the confirmation of gait {code}"
         one = self._checked(walk(index, code or 0, slots, None), what)
-        if one.result.status == "aborted":
+        if _interrupted(one, what):
             return False
         record = ConfirmationRecord(
             code=code,
@@ -228,19 +213,37 @@ class AdaptLoop:
             time_step_s=CONFIRM_STEP_S,
             **_stored(one),
         )
-        self._store.add(self._session, record)
-        if self._on_confirmation is not None:
-            self._on_confirmation(self._session, record)
+        self._keep(record, one, self._on_confirmation)
         return True
 
     def _repeats(self) -> int:
         """Number of repeats of the best gait since the last trial of the search."""
         return sum(1 for _ in takewhile(lambda trial: trial.confirms, reversed(self._session.trials)))
 
-    def _try(self, code: int, should_stop: Enough | None = None) -> WalkedTrial:
-        """Walk a code; raises RobotStoppedError when the robot, not the operator, stopped it."""
-        index, slots = self._index, self._optimizer.space.slots_of(code)
-        return self._checked(self._walk(index, code, slots, should_stop), f"trial {index}")
+    def _try(self, code: int, should_stop: Enough | None = None, *, confirms: bool = False) -> bool:
+        """Walk a code as the next trial, learn from it and make it durable; return False when interrupted."""
+        optimizer, index, slots = self._optimizer, self._index, self._optimizer.space.slots_of(code)
+        predicted, what = optimizer.predict(code), f"trial {index}"
+        walked = self._checked(self._walk(index, code, slots, should_stop), what)
+        if _interrupted(walked, what):
+            return False
+        score, seen = self._scored(walked, f"{what}, gait {code}"), Observation.of(walked.result)
+        if confirms:
+            optimizer.repeat(code, score, seen)
+        else:
+            optimizer.tell([code], [score], [seen])
+        trial = TrialRecord(
+            index=index,
+            code=code,
+            slots=slots,
+            score=score,
+            margin_m=self._margin_m(slots),
+            **_stored(walked),
+            confirms=confirms,
+            expected=None if predicted is None else predicted.as_json(),
+        )
+        self._keep(trial, walked, self._on_trial, optimizer.state())
+        return True
 
     def _checked(self, walked: WalkedTrial, what: str) -> WalkedTrial:
         """A walk; raises RobotStoppedError when the robot, not the operator, stopped it, or a leg failed."""
@@ -254,10 +257,6 @@ class AdaptLoop:
 
     def _margin_m(self, slots: Slots) -> float | None:
         return None if self._margin_m_of is None else self._margin_m_of(slots)
-
-    def _score(self, code: int, walked: WalkedTrial) -> float:
-        """Score of a walked trial."""
-        return self._scored(walked, f"trial {self._index}, gait {code}")
 
     def _scored(self, walked: WalkedTrial, what: str) -> float:
         """Score of a walk.
@@ -275,31 +274,18 @@ class AdaptLoop:
                 f"{argument('resume')} {self._session.name} walks it again"
             ) from error
 
-    def _store_trial(
+    def _keep(
         self,
-        code: int,
-        score: float,
+        record: StoredWalk,
         walked: WalkedTrial,
-        predicted: Prediction | None,
-        *,
-        confirms: bool = False,
+        on_stored: Callable[[Session, Any], None] | None,
+        state: dict[str, Any] | None = None,
     ) -> None:
-        """Make the trial durable and report it; raises RecordingError if its recording is not whole."""
-        slots = self._optimizer.space.slots_of(code)
-        trial = TrialRecord(
-            index=self._index,
-            code=code,
-            slots=slots,
-            score=score,
-            margin_m=self._margin_m(slots),
-            **_stored(walked),
-            confirms=confirms,
-            expected=None if predicted is None else predicted.as_json(),
-        )
-        self._store.add(self._session, trial, self._optimizer.state())
-        if self._on_trial is not None:
-            self._on_trial(self._session, trial)
-        _check_recording(walked, f"trial {trial.index} is done")
+        """Make a walk durable and report it; raises RecordingError if its recording is not whole."""
+        self._store.add(self._session, record, state)
+        if on_stored is not None:
+            on_stored(self._session, record)
+        _check_recording(walked, f"{record.name} is done")
 
 
 def _code_of(space: GaitSpace, slots: Slots) -> int | None:
@@ -308,6 +294,13 @@ def _code_of(space: GaitSpace, slots: Slots) -> int | None:
         return space.code_of(slots)
     except InputError:
         return None
+
+
+def _interrupted(walked: WalkedTrial, what: str) -> bool:
+    """Whether a walk was interrupted; raises RecordingError if its recording is not whole then."""
+    if walked.result.status == "aborted":
+        _check_recording(walked, f"{what} was interrupted")
+    return walked.result.status == "aborted"
 
 
 def _check_recording(walked: WalkedTrial, done: str) -> None:

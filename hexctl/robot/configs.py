@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ValidationError
+from pydantic import BeforeValidator, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from hexctl.errors import InputError, check_type, shown
@@ -14,7 +14,7 @@ from hexctl.files import is_file, is_folder, read_file
 from hexctl.robot.yaml_text import yaml_content
 from hexctl.typed_names import known_name, nearest
 
-SchemaT = TypeVar("SchemaT", bound=BaseModel)
+SchemaT = TypeVar("SchemaT")
 
 
 def _not_a_switch(value: object) -> object:
@@ -113,12 +113,12 @@ def file_says(path: Path, wanted: dict[str, Any]) -> bool:
 
 
 def validate(schema: type[SchemaT], content: dict[str, Any], path: Path) -> SchemaT:
-    """Content of a file as an instance of its schema.
+    """Content of a file as an instance of its schema, a model or a dataclass of pydantic.
 
     Raises InputError with file, key, value and what is allowed, for the first problem.
     """
     try:
-        return schema.model_validate(content)
+        return TypeAdapter(schema).validate_python(content)
     except ValidationError as error:
         raise InputError(f"{path}: {first_problem(schema, error)}") from error
 

@@ -101,7 +101,7 @@ PartT = TypeVar("PartT")
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(field,))
-def _part(key: str) -> Callable[[type[PartT]], type[PartT]]:
+def file_part(key: str) -> Callable[[type[PartT]], type[PartT]]:
     """Frozen dataclass that is a section of the file and a part of the model; a call raises InputError."""
 
     def decorate(kind: type[PartT]) -> type[PartT]:
@@ -135,7 +135,7 @@ def _possible_inertia(moments: tuple[float, float, float]) -> tuple[float, float
 Inertia = Annotated[tuple[Positive, Positive, Positive], AfterValidator(_possible_inertia)]
 
 
-@_part("body")
+@file_part("body")
 class Body:
     """The trunk: a box or an upright cylinder, centred on the body frame.
 
@@ -302,7 +302,7 @@ class StanceSection(Section):
     up_m: Coordinate
 
 
-@_part("servo")
+@file_part("servo")
 class ServoModel:
     """Position control of the simulated servos: torque = stiffness * error - damping * speed.
 
@@ -314,7 +314,7 @@ class ServoModel:
     rotor_inertia_kg_m2: Positive
 
 
-@_part("gait")
+@file_part("gait")
 class GaitDefaults:
     """Default gait of a robot; amplitude and height are fractions of the size E, `size_m`."""
 

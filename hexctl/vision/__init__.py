@@ -10,27 +10,35 @@ This is the whole public interface of the package. Names are imported when first
 """
 
 import os
-from typing import TYPE_CHECKING
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
 
+from hexctl.errors import MissingExtraError
 from hexctl.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from hexctl.vision.camera_lens import CameraLens
     from hexctl.vision.camera_options import CameraOptions, LinkedRobotOptions
     from hexctl.vision.detection.camera import Camera
-    from hexctl.vision.detection.floor import FloorTag
     from hexctl.vision.detection.lens import Lens, load_lens, save_lens
     from hexctl.vision.detection.lens_calibration import CalibratedLens
-    from hexctl.vision.detection.planar_pose import PlanarPose
-    from hexctl.vision.detection.robot_tracker import RobotTag
+    from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose
     from hexctl.vision.estimation.latency import Latency
     from hexctl.vision.estimation.pose_filter import PoseEstimate
     from hexctl.vision.latency_trial import CameraLatency, LatencyTrial, TwistAhead
-    from hexctl.vision.place import Place, arena_of, load_place, save_place
+    from hexctl.vision.place import (
+        AssumedLens,
+        CameraPose,
+        FloorTag,
+        Place,
+        RobotTag,
+        arena_of,
+        load_place,
+        save_place,
+    )
     from hexctl.vision.pose_stream import CameraReport, CameraStatus
     from hexctl.vision.robot_camera import CameraStarted, RobotCamera
     from hexctl.vision.sheet import Sheet, save_sheet
-    from hexctl.vision.twin.rendering import PlacedTag
     from hexctl.vision.twin.twin_camera import TwinCamera, TwinReport, TwinStarted
 
 # OpenCV reads this as it is loaded: a file of a hundred bytes may claim to hold a picture of a gigabyte. The
@@ -47,14 +55,15 @@ __all__ = [
     "TwinCamera", "TwinStarted", "TwinReport", "PlacedTag",
     "CameraOptions", "LinkedRobotOptions",
     # places and lenses
-    "Place", "load_place", "save_place", "arena_of", "FloorTag", "RobotTag", "Camera",
+    "Place", "FloorTag", "RobotTag", "CameraPose", "AssumedLens", "load_place", "save_place", "arena_of",
+    "Camera",
     "Lens", "load_lens", "save_lens",
     # poses
     "PlanarPose", "PoseEstimate",
 ]
 # fmt: on
 
-__getattr__ = lazy_names(
+_load = lazy_names(
     "hexctl.vision",
     {
         "robot_camera": "RobotCamera CameraStarted",
@@ -65,17 +74,20 @@ __getattr__ = lazy_names(
         "latency_trial": "CameraLatency TwistAhead LatencyTrial",
         "estimation.latency": "Latency",
         "twin.twin_camera": "TwinCamera TwinStarted TwinReport",
-        "twin.rendering": "PlacedTag",
         "camera_options": "CameraOptions LinkedRobotOptions",
-        "place": "Place load_place save_place arena_of",
-        "detection.floor": "FloorTag",
-        "detection.robot_tracker": "RobotTag",
+        "place": "Place FloorTag RobotTag CameraPose AssumedLens load_place save_place arena_of",
         "detection.camera": "Camera",
         "detection.lens": "Lens load_lens save_lens",
-        "detection.planar_pose": "PlanarPose",
+        "detection.planar_pose": "PlanarPose PlacedTag",
         "estimation.pose_filter": "PoseEstimate",
     },
 )
+
+
+def __getattr__(name: str) -> Any:
+    if name in __all__ and find_spec("cv2") is None:
+        raise MissingExtraError(f"hexctl.vision.{name}", "see")
+    return _load(name)
 
 
 def __dir__() -> list[str]:

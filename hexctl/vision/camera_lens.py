@@ -1,31 +1,63 @@
-"""The lens of a camera, calibrated by pictures of the printed board: its options, and the file it becomes."""
+"""The lens of a camera, calibrated by pictures of the printed board: its options, and the file it becomes.
 
-from collections.abc import Callable, Iterator
+Light to import, without OpenCV, until it runs.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 from hexctl.errors import InputError, argument
-from hexctl.vision.camera_options import LensOptions, never
-from hexctl.vision.detection.lens import save_lens
-from hexctl.vision.detection.lens_calibration import CalibratedLens, LensCalibration, add_video, read_picture
-from hexctl.vision.detection.tags import Picture
-from hexctl.vision.video.video_source import VideoSource
+from hexctl.options import RARE, UNTYPED, Typed, check_fields
+from hexctl.vision.camera_options import VideoOptions, check_new_file, never
+
+if TYPE_CHECKING:
+    from hexctl.vision.detection.lens_calibration import CalibratedLens, LensCalibration
+    from hexctl.vision.detection.tags import Picture
+    from hexctl.vision.video.video_source import VideoSource
 
 
 @dataclass(frozen=True, kw_only=True)
-class CameraLens(LensOptions):
+class CameraLens(VideoOptions):
     """A calibration of a camera's lens by the printed board: options, checked when they are given.
 
     CameraLens(camera="0", output="lens.yaml").run(stop_requested)
     """
 
+    pictures: Annotated[Sequence[str | Path], UNTYPED] = ()
+    """Files of pictures of the board; none with a camera."""
+
+    camera: Annotated[str | int | Path | None, Typed(parse=str)] = None
+    """Camera that films the board while it is moved: its number such as 0, its device, an address, or a video
+    file. (default: none, pictures are given)
+    """
+
+    output: Annotated[str | Path, Typed(short="o")] = Path("lens.yaml")
+    """New YAML file, as ROS's camera_info; nothing is replaced."""
+
+    fisheye: Annotated[bool, RARE] = False
+    """Calibrate a lens that sees more than about 110 degrees."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        camera = argument("camera")
+        if bool(self.pictures) == (self.camera is not None):
+            raise InputError(
+                f"calibrate: got pictures and {camera}, or neither; allowed: pictures, or {camera}"
+            )
+        for name in ("size_px", "fps"):
+            if self.pictures and getattr(self, name) is not None:
+                raise InputError(f"{argument(name)}: got one with pictures; allowed: with {camera}")
+        check_new_file("output", self.output)
+
     def run(
         self,
         stop_requested: Callable[[], bool] = never,
         *,
-        on_kept: Callable[[LensCalibration], None] = lambda _: None,
+        on_kept: "Callable[[LensCalibration], None]" = lambda _: None,
         on_event: Callable[[str], None] = lambda _: None,
-    ) -> CalibratedLens:
+    ) -> "CalibratedLens":
         """Calibrate the lens and write its file.
 
         Args:
@@ -37,6 +69,9 @@ class CameraLens(LensOptions):
         Raises InputError for pictures and files that are not allowed, too few pictures, and a lens that does
         not fit; RobotFaultError for a camera that is not there.
         """
+        from hexctl.vision.detection.lens import save_lens
+        from hexctl.vision.detection.lens_calibration import LensCalibration, add_video, read_picture
+
         calibration = LensCalibration(fisheye=self.fisheye)
         for path in self.pictures:
             gray = read_picture(Path(path))
@@ -59,8 +94,7 @@ class CameraLens(LensOptions):
         return calibrated
 
 
-def _grey_frames(video: VideoSource, stop_requested: Callable[[], bool]) -> Iterator[Picture]:
-    """Grey frames of a video, until it ends or a stop is requested."""
+def _grey_frames(video: "VideoSource", stop_requested: Callable[[], bool]) -> "Iterator[Picture]":
     while not video.ended and not stop_requested():
         frame = video.read()
         if frame is not None:

@@ -4,7 +4,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
 
@@ -24,8 +24,8 @@ from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.vision.detection.tags import TagFinder
 from hexctl.vision.estimation.latency import MOST_S, Latency, measure_latency
 from hexctl.vision.observer import Observer
-from hexctl.vision.place import Place, load_place, store_latency
-from hexctl.vision.robot_camera import USUAL_LATENCY_S, seen_place
+from hexctl.vision.place import USUAL_LATENCY_S, Place, load_place, store
+from hexctl.vision.place_learning import seen_place
 from hexctl.vision.robot_link import LegState, RobotLink, robot_link
 from hexctl.vision.video.video_source import VideoSource
 from hexctl.wire.links import Link
@@ -124,7 +124,7 @@ class CameraLatency(CameraOptions):
         watch.check()
         latency = watch.measured(linked.robot)
         stored_s = round(max(0.0, latency.latency_s), 4)
-        store_latency(path, stored_s)
+        store(replace(known, latency_s=stored_s), path, "latency_s")
         return LatencyTrial(latency, stored_s, watch.pictures, len(watch.seen))
 
 
@@ -135,9 +135,9 @@ class _Watch:
         self._video, self._linked = video, linked
         self._observer = Observer(
             linked.robot,
-            place.camera,
+            place.viewpoint,
             place.floor_corners,
-            place.robot_tag,
+            place.tag,
             latency_s=USUAL_LATENCY_S,
             finder=finder,
         )
@@ -228,7 +228,7 @@ def _check_seen(watch: _Watch, place: Place, robot: Robot) -> None:
         )
     if len(watch.seen) < LEAST_SEEN * watch.pictures:
         raise InputError(
-            f"{argument('camera')}: tag {place.robot_tag.tag_id} on {robot.name} is seen in "
+            f"{argument('camera')}: tag {place.robot_tag.id} on {robot.name} is seen in "
             f"{len(watch.seen)} of {watch.pictures} pictures; allowed: half of them or more"
         )
 

@@ -11,7 +11,8 @@ from hexctl.robot.model import Robot
 from hexctl.types import ArrayFields, FloatArray
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.camera_watch import CameraChange, CameraWatch
-from hexctl.vision.detection.robot_tracker import LEVEL, RobotTag, RobotTracker, SeenRobot
+from hexctl.vision.detection.planar_pose import PlacedTag
+from hexctl.vision.detection.robot_tracker import LEVEL, RobotTracker, SeenRobot
 from hexctl.vision.detection.tags import Picture, TagFinder
 from hexctl.vision.estimation.pose_belief import Sighting
 from hexctl.vision.estimation.pose_filter import PoseEstimate, PoseFilter
@@ -60,7 +61,7 @@ class Observer:
         robot: Robot,
         camera: Camera,
         floor_corners: Mapping[int, FloatArray],
-        tag: RobotTag,
+        tag: PlacedTag,
         *,
         latency_s: float = 0.0,
         lost_after_s: float = 3.0,

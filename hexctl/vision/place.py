@@ -1,82 +1,239 @@
-"""A place where a camera looks at a floor, as a file: lens, tags, where the camera stands."""
+"""A place where a camera looks at a floor, as its file has it: lens, tags, where the camera stands."""
 
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Self
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, Field, PlainSerializer, TypeAdapter, ValidationInfo, field_validator
 from scipy.spatial.transform import Rotation
 
 from hexctl.errors import InputError, argument
 from hexctl.files import atomic_write, replacing
 from hexctl.robot.configs import Number, file_says, read_mapping, validate
 from hexctl.robot.model import Robot
-from hexctl.types import ArrayFields, FloatArray
-from hexctl.vision.detection.camera import Camera
-from hexctl.vision.detection.camera_view import visible_circle
-from hexctl.vision.detection.floor import FloorTag
+from hexctl.robot.schema import file_part
+from hexctl.types import FloatArray
+from hexctl.vision.detection.camera import Camera, visible_circle
 from hexctl.vision.detection.lens import Lens, load_lens
-from hexctl.vision.detection.planar_pose import PlanarPose
-from hexctl.vision.detection.robot_tracker import RobotTag
+from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose
 from hexctl.vision.detection.tags import HOME_TAG, TAG_IDS
 from hexctl.vision.sheet import BAR_LENGTH_MM, BAR_MM
 
+#: Age of a picture of which nothing is known: of webcams 50 to 120 ms.
+USUAL_LATENCY_S = 0.08
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class Place(ArrayFields):
-    """A camera over a floor with tags, and the tag of the robot there. Its edges are true ones, in m.
+
+def _of_length_1(orientation: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    norm = math.hypot(*orientation)
+    if abs(norm - 1) > 0.01:
+        raise ValueError(f"got a length of {norm:.3g}; allowed: 1")
+    return orientation
+
+
+def _above_floor(position_m: tuple[float, float, float]) -> tuple[float, float, float]:
+    if position_m[2] <= 0:
+        raise ValueError(f"got a height of {position_m[2]:g} m; allowed: above 0")
+    return position_m
+
+
+#: A number with as many digits as are worth reading: micrometres.
+_Rounded = Annotated[Number, PlainSerializer(lambda value: round(float(value), 6))]
+_TagId = Annotated[int, Field(ge=TAG_IDS[0], le=TAG_IDS[-1])]
+_EdgeMm = Annotated[_Rounded, Field(ge=5, le=2000, allow_inf_nan=False)]
+_Metres = Annotated[_Rounded, Field(ge=-100, le=100, allow_inf_nan=False)]
+_Degrees = Annotated[_Rounded, Field(ge=-360, le=360, allow_inf_nan=False)]
+_Cosine = Annotated[_Rounded, Field(ge=-1, le=1, allow_inf_nan=False)]
+_Pixels = Annotated[int, Field(ge=16, le=20000)]
+
+
+@file_part("floor_tag")
+class FloorTag:
+    """A tag that lies on the floor, in the frame of the home tag: the middle of it, x along its arrow.
 
     Attributes:
-        camera: where it stands, with its lens.
-        floor_tags: by number.
-        robot_tag: on the robot.
-        bar_mm: as the 100 mm bar of the sheet was measured; edges were scaled by it.
-        lens_file: of the lens; None for one that is only assumed.
-        latency_s: from a motion to the time stamp of its picture, None where it was not measured.
+        edge_mm: of its black square, as the sheet names it.
+        x_m: of its middle.
+        y_m: of its middle.
+        yaw_deg: counter-clockwise seen from above.
     """
 
-    camera: Camera
-    floor_tags: Mapping[int, FloorTag]
+    edge_mm: _EdgeMm
+    x_m: _Metres
+    y_m: _Metres
+    yaw_deg: _Degrees
+
+    @classmethod
+    def at(cls, pose: PlanarPose, edge_mm: float) -> Self:
+        """Tag with a pose on the floor."""
+        return cls(edge_mm=edge_mm, x_m=pose.x_m, y_m=pose.y_m, yaw_deg=math.degrees(pose.yaw_rad))
+
+
+@file_part("robot_tag")
+class RobotTag:
+    """The tag on a robot, in the frame of the robot's base.
+
+    Attributes:
+        id: its number.
+        edge_mm: of its black square, as the sheet names it.
+        x_m: of its middle.
+        y_m: of its middle.
+        yaw_deg: counter-clockwise seen from above.
+        height_m: above the origin of the base.
+    """
+
+    id: _TagId
+    edge_mm: _EdgeMm
+    x_m: _Metres = 0.0
+    y_m: _Metres = 0.0
+    yaw_deg: _Degrees = 0.0
+    height_m: _Metres
+
+
+@file_part("assumed_lens")
+class AssumedLens:
+    """A lens without distortion, of which no calibration is known.
+
+    Attributes:
+        width_px: of the pictures.
+        height_px: of the pictures.
+        fov_deg: from the left to the right edge of the picture.
+    """
+
+    width_px: _Pixels
+    height_px: _Pixels
+    fov_deg: Annotated[_Rounded, Field(ge=10, le=150, allow_inf_nan=False)]
+
+    def opened(self) -> Lens:
+        """The lens."""
+        return Lens.assumed(self.width_px, self.height_px, self.fov_deg)
+
+
+@file_part("camera")
+class CameraPose:
+    """Where a camera stands over the floor, and how it looks.
+
+    Attributes:
+        position_m: of the lens: x, y, z.
+        orientation: quaternion w, x, y, z, from the camera's frame to the floor's.
+        picture_px: width and height of its pictures; those of the lens's calibration unless given.
+    """
+
+    position_m: Annotated[tuple[_Metres, _Metres, _Metres], AfterValidator(_above_floor)]
+    orientation: Annotated[tuple[_Cosine, _Cosine, _Cosine, _Cosine], AfterValidator(_of_length_1)]
+    picture_px: tuple[_Pixels, _Pixels] | None = None
+
+    @classmethod
+    def of(cls, camera: Camera) -> Self:
+        """Pose of a camera."""
+        w, x, y, z = Rotation.from_matrix(camera.rotation).as_quat(scalar_first=True).clip(-1, 1).tolist()
+        x_m, y_m, z_m = camera.position_floor.tolist()
+        return cls(position_m=(x_m, y_m, z_m), orientation=(w, x, y, z), picture_px=camera.lens.size_px)
+
+
+@file_part("place")
+class Place:
+    """A camera over a floor with tags, and the tag of the robot there: what its file says.
+
+    Edges are those that the sheet names; `floor_corners` and `tag` are true ones, by the measured bar.
+
+    Attributes:
+        lens: file of its calibration; None for one that is only assumed.
+        assumed_lens: that one, or None.
+        bar_mm: as the 100 mm bar of the sheet was measured.
+        floor_tags: by number.
+        robot_tag: on the robot.
+        camera: where it stands.
+        latency_s: from a motion to the time stamp of its picture, None where it was not measured.
+
+    Raises InputError for a value that is not allowed.
+    """
+
+    lens: Path | None = None
+    assumed_lens: AssumedLens | None = None
+    bar_mm: Annotated[_Rounded, Field(ge=BAR_LENGTH_MM.low, le=BAR_LENGTH_MM.high)] = BAR_MM
+    floor_tags: dict[_TagId, FloorTag]
     robot_tag: RobotTag
-    bar_mm: float = BAR_MM
-    lens_file: Path | None = None
-    latency_s: float | None = None
+    camera: CameraPose
+    latency_s: Annotated[Number, Field(ge=0, le=2, allow_inf_nan=False)] | None = None
+
+    @field_validator("floor_tags")
+    @classmethod
+    def _with_home(cls, tags: dict[int, FloorTag]) -> dict[int, FloorTag]:
+        if HOME_TAG not in tags:
+            raise ValueError(f"got {sorted(tags)}; allowed: with {HOME_TAG}")
+        return dict(sorted(tags.items()))
+
+    @field_validator("robot_tag")
+    @classmethod
+    def _on_no_floor(cls, tag: RobotTag, info: ValidationInfo) -> RobotTag:
+        if tag.id in info.data.get("floor_tags", ()):
+            raise ValueError(f"got id {tag.id}; allowed: no tag of the floor")
+        return tag
+
+    def __post_init__(self) -> None:
+        if (self.lens is None) == (self.assumed_lens is None):
+            raise ValueError("got lens and assumed_lens, or none; allowed: one of them")
 
     @property
+    def scale(self) -> float:
+        """True length of what the sheet names 1 long."""
+        return self.bar_mm / BAR_MM
+
+    @cached_property
     def floor_corners(self) -> dict[int, FloatArray]:
         """Corners (4, 2) of the tags on the floor in m, by number."""
-        return {number: tag.corners for number, tag in self.floor_tags.items()}
+        return {number: _placed(number, tag, self.scale).corners for number, tag in self.floor_tags.items()}
+
+    @property
+    def tag(self) -> PlacedTag:
+        """The tag on the robot, in its true size."""
+        placed = _placed(self.robot_tag.id, self.robot_tag, self.scale)
+        return replace(placed, height_m=self.robot_tag.height_m)
+
+    @cached_property
+    def source_lens(self) -> Lens:
+        """The lens as it was calibrated or assumed. Raises InputError as `load_lens` does."""
+        if self.assumed_lens is not None:
+            return self.assumed_lens.opened()
+        assert self.lens is not None  # noqa: S101  one of them is there
+        return load_lens(self.lens)
+
+    @cached_property
+    def viewpoint(self) -> Camera:
+        """The camera where it stands, its lens scaled to its pictures.
+
+        Raises InputError for a lens that cannot be read, and for pictures of another shape.
+        """
+        lens, rotation = self.source_lens, Rotation.from_quat(self.camera.orientation, scalar_first=True)
+        if self.camera.picture_px is not None:
+            lens = lens.scaled(*self.camera.picture_px)
+        return Camera(lens, rotation.as_matrix(), np.array(self.camera.position_m))
 
     def printed(self, bar_mm: float) -> "Place":
         """The same place by another length of the bar: all that was learned by the edges is scaled.
 
-        Where the tag is on the robot was not learned, and stays. Raises InputError as `print_scale` does.
+        Where the tag is on the robot was not learned, and stays. Raises InputError for an impossible length.
         """
-        scale = print_scale(bar_mm) / print_scale(self.bar_mm)
-        return replace(
-            self,
-            camera=replace(self.camera, position_floor=scale * self.camera.position_floor),
-            floor_tags={
-                number: FloorTag(
-                    scale * tag.edge_m,
-                    PlanarPose(scale * tag.pose.x_m, scale * tag.pose.y_m, tag.pose.yaw_rad),
-                )
-                for number, tag in self.floor_tags.items()
-            },
-            robot_tag=replace(self.robot_tag, edge_m=scale * self.robot_tag.edge_m),
-            bar_mm=bar_mm,
-        )
+        BAR_LENGTH_MM.check(argument("bar_mm"), bar_mm)
+        scale = bar_mm / self.bar_mm
+        x_m, y_m, z_m = (scale * value for value in self.camera.position_m)
+        floor_tags = {
+            number: replace(tag, x_m=scale * tag.x_m, y_m=scale * tag.y_m)
+            for number, tag in self.floor_tags.items()
+        }
+        camera = replace(self.camera, position_m=(x_m, y_m, z_m))
+        return replace(self, camera=camera, floor_tags=floor_tags, bar_mm=bar_mm)
 
-    @property
-    def fov_deg(self) -> float:
-        """From the left to the right edge of the picture, of a lens without distortion."""
-        lens = self.camera.lens
-        return 2 * math.degrees(math.atan(lens.width_px / 2 / float(lens.matrix[0, 0])))
+
+def _placed(number: int, tag: FloorTag | RobotTag, scale: float) -> PlacedTag:
+    pose = PlanarPose(tag.x_m, tag.y_m, math.radians(tag.yaw_deg))
+    return PlacedTag(number, scale * tag.edge_mm / 1000, pose)
 
 
 def arena_of(place: Place, robot: Robot) -> tuple[tuple[float, float], float]:
@@ -86,137 +243,47 @@ def arena_of(place: Place, robot: Robot) -> tuple[tuple[float, float], float]:
     nowhere.
     """
     height_m = robot.standing_height_m + place.robot_tag.height_m
-    return visible_circle(place.camera, height_m, place.robot_tag.edge_m)
+    return visible_circle(place.viewpoint, height_m, place.tag.edge_m)
 
 
-_Tag = Annotated[int, Field(ge=TAG_IDS[0], le=TAG_IDS[-1])]
-_EdgeMm = Annotated[Number, Field(ge=5, le=2000)]
-_Metres = Annotated[Number, Field(ge=-100, le=100)]
-_Degrees = Annotated[Number, Field(ge=-360, le=360)]
-_Pixels = Annotated[int, Field(ge=16, le=20000)]
-
-
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
-
-
-class _FloorTagFile(_Strict):
-    edge_mm: _EdgeMm
-    x_m: _Metres
-    y_m: _Metres
-    yaw_deg: _Degrees
-
-
-class _RobotTagFile(_Strict):
-    id: _Tag
-    edge_mm: _EdgeMm
-    x_m: _Metres = 0.0
-    y_m: _Metres = 0.0
-    yaw_deg: _Degrees = 0.0
-    height_m: _Metres
-
-
-class _AssumedLensFile(_Strict):
-    width_px: _Pixels
-    height_px: _Pixels
-    fov_deg: Annotated[Number, Field(ge=10, le=150)]
-
-
-class _CameraFile(_Strict):
-    position_m: Annotated[list[_Metres], Field(min_length=3, max_length=3)]
-    #: w, x, y, z, from the camera's frame to the floor's.
-    orientation: Annotated[list[Annotated[Number, Field(ge=-1, le=1)]], Field(min_length=4, max_length=4)]
-    #: Width and height of its pictures; those of the calibration unless given.
-    picture_px: Annotated[list[_Pixels], Field(min_length=2, max_length=2)] | None = None
-
-
-class _PlaceFile(_Strict):
-    """Edges are those written on the sheet; where the bar is not 100 mm long, all of them are scaled."""
-
-    lens: str | None = None
-    assumed_lens: _AssumedLensFile | None = None
-    bar_mm: Annotated[Number, Field(ge=BAR_LENGTH_MM.low, le=BAR_LENGTH_MM.high)] = BAR_MM
-    floor_tags: dict[_Tag, _FloorTagFile]
-    robot_tag: _RobotTagFile
-    camera: _CameraFile
-    latency_s: Annotated[Number, Field(ge=0, le=2)] | None = None
-
-
-def print_scale(bar_mm: float) -> float:
-    """Factor of all edges, by the measured length of the bar. Raises InputError outside `BAR_LENGTH_MM`."""
-    BAR_LENGTH_MM.check(argument("bar_mm"), bar_mm)
-    return bar_mm / BAR_MM
+def load_place(path: str | Path) -> Place:
+    """Place of a file, whose lens is there. Raises InputError, by key, for anything else."""
+    path = Path(path)
+    place = validate(Place, read_mapping(path), path)
+    if place.lens is not None:
+        if not (path.parent / place.lens).is_file():
+            raise InputError(f"{path}: lens: got {place.lens}; allowed: a file that is there")
+        place = replace(place, lens=path.parent / place.lens)
+    _ = place.source_lens
+    try:
+        _ = place.viewpoint
+    except InputError as error:
+        raise InputError(f"{path}: camera.picture_px: {error}") from error
+    return place
 
 
 def save_place(place: Place, path: str | Path) -> None:
     """Write a place as YAML, in place of an earlier file, whose comments are lost.
 
-    Raises InputError for a lens that is neither of a file nor only assumed, and for a file that cannot be
-    written.
+    Raises InputError for a file that cannot be written.
     """
     path = Path(path)
-    lens = place.camera.lens
-    if place.lens_file is None and lens.calibrated:
-        raise InputError(
-            "place: got a calibrated lens without its file; allowed: a lens_file, or an assumed lens"
-        )
-    scale = print_scale(place.bar_mm)
-    content: dict[str, object] = {}
-    if place.lens_file is None:
-        content["assumed_lens"] = {
-            "width_px": lens.width_px, "height_px": lens.height_px, "fov_deg": round(place.fov_deg, 6)
-        }  # fmt: skip
-    else:
-        content["lens"] = str(_relative(place.lens_file, path.parent))
-    tag = place.robot_tag
-    content |= {
-        "bar_mm": place.bar_mm,
-        "floor_tags": {
-            number: {"edge_mm": _rounded(1000 * each.edge_m / scale), **_pose(each.pose)}
-            for number, each in sorted(place.floor_tags.items())
-        },
-        "robot_tag": {
-            "id": tag.tag_id, "edge_mm": _rounded(1000 * tag.edge_m / scale), **_pose(tag.mount),
-            "height_m": tag.height_m,
-        },
-        "camera": _camera(place.camera),
-    }  # fmt: skip
-    if place.latency_s is not None:
-        content["latency_s"] = place.latency_s
+    content = _content(place)
+    if place.lens is not None:
+        content["lens"] = str(_relative(place.lens, path.parent))
     try:
         atomic_write(path, _yaml(content))
     except OSError as error:
         raise _not_written(path, error) from error
 
 
-def store_latency(path: Path, latency_s: float) -> None:
-    """Write a camera's latency into the file of its place; all its other lines, and its comments, stay.
+def store(place: Place, path: Path, key: str) -> None:
+    """Write one key of a place into its file; all other lines, and the comments, stay.
 
     A file in braces is written again as a whole, without its comments. Raises InputError for a file that
     cannot be read or written.
     """
-    _store(path, "latency_s", latency_s)
-
-
-def store_camera(path: Path, camera: Camera) -> None:
-    """Write where a camera stands, and the size of its pictures, into the file of its place.
-
-    What stays, and what is raised, are as with `store_latency`.
-    """
-    _store(path, "camera", _camera(camera))
-
-
-def _camera(camera: Camera) -> dict[str, object]:
-    """A camera as the file has it, without its lens."""
-    quaternion = Rotation.from_matrix(camera.rotation).as_quat(scalar_first=True)
-    return {
-        "position_m": [_rounded(value) for value in camera.position_floor],
-        "orientation": [_rounded(value) for value in quaternion],
-        "picture_px": [camera.lens.width_px, camera.lens.height_px],
-    }
-
-
-def _store(path: Path, key: str, value: object) -> None:
+    value = _content(place)[key]
     wanted = {**read_mapping(path), key: value}
     text = _with_value(path.read_text(encoding="utf-8"), key, value)
     try:
@@ -226,6 +293,12 @@ def _store(path: Path, key: str, value: object) -> None:
                 draft.write_text(_yaml(wanted), encoding="utf-8")
     except OSError as error:
         raise _not_written(path, error) from error
+
+
+def _content(place: Place) -> dict[str, Any]:
+    content = TypeAdapter(Place).dump_python(place, exclude_none=True)
+    lists = {key: list(value) for key, value in content["camera"].items()}
+    return {**content, "camera": lists}
 
 
 def _with_value(text: str, key: str, value: object) -> str:
@@ -239,83 +312,15 @@ def _with_value(text: str, key: str, value: object) -> str:
     return changed if count else "\n".join([text.rstrip(), first, *more, ""])
 
 
-def _yaml(content: dict[str, object]) -> str:
-    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None)
+def _yaml(content: Mapping[str, object]) -> str:
+    return yaml.safe_dump(dict(content), sort_keys=False, default_flow_style=None)
 
 
 def _not_written(path: Path, error: OSError) -> InputError:
     return InputError(f"{argument('place')}: {path} cannot be written: {error.strerror}")
 
 
-def load_place(path: str | Path) -> Place:
-    """Place of a file. Raises InputError, by key, for anything else."""
-    path = Path(path)
-    content = validate(_PlaceFile, read_mapping(path), path)
-    scale = print_scale(content.bar_mm)
-    if HOME_TAG not in content.floor_tags:
-        raise InputError(f"{path}: floor_tags: got {sorted(content.floor_tags)}; allowed: with {HOME_TAG}")
-    if content.robot_tag.id in content.floor_tags:
-        raise InputError(f"{path}: robot_tag.id: got {content.robot_tag.id}; allowed: no tag of the floor")
-    norm = float(np.linalg.norm(content.camera.orientation))
-    if abs(norm - 1) > 0.01:
-        raise InputError(f"{path}: camera.orientation: got a length of {norm:.3g}; allowed: 1")
-    if content.camera.position_m[2] <= 0:
-        raise InputError(
-            f"{path}: camera.position_m: got a height of {content.camera.position_m[2]:g} m; allowed: above 0"
-        )
-    rotation = Rotation.from_quat(content.camera.orientation, scalar_first=True).as_matrix()
-    lens_file = None if content.lens is None else path.parent / content.lens
-    tag = content.robot_tag
-    return Place(
-        camera=Camera(_lens(content, path), rotation, np.array(content.camera.position_m)),
-        floor_tags={
-            number: FloorTag(each.edge_mm / 1000 * scale, _planar(each))
-            for number, each in content.floor_tags.items()
-        },
-        robot_tag=RobotTag(tag.id, tag.edge_mm / 1000 * scale, _planar(tag), tag.height_m),
-        bar_mm=content.bar_mm,
-        lens_file=lens_file,
-        latency_s=content.latency_s,
-    )
-
-
-def _lens(content: _PlaceFile, path: Path) -> Lens:
-    """The lens of the file that is named, or the assumed one, for the pictures of the camera."""
-    if (content.lens is None) == (content.assumed_lens is None):
-        raise InputError(f"{path}: got lens and assumed_lens, or none; allowed: one of them")
-    if content.lens is not None:
-        if not (path.parent / content.lens).is_file():
-            raise InputError(f"{path}: lens: got {content.lens}; allowed: a file that is there")
-        lens = load_lens(path.parent / content.lens)
-    else:
-        assumed = content.assumed_lens
-        assert assumed is not None  # noqa: S101  one of them is there
-        lens = Lens.assumed(assumed.width_px, assumed.height_px, assumed.fov_deg)
-    if content.camera.picture_px is None:
-        return lens
-    width_px, height_px = content.camera.picture_px
-    try:
-        return lens.scaled(width_px, height_px)
-    except InputError as error:
-        raise InputError(f"{path}: camera.picture_px: {error}") from error
-
-
 def _relative(file: Path, folder: Path) -> Path:
-    """Path of a file from a folder, if it lies below; else its whole path."""
+    """Path of a file from a folder, if it lies below; else its complete path."""
     file, folder = file.resolve(), folder.resolve()
     return file.relative_to(folder) if file.is_relative_to(folder) else file
-
-
-def _planar(values: _FloorTagFile | _RobotTagFile) -> PlanarPose:
-    return PlanarPose(values.x_m, values.y_m, math.radians(values.yaw_deg))
-
-
-def _pose(pose: PlanarPose) -> dict[str, float]:
-    return {
-        "x_m": _rounded(pose.x_m), "y_m": _rounded(pose.y_m), "yaw_deg": _rounded(math.degrees(pose.yaw_rad))
-    }  # fmt: skip
-
-
-def _rounded(value: float) -> float:
-    """As many digits as are worth reading: micrometres."""
-    return round(float(value), 6)

@@ -1,23 +1,26 @@
 """Video in, poses out: what is seen of a robot, to the robot, to a page, a video and a table."""
 
+import csv
 import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import Any, Self
 
 import cv2
 import numpy as np
 
+from hexctl.errors import InputError, argument
 from hexctl.robot.model import Robot
 from hexctl.vision.detection.camera_watch import CameraChange
 from hexctl.vision.detection.overlay import Overlay
+from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.vision.detection.robot_tracker import SeenRobot
 from hexctl.vision.detection.tags import TagFinder
 from hexctl.vision.estimation.pose_filter import PoseEstimate, Sight
 from hexctl.vision.observer import Observation, Observer
 from hexctl.vision.place import Place
-from hexctl.vision.pose_table import PoseTable
 from hexctl.vision.robot_link import RobotLink
 from hexctl.vision.video.mjpeg import MjpegServer
 from hexctl.vision.video.video_source import Frame, VideoSource
@@ -34,6 +37,11 @@ EVENT_S = 3.0
 
 #: Variances below these say less than is known of tags, paper and legs.
 LEAST_POSITION_M2, LEAST_YAW_RAD2 = 0.002**2, 0.003**2
+
+#: Columns of the table. `seen_` is what this picture alone says, the others what is believed after it.
+COLUMNS = (
+    "at_s", "sight", "x_m", "y_m", "yaw_rad", "age_s", "seen_x_m", "seen_y_m", "seen_yaw_rad", "quality"
+)  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,6 +101,42 @@ class CameraReport:
         }
 
 
+class PoseTable:
+    """Poses of a video as CSV, a row for each picture as it comes; what is not known is empty."""
+
+    def __init__(self, path: Path) -> None:
+        """Begin a new file. Raises InputError where that is not possible."""
+        try:
+            self._file = path.open("x", buffering=1, encoding="utf-8", newline="")
+        except OSError as error:
+            raise InputError(f"{argument('poses')}: {path} cannot be written: {error.strerror}") from error
+        self._rows = csv.writer(self._file)
+        self._rows.writerow(COLUMNS)
+
+    def write(self, at_s: float, estimate: PoseEstimate, observation: Observation) -> None:
+        """Write a row for a picture that came at a time."""
+        robot = observation.robot
+        age = f"{estimate.age_s:.3f}" if math.isfinite(estimate.age_s) else ""
+        row = [f"{at_s:.4f}", estimate.sight, *_numbers(estimate.pose), age]
+        row += _numbers(None if robot is None else robot.pose_floor)
+        row.append("" if robot is None else f"{robot.quality:.3f}")
+        self._rows.writerow(row)
+
+    def close(self) -> None:
+        """End the file."""
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+
+def _numbers(pose: PlanarPose | None) -> list[str]:
+    return ["", "", ""] if pose is None else [f"{one:.5f}" for one in (pose.x_m, pose.y_m, pose.yaw_rad)]
+
+
 @dataclass(frozen=True, slots=True)
 class PoseOutputs:
     """Where poses and pictures go; None for nowhere.
@@ -126,7 +170,7 @@ class PoseStream:
     ) -> None:
         self._place, self._outputs = place, outputs
         self._observer = Observer(
-            robot, place.camera, place.floor_corners, place.robot_tag, latency_s=latency_s, finder=finder
+            robot, place.viewpoint, place.floor_corners, place.tag, latency_s=latency_s, finder=finder
         )
         self._overlay = Overlay()
         self._pictures = self._seen = self._restarts = 0
@@ -179,8 +223,8 @@ class PoseStream:
         """A picture of the lens's size, or None: a camera that was away may come back with another."""
         if frame is None:
             return None
-        lens, (height_px, width_px) = self._place.camera.lens, frame.picture.shape[:2]
-        if (width_px, height_px) == (lens.width_px, lens.height_px):
+        lens, (height_px, width_px) = self._place.viewpoint.lens, frame.picture.shape[:2]
+        if (width_px, height_px) == lens.size_px:
             return frame
         if not self._misfits:
             on_event(
@@ -250,7 +294,6 @@ class PoseStream:
                 self._outputs.page.publish(jpeg.tobytes())
 
     def _events(self, at_s: float) -> list[str]:
-        """What happened shortly before a picture, as text for it."""
         return [self._event] if at_s - self._event_at_s < EVENT_S else []
 
     def _status(self, estimate: PoseEstimate, fps: float, seen: float) -> CameraStatus:

@@ -1,48 +1,28 @@
-"""A camera that tells a robot where it is: its options, and the place that it learns by looking."""
+"""A camera that tells a robot where it is: its options, and all that it opens.
 
-import math
-import time
-from collections.abc import Callable, Iterator
+Light to import, without OpenCV, until it runs.
+"""
+
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
-from scipy.spatial.transform import Rotation
+from hexctl.errors import InputError, argument
+from hexctl.options import RARE, Panel, Range, Typed
+from hexctl.vision.camera_options import LATENCY_MS, CameraOptions, check_folder, check_new_file, never
+from hexctl.vision.sheet import BAR_LENGTH_MM, EDGE_MM, FLOOR_TAGS, TAG, Sheet
+from hexctl.wire.page_address import PageAddress
 
-from hexctl.errors import InputError, RobotFaultError
-from hexctl.robot.loader import load_robot
-from hexctl.robot.model import Robot
-from hexctl.vision.camera_options import RobotCameraOptions, never
-from hexctl.vision.detection.camera import Camera, place_camera
-from hexctl.vision.detection.floor import averaged_corners
-from hexctl.vision.detection.lens import load_lens
-from hexctl.vision.detection.tags import Picture, SeenTag, TagFinder
-from hexctl.vision.estimation.pose_filter import PoseEstimate
-from hexctl.vision.place import Place, arena_of, load_place, save_place, store_camera
-from hexctl.vision.place_setup import PlaceSetup
-from hexctl.vision.pose_stream import CameraReport, CameraStatus, PoseOutputs, PoseStream
-from hexctl.vision.pose_table import PoseTable
-from hexctl.vision.robot_link import robot_link
-from hexctl.vision.video.mjpeg import MjpegServer
-from hexctl.vision.video.video_source import VideoSource
-from hexctl.vision.video.video_writer import VideoWriter
+if TYPE_CHECKING:
+    from hexctl.robot.model import Robot
+    from hexctl.vision.estimation.pose_filter import PoseEstimate
+    from hexctl.vision.place import Place
+    from hexctl.vision.pose_stream import CameraReport, CameraStatus
 
-#: Age of a picture of which nothing is known: of webcams 50 to 120 ms.
-USUAL_LATENCY_S = 0.08
-
-#: Pictures of which the floor is learned, and how long is waited for them.
-LEARNING_PICTURES, LEARNING_S = 90, 20.0
-
-#: Every picture of this number is searched for tags; in the others they are looked for where they were.
-SEARCHED_EVERY = 15
-
-#: Pictures by which the camera is placed at a known floor.
-PLACING_PICTURES = 8
-
-
-#: A camera that stands this far from where its file says, or is turned by this much, is stored again.
-ELSEWHERE_M, ELSEWHERE_RAD = 0.02, math.radians(0.5)
+FOV_DEG = Range(low=10, high=150, unit="deg")
+HEIGHT_MM = Range(low=-500, high=1000, unit="mm")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,7 +39,7 @@ class CameraStarted:
     """
 
     robot: str
-    place: Place
+    place: "Place"
     learned: bool
     doubts: tuple[str, ...]
     arena: tuple[tuple[float, float], float] | None
@@ -67,7 +47,7 @@ class CameraStarted:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RobotCamera(RobotCameraOptions):
+class RobotCamera(CameraOptions):
     """A camera over the floor that tells a robot where it is: options, checked when they are given.
 
         RobotCamera(camera="0", connect="tcp/127.0.0.1:7447").run(stop_requested)
@@ -76,15 +56,119 @@ class RobotCamera(RobotCameraOptions):
     agree with one that is known.
     """
 
+    camera: Annotated[str | int | Path | None, Typed(parse=str)] = None
+    """Camera: its number such as 0, its device, the address of a stream (http:// or rtsp://), or a video
+    file. (default: none, required)
+    """
+
+    place: str | Path = Path("place.yaml")
+    """YAML file with the floor's tags and the camera; made by looking if it is missing."""
+
+    relearn: bool = False
+    """Learn the tags on the floor again, in place of the file's."""
+
+    lens: str | Path | None = None
+    """Calibration of the lens, for a new place. (default: that of the place, else one without distortion, of
+    --fov-deg)
+    """
+
+    fov_deg: Annotated[float | None, FOV_DEG, Typed(flag="fov-deg"), RARE] = None
+    """Degrees from the left to the right edge, without a calibration, for a new place, {}. (default: those of
+    the place, else 67)
+    """
+
+    bar_mm: Annotated[float | None, BAR_LENGTH_MM, RARE] = None
+    """Millimetres that the bar of the sheet measures, {}; scales the place. (default: that of the place, else
+    100)
+    """
+
+    robot_tag: Annotated[int | None, TAG, RARE] = None
+    """Number of the robot's tag, a whole number, {}, and none of the floor's. (default: that of the place,
+    else 10)
+    """
+
+    robot_edge_mm: Annotated[float | None, EDGE_MM, RARE] = None
+    """Edge of the robot's tag in millimetres, {}. (default: that of the place, else 100)"""
+
+    home_edge_mm: Annotated[float | None, EDGE_MM, RARE] = None
+    """Edge of the floor's tag 0 in millimetres, {}. (default: that of the place, else 110)"""
+
+    floor_tags: Annotated[int | None, FLOOR_TAGS, RARE] = None
+    """Further tags on the floor, numbered from 1, a whole number, {}. (default: those of the place, else
+    3)
+    """
+
+    floor_edge_mm: Annotated[float | None, EDGE_MM, RARE] = None
+    """Edge of further tags in millimetres, {}. (default: that of the place, else 160)"""
+
+    tag_height_mm: Annotated[float | None, HEIGHT_MM, RARE] = None
+    """Millimetres of the robot's tag above the origin of its body, for a new place, {}. (default: those of
+    the place, else the top of its trunk)
+    """
+
+    latency_ms: Annotated[float | None, LATENCY_MS, RARE, Panel("Camera")] = None
+    """Milliseconds from what the camera sees to its picture's arrival, {}. (default: those of the place, else
+    80)
+    """
+
+    robot: str | None = None
+    """Name of the robot on the link; with --no-link a robot or its file. (default: the only one on the link,
+    or ant)
+    """
+
+    no_link: Annotated[bool, RARE, Panel("Connection")] = False
+    """Send no robot its pose; only page, video and table."""
+
+    page: Annotated[str | int | None, Panel("Output")] = None
+    """Serve a page that shows what the camera sees: HOST:PORT, or a port of 127.0.0.1; 0 takes a free port.
+    (default: no page)
+
+    Only this computer reaches it.
+    """
+
+    output: Annotated[str | Path | None, Typed(short="o"), Panel("Output")] = None
+    """New video of what is seen, .mp4 or .avi. (default: none)"""
+
+    poses: Annotated[str | Path | None, RARE, Panel("Output")] = None
+    """New CSV file with the pose of each picture. (default: none)"""
+
+    def __post_init__(self) -> None:
+        CameraOptions.__post_init__(self)
+        Sheet(**self.printed)
+        _ = self.page_address
+        for name in ("output", "poses"):
+            if (path := getattr(self, name)) is not None:
+                check_new_file(name, path)
+        check_folder("place", self.place)
+
+    @property
+    def printed(self) -> Mapping[str, Any]:
+        """What is given of the sheet, by the names of the fields of `Sheet`."""
+        names = ("robot_tag", "robot_edge_mm", "home_edge_mm", "floor_tags", "floor_edge_mm")
+        return {name: value for name in names if (value := getattr(self, name)) is not None}
+
+    @property
+    def page_address(self) -> PageAddress | None:
+        """Where the page is served; raises InputError for an address that other computers reach."""
+        if self.page is None:
+            return None
+        address = PageAddress.parse(str(self.page))
+        if not address.loopback:
+            raise InputError(
+                f"{argument('page')}: got {address.host}, which other computers reach; allowed: 127.0.0.1 or "
+                "localhost"
+            )
+        return address
+
     def run(
         self,
         stop_requested: Callable[[], bool] = never,
         *,
         on_started: Callable[[CameraStarted], None] = lambda _: None,
-        on_pose: Callable[[PoseEstimate], None] = lambda _: None,
-        on_status: Callable[[CameraStatus], None] = lambda _: None,
+        on_pose: "Callable[[PoseEstimate], None]" = lambda _: None,
+        on_status: "Callable[[CameraStatus], None]" = lambda _: None,
         on_event: Callable[[str], None] = lambda _: None,
-    ) -> CameraReport:
+    ) -> "CameraReport":
         """Look until `stop_requested` returns True, or a video file ends.
 
         Args:
@@ -97,7 +181,15 @@ class RobotCamera(RobotCameraOptions):
         Raises InputError for files, lenses and floors that are not allowed, and RobotFaultError where camera
         or robot are not there.
         """
-        before = self._before()
+        from hexctl.robot.loader import load_robot
+        from hexctl.vision.detection.tags import TagFinder
+        from hexctl.vision.place_learning import found_place, known_place
+        from hexctl.vision.pose_stream import CameraReport, PoseOutputs, PoseStream, PoseTable
+        from hexctl.vision.robot_link import robot_link
+        from hexctl.vision.video.mjpeg import MjpegServer
+        from hexctl.vision.video.video_writer import VideoWriter
+
+        before = known_place(self)
         with ExitStack() as opened:
             video = opened.enter_context(self.open_video(on_event))
             linked = None if self.no_link else opened.enter_context(robot_link(self.load_link(), self.robot))
@@ -107,7 +199,7 @@ class RobotCamera(RobotCameraOptions):
             if (address := self.page_address) is not None:
                 page = opened.enter_context(MjpegServer(address.port, host=address.host, option="page"))
             finder = TagFinder()
-            found = self._found(before, video, robot, finder, stop_requested)
+            found = found_place(self, before, video, robot, finder, stop_requested)
             if found is None:
                 return CameraReport()
             place, learned, doubts = found
@@ -124,98 +216,17 @@ class RobotCamera(RobotCameraOptions):
             stream = PoseStream(place, robot, self._latency_s(place), outputs, finder)
             return stream.run(video, stop_requested, on_pose=on_pose, on_status=on_status, on_event=on_event)
 
-    def _latency_s(self, place: Place) -> float:
+    def _latency_s(self, place: "Place") -> float:
+        from hexctl.vision.place import USUAL_LATENCY_S
+
         if self.latency_ms is not None:
             return self.latency_ms / 1000
         return USUAL_LATENCY_S if place.latency_s is None else place.latency_s
 
-    def _before(self) -> Place | None:
-        """The place of the file, if there is one; raises InputError for what contradicts it."""
-        path = Path(self.place)
-        before = load_place(path) if path.exists() else None
-        if before is not None and not self.relearn:
-            self._setup().check_known(before, path)
-        elif self.lens is not None:
-            load_lens(self.lens)  # a bad one is told before anything is opened
-        return before
 
-    def _found(
-        self, before: Place | None, video: VideoSource, robot: Robot, finder: TagFinder,
-        stop_requested: Callable[[], bool],
-    ) -> tuple[Place, bool, tuple[str, ...]] | None:  # fmt: skip
-        """The place, whether it was learned, and doubts; None where a stop was requested.
+def _arena_or_none(place: "Place", robot: "Robot") -> tuple[tuple[float, float], float] | None:
+    from hexctl.vision.place import arena_of
 
-        It is that of the file, with the camera where it stands now, or learned and stored.
-        """
-        if before is not None and not self.relearn:
-            place, changes = self._setup().measured(before)
-            placed = seen_place(place, video, finder, stop_requested)
-            if changes:
-                save_place(place, self.place)
-            if placed is not None and _stands_elsewhere(placed.camera, before.camera):
-                store_camera(Path(self.place), placed.camera)
-            return None if placed is None else (placed, False, changes)
-        pictures = list(_searched(video, finder, LEARNING_PICTURES, stop_requested))
-        if stop_requested():
-            return None
-        height_px, width_px = pictures[0][0].shape
-        views = [averaged_corners([found for _, found in pictures])]
-        place, doubts = self._setup().learned(views, (width_px, height_px), robot, before)
-        save_place(place, self.place)
-        return place, True, doubts
-
-    def _setup(self) -> PlaceSetup:
-        return PlaceSetup(
-            lens=None if self.lens is None else Path(self.lens), fov_deg=self.fov_deg, bar_mm=self.bar_mm,
-            sheet=self.printed, tag_height_mm=self.tag_height_mm,
-        )  # fmt: skip
-
-
-def seen_place(
-    place: Place, video: VideoSource, finder: TagFinder, stop_requested: Callable[[], bool]
-) -> Place | None:
-    """A known place with its camera where the tags say that it stands now; None where a stop was requested.
-
-    Raises InputError for pictures that do not fit the lens, and RobotFaultError for a video without pictures.
-    """
-    pictures = list(_searched(video, finder, PLACING_PICTURES, stop_requested))
-    if stop_requested():
-        return None
-    height_px, width_px = pictures[0][0].shape
-    lens = place.camera.lens.scaled(width_px, height_px)
-    camera = place_camera(lens, averaged_corners([found for _, found in pictures]), place.floor_corners)
-    if camera is None:
-        camera = replace(place.camera, lens=lens)
-    return replace(place, camera=camera)
-
-
-def _stands_elsewhere(camera: Camera, known: Camera) -> bool:
-    """Whether a camera shows another part of the floor than one that is known."""
-    shift_m = float(np.linalg.norm(camera.position_floor - known.position_floor))
-    turned_rad = Rotation.from_matrix(camera.rotation.T @ known.rotation).magnitude()
-    sizes = [(each.lens.width_px, each.lens.height_px) for each in (camera, known)]
-    return shift_m > ELSEWHERE_M or turned_rad > ELSEWHERE_RAD or sizes[0] != sizes[1]
-
-
-def _searched(
-    video: VideoSource, finder: TagFinder, count: int, stop_requested: Callable[[], bool]
-) -> Iterator[tuple[Picture, dict[int, SeenTag]]]:
-    """Pictures in grey with the tags in them; raises RobotFaultError where none comes."""
-    given, until_s = 0, time.monotonic() + LEARNING_S
-    found: dict[int, SeenTag] = {}
-    while given < count and not video.ended and not stop_requested() and time.monotonic() < until_s:
-        frame = video.read()
-        if frame is not None:
-            gray = frame.gray()
-            if given % SEARCHED_EVERY == 0:
-                found |= finder.search(gray, thorough=True)
-            given += 1
-            yield gray, finder.near(gray, {number: one.corners_px for number, one in found.items()})
-    if not given and not stop_requested():
-        raise RobotFaultError(f"camera {video.name} sends no pictures")
-
-
-def _arena_or_none(place: Place, robot: Robot) -> tuple[tuple[float, float], float] | None:
     try:
         return arena_of(place, robot)
     except InputError:

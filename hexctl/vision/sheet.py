@@ -91,10 +91,10 @@ class Sheet:
         return min(width_mm, high_mm) * MODULES / (MODULES + 2)
 
     @property
-    def floor_edges_m(self) -> dict[int, float]:
+    def floor_edges_mm(self) -> dict[int, float]:
         """Edges of the floor's tags, by number."""
         further = range(HOME_TAG + 1, HOME_TAG + 1 + self.floor_tags)
-        return {HOME_TAG: self.home_edge_mm / 1000} | dict.fromkeys(further, self.floor_edge_mm / 1000)
+        return {HOME_TAG: self.home_edge_mm} | dict.fromkeys(further, self.floor_edge_mm)
 
     def pdf(self) -> bytes:
         """The pages, all squares as vectors: first robot and home, then the floor, then the board."""
@@ -146,7 +146,6 @@ class _Page:
         self._canvas, self.width_mm, self.height_mm = canvas, width_mm, height_mm
 
     def finish(self) -> None:
-        """Begin the next page."""
         self._canvas.showPage()
 
     def squares(self, rectangles_mm: Iterable[Rectangle]) -> None:
@@ -157,7 +156,7 @@ class _Page:
         self._canvas.drawPath(path, stroke=0, fill=1, fillMode=1)
 
     def tag(self, tag_id: int, left_mm: float, top_mm: float, edge_mm: float) -> None:
-        """A tag whose black square has its upper left corner at a place."""
+        """A tag whose black square has its upper left corner at a point."""
         module_mm = edge_mm / MODULES
         self.squares(
             (left_mm + start * module_mm, top_mm + row * module_mm, count * module_mm, module_mm)
@@ -165,7 +164,6 @@ class _Page:
         )
 
     def line(self, *points_mm: tuple[float, float], dashed: bool = False, width_mm: float = 0.2) -> None:
-        """Lines from point to point."""
         self._canvas.setLineWidth(width_mm * _MM)
         self._canvas.setDash([2 * _MM, 2 * _MM] if dashed else [])
         path = self._canvas.beginPath()
@@ -175,7 +173,6 @@ class _Page:
         self._canvas.drawPath(path, stroke=1, fill=0)
 
     def arrow(self, left_mm: float, y_mm: float, length_mm: float) -> None:
-        """An arrow to the right."""
         end_mm = left_mm + length_mm
         self.line((left_mm, y_mm), (end_mm, y_mm), width_mm=0.8)
         self.line((end_mm - 3, y_mm - 1.8), (end_mm, y_mm), (end_mm - 3, y_mm + 1.8), width_mm=0.8)
@@ -274,7 +271,6 @@ def _floor_page(page: _Page, tag_id: int, edge_mm: float) -> float:
 
 
 def _board_page(page: _Page) -> None:
-    """The board by which a lens is calibrated."""
     columns, rows = SQUARES
     left_mm, top_mm = (page.width_mm - columns * SQUARE_M * 1000) / 2, 2 * MARGIN_MM
     page.squares(

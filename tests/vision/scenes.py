@@ -15,7 +15,6 @@ from hexctl.types import FloatArray
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.lens import save_lens
 from hexctl.vision.detection.planar_pose import PlanarPose
-from hexctl.vision.detection.tags import UNIT_CORNERS
 from hexctl.vision.twin.rendering import CameraFlaws, RobotPosture, SceneRenderer
 from hexctl.vision.twin.twin_camera import CAMERA, FLOOR_TAGS, ROBOT_TAG, WEBCAM, tag_on
 from hexctl.vision.video.video_writer import VideoWriter
@@ -25,7 +24,7 @@ __all__ = [
     "standing", "tag_on",
 ]  # fmt: skip
 
-FLOOR_CORNERS = {number: tag.pose.of_points(UNIT_CORNERS * tag.edge_m) for number, tag in FLOOR_TAGS.items()}
+FLOOR_CORNERS = {number: tag.corners for number, tag in FLOOR_TAGS.items()}
 
 
 def standing(robot: Robot, pose: PlanarPose, joints_rad: FloatArray | None = None) -> RobotPosture:

@@ -8,12 +8,11 @@ from hexctl.robot.loader import load_robot
 from hexctl.types import FloatArray
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.planar_pose import PlanarPose
-from hexctl.vision.detection.robot_tracker import RobotTag
 from hexctl.vision.detection.tags import Picture, SeenTag, TagFinder
 from tests.vision.scenes import CAMERA, FLOOR_CORNERS, ROBOT_TAG, tag_on
 
 ROBOT = load_robot("ant")
-TAG = RobotTag(ROBOT_TAG, 0.1, PlanarPose(0, 0, 0), tag_on(ROBOT).height_m)
+TAG = tag_on(ROBOT)
 
 #: A picture that nobody looks at.
 NO_PICTURE: Picture = np.zeros((720, 1280), dtype=np.uint8)

@@ -3,7 +3,8 @@ from pathlib import Path
 import pytest
 
 from hexctl.errors import InputError, WrongTypeError
-from hexctl.vision.camera_options import CameraOptions, LinkedRobotOptions, RobotCameraOptions, parse_size
+from hexctl.vision.camera_options import CameraOptions, LinkedRobotOptions, parse_size
+from hexctl.vision.robot_camera import RobotCamera
 
 
 def test_a_link_is_that_of_the_options(tmp_path: Path) -> None:
@@ -45,13 +46,13 @@ def test_a_size_is_two_numbers() -> None:
      ("[::1]:8019", "::1", 8019)],
 )  # fmt: skip
 def test_a_page_is_a_port_or_an_address_of_this_computer(page: int | str, host: str, port: int) -> None:
-    address = RobotCameraOptions(camera=0, page=page).page_address
+    address = RobotCamera(camera=0, page=page).page_address
     assert address is not None
     assert (address.host, address.port) == (host, port)
-    assert RobotCameraOptions(camera=0).page_address is None
+    assert RobotCamera(camera=0).page_address is None
 
 
 @pytest.mark.parametrize("page", ["0.0.0.0:8019", "robot.local:8019", "8019:", "70000", -1])
 def test_a_page_that_others_reach_or_that_is_none_is_refused(page: int | str) -> None:
     with pytest.raises(InputError, match="page: got "):
-        RobotCameraOptions(camera=0, page=page)
+        RobotCamera(camera=0, page=page)

@@ -7,18 +7,17 @@ from hexctl.robot.loader import load_robot
 from hexctl.robot.rotations import wrapped_rad
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.planar_pose import PlanarPose
-from hexctl.vision.detection.robot_tracker import RobotTag
 from hexctl.vision.detection.tags import Picture
 from hexctl.vision.estimation.pose_filter import PoseEstimate
 from hexctl.vision.observer import Observation, Observer
 from hexctl.vision.robot_link import LegState
 from hexctl.vision.twin.rendering import SceneRenderer
-from hexctl.vision.twin.twin_camera import CAMERA, FLOOR_TAGS, ROBOT_TAG, WEBCAM, tag_on
+from hexctl.vision.twin.twin_camera import CAMERA, FLOOR_TAGS, WEBCAM, tag_on
 from tests.vision.scenes import FLOOR_CORNERS, standing
 from tests.vision.synthetic import NO_PICTURE, CornerFinder
 
 ROBOT = load_robot("ant")
-TAG = RobotTag(ROBOT_TAG, 0.1, PlanarPose(0, 0, 0), tag_on(ROBOT).height_m)
+TAG = tag_on(ROBOT)
 HERE = PlanarPose(0.2, -0.1, 0.4)
 KNOCKED = Camera.looking(WEBCAM, np.array([-1.55, 0.08, 1.6]), np.array([0.03, 0.05, 0.0]))
 

@@ -14,8 +14,7 @@ from hexctl.robot.rotations import about_z
 from hexctl.types import FloatArray
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.lens import Lens
-from hexctl.vision.detection.planar_pose import PlanarPose
-from hexctl.vision.detection.robot_tracker import RobotTag
+from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose
 from hexctl.vision.detection.tags import MODULES, UNIT_CORNERS, Picture, tag_modules
 from hexctl.vision.estimation.pose_filter import PoseEstimate
 from hexctl.vision.observer import Observer
@@ -27,7 +26,7 @@ from tests.vision.scenes import FLOOR_CORNERS
 
 ROBOT = load_robot("ant")
 HERE = Camera(WEBCAM.scaled(960, 540), CAMERA.rotation, CAMERA.position_floor)
-TAG = RobotTag(ROBOT_TAG, 0.1, PlanarPose(0, 0, 0), tag_on(ROBOT).height_m)
+TAG = tag_on(ROBOT)
 TAG_HEIGHT_M = ROBOT.standing_height_m + TAG.height_m
 
 #: Ticks of 20 ms for each picture, and by how many of them it comes late.
@@ -73,7 +72,7 @@ def filmed() -> Filmed:
 
 
 def followed(
-    filmed: Filmed, disturb: Disturbance, *, legs: bool = True, camera: Camera = HERE, tag: RobotTag = TAG
+    filmed: Filmed, disturb: Disturbance, *, legs: bool = True, camera: Camera = HERE, tag: PlacedTag = TAG
 ) -> list[Seen]:
     """What is published tick by tick, of pictures that come late."""
     observer = Observer(ROBOT, camera, FLOOR_CORNERS, tag, latency_s=0.02 * LATE_TICKS)
@@ -258,7 +257,7 @@ def test_of_two_robots_each_is_followed_by_its_own_number(filmed: Filmed) -> Non
     seen = followed(filmed, both)
     assert share_found(seen) > 0.95
     assert off_m(filmed, seen) < 0.012
-    other = followed(filmed, both, tag=RobotTag(11, 0.1, aside, TAG.height_m))
+    other = followed(filmed, both, tag=PlacedTag(11, 0.1, aside, TAG.height_m))
     assert share_found(other) > 0.95
     assert off_m(filmed, other) < 0.015
     assert max(jump_m(filmed, seen), jump_m(filmed, other)) < NO_JUMP_M

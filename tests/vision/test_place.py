@@ -1,3 +1,4 @@
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -7,21 +8,28 @@ import pytest
 import yaml
 
 from hexctl.errors import InputError
-from hexctl.vision.detection.camera import Camera
-from hexctl.vision.detection.floor import FloorTag
 from hexctl.vision.detection.lens import Lens, save_lens
-from hexctl.vision.detection.planar_pose import PlanarPose
-from hexctl.vision.detection.robot_tracker import RobotTag
-from hexctl.vision.place import Place, load_place, save_place, store_camera, store_latency
+from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose
+from hexctl.vision.place import (
+    AssumedLens,
+    CameraPose,
+    FloorTag,
+    Place,
+    RobotTag,
+    load_place,
+    save_place,
+    store,
+)
 from tests.vision.scenes import CAMERA, WEBCAM
 
 PLACE = Place(
-    camera=CAMERA,
+    lens=Path("lens.yaml"),
+    camera=CameraPose.of(CAMERA),
     floor_tags={
-        0: FloorTag(0.11, PlanarPose(0.0, 0.0, 0.0)),
-        3: FloorTag(0.16, PlanarPose(0.9, -0.8, -2.0)),
+        0: FloorTag(edge_mm=110, x_m=0.0, y_m=0.0, yaw_deg=0.0),
+        3: FloorTag(edge_mm=160, x_m=0.9, y_m=-0.8, yaw_deg=-114.6),
     },
-    robot_tag=RobotTag(10, 0.1, PlanarPose(0.01, 0.0, 0.1), 0.03),
+    robot_tag=RobotTag(id=10, edge_mm=100, x_m=0.01, yaw_deg=5.7, height_m=0.03),
     latency_s=0.08,
 )
 
@@ -29,42 +37,42 @@ PLACE = Place(
 def saved(folder: Path, place: Place = PLACE) -> Path:
     """The file of a place, with its lens beside it."""
     save_lens(WEBCAM, folder / "lens.yaml")
-    save_place(replace(place, lens_file=folder / "lens.yaml"), folder / "place.yaml")
+    save_place(replace(place, lens=folder / "lens.yaml"), folder / "place.yaml")
     return folder / "place.yaml"
 
 
 def test_a_file_brings_the_place_back(tmp_path: Path) -> None:
     found = load_place(saved(tmp_path))
-    assert found.camera.lens == WEBCAM
-    assert np.allclose(found.camera.rotation, CAMERA.rotation, atol=1e-5)
-    assert np.allclose(found.camera.position_floor, CAMERA.position_floor, atol=1e-5)
+    assert found.viewpoint.lens == WEBCAM
+    assert np.allclose(found.viewpoint.rotation, CAMERA.rotation, atol=1e-5)
+    assert np.allclose(found.viewpoint.position_floor, CAMERA.position_floor, atol=1e-5)
     assert found.latency_s == 0.08
-    assert found.robot_tag.mount.yaw_rad == pytest.approx(0.1)
-    assert (found.robot_tag.tag_id, found.robot_tag.edge_m, found.robot_tag.height_m) == (10, 0.1, 0.03)
-    for number, tag in PLACE.floor_tags.items():
-        assert np.allclose(found.floor_tags[number].corners, tag.corners, atol=1e-5)
+    assert found.tag == PlacedTag(10, 0.1, PlanarPose(0.01, 0.0, math.radians(5.7)), 0.03)
+    assert (found.robot_tag, found.floor_tags) == (PLACE.robot_tag, PLACE.floor_tags)
+    for number, corners in PLACE.floor_corners.items():
+        assert np.allclose(found.floor_corners[number], corners, atol=1e-5)
     assert yaml.safe_load((tmp_path / "place.yaml").read_text())["lens"] == "lens.yaml"
 
 
 def test_an_assumed_lens_needs_no_file(tmp_path: Path) -> None:
-    lens = Lens.assumed(1280, 720, 67.0)
-    place = replace(PLACE, camera=Camera(lens, CAMERA.rotation, CAMERA.position_floor), latency_s=None)
+    assumed = AssumedLens(width_px=1280, height_px=720, fov_deg=67.0)
+    place = replace(PLACE, lens=None, assumed_lens=assumed, latency_s=None)
     save_place(place, tmp_path / "place.yaml")
     found = load_place(tmp_path / "place.yaml")
-    assert np.allclose(found.camera.lens.matrix, lens.matrix, atol=1e-3)
-    assert not found.camera.lens.calibrated
-    assert found.latency_s is None
-    with pytest.raises(InputError, match="without its file"):
-        save_place(PLACE, tmp_path / "other.yaml")
+    assert (found.assumed_lens, found.latency_s) == (assumed, None)
+    assert found.viewpoint.lens == Lens.assumed(1280, 720, 67.0)
+    assert not found.viewpoint.lens.calibrated
+    with pytest.raises(InputError, match="lens and assumed_lens"):
+        replace(PLACE, assumed_lens=assumed)
 
 
 def test_a_print_of_98_percent_scales_all_edges(tmp_path: Path) -> None:
     path = saved(tmp_path)
     path.write_text(path.read_text().replace("bar_mm: 100.0", "bar_mm: 98.0"))
     found = load_place(path)
-    assert found.robot_tag.edge_m == pytest.approx(0.098)
-    assert found.floor_tags[3].edge_m == pytest.approx(0.1568)
-    assert found.floor_tags[3].pose.x_m == pytest.approx(0.9)
+    assert found.tag.edge_m == pytest.approx(0.098)
+    assert np.hypot(*(found.floor_corners[3][1] - found.floor_corners[3][0])) == pytest.approx(0.1568)
+    assert found.floor_tags[3].x_m == pytest.approx(0.9)
     save_place(found, path)
     written = yaml.safe_load(path.read_text())
     assert written["floor_tags"][3]["edge_mm"] == pytest.approx(160)
@@ -79,7 +87,7 @@ def test_a_print_of_98_percent_scales_all_edges(tmp_path: Path) -> None:
         ({"floor_tags": {3: {"edge_mm": 160, "x_m": 0, "y_m": 0, "yaw_deg": 0}}}, "floor_tags: got .*with 0"),
         ({"floor_tags": {0: {"edge_mm": 160, "x_m": 0, "y_m": 0}}}, "yaw_deg is missing"),
         ({"floor_tags": {999: {"edge_mm": 160, "x_m": 0, "y_m": 0, "yaw_deg": 0}}}, "floor_tags"),
-        ({"robot_tag": {"id": 3, "edge_mm": 100, "height_m": 0.1}}, "robot_tag.id: got 3"),
+        ({"robot_tag": {"id": 3, "edge_mm": 100, "height_m": 0.1}}, "robot_tag: got id 3"),
         ({"robot_tag": {"id": 10, "edge_mm": "wide", "height_m": 0.1}}, "robot_tag.edge_mm: got 'wide'"),
         (
             {"camera": {"position_m": [0, 0, 1], "orientation": [1, 1, 0, 0]}},
@@ -111,11 +119,11 @@ def test_a_lens_that_is_gone_is_told_with_the_file_that_names_it(tmp_path: Path)
 
 def test_a_bar_measured_later_scales_what_was_learned_by_it_and_nothing_else() -> None:
     small = PLACE.printed(98.0)
-    assert np.allclose(small.camera.position_floor, 0.98 * CAMERA.position_floor)
-    assert (small.camera.rotation == CAMERA.rotation).all()
+    assert small.camera.position_m == pytest.approx(0.98 * CAMERA.position_floor)
+    assert small.camera.orientation == PLACE.camera.orientation
     assert np.allclose(small.floor_corners[3], 0.98 * PLACE.floor_corners[3])
-    assert small.robot_tag.edge_m == pytest.approx(0.098)
-    assert (small.robot_tag.mount, small.robot_tag.height_m) == (PLACE.robot_tag.mount, 0.03)
+    assert small.tag.edge_m == pytest.approx(0.098)
+    assert (small.tag.pose, small.tag.height_m) == (PLACE.tag.pose, 0.03)
     again = small.printed(100.0)
     assert np.allclose(again.floor_corners[3], PLACE.floor_corners[3])
     assert again.bar_mm == 100
@@ -123,21 +131,21 @@ def test_a_bar_measured_later_scales_what_was_learned_by_it_and_nothing_else() -
         PLACE.printed(49)
 
 
-def test_a_bar_that_nobody_can_have_measured_is_refused(tmp_path: Path) -> None:
+def test_a_bar_that_nobody_can_have_measured_is_refused() -> None:
     with pytest.raises(InputError, match="bar_mm: got 980"):
-        saved(tmp_path, replace(PLACE, bar_mm=980))
+        replace(PLACE, bar_mm=980)
 
 
 def test_a_latency_is_stored_and_every_other_line_stays(tmp_path: Path) -> None:
     path = saved(tmp_path, replace(PLACE, latency_s=None))
     text = "# the lab, by the window\n" + path.read_text() + "  # do not move the camera\n"
     path.write_text(text)
-    store_latency(path, 0.081)
+    store(replace(PLACE, latency_s=0.081), path, "latency_s")
     assert path.read_text() == text.rstrip() + "\nlatency_s: 0.081\n"
-    store_latency(path, 0.1)
+    store(replace(PLACE, latency_s=0.1), path, "latency_s")
     assert path.read_text() == text.rstrip() + "\nlatency_s: 0.1\n"
     path.write_text(path.read_text().replace("latency_s: 0.1", "latency_s : null  # twice"))
-    store_latency(path, 0.079)
+    store(replace(PLACE, latency_s=0.079), path, "latency_s")
     assert path.read_text() == text.rstrip() + "\nlatency_s: 0.079  # twice\n"
     assert load_place(path).latency_s == 0.079
 
@@ -146,7 +154,7 @@ def test_a_file_in_braces_takes_a_latency_too(tmp_path: Path) -> None:
     path = saved(tmp_path, replace(PLACE, latency_s=None))
     path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()), default_flow_style=True))
     assert path.read_text().startswith("{")
-    store_latency(path, 0.081)
+    store(replace(PLACE, latency_s=0.081), path, "latency_s")
     found = load_place(path)
     assert found.latency_s == 0.081
     assert found.floor_tags.keys() == PLACE.floor_tags.keys()
@@ -158,11 +166,11 @@ def test_the_camera_is_stored_as_it_stands_now_with_the_size_of_its_pictures(tmp
     text = path.read_text().replace("camera:", "camera:  # by the window")
     path.write_text(text + "# the end\n")
     moved = replace(CAMERA, lens=WEBCAM.scaled(640, 360), position_floor=CAMERA.position_floor + 0.2)
-    store_camera(path, moved)
+    store(replace(PLACE, camera=CameraPose.of(moved)), path, "camera")
     found = load_place(path)
-    assert np.allclose(found.camera.position_floor, moved.position_floor, atol=1e-5)
-    assert np.allclose(found.camera.lens.matrix, moved.lens.matrix)
-    assert (found.camera.lens.width_px, found.latency_s) == (640, 0.08)
+    assert np.allclose(found.viewpoint.position_floor, moved.position_floor, atol=1e-5)
+    assert np.allclose(found.viewpoint.lens.matrix, moved.lens.matrix)
+    assert (found.viewpoint.lens.width_px, found.latency_s) == (640, 0.08)
     assert found.floor_tags.keys() == PLACE.floor_tags.keys()
     assert "camera:  # by the window\n" in path.read_text()
     assert path.read_text().endswith("latency_s: 0.08\n# the end\n")
@@ -174,9 +182,9 @@ def test_pictures_of_another_shape_than_the_lens_are_refused(tmp_path: Path) -> 
     with pytest.raises(InputError, match=r"place\.yaml: camera\.picture_px: .*1280x720.*640x480"):
         load_place(path)
     path.write_text(path.read_text().replace("  picture_px: [640, 480]\n", ""))
-    assert load_place(path).camera.lens == WEBCAM
+    assert load_place(path).viewpoint.lens == WEBCAM
 
 
 def test_a_folder_that_takes_no_file_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"place: .*place\.yaml cannot be written"):
-        save_place(replace(PLACE, lens_file=tmp_path / "lens.yaml"), tmp_path / "none" / "place.yaml")
+        save_place(replace(PLACE, lens=tmp_path / "lens.yaml"), tmp_path / "none" / "place.yaml")

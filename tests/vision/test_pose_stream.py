@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,15 +12,14 @@ import pytest
 
 from hexctl.robot.loader import load_robot
 from hexctl.vision import pose_stream
-from hexctl.vision.detection.floor import FloorTag
+from hexctl.vision.detection.lens import save_lens
 from hexctl.vision.detection.overlay import Overlay
 from hexctl.vision.detection.planar_pose import PlanarPose
-from hexctl.vision.detection.robot_tracker import RobotTag
 from hexctl.vision.detection.tags import Picture, TagFinder
-from hexctl.vision.place import Place
+from hexctl.vision.place import CameraPose, FloorTag, Place, RobotTag
 from hexctl.vision.pose_stream import CameraStatus, PoseOutputs, PoseStream
 from hexctl.vision.video.video_source import Frame, VideoSource
-from tests.vision.scenes import CAMERA, FLOOR_TAGS, scene, standing, tag_on
+from tests.vision.scenes import CAMERA, FLOOR_TAGS, WEBCAM, scene, standing, tag_on
 
 FRAME_S = 0.1
 ANT = load_robot("ant")
@@ -70,7 +70,7 @@ def pictures() -> tuple[Picture, Picture]:
 
 
 def streamed(
-    film: Film, monkeypatch: pytest.MonkeyPatch
+    film: Film, monkeypatch: pytest.MonkeyPatch, folder: Path
 ) -> tuple[list[str], list[CameraStatus], list[list[str]]]:
     """Events, statuses, and the text of each picture."""
     texts: list[list[str]] = []
@@ -84,10 +84,12 @@ def streamed(
     clock = SimpleNamespace(monotonic=lambda: film.now_s, process_time=time.process_time)
     monkeypatch.setattr(pose_stream, "time", clock)
     tag, events, statuses = tag_on(ANT), list[str](), list[CameraStatus]()
+    save_lens(WEBCAM, folder / "lens.yaml")
     place = Place(
-        camera=CAMERA,
-        floor_tags={number: FloorTag(each.edge_m, each.pose) for number, each in FLOOR_TAGS.items()},
-        robot_tag=RobotTag(tag.tag_id, tag.edge_m, tag.pose, tag.height_m),
+        lens=folder / "lens.yaml",
+        camera=CameraPose.of(CAMERA),
+        floor_tags={number: FloorTag.at(one.pose, 1000 * one.edge_m) for number, one in FLOOR_TAGS.items()},
+        robot_tag=RobotTag(id=tag.tag_id, edge_mm=1000 * tag.edge_m, height_m=tag.height_m),
     )
     video: Any = Shown()
     stream = PoseStream(place, ANT, 0.0, PoseOutputs(None, None, video, None), TagFinder())
@@ -97,11 +99,11 @@ def streamed(
 
 
 def test_a_tag_that_is_covered_is_not_seen(
-    pictures: tuple[Picture, Picture], monkeypatch: pytest.MonkeyPatch
+    pictures: tuple[Picture, Picture], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     seen, covered = pictures
     film = Film([*[seen] * 13, *[covered] * 45, *[seen] * 20])
-    events, statuses, texts = streamed(film, monkeypatch)
+    events, statuses, texts = streamed(film, monkeypatch, tmp_path)
     assert events == ["the robot is seen", "the robot is lost: its tag is not seen", "the robot is seen"]
     partly = [status for status in statuses if 0 < status.seen < 1]
     assert partly
@@ -114,19 +116,19 @@ def test_a_tag_that_is_covered_is_not_seen(
 
 
 def test_a_camera_that_stops_is_what_loses_the_robot(
-    pictures: tuple[Picture, Picture], monkeypatch: pytest.MonkeyPatch
+    pictures: tuple[Picture, Picture], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     film = Film([*[pictures[0]] * 13, *[None] * 45])
-    events, statuses, _ = streamed(film, monkeypatch)
+    events, statuses, _ = streamed(film, monkeypatch, tmp_path)
     assert events == ["the robot is seen", "the robot is lost: no pictures come"]
     assert (statuses[-1].seen, statuses[-1].tag_px) == (0.0, 0.0)
 
 
 def test_a_camera_that_comes_back_with_another_size_is_told_once(
-    pictures: tuple[Picture, Picture], monkeypatch: pytest.MonkeyPatch
+    pictures: tuple[Picture, Picture], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     seen, small = pictures[0], np.asarray(cv2.resize(pictures[0], (640, 360)))
-    events, _, texts = streamed(Film([*[seen] * 13, *[small] * 45]), monkeypatch)
+    events, _, texts = streamed(Film([*[seen] * 13, *[small] * 45]), monkeypatch, tmp_path)
     assert events[1].startswith("the camera sends pictures of 640x360 px now, and they were 1280x720")
     assert events[2:] == ["the robot is lost: no pictures come"]
     assert len(texts) == 13

@@ -9,7 +9,7 @@ from hexctl.errors import InputError
 from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.vision.estimation.pose_filter import PoseEstimate
 from hexctl.vision.observer import Observation
-from hexctl.vision.pose_table import COLUMNS, PoseTable
+from hexctl.vision.pose_stream import COLUMNS, PoseTable
 
 
 def test_what_is_not_known_is_empty(tmp_path: Path) -> None:

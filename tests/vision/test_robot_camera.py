@@ -1,4 +1,5 @@
 import csv
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from hexctl.errors import InputError
 from hexctl.robot.loader import load_robot
 from hexctl.robot.rotations import wrapped_rad
 from hexctl.vision.estimation.pose_filter import PoseEstimate
-from hexctl.vision.place import arena_of, load_place, store_latency
+from hexctl.vision.place import arena_of, load_place, store
 from hexctl.vision.pose_stream import CameraReport, CameraStatus
 from hexctl.vision.robot_camera import CameraStarted, RobotCamera
 from hexctl.vision.video.video_source import open_video
@@ -68,7 +69,7 @@ def test_a_known_place_is_used_and_the_camera_placed_by_what_it_sees(tmp_path: P
     assert not started.learned
     assert (tmp_path / "place.yaml").read_text(encoding="utf-8") == text
     assert started.place.floor_tags == known.floor_tags
-    assert np.allclose(started.place.camera.position_floor, known.camera.position_floor, atol=0.01)
+    assert np.allclose(started.place.camera.position_m, known.camera.position_m, atol=0.01)
     assert started.arena is not None
     (x_m, y_m), radius_m = started.arena
     assert radius_m > 0.5
@@ -95,7 +96,7 @@ def test_a_camera_with_other_pictures_is_stored_so_that_the_arena_is_what_it_see
     camera.run(lambda: bool(started), on_started=started.append)
     assert not started[0].learned
     stored = load_place(tmp_path / "place.yaml")
-    assert stored.camera.lens.width_px == 960
+    assert stored.viewpoint.lens.width_px == 960
     assert started[0].arena is not None
     (middle_m, radius_m), (shown_m, shown_radius_m) = arena_of(stored, robot), started[0].arena
     assert radius_m == pytest.approx(shown_radius_m, abs=0.02)
@@ -121,8 +122,8 @@ def test_what_contradicts_a_known_place_is_refused_and_the_file_stays(tmp_path: 
 
 def test_a_floor_that_is_learned_again_keeps_lens_and_latency(tmp_path: Path, recorded: Path) -> None:
     looked(tmp_path, recorded, bar_mm=98.0, tag_height_mm=50.0)
-    store_latency(tmp_path / "place.yaml", 0.123)
-    before = load_place(tmp_path / "place.yaml")
+    before = replace(load_place(tmp_path / "place.yaml"), latency_s=0.123)
+    store(before, tmp_path / "place.yaml", "latency_s")
     camera = RobotCamera(
         camera=recorded / "walk.mp4", place=str(tmp_path / "place.yaml"), relearn=True, no_link=True
     )
@@ -130,7 +131,7 @@ def test_a_floor_that_is_learned_again_keeps_lens_and_latency(tmp_path: Path, re
     camera.run(lambda: bool(started), on_started=started.append)
     after = load_place(tmp_path / "place.yaml")
     assert started[0].learned
-    assert (after.lens_file, after.latency_s, after.bar_mm) == (before.lens_file, 0.123, 98.0)
+    assert (after.lens, after.latency_s, after.bar_mm) == (before.lens, 0.123, 98.0)
     assert after.robot_tag == before.robot_tag
     assert set(after.floor_tags) == set(before.floor_tags)
 
@@ -167,14 +168,14 @@ def test_without_a_calibration_the_lens_is_assumed_and_that_is_said(tmp_path: Pa
     )
     camera.run(lambda: False, on_started=started.append, on_status=statuses.append)
     assert any("assumed" in doubt for doubt in started[0].doubts)
-    assert load_place(tmp_path / "place.yaml").lens_file is None
+    assert load_place(tmp_path / "place.yaml").lens is None
 
 
 def test_a_bar_that_is_shorter_makes_the_floor_smaller(tmp_path: Path, recorded: Path) -> None:
     (tmp_path / "full").mkdir()
     _, full = looked(tmp_path / "full", recorded)
     _, small = looked(tmp_path, recorded, bar_mm=98.0)
-    ratio = small.place.floor_tags[3].pose.x_m / full.place.floor_tags[3].pose.x_m
+    ratio = small.place.floor_tags[3].x_m / full.place.floor_tags[3].x_m
     assert ratio == pytest.approx(0.98, abs=1e-3)
     assert any("measure it" in doubt for doubt in full.doubts)
     assert small.doubts == ()
@@ -187,10 +188,10 @@ def test_a_bar_measured_later_corrects_the_place_and_that_is_said(tmp_path: Path
     assert later.doubts == ("the bar of the sheet is 98 mm long, not 100: all distances change by -2.0 %",)
     known = load_place(tmp_path / "place.yaml")
     assert known.bar_mm == 98
-    for number, tag in first.place.floor_tags.items():
-        assert np.allclose(known.floor_tags[number].corners, 0.98 * tag.corners, atol=1e-5)
-    high_m = later.place.camera.position_floor[2]
-    assert high_m == pytest.approx(0.98 * first.place.camera.position_floor[2], rel=2e-3)
+    for number, corners in first.place.floor_corners.items():
+        assert np.allclose(known.floor_corners[number], 0.98 * corners, atol=1e-5)
+    high_m = later.place.camera.position_m[2]
+    assert high_m == pytest.approx(0.98 * first.place.camera.position_m[2], rel=2e-3)
     _, again = looked(tmp_path, recorded)
     assert again.doubts == ()
     assert again.place.bar_mm == 98

@@ -86,7 +86,7 @@ def test_the_same_sheet_is_the_same_file() -> None:
 
 
 def test_it_knows_the_edges_of_its_floor_tags() -> None:
-    assert Sheet(floor_tags=2).floor_edges_m == pytest.approx({0: 0.11, 1: 0.16, 2: 0.16})
+    assert Sheet(floor_tags=2).floor_edges_mm == pytest.approx({0: 110, 1: 160, 2: 160})
 
 
 @pytest.mark.parametrize(

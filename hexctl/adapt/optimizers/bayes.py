@@ -17,7 +17,7 @@ from hexctl.adapt.prior.acquisition import (
     most_useful,
 )
 from hexctl.adapt.prior.belief import Belief, Forecast
-from hexctl.adapt.prior.samples import N_FEATURES, Samples, features_of
+from hexctl.adapt.prior.samples import N_FEATURES, Samples, chance_of, features_of
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.trial import Enough
@@ -261,9 +261,7 @@ class Bayes(Optimizer):
         """Probability that each gait walks to the end and makes progress, (gaits,)."""
         forecast = self.forecast()
         progress = chance_above(forecast.distance_m, forecast.distance_sd_m, self._floor_m)
-        worlds = len(self._samples.features)
-        # Rule of succession: no fall in these worlds is not a probability of zero.
-        walks = (worlds * self._samples.finished + 1) / (worlds + 2)
+        walks = chance_of(self._samples.finished, len(self._samples.features))
         return np.where(self._failed(), 0.0, progress * walks)
 
     def _chances(self) -> FloatArray:

@@ -7,7 +7,7 @@ import numpy as np
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.optimizer import Observation, Optimizer
 from hexctl.adapt.prior.acquisition import expected_excess
-from hexctl.adapt.prior.samples import ScoreSamples
+from hexctl.adapt.prior.samples import ScoreSamples, chance_of
 from hexctl.adapt.prior.score_belief import ScoreBelief
 from hexctl.adapt.space import GaitSpace
 from hexctl.errors import InputError
@@ -96,9 +96,7 @@ class ScoreBayes(Optimizer):
         mean, covariance = self._forecast
         best = float(mean[self._good].min()) if self._good.any() else float(np.median(mean))
         sd = np.sqrt(np.maximum(np.diagonal(covariance), 1e-12))
-        worlds = len(self._samples.log_scores)
-        # Rule of succession: no fall in these worlds is not a probability of zero.
-        chance = (worlds * self._samples.valid + 1) / (worlds + 2)
+        chance = chance_of(self._samples.valid, len(self._samples.log_scores))
         return expected_excess(best - mean, sd) * np.where(self._tried & ~self._good, 0.0, chance)
 
     @property

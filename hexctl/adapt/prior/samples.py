@@ -1,8 +1,6 @@
 """The worlds of a prior as samples for one failed leg, those of symmetric legs included."""
 
-import math
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,166 +9,12 @@ from hexctl.adapt.optimizer import Observation
 from hexctl.adapt.prior.prior import CHECKPOINTS, SCORES, Outcomes, Prior, ScorePrior
 from hexctl.adapt.prior.prior_files import Covers
 from hexctl.adapt.space import GaitSpace
+from hexctl.control.body_symmetry import BodySymmetry, body_symmetries
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError
 from hexctl.robot.failure import UNKNOWN
 from hexctl.robot.model import Robot
-from hexctl.types import JOINTS_PER_LEG, N_LEGS, FloatArray
-
-#: Two places or angles this near are the same, in m and rad.
-SAME = 1e-4
-
-#: Trunks' centres of mass this near are the same, in m. The worlds of a prior shift them by up to 15 mm each
-#: way, and a sample has to be plausible, not exact.
-SAME_COM_M = 4e-3
-
-#: Moments of inertia are the same up to this share.
-SAME_INERTIA = 0.05
-
-
-@dataclass(frozen=True)
-class Symmetry:
-    """A turn or a mirroring of the body that puts every leg where there was one.
-
-    Attributes:
-        legs: leg `legs[k - 1]` is where leg k comes to lie.
-        mirrored: True when left and right change places; deviations then change their sign.
-        turn_rad: by how much the body is turned, after the mirroring.
-    """
-
-    legs: tuple[int, ...]
-    mirrored: bool
-    turn_rad: float = 0.0
-
-    @property
-    def keeps_heading(self) -> bool:
-        """Whether the forward direction is kept."""
-        return abs(math.remainder(self.turn_rad, 2 * math.pi)) < SAME
-
-    def keeps_phase(self, leg: int) -> bool:
-        """Whether a gait also keeps its start phase when this leg failed.
-
-        A failed leg pins its own slot. Where it becomes another leg all slots shift, and the walk begins at
-        another point of the cycle: nearly the same walk, but not exactly.
-        """
-        return self.legs[leg - 1] == leg
-
-    def codes(self, leg: int) -> NDArray[np.int64]:
-        """Codes of the moved gaits, for codes 1..120 with this leg failed, (120,)."""
-        before, moved_leg = GaitSpace((leg,)), self.legs[leg - 1]
-        slots = np.empty_like(before.slots)
-        slots[:, np.array(self.legs) - 1] = before.slots
-        shift = moved_leg - slots[:, [moved_leg - 1]]
-        after = GaitSpace((moved_leg,))
-        return np.array([after.code_of(row) for row in ((slots + shift - 1) % N_LEGS + 1).tolist()])
-
-    def joints(self, angles_rad: FloatArray) -> FloatArray:
-        """Angles of all joints, (..., 18), of the moved robot; a mirror changes the sign of the coxae."""
-        before = angles_rad.reshape(*angles_rad.shape[:-1], N_LEGS, JOINTS_PER_LEG)
-        moved = np.empty_like(before)
-        moved[..., np.array(self.legs) - 1, :] = before
-        if self.mirrored:
-            moved[..., 0] = -moved[..., 0]
-        return moved.reshape(angles_rad.shape)
-
-
-class Symmetries:
-    """All symmetries of a robot, the identity first."""
-
-    def __init__(self, robot: Robot) -> None:
-        self._robot = robot
-
-    @cached_property
-    def all(self) -> tuple[Symmetry, ...]:
-        """Every symmetry of the robot's geometry; its servos and links are alike in all legs."""
-        found = [
-            symmetry
-            for mirrored in (False, True)
-            for goal in range(N_LEGS)
-            if (symmetry := self._moving_first_to(goal, mirrored)) is not None
-        ]
-        return tuple(found)
-
-    def _moving_first_to(self, goal: int, mirrored: bool) -> Symmetry | None:
-        """Symmetry that moves leg 1 to a leg, or None."""
-        robot = self._robot
-        flip = -1.0 if mirrored else 1.0
-        turn_rad = float(robot.mount_yaws_rad[goal] - flip * robot.mount_yaws_rad[0])
-        if not self._trunk_allows(turn_rad, flip):
-            return None
-        legs = []
-        for leg in range(N_LEGS):
-            at = self._leg_at(turn_rad, flip, leg)
-            if at is None:
-                return None
-            legs.append(at + 1)
-        return Symmetry(tuple(legs), mirrored, turn_rad)
-
-    def _trunk_allows(self, turn_rad: float, flip: float) -> bool:
-        """Whether the trunk is the same after an optional mirroring and then a turn.
-
-        Its shape is after every mirroring, its inertia too, and its centre of mass where it lies in the plane
-        of the mirror.
-        """
-        body = self._robot.body
-        com_m = np.array(body.com_m)
-        if np.linalg.norm(_moved(com_m, turn_rad, flip) - com_m) > SAME_COM_M:
-            return False
-        half = abs(math.remainder(turn_rad, math.pi)) < SAME
-        x, y, _ = body.inertia_kg_m2 or (1.0, 1.0, 1.0)
-        if abs(x - y) > SAME_INERTIA * max(x, y) and not half:
-            return False
-        if body.shape == "cylinder":
-            return True
-        square = body.size_m[0] == body.size_m[1]
-        return half or (square and abs(math.remainder(turn_rad, math.pi / 2)) < SAME)
-
-    def _leg_at(self, turn_rad: float, flip: float, leg: int) -> int | None:
-        """Leg whose place a moved leg takes, with the same joint limits, or None."""
-        robot = self._robot
-        place = _moved(robot.mount_positions_body[leg], turn_rad, flip)
-        foot = _moved(robot.stance_feet_body[leg], turn_rad, flip)
-        yaw_rad = turn_rad + flip * robot.mount_yaws_rad[leg]
-        for other in range(N_LEGS):
-            off = [
-                np.abs(robot.mount_positions_body[other] - place).max(),
-                np.abs(robot.stance_feet_body[other] - foot).max(),
-                abs(math.remainder(robot.mount_yaws_rad[other] - yaw_rad, 2 * math.pi)),
-                np.abs(_limits(robot, other) - _flipped(_limits(robot, leg), flip)).max(),
-            ]
-            if max(off) < SAME:
-                return other
-        return None
-
-
-def _moved(point: FloatArray, turn_rad: float, flip: float) -> FloatArray:
-    """Point of the body frame after an optional mirroring of left and right and then a turn."""
-    cos, sin = math.cos(turn_rad), math.sin(turn_rad)
-    x, y, z = point[0], flip * point[1], point[2]
-    return np.array([cos * x - sin * y, sin * x + cos * y, z])
-
-
-def _limits(robot: Robot, leg: int) -> FloatArray:
-    """Limits of a leg's joints: angles, speed and torque, (4, 3)."""
-    joints = slice(JOINTS_PER_LEG * leg, JOINTS_PER_LEG * (leg + 1))
-    return np.array(
-        [
-            robot.joint_lower_rad[joints],
-            robot.joint_upper_rad[joints],
-            robot.joint_max_speed_rad_s[joints],
-            robot.joint_max_torque_nm[joints],
-        ]
-    )
-
-
-def _flipped(limits: FloatArray, flip: float) -> FloatArray:
-    """Limits of a mirrored leg: the coxa's angles change sign."""
-    if flip > 0:
-        return limits
-    mirrored = limits.copy()
-    mirrored[0, 0], mirrored[1, 0] = -limits[1, 0], -limits[0, 0]
-    return mirrored
-
+from hexctl.types import N_LEGS, FloatArray
 
 #: Features of a walk, in this order: deviation at the checkpoints, progress at half time and at the end, yaw.
 PROGRESS_AT = (CHECKPOINTS // 2 - 1, CHECKPOINTS - 1)
@@ -250,7 +94,7 @@ def score_samples_of(prior: ScorePrior, robot: Robot, leg: int, objective: str) 
         raise InputError(f"objective: got {objective} with a prior; allowed: {', '.join(SCORES)}")
     column, scores, valid = SCORES.index(objective), [], []
     for symmetry, source in _sources_in(prior, robot, leg):
-        order, row = np.argsort(symmetry.codes(source)), prior.legs.index(source)
+        order, row = np.argsort(moved_codes(symmetry, source)), prior.legs.index(source)
         scores.append(prior.log_scores[row, :, order, column].T)
         valid.append(prior.valid[row][:, order])
     known = np.concatenate(scores)
@@ -281,9 +125,16 @@ def ranked_codes(prior: Prior | ScorePrior, robot: Robot, leg: int, objective: s
         ends = samples_of(prior, robot, leg)
         means = np.log(np.abs(ends.features[..., FINAL]).mean(axis=0))
         worlds, share = len(ends.features), ends.finished
-    # Rule of succession: no fall in these worlds is not a probability of zero.
-    chance = (worlds * share + 1) / (worlds + 2)
-    return [int(row) + 1 for row in np.argsort(means - np.log(chance), kind="stable")]
+    order = np.argsort(means - np.log(chance_of(share, worlds)), kind="stable")
+    return [int(row) + 1 for row in order]
+
+
+def chance_of(share: FloatArray, worlds: int) -> FloatArray:
+    """Probability of what a share of some worlds did; none in these worlds is not a probability of zero.
+
+    It is Laplace's rule of succession.
+    """
+    return (worlds * share + 1) / (worlds + 2)
 
 
 def covers(robot: Robot, self_rotation: str, legs: tuple[int, ...], leg: int) -> bool:
@@ -297,7 +148,9 @@ def covering(robot: Robot, plan: TrialPlan) -> Covers:
     return lambda legs: covers(robot, plan.self_rotation, legs, leg)
 
 
-def _sources(robot: Robot, self_rotation: str, legs: tuple[int, ...], leg: int) -> list[tuple[Symmetry, int]]:
+def _sources(
+    robot: Robot, self_rotation: str, legs: tuple[int, ...], leg: int
+) -> list[tuple[BodySymmetry, int]]:
     """Symmetries, and the legs that they move to a failed leg.
 
     Without self-rotation the body does not follow the failed leg, and only what leaves the direction of
@@ -305,19 +158,32 @@ def _sources(robot: Robot, self_rotation: str, legs: tuple[int, ...], leg: int) 
     """
     return [
         (symmetry, source)
-        for symmetry in Symmetries(robot).all
+        for symmetry in body_symmetries(robot)
         for source in legs
         if symmetry.legs[source - 1] == leg and (self_rotation != "none" or symmetry.keeps_heading)
     ]
 
 
-def _sources_in(prior: Outcomes, robot: Robot, leg: int) -> list[tuple[Symmetry, int]]:
+def _sources_in(prior: Outcomes, robot: Robot, leg: int) -> list[tuple[BodySymmetry, int]]:
     """Sources of a leg in a prior; raises InputError where there is none."""
     sources = _sources(robot, prior.key.self_rotation, prior.legs, leg)
     if not sources:
         legs = ", ".join(str(known) for known in prior.legs)
         raise InputError(f"prior: got failed leg {leg}; allowed: {legs}")
     return sources
+
+
+def moved_codes(symmetry: BodySymmetry, leg: int) -> NDArray[np.int64]:
+    """Codes of the gaits that a symmetry makes, for codes 1..120 with a leg failed, (120,).
+
+    A failed leg pins its own slot. If it becomes another leg all slots shift, and the walk begins at another
+    point of the cycle: nearly the same walk, but not exactly.
+    """
+    before, moved_leg = GaitSpace((leg,)), symmetry.legs[leg - 1]
+    slots = before.slots[:, np.array(symmetry.legs_before) - 1]
+    shift = moved_leg - slots[:, [moved_leg - 1]]
+    after = GaitSpace((moved_leg,))
+    return np.array([after.code_of(row) for row in ((slots + shift - 1) % N_LEGS + 1).tolist()])
 
 
 def features_of(observation: Observation, duration_s: float) -> FloatArray:
@@ -330,7 +196,7 @@ def features_of(observation: Observation, duration_s: float) -> FloatArray:
     return np.concatenate([rows[:, 1], rows[PROGRESS_AT, 0], [np.nan if yaw_rad is None else yaw_rad]])
 
 
-def _moved_worlds(prior: Prior, symmetry: Symmetry, source: int) -> FloatArray:
+def _moved_worlds(prior: Prior, symmetry: BodySymmetry, source: int) -> FloatArray:
     """Worlds of a leg, moved by a symmetry, (worlds, gaits, N_FEATURES)."""
     row = prior.legs.index(source)
     progress = prior.progress_m[row][..., PROGRESS_AT]
@@ -338,11 +204,11 @@ def _moved_worlds(prior: Prior, symmetry: Symmetry, source: int) -> FloatArray:
     if symmetry.mirrored:
         features = features * MIRRORED
     moved = np.empty_like(features)
-    moved[:, symmetry.codes(source) - 1] = features
+    moved[:, moved_codes(symmetry, source) - 1] = features
     return moved
 
 
-def _moved_sags(prior: Prior, sources: list[tuple[Symmetry, int]]) -> FloatArray | None:
+def _moved_sags(prior: Prior, sources: list[tuple[BodySymmetry, int]]) -> FloatArray | None:
     """Deflections in the worlds of some legs, moved by symmetries, (worlds, 18)."""
     if prior.sag_rad is None:
         return None

@@ -8,13 +8,13 @@ import typer
 
 from hexctl.cli.output_options import JsonOption
 from hexctl.cli.signature import with_options
-from hexctl.vision.camera_options import LensOptions
+from hexctl.vision.camera_lens import CameraLens
 
 if TYPE_CHECKING:
     from hexctl.vision.detection.lens_calibration import CalibratedLens, LensCalibration
 
 
-@with_options(LensOptions)
+@with_options(CameraLens)
 def calibrate(
     options: dict[str, Any],
     pictures: Annotated[
@@ -33,7 +33,6 @@ def calibrate(
     time. Ctrl-C ends it with what there is.
     """
     from hexctl.cli.console import StopOnInterrupt, print_note, print_result
-    from hexctl.vision.camera_lens import CameraLens
 
     calibration = CameraLens(**options, pictures=pictures or ())
     with StopOnInterrupt(plain=True) as interrupt:

@@ -9,14 +9,13 @@ import typer
 
 from hexctl.cli.output_options import JsonOption
 from hexctl.cli.signature import with_options
-from hexctl.vision.camera_options import RobotCameraOptions
+from hexctl.vision.robot_camera import CameraStarted, RobotCamera
 
 if TYPE_CHECKING:
     from hexctl.vision.pose_stream import CameraReport, CameraStatus
-    from hexctl.vision.robot_camera import CameraStarted
 
 
-@with_options(RobotCameraOptions)
+@with_options(RobotCamera)
 def look(options: dict[str, Any], context: typer.Context, as_json: JsonOption = False) -> None:
     """Find a robot on the floor with a camera and printed tags, and tell it where it is, until Ctrl-C.
 
@@ -25,7 +24,6 @@ def look(options: dict[str, Any], context: typer.Context, as_json: JsonOption = 
     if context.invoked_subcommand is not None:
         return
     from hexctl.cli.console import StatusLine, StopOnInterrupt, print_result
-    from hexctl.vision.robot_camera import RobotCamera
 
     looking = RobotCamera(**options)
     with StopOnInterrupt(plain=True) as interrupt, StatusLine() as line:
@@ -38,12 +36,12 @@ def look(options: dict[str, Any], context: typer.Context, as_json: JsonOption = 
     print_result(json.dumps(report.to_dict()) if as_json else _report_line(report))
 
 
-def _print_started(started: "CameraStarted", path: Path) -> None:
+def _print_started(started: CameraStarted, path: Path) -> None:
     from hexctl.cli.console import print_note
 
     tags = ", ".join(map(str, sorted(started.place.floor_tags)))
     learned = "learned by looking" if started.learned else "as the file says"
-    x_m, y_m, z_m = started.place.camera.position_floor
+    x_m, y_m, z_m = started.place.camera.position_m
     print_note(
         f"{path}: tags {tags} on the floor, {learned}; "
         f"the camera stands at {x_m:.2f}, {y_m:.2f} m, {z_m:.2f} m high"

@@ -7,13 +7,14 @@ first, and another is better where it was faster by more than the noise of the w
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from hexctl.archive import content_digest
+from hexctl.control.body_symmetry import IDENTITY, BodySymmetry
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import NAMED_SLOTS, SWING_SHARE, Gait
@@ -36,40 +37,8 @@ SAFEST, WALK_ON = "safest", "walk-on"
 HOLDS = ("auto", "line", "heading")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BodySymmetry:
-    """A turn or a mirroring of the body that puts every leg where there was one.
-
-    Attributes:
-        legs: leg `legs[k - 1]` is where leg k comes to lie.
-        mirrored: whether left and right change places.
-        turn_deg: by how much the body is turned, after the mirroring.
-    """
-
-    legs: tuple[int, ...]
-    mirrored: bool
-    turn_deg: float
-
-    def heading_deg(self, heading_deg: float) -> float:
-        """Where a direction of travel comes to lie, -180 up to 180."""
-        return math.remainder(self.turn_deg + (-heading_deg if self.mirrored else heading_deg), 360.0)
-
-    def heading_before_deg(self, heading_deg: float) -> float:
-        """The direction of travel that comes to lie at one, -180 up to 180."""
-        turned_deg = heading_deg - self.turn_deg
-        return math.remainder(-turned_deg if self.mirrored else turned_deg, 360.0)
-
-    @property
-    def legs_before(self) -> tuple[int, ...]:
-        """The leg that comes to lie at each leg, (6,)."""
-        return tuple(self.legs.index(leg) + 1 for leg in range(1, N_LEGS + 1))
-
-
 #: Leg, kind and joint of each failure, by leg.
 FailedParts = tuple[tuple[int, str, str | None], ...]
-
-#: The body as it is.
-IDENTITY = BodySymmetry(legs=tuple(range(1, N_LEGS + 1)), mirrored=False, turn_deg=0.0)
 
 
 def parts_of(failures: Iterable[Failure]) -> FailedParts:
@@ -107,37 +76,14 @@ class Candidate:
     @classmethod
     def of(cls, name: str, gait: Gait) -> "Candidate":
         """Candidate of a gait."""
-        posture = gait.posture
-        return cls(
-            name=name,
-            slots=gait.slots,
-            swing_share=gait.swing_share,
-            phases=gait.phases,
-            body_raise=posture.body_raise,
-            shift=posture.shift,
-            tucked_legs=posture.tucked_legs,
-        )
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> "Candidate":
-        """Candidate of JSON values."""
-        made: dict[str, Any] = {
-            name: tuple(value) if isinstance(value, (list, tuple)) else value
-            for name, value in values.items()
-        }
-        return cls(**made)
+        shape = {part: getattr(gait, part) for part in ("slots", "swing_share", "phases")}
+        return cls(name=name, **shape, **asdict(gait.posture))
 
     def gait(self, base: Gait) -> Gait:
         """The gait with pace, amplitude and height of another."""
         posture = Posture(body_raise=self.body_raise, shift=self.shift, tucked_legs=self.tucked_legs)
-        return Gait(
-            slots=self.slots,
-            pace_hz=base.pace_hz,
-            amplitude=base.amplitude,
-            height=base.height,
-            posture=posture,
-            swing_share=self.swing_share,
-            phases=self.phases,
+        return replace(
+            base, slots=self.slots, posture=posture, swing_share=self.swing_share, phases=self.phases
         )
 
     def before(self, symmetry: BodySymmetry) -> "Candidate":
@@ -147,12 +93,10 @@ class Candidate:
         aside = math.sin(angle_rad) * forward + math.cos(angle_rad) * left
         shift = (round(ahead, 6) + 0.0, round(-aside if symmetry.mirrored else aside, 6) + 0.0)
         leads = None if self.phases is None else tuple(self.phases[leg - 1] for leg in symmetry.legs)
-        return Candidate(
-            name=self.name,
+        return replace(
+            self,
             slots=tuple(self.slots[leg - 1] for leg in symmetry.legs),
-            swing_share=self.swing_share,
             phases=leads,
-            body_raise=self.body_raise,
             shift=shift,
             tucked_legs=tuple(leg for leg in IDENTITY.legs if symmetry.legs[leg - 1] in self.tucked_legs),
         )
@@ -258,6 +202,10 @@ class Choice:
     walks: int
 
 
+#: Fields of a repertoire that are stored as they are, before its symmetries and situations.
+PLAIN = ("robot", "robot_fingerprint", "pace_hz", "amplitude", "height", "direction_step_deg")
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Repertoire:
     """How one robot walked with gaits of some pace and strokes after each of some failures.
@@ -311,7 +259,6 @@ class Repertoire:
         return self._choices.get((self._direction(math.degrees(heading_rad)), parts_of(failures)))
 
     def _direction(self, heading_deg: float) -> int:
-        """Number of the nearest direction."""
         return round(heading_deg / self.direction_step_deg) % round(360 / self.direction_step_deg)
 
     @cached_property
@@ -321,21 +268,16 @@ class Repertoire:
         That is one whose walks ended on their feet as often, and whose sure gain over the safest, among the
         situations of the same kinds of failure (`sure_gains`), is the largest and above `LEAST_GAIN`.
         """
+        alike: dict[tuple[object, str], list[tuple[int, int]]] = {}
+        for place, one in enumerate(self.situations):
+            for row, candidate in enumerate(one.candidates):
+                alike.setdefault((one.kinds, candidate.name), []).append((place, row))
         sure: dict[tuple[int, str], float] = {}
-        for (_, name), rows in self._gains.items():
+        for (_, name), rows in alike.items():
             gains = np.array([self.situations[place].gains[row] for place, row in rows])
             for (place, _), gain in zip(rows, sure_gains(gains).tolist(), strict=True):
                 sure[place, name] = gain
         return tuple(_best_of(one, place, sure) for place, one in enumerate(self.situations))
-
-    @property
-    def _gains(self) -> dict[tuple[object, str], list[tuple[int, int]]]:
-        """Numbers of the situations and of their candidates, by kinds of failure and the candidate's name."""
-        found: dict[tuple[object, str], list[tuple[int, int]]] = {}
-        for place, one in enumerate(self.situations):
-            for row, candidate in enumerate(one.candidates):
-                found.setdefault((one.kinds, candidate.name), []).append((place, row))
-        return found
 
     @cached_property
     def _choices(self) -> dict[tuple[int, FailedParts], Choice]:
@@ -351,12 +293,7 @@ class Repertoire:
     def head(self) -> dict[str, Any]:
         """Everything but the arrays, as JSON values; each candidate of a situation has its `walks`."""
         return {
-            "robot": self.robot,
-            "robot_fingerprint": self.robot_fingerprint,
-            "pace_hz": self.pace_hz,
-            "amplitude": self.amplitude,
-            "height": self.height,
-            "direction_step_deg": self.direction_step_deg,
+            **{name: getattr(self, name) for name in PLAIN},
             "symmetries": [asdict(one) for one in self.symmetries],
             "situations": [
                 {
@@ -370,15 +307,13 @@ class Repertoire:
             "origin": self.origin,
         }
 
-    def _column(self, name: str) -> FloatArray:
-        """Speeds or costs of all situations, one after the other, as they are stored."""
-        values = [getattr(one, name).ravel() for one in self.situations]
-        return np.concatenate(values).astype(np.float32) if values else np.zeros(0, np.float32)
-
     @property
     def arrays(self) -> dict[str, FloatArray]:
-        """Its arrays as they are stored, by name."""
-        return {"speeds": self._column("speeds"), "costs": self._column("costs")}
+        """Its arrays as they are stored, by name: those of all situations, one after the other."""
+        columns = {"speeds": [one.speeds for one in self.situations],
+                   "costs": [one.costs for one in self.situations]}  # fmt: skip
+        return {name: np.concatenate([np.zeros(0), *map(np.ravel, each)]).astype(np.float32)
+                for name, each in columns.items()}  # fmt: skip
 
     def digest(self) -> str:
         """Hash of the whole content, computed once."""

@@ -5,10 +5,13 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
 from hexctl.archive import ArchiveKind
-from hexctl.control.monitor.repertoire import BodySymmetry, Candidate, Repertoire, Situation
+from hexctl.control.body_symmetry import BodySymmetry
+from hexctl.control.monitor.repertoire import PLAIN, Candidate, Repertoire, Situation
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError
 from hexctl.robot.configs import config_root
@@ -42,28 +45,23 @@ def load_repertoire(path: Path | str) -> Repertoire:
 
 
 def _made(head: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Repertoire:
-    """Repertoire of what its file holds."""
-    speeds, costs = arrays["speeds"].astype(float), arrays["costs"].astype(float)
-    situations, first = [], 0
-    for values in head["situations"]:
-        candidates = tuple(Candidate.from_dict(one) for one in values["candidates"])
-        shape = len(candidates), int(values["walks"])
-        last = first + shape[0] * shape[1]
-        situations.append(
-            Situation(
-                failed=tuple((leg, kind, joint) for leg, kind, joint in values["failed"]),
-                heading_deg=values["heading_deg"],
-                candidates=candidates,
-                speeds=speeds[first:last].reshape(shape),
-                costs=costs[first:last].reshape(shape),
-            )
+    candidates_of = TypeAdapter(tuple[Candidate, ...]).validate_python
+    shapes = [(len(one["candidates"]), int(one["walks"])) for one in head["situations"]]
+    ends = np.cumsum([candidates * walks for candidates, walks in shapes], dtype=int)[:-1]
+    speeds, costs = (np.split(arrays[name].astype(float), ends) for name in ("speeds", "costs"))
+    situations = [
+        Situation(
+            failed=tuple((leg, kind, joint) for leg, kind, joint in values["failed"]),
+            heading_deg=values["heading_deg"],
+            candidates=candidates_of(values["candidates"]),
+            speeds=speed.reshape(shape),
+            costs=cost.reshape(shape),
         )
-        first = last
-    names = ("robot", "robot_fingerprint", "pace_hz", "amplitude", "height", "direction_step_deg", "origin")
-    symmetries = [BodySymmetry(**one | {"legs": tuple(one["legs"])}) for one in head["symmetries"]]
-    return Repertoire(
-        **{name: head[name] for name in names}, symmetries=tuple(symmetries), situations=tuple(situations)
-    )
+        for values, shape, speed, cost in zip(head["situations"], shapes, speeds, costs, strict=False)
+    ]
+    symmetries = TypeAdapter(tuple[BodySymmetry, ...]).validate_python(head["symmetries"])
+    plain = {name: head[name] for name in (*PLAIN, "origin")}
+    return Repertoire(**plain, symmetries=symmetries, situations=tuple(situations))
 
 
 def describe_repertoire(path: Path | str) -> dict[str, Any]:

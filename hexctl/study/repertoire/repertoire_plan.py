@@ -11,16 +11,14 @@ from zlib import crc32
 
 import numpy as np
 
-from hexctl.adapt.prior.samples import Symmetries
 from hexctl.backends.sim.world import DomainRandomization
 from hexctl.control.assessment.crawl import crawl_on, gait_without
 from hexctl.control.assessment.static_stability import STAND_UP, slots_by_stability
+from hexctl.control.body_symmetry import BodySymmetry, body_symmetries
 from hexctl.control.monitor.repertoire import (
-    IDENTITY,
     INTACT_GAIT,
     SAFEST,
     WALK_ON,
-    BodySymmetry,
     Candidate,
     FailedParts,
     Repertoire,
@@ -87,12 +85,8 @@ class RepertoirePlan(Plan):
     @cached_property
     def symmetries(self) -> tuple[BodySymmetry, ...]:
         """Symmetries of the robot that move each direction of travel to another one."""
-        found = [
-            BodySymmetry(legs=one.legs, mirrored=one.mirrored, turn_deg=round(math.degrees(one.turn_rad), 6))
-            for one in Symmetries(self.robot).all
-        ]
-        kept = [one for one in found if abs(math.remainder(one.turn_deg, self.step_deg)) < 1e-3]
-        return (IDENTITY, *(one for one in kept if one.legs != IDENTITY.legs))
+        found = body_symmetries(self.robot)
+        return tuple(one for one in found if abs(math.remainder(one.turn_deg, self.step_deg)) < 1e-3)
 
     @property
     def step_deg(self) -> float:

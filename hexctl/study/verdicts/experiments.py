@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from hexctl.adapt.prior.samples import Symmetries, Symmetry
+from hexctl.adapt.prior.samples import moved_codes
 from hexctl.backends.sim.world import World
+from hexctl.control.body_symmetry import BodySymmetry, body_symmetries
 from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.model import Robot
 from hexctl.study.landscapes.landscape import NUMBERS, Landscape
@@ -27,14 +28,14 @@ EXAMINED = frozenset(
 
 def symmetries_of(
     robot: Robot, world: World, self_rotation: str, failure: str = "locked"
-) -> tuple[Symmetry, ...]:
+) -> tuple[BodySymmetry, ...]:
     """Symmetries under which a leg's landscape becomes another leg's, the identity first.
 
     Without self-rotation the direction of travel is fixed in the body, and only what keeps it counts.
     """
     return tuple(
         one
-        for one in Symmetries(robot).all
+        for one in body_symmetries(robot)
         if (self_rotation != "none" or one.keeps_heading)
         and ((one.keeps_heading and not one.mirrored) or _world_allows(world, one))
         and not (one.mirrored and _one_sided(failure))
@@ -69,13 +70,13 @@ def is_mirror_of(
     return any(symmetry.mirrored and symmetry.legs[leg - 1] == other for symmetry in symmetries)
 
 
-def image_of(landscape: Landscape, symmetry: Symmetry) -> Landscape:
+def image_of(landscape: Landscape, symmetry: BodySymmetry) -> Landscape:
     """The landscape of the leg that a symmetry puts in the place of another one, with its codes.
 
     Deviations and yaw change their sign in a mirror. How far the robot turned before is unknown (NaN).
     """
     spec = landscape.spec
-    codes = symmetry.codes(spec.leg)[landscape.codes - 1]
+    codes = moved_codes(symmetry, spec.leg)[landscape.codes - 1]
     order = np.argsort(codes)
     sign = -1.0 if symmetry.mirrored else 1.0
     numbers = landscape.numbers.copy()
@@ -116,7 +117,7 @@ def _one_sided(failure: str) -> bool:
     return broken.kind == "stuck" and broken.joint == "coxa" and broken.angle_rad != 0
 
 
-def _world_allows(world: World, symmetry: Symmetry) -> bool:
+def _world_allows(world: World, symmetry: BodySymmetry) -> bool:
     """Whether a symmetry of the robot is one of what it carries, of its servos and of the floor, too."""
     plain = World()
     others = [name for name in World.model_fields if name not in EVEN | EXAMINED]
@@ -130,8 +131,7 @@ def _world_allows(world: World, symmetry: Symmetry) -> bool:
     return not symmetry.mirrored or not (world.roughness_m or (world.slope_deg and across))
 
 
-def _keeps(symmetry: Symmetry, x: float, y: float) -> bool:
+def _keeps(symmetry: BodySymmetry, x: float, y: float) -> bool:
     """Whether a point of the body is where it was after mirroring left and right, if so, and the turn."""
-    cos, sin = math.cos(symmetry.turn_rad), math.sin(symmetry.turn_rad)
-    flipped = -y if symmetry.mirrored else y
-    return math.hypot(cos * x - sin * flipped - x, sin * x + cos * flipped - y) < 1e-9
+    point = np.array([x, y, 0.0])
+    return float(np.linalg.norm(symmetry.points(point) - point)) < 1e-9

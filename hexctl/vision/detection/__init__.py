@@ -1,1 +1,1 @@
-"""What is in a picture: tags, and by lens and place of the camera where they are."""
+"""What is in a picture: tags, and by lens and pose of the camera where they are."""

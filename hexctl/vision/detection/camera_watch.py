@@ -131,7 +131,6 @@ class CameraWatch:
         return self._replaced(gray) if self._blind % SEARCH_EVERY == 2 else None
 
     def _judged(self, gray: Picture) -> CameraChange | None:
-        """What moved, once enough looks agree."""
         moved = [tag_id for tag_id in self.visible if self._elsewhere[tag_id] >= MOVED_LOOKS]
         if not moved:
             return None

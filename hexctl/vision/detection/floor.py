@@ -13,10 +13,10 @@ from hexctl.robot.rotations import wrapped_rad
 from hexctl.types import ArrayFields, FloatArray
 from hexctl.vision.detection.camera import Camera, camera_candidates, place_camera, reprojection_px
 from hexctl.vision.detection.lens import Lens
-from hexctl.vision.detection.planar_pose import PlanarPose, tag_pose
+from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose, tag_pose
 from hexctl.vision.detection.tags import HOME_TAG, UNIT_CORNERS, SeenTag
 
-#: A tag that is seen in fewer of the pictures of one camera place, as a share, is not used.
+#: A tag that is seen in fewer of the pictures of one camera position, as a share, is not used.
 LEAST_SEEN = 0.3
 
 #: Share of the greatest and of the smallest coordinates of a corner that does not count.
@@ -26,7 +26,7 @@ TRIMMED = 0.25
 CORNER_PX = 0.2
 
 #: A tag that is seen farther from where it should be, in px, or whose edge looks longer or shorter than it
-#: is, as a share, or whose place is less certain, in m, is told.
+#: is, as a share, or whose position is less certain, in m, is told.
 DOUBT_PX, DOUBT_EDGE, DOUBT_M = 1.5, 0.04, 0.01
 
 #: What is said of a lens without a calibration, before what may come from it.
@@ -41,37 +41,19 @@ TRIED = 2
 CornersPx = Mapping[int, FloatArray]
 
 
-@dataclass(frozen=True, slots=True)
-class FloorTag:
-    """A tag that lies on the floor.
-
-    Attributes:
-        edge_m: of its black square.
-        pose: in the frame of the floor: the middle of the home tag, x along its arrow.
-    """
-
-    edge_m: float
-    pose: PlanarPose
-
-    @property
-    def corners(self) -> FloatArray:
-        """Its corners on the floor, (4, 2) in m."""
-        return self.pose.of_points(UNIT_CORNERS * self.edge_m)
-
-
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class LearnedFloor(ArrayFields):
-    """The tags on the floor, and the places from which a camera saw them.
+    """The tags on the floor, and the positions from which a camera saw them.
 
     Attributes:
         tags: by number.
-        cameras: one for each place of the camera.
+        cameras: one for each position of the camera.
         residuals_px: by which each tag is seen from where it should be, RMS of its corners, by number.
-        deviations_m: standard deviation of each tag's place, by number.
+        deviations_m: standard deviation of each tag's position, by number.
         doubts: what cannot be trusted, a sentence each.
     """
 
-    tags: Mapping[int, FloorTag]
+    tags: Mapping[int, PlacedTag]
     cameras: tuple[Camera, ...]
     residuals_px: Mapping[int, float]
     deviations_m: Mapping[int, float]
@@ -104,17 +86,17 @@ def averaged_corners(pictures: Sequence[Mapping[int, SeenTag]]) -> dict[int, Flo
 
 
 def learn_floor(lens: Lens, views: Sequence[CornersPx], edges_m: Mapping[int, float]) -> LearnedFloor:
-    """Places of the tags on the floor, and of the camera, by what it saw from one place or several.
+    """Poses of the tags on the floor, and of the camera, by what it saw from one position or several.
 
-    All corners are fitted together: the camera's places and x, y and yaw of every tag but the home tag, which
+    All corners are fitted together: the camera's poses and x, y and yaw of every tag but the home tag, which
     is the origin. The scale is that of all edges.
 
     Args:
         lens: of the camera.
-        views: corners (4, 2) in px by number, for each place of the camera.
+        views: corners (4, 2) in px by number, for each position of the camera.
         edges_m: edges of the tags that lie on the floor, by number; other tags are not used.
 
-    Raises InputError where the home tag was seen from no place, or nothing fits.
+    Raises InputError where the home tag was never seen, or nothing fits.
     """
     if HOME_TAG not in edges_m:
         raise InputError(f"floor: got no edge of tag {HOME_TAG}; allowed: tags with the home tag {HOME_TAG}")
@@ -148,7 +130,7 @@ def _starts(
 def _chained(
     lens: Lens, views: Sequence[CornersPx], edges_m: Mapping[int, float], cameras: dict[int, Camera]
 ) -> dict[int, PlanarPose]:
-    """Poses of the tags from camera to tag to camera; places that share no tag with others are left out."""
+    """Poses of the tags from camera to tag to camera; a position that shares no tag is left out."""
     poses = {HOME_TAG: PlanarPose(0.0, 0.0, 0.0)}
     known = 0
     while known < len(poses) + len(cameras):
@@ -158,7 +140,7 @@ def _chained(
                 pose = None if tag_id in poses else _seen_pose(camera, corners_px)
                 if pose is not None:
                     poses[tag_id] = pose
-        corners = {tag_id: FloorTag(edges_m[tag_id], pose).corners for tag_id, pose in poses.items()}
+        corners = {tag_id: PlacedTag(tag_id, edges_m[tag_id], pose).corners for tag_id, pose in poses.items()}
         for number, view in enumerate(views):
             camera_there = None if number in cameras else place_camera(lens, view, corners)
             if camera_there is not None:
@@ -186,15 +168,15 @@ class _Fit:
         cameras: Mapping[int, Camera], poses: Mapping[int, PlanarPose],
     ) -> None:  # fmt: skip
         self._lens, self._edges_m = lens, edges_m
-        self._places = sorted(cameras)
+        self._positions = sorted(cameras)
         self._left_out = sorted(set(range(len(views))) - set(cameras))
         self._views = [
-            {key: views[number][key] for key in views[number] if key in poses} for number in self._places
+            {key: views[number][key] for key in views[number] if key in poses} for number in self._positions
         ]
         self._tag_ids = sorted(set(poses) - {HOME_TAG})
         start = [
             np.r_[Rotation.from_matrix(cameras[number].rotation).as_rotvec(), cameras[number].position_floor]
-            for number in self._places
+            for number in self._positions
         ]
         start += [
             np.array([pose.x_m, pose.y_m, pose.yaw_rad]) for pose in map(poses.__getitem__, self._tag_ids)
@@ -215,20 +197,19 @@ class _Fit:
         )
         return self
 
-    def _unpacked(self, values: FloatArray) -> tuple[list[Camera], dict[int, FloorTag]]:
-        count = len(self._places)
+    def _unpacked(self, values: FloatArray) -> tuple[list[Camera], dict[int, PlacedTag]]:
+        count = len(self._positions)
         cameras = [
             Camera(self._lens, Rotation.from_rotvec(six[:3]).as_matrix(), six[3:])
             for six in values[: 6 * count].reshape(-1, 6)
         ]
-        tags = {HOME_TAG: FloorTag(self._edges_m[HOME_TAG], PlanarPose(0.0, 0.0, 0.0))}
+        tags = {HOME_TAG: PlacedTag(HOME_TAG, self._edges_m[HOME_TAG], PlanarPose(0.0, 0.0, 0.0))}
         for tag_id, (x_m, y_m, yaw) in zip(self._tag_ids, values[6 * count :].reshape(-1, 3), strict=True):
             pose = PlanarPose(float(x_m), float(y_m), wrapped_rad(float(yaw)))
-            tags[tag_id] = FloorTag(self._edges_m[tag_id], pose)
+            tags[tag_id] = PlacedTag(tag_id, self._edges_m[tag_id], pose)
         return cameras, tags
 
     def _misses(self, values: FloatArray) -> FloatArray:
-        """By how much each corner is seen elsewhere, in px."""
         cameras, tags = self._unpacked(values)
         misses = []
         for camera, view in zip(cameras, self._views, strict=True):
@@ -250,7 +231,7 @@ class _Fit:
         doubts = [
             *(() if self._lens.calibrated else (LENS_DOUBT,)),
             *_tag_doubts(cameras, self._views, tags, residuals_px, deviations_m),
-            *(f"camera place {number + 1} shares no tag with the others" for number in self._left_out),
+            *(f"camera position {number + 1} shares no tag with the others" for number in self._left_out),
         ]
         if len(tags) == 1:
             doubts.append("only one tag is seen: far from it the floor is a guess; lay out more")
@@ -260,10 +241,10 @@ class _Fit:
         )  # fmt: skip
 
     def _deviations_m(self) -> dict[int, float]:
-        """Standard deviation of each tag's place, by the corners' and the curvature of the fit."""
+        """Standard deviation of each tag's position, by the corners' and the curvature of the fit."""
         jacobian = self._solution.jac
         covariance = np.linalg.pinv(jacobian.T @ jacobian) * CORNER_PX**2
-        variances = np.diag(covariance)[6 * len(self._places) :].reshape(-1, 3)
+        variances = np.diag(covariance)[6 * len(self._positions) :].reshape(-1, 3)
         told = {
             tag_id: float(np.sqrt(each[:2].sum()))
             for tag_id, each in zip(self._tag_ids, variances, strict=True)
@@ -272,10 +253,9 @@ class _Fit:
 
 
 def _tag_doubts(
-    cameras: Sequence[Camera], views: Sequence[CornersPx], tags: Mapping[int, FloorTag],
+    cameras: Sequence[Camera], views: Sequence[CornersPx], tags: Mapping[int, PlacedTag],
     residuals_px: Mapping[int, float], deviations_m: Mapping[int, float],
 ) -> Iterable[str]:  # fmt: skip
-    """What cannot be trusted about single tags."""
     for tag_id, tag in tags.items():
         looks = [
             seen.scale / tag.edge_m - 1

@@ -32,7 +32,7 @@ MOST_ANGLE_DEG = 85.0
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Lens(ArrayFields):
-    """A camera without its place. In its frame z looks out, x to the right and y down, as in OpenCV.
+    """A camera without its pose. In its frame z looks out, x to the right and y down, as in OpenCV.
 
     Attributes:
         width_px: of its pictures.
@@ -66,12 +66,17 @@ class Lens(ArrayFields):
             width_px=width_px, height_px=height_px, matrix=matrix, distortion=np.zeros(5), calibrated=False
         )
 
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height of its pictures."""
+        return self.width_px, self.height_px
+
     def scaled(self, width_px: int, height_px: int) -> "Lens":
         """The same lens with pictures of another size, if their shape is the same.
 
         Raises InputError where it is not: the camera cuts its pictures, and which part is not known.
         """
-        if (width_px, height_px) == (self.width_px, self.height_px):
+        if (width_px, height_px) == self.size_px:
             return self
         scale = width_px / self.width_px
         if abs(height_px - scale * self.height_px) > 1:
@@ -114,8 +119,6 @@ class Lens(ArrayFields):
 
 
 class _Matrix(BaseModel):
-    """A matrix as ROS writes it."""
-
     model_config = ConfigDict(allow_inf_nan=False)
 
     rows: Annotated[int, Field(ge=1, le=14)]

@@ -306,7 +306,7 @@ def _fit_fisheye_from(
 def _difference_px(lens: Lens, other: Lens) -> float:
     """RMS distance over the picture between the pixels at which two lenses see the same.
 
-    Where one is the other, turned, they are the same: a camera's place makes good for it.
+    Where one is the other, turned, they are the same: a camera's pose makes good for it.
     """
     columns, rows = np.meshgrid(np.linspace(0, lens.width_px - 1, 17), np.linspace(0, lens.height_px - 1, 11))
     points_px = np.column_stack([columns.ravel(), rows.ravel()])

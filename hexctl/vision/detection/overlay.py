@@ -100,7 +100,6 @@ class Overlay:
 
 
 def _text(drawn: Picture, lines: Sequence[str]) -> None:
-    """Lines in the upper left corner, on a dark ground."""
     size = _font_size(drawn)
     (_, height), below = cv2.getTextSize("Ty", cv2.FONT_HERSHEY_SIMPLEX, size, 1)  # of every line
     for row, line in enumerate(lines):

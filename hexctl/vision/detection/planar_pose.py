@@ -44,6 +44,33 @@ class PlanarPose:
 
 
 @dataclass(frozen=True, slots=True)
+class PlacedTag:
+    """A printed tag with a pose: on the floor, or on the robot's trunk.
+
+    Attributes:
+        tag_id: its number.
+        edge_m: of its black square.
+        pose: of its middle, in the frame of the floor, or of the robot's base seen from above.
+        height_m: above the floor, or above the origin of the base.
+    """
+
+    tag_id: int
+    edge_m: float
+    pose: PlanarPose
+    height_m: float = 0.0
+
+    @property
+    def corners(self) -> FloatArray:
+        """Its corners in the frame of its pose, (4, 2) in m."""
+        return self.pose.of_points(self.edge_m * UNIT_CORNERS)
+
+    @property
+    def corners_body(self) -> FloatArray:
+        """Its corners with their height, (4, 3) in m."""
+        return np.column_stack([self.corners, np.full(4, self.height_m)])
+
+
+@dataclass(frozen=True, slots=True)
 class PlanarFit:
     """Pose, and size, by which points come nearest to where they are seen.
 
@@ -59,7 +86,7 @@ class PlanarFit:
 
 
 def fitted_pose(points: FloatArray, seen: FloatArray) -> PlanarFit:
-    """Pose at which points (N, 2) are seen at other places (N, 2), both in m, by least squares.
+    """Pose at which points (N, 2) are seen at other points (N, 2), both in m, by least squares.
 
     Rotation, scale and shift are those of Umeyama (1991) in the plane.
     """

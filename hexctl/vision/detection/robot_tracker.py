@@ -7,8 +7,8 @@ import numpy as np
 from hexctl.robot.rotations import levelled
 from hexctl.types import ArrayFields, FloatArray
 from hexctl.vision.detection.camera import Camera
-from hexctl.vision.detection.planar_pose import PlanarFit, PlanarPose, fitted_pose
-from hexctl.vision.detection.tags import UNIT_CORNERS, Picture, SeenTag, TagFinder
+from hexctl.vision.detection.planar_pose import PlacedTag, PlanarFit, PlanarPose, fitted_pose
+from hexctl.vision.detection.tags import Picture, SeenTag, TagFinder
 
 #: Standard deviation of a corner's coordinate, in px, that is believed at first, and never less: noise, blur,
 #: and what is left of the lens's distortion.
@@ -17,7 +17,7 @@ CORNER_PX = 0.25
 #: What is believed at first counts as so many pictures; so many pictures are remembered.
 FIRST_PICTURES, MOST_PICTURES = 1.0, 20.0
 
-#: A square that is fitted by place, turn and size leaves so many of the eight coordinates free.
+#: A square that is fitted by position, turn and size leaves so many of the eight coordinates free.
 _FREE = 4
 
 
@@ -53,28 +53,6 @@ LEVEL = np.array([0.0, 0.0, 1.0])
 SEARCH_EVERY, THOROUGH_EVERY = 3, 3
 
 
-@dataclass(frozen=True, slots=True)
-class RobotTag:
-    """The tag on a robot.
-
-    Attributes:
-        tag_id: its number.
-        edge_m: of its black square.
-        mount: its pose in the frame of the robot's base, seen from above.
-        height_m: above the origin of the base.
-    """
-
-    tag_id: int
-    edge_m: float
-    mount: PlanarPose
-    height_m: float
-
-    @property
-    def corners_body(self) -> FloatArray:
-        """Its corners in the frame of the robot's base, (4, 3) in m."""
-        return np.column_stack([self.mount.of_points(self.edge_m * UNIT_CORNERS), np.full(4, self.height_m)])
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class SeenRobot(ArrayFields):
     """A robot as seen in one picture.
@@ -100,7 +78,7 @@ class RobotTracker:
         finder: of the tags.
     """
 
-    def __init__(self, tag: RobotTag, finder: TagFinder) -> None:
+    def __init__(self, tag: PlacedTag, finder: TagFinder) -> None:
         self.tag, self._finder = tag, finder
         self._last_px: FloatArray | None = None
         self._missed = 0
@@ -157,7 +135,6 @@ def _expected_px(camera: Camera, corners: FloatArray, expected: PlanarPose | Non
 
 
 def _fitted(camera: Camera, seen_tag: SeenTag, corners: FloatArray) -> PlanarFit | None:
-    """Pose of the robot by where rays meet the heights of the corners (4, 3)."""
     seen = camera.floor_points(seen_tag.corners_px, corners[:, 2])
     return fitted_pose(corners[:, :2], seen) if np.isfinite(seen).all() else None
 

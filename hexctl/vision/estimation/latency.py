@@ -172,9 +172,9 @@ def _at(times_s: FloatArray, own: _Values, at_s: FloatArray) -> _Values:
 
 def _lowest(delays_s: FloatArray, left: FloatArray) -> float:
     """Where a curve is lowest, by a parabola through the lowest point and its neighbours."""
-    place = int(left.argmin())
-    if not 0 < place < len(left) - 1:
-        return float(delays_s[place])
-    before, here, after = left[place - 1 : place + 2].tolist()
+    index = int(left.argmin())
+    if not 0 < index < len(left) - 1:
+        return float(delays_s[index])
+    before, here, after = left[index - 1 : index + 2].tolist()
     bend = before - 2 * here + after
-    return float(delays_s[place] + (STEP_S * (before - after) / (2 * bend) if bend > 0 else 0.0))
+    return float(delays_s[index] + (STEP_S * (before - after) / (2 * bend) if bend > 0 else 0.0))

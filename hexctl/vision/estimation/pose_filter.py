@@ -148,14 +148,14 @@ class PoseFilter:
         if sighting.at_s < base.at_s:
             self.refused += 1
             return False
-        place = bisect.bisect_right(self._times, sighting.at_s)
-        prior = self._advanced(self._fused[place - 1][1] if place else base, sighting.at_s)
+        index = bisect.bisect_right(self._times, sighting.at_s)
+        prior = self._advanced(self._fused[index - 1][1] if index else base, sighting.at_s)
         if prior.surprise(sighting) > MOST_SIGMA:
             return self._suspect(sighting)
         with self._blended(max(self._published_s, sighting.at_s)):
-            self._fused.insert(place, (sighting, prior.after(sighting)))
+            self._fused.insert(index, (sighting, prior.after(sighting)))
             self._tip = None
-            self._replay(place + 1)
+            self._replay(index + 1)
         self._believed_s = max(self._believed_s, sighting.at_s)
         return True
 
@@ -195,7 +195,6 @@ class PoseFilter:
         return self._advanced(self._newest(), at_s)
 
     def _newest(self) -> PoseBelief:
-        """Belief after the newest sighting and motion."""
         last = self._fused[-1][1] if self._fused else self._base
         assert last is not None  # noqa: S101  asked for only where something is believed
         tip = last if self._tip is None or self._tip.at_s < last.at_s else self._tip
@@ -226,12 +225,12 @@ class PoseFilter:
         belief = belief.coasted(stopped_s, STOPPING_S)
         return belief if stopped_s == to_s else belief.coasted(to_s, COASTING_S)
 
-    def _replay(self, place: int) -> None:
-        """Take in the sightings from a place on once more, after something before them has changed."""
-        if place < len(self._fused):
+    def _replay(self, index: int) -> None:
+        """Take in the sightings from an index on once more, after something before them has changed."""
+        if index < len(self._fused):
             self._tip = None
-            belief = self._fused[place - 1][1] if place else self._base
-            for later in range(place, len(self._fused)):
+            belief = self._fused[index - 1][1] if index else self._base
+            for later in range(index, len(self._fused)):
                 sighting = self._fused[later][0]
                 assert belief is not None  # noqa: S101  there are sightings, so there is a base
                 belief = self._advanced(belief, sighting.at_s).after(sighting)
@@ -271,7 +270,6 @@ class PoseFilter:
         self._published_s, self._offset = -math.inf, np.zeros(3)
 
     def _slip(self) -> PoseBelief | None:
-        """Belief whose slip is to be kept."""
         return self._newest() if self._base is not None else self._slip_of
 
     def _forget(self) -> None:
@@ -310,8 +308,8 @@ class PoseFilter:
         It is asked for with each motion. The belief after the newest motion until then is kept: without it,
         each played again all since the last sighting, which took more than there was time.
         """
-        place = bisect.bisect_right(self._times, at_s)
-        origin = self._fused[place - 1][1] if place else self._base
+        index = bisect.bisect_right(self._times, at_s)
+        origin = self._fused[index - 1][1] if index else self._base
         if origin is None or origin.at_s > at_s:
             return None
         belief = origin

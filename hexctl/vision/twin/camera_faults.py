@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 from hexctl.errors import InputError, argument
 from hexctl.robot.rotations import turned
 from hexctl.vision.detection.camera import Camera
+from hexctl.vision.detection.planar_pose import PlacedTag
 from hexctl.vision.detection.tags import Picture
-from hexctl.vision.twin.rendering import PlacedTag, RobotPosture
+from hexctl.vision.twin.rendering import RobotPosture
 
 ALLOWED = "moved:X,Y,Z (m), turned:DEGREES or covered:SECONDS, each with @SECONDS or from the start"
 
@@ -88,5 +89,5 @@ def with_hand(picture: Picture, camera: Camera, posture: RobotPosture, tag: Plac
         return picture
     covered = picture.copy()
     radius_px = int(np.hypot(*(seen_px[1] - seen_px[0]))) + 1
-    cv2.circle(covered, tuple(int(place) for place in seen_px[0]), radius_px, _HAND_COLOR, cv2.FILLED)
+    cv2.circle(covered, tuple(int(pixel) for pixel in seen_px[0]), radius_px, _HAND_COLOR, cv2.FILLED)
     return covered

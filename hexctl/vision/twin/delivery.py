@@ -2,9 +2,9 @@
 
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from queue import Queue
 
 import cv2
 
@@ -32,26 +32,13 @@ class TakenPicture:
     due_at_s: float
 
 
-@dataclass(slots=True)
-class DeliveryCounts:
-    """What has arrived.
-
-    Attributes:
-        delivered: pictures that were.
-        late: those of them that arrived later than they should, by more than `Delivery.LATE_S`.
-        latency_s: sum of the times from taking to arrival.
-    """
-
-    delivered: int = 0
-    late: int = 0
-    latency_s: float = 0.0
-
-
 class Delivery:
     """Develops and encodes pictures on a thread of its own, and hands each over when it is due; close it.
 
     Attributes:
-        counts: of what has arrived.
+        delivered: pictures that arrived.
+        late: those of them that arrived later than they should, by more than `LATE_S`.
+        latency_s: sum of the times from taking to arrival.
         developing_s: how long it took lately to develop and encode a picture.
     """
 
@@ -65,36 +52,26 @@ class Delivery:
             publish: called on the thread with each JPEG.
         """
         self._publish = publish
-        self.counts, self.developing_s = DeliveryCounts(), 0.02
-        self._waiting: deque[TakenPicture] = deque()
-        self._changed = threading.Condition()
+        self.delivered, self.late, self.latency_s, self.developing_s = 0, 0, 0.0, 0.02
+        self._waiting: Queue[TakenPicture | None] = Queue(MOST_WAITING)
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, name="delivery", daemon=True)
         self._thread.start()
 
     def send(self, taken: TakenPicture) -> None:
         """Put a picture on its way, after those before it."""
-        with self._changed:
-            self._changed.wait_for(lambda: len(self._waiting) < MOST_WAITING or self._over.is_set())
-            self._waiting.append(taken)
-            self._changed.notify_all()
+        self._waiting.put(taken)
 
     def close(self) -> None:
         """End the thread; what is on its way is lost."""
         self._over.set()
-        with self._changed:
-            self._changed.notify_all()
+        self._waiting.put(None)
         self._thread.join()
 
     def _run(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._waiting or self._over.is_set())
-                if self._over.is_set():
-                    return
-                taken = self._waiting.popleft()
-                self._changed.notify_all()
-            self._deliver(taken)
+        while (taken := self._waiting.get()) is not None:
+            if not self._over.is_set():
+                self._deliver(taken)
 
     def _deliver(self, taken: TakenPicture) -> None:
         began_s = time.monotonic()
@@ -105,6 +82,6 @@ class Delivery:
             return
         self._publish(jpeg)
         now_s = time.monotonic()
-        self.counts.delivered += 1
-        self.counts.latency_s += now_s - taken.taken_at_s
-        self.counts.late += now_s - taken.due_at_s > self.LATE_S
+        self.delivered += 1
+        self.latency_s += now_s - taken.taken_at_s
+        self.late += now_s - taken.due_at_s > self.LATE_S

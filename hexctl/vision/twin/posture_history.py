@@ -77,10 +77,10 @@ class _Series:
             samples = list(self._samples)
         if not samples:
             return None
-        place = bisect_left(samples, at_s, key=lambda sample: sample[0])
-        if place in (0, len(samples)):
-            return samples[min(place, len(samples) - 1)][1]
-        (before_s, before), (after_s, after) = samples[place - 1 : place + 1]
+        index = bisect_left(samples, at_s, key=lambda sample: sample[0])
+        if index in (0, len(samples)):
+            return samples[min(index, len(samples) - 1)][1]
+        (before_s, before), (after_s, after) = samples[index - 1 : index + 1]
         share = (at_s - before_s) / (after_s - before_s)
         # Both signs of a quaternion are one orientation; from one state to the next it turns by a degree.
         if len(after) == 7 and before[3:] @ after[3:] < 0:

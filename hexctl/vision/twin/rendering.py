@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.errors import InputError
-from hexctl.export.render import open_context
+from hexctl.export.render import Canvas
 from hexctl.robot.formats.link_frames import BASE_LINK
 from hexctl.robot.formats.mjcf import mjcf_of
 from hexctl.robot.model import Robot
@@ -18,7 +18,7 @@ from hexctl.robot.rotations import about_z
 from hexctl.types import ArrayFields, FloatArray
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.lens import Lens
-from hexctl.vision.detection.planar_pose import PlanarPose
+from hexctl.vision.detection.planar_pose import PlacedTag
 from hexctl.vision.detection.tags import MODULES, Picture, tag_modules
 
 #: The camera by which MuJoCo draws has no distortion; a lens wider than this would need too many pixels.
@@ -33,7 +33,7 @@ _MODULE_PX, _EDGED = 24, MODULES + 2
 #: Thickness of a sheet of paper on the floor.
 _SHEET_M = 0.0005
 
-#: Places in the noise from which a picture takes its own, in each direction.
+#: Positions in the noise from which a picture takes its own, in each direction.
 _SHIFTS = 64
 
 #: Colours of the floor and of the light.
@@ -57,23 +57,6 @@ class CameraFlaws:
     exposure_s: float = 0.0
     brightness: float = 1.0
     shadow: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class PlacedTag:
-    """A printed tag at a place: on the floor, or on the robot's trunk.
-
-    Attributes:
-        tag_id: its number.
-        edge_m: of its black square.
-        pose: in the frame of the floor, or of the robot's base.
-        height_m: above the floor, or above the origin of the base.
-    """
-
-    tag_id: int
-    edge_m: float
-    pose: PlanarPose
-    height_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,24 +89,26 @@ class SceneRenderer:
     ) -> None:
         """Make the scene and a context to draw in.
 
-        Raises what `open_context` raises, and InputError for a lens that is too wide.
+        Raises what `Canvas` raises, and InputError for a lens that is too wide.
         """
         self.camera, self.flaws = camera, CameraFlaws() if flaws is None else flaws
         self._random = np.random.default_rng(seed)
         self._drawn, self._maps = _drawn_lens(camera.lens)
-        self._context = open_context(self._drawn.width_px, self._drawn.height_px)
+        self._canvas = Canvas(self._drawn.width_px, self._drawn.height_px)
         import mujoco
 
         self._mujoco = mujoco
         self.model = _scene(mujoco, robot, camera, self._drawn, floor_tags, robot_tag)
         self.data = mujoco.MjData(self.model)
-        self._renderer = _Drawer(mujoco, self.model, self._drawn)
+        self._view = mujoco.MjvCamera()
+        self._view.type, self._view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, self.model.camera("see").id
+        self._scene = self._canvas.new_scene(self.model)
         size = (camera.lens.height_px + _SHIFTS, camera.lens.width_px + _SHIFTS, 3)
         self._noise = (self.flaws.noise * self._random.standard_normal(size)).astype(np.float32)
         self._last: RobotPosture | None = None
 
     def move_camera(self, camera: Camera) -> None:
-        """Draw from another place from now on, through the same lens."""
+        """Draw from another position from now on, through the same lens."""
         self.camera = camera
         seen = self.model.camera("see")
         seen.pos = camera.position_floor
@@ -139,8 +124,10 @@ class SceneRenderer:
 
     def expose(self, posture: RobotPosture) -> Picture:
         """What a lens without distortion sees, a little more than the picture."""
-        self._context.make_current()
-        exposed = self._exposed(posture)
+        exposed = self._picture(posture)
+        if self.flaws.exposure_s > 0 and self._last is not None:
+            # A robot that moved is smeared by the mean of two moments.
+            exposed = np.asarray(cv2.addWeighted(exposed, 0.5, self._picture(self._last), 0.5, 0))
         self._last = posture
         return exposed
 
@@ -150,22 +137,16 @@ class SceneRenderer:
         bent = cv2.remap(exposed, columns_rows, rests, cv2.INTER_LINEAR)
         return self._flawed(np.asarray(bent, dtype=np.uint8), at_s)
 
-    def _exposed(self, posture: RobotPosture) -> NDArray[np.uint8]:
-        """What falls onto the sensor: a robot that moved is smeared by the mean of two moments."""
-        self._place(posture)
-        picture = self._renderer.picture(self.data)
-        if self.flaws.exposure_s <= 0 or self._last is None:
-            return picture
-        self._place(self._last)
-        return np.asarray(cv2.addWeighted(picture, 0.5, self._renderer.picture(self.data), 0.5, 0))
-
-    def _place(self, posture: RobotPosture) -> None:
+    def _picture(self, posture: RobotPosture) -> Picture:
         mujoco, qpos = self._mujoco, self.data.qpos
         qpos[:3], qpos[3:7] = posture.position_floor, posture.quaternion_floor
         qpos[7:] = posture.joint_positions_rad
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_comPos(self.model, self.data)
         mujoco.mj_camlight(self.model, self.data)
+        everything, look = mujoco.mjtCatBit.mjCAT_ALL, mujoco.MjvOption()
+        mujoco.mjv_updateScene(self.model, self.data, look, None, self._view, everything, self._scene)
+        return self._canvas.draw(self._scene)
 
     def _flawed(self, picture: NDArray[np.uint8], at_s: float) -> Picture:
         flaws = self.flaws
@@ -174,49 +155,20 @@ class SceneRenderer:
         if flaws.shadow > 0 or flaws.brightness != 1:
             light = flaws.brightness * _shadow(picture.shape[1], at_s, flaws.shadow)
             picture = np.clip(picture * light[:, np.newaxis], 0, 255).astype(np.uint8)
-        # The same noise at another place in each picture: to draw a million new numbers takes longer.
+        # The same noise at another position in each picture: to draw a million new numbers takes longer.
         row, column = self._random.integers(_SHIFTS, size=2)
         noise = self._noise[row:, column:][: picture.shape[0], : picture.shape[1]]
         return np.asarray(cv2.add(picture, noise, dtype=cv2.CV_8U))
 
     def close(self) -> None:
         """Free what draws."""
-        self._renderer.close()
-        self._context.free()
+        self._canvas.close()
 
     def __enter__(self) -> "SceneRenderer":
         return self
 
     def __exit__(self, *error: object) -> None:
         self.close()
-
-
-class _Drawer:
-    """MuJoCo's own drawing into memory, with the robot's camera."""
-
-    def __init__(self, mujoco: Any, model: Any, lens: Lens) -> None:
-        self._mujoco, self._model = mujoco, model
-        self._scene = mujoco.MjvScene(model, 200)
-        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
-        self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
-        self._look, self._camera = mujoco.MjvOption(), mujoco.MjvCamera()
-        self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
-        self._camera.fixedcamid = model.camera("see").id
-        self._opengl = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
-        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._opengl)
-        self._view = mujoco.MjrRect(0, 0, lens.width_px, lens.height_px)
-        self._pixels = np.empty((lens.height_px, lens.width_px, 3), dtype=np.uint8)
-
-    def picture(self, data: Any) -> NDArray[np.uint8]:
-        mujoco = self._mujoco
-        everything = mujoco.mjtCatBit.mjCAT_ALL
-        mujoco.mjv_updateScene(self._model, data, self._look, None, self._camera, everything, self._scene)
-        mujoco.mjr_render(self._view, self._scene, self._opengl)
-        mujoco.mjr_readPixels(self._pixels, None, self._view, self._opengl)
-        return np.flipud(self._pixels).copy()
-
-    def close(self) -> None:
-        self._opengl.free()
 
 
 def _drawn_lens(lens: Lens) -> tuple[Lens, tuple[Any, Any]]:
@@ -237,7 +189,7 @@ def _drawn_lens(lens: Lens) -> tuple[Lens, tuple[Any, Any]]:
     where = rays[:, :2] * focal_px + ((width_px - 1) / 2, (height_px - 1) / 2)
     shape = (lens.height_px, lens.width_px)
     columns, rows = (where[:, axis].reshape(shape).astype(np.float32) for axis in (0, 1))
-    # OpenCV itself rounds places to 1/32 px, each time if this is not done once.
+    # OpenCV itself rounds pixels to 1/32 px, each time if this is not done once.
     return drawn, cv2.convertMaps(columns, rows, cv2.CV_16SC2)
 
 

@@ -13,12 +13,12 @@ from hexctl.robot.model import Robot
 from hexctl.vision.camera_options import never
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.lens import Lens, load_lens
-from hexctl.vision.detection.planar_pose import PlanarPose
+from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose
 from hexctl.vision.detection.tags import Picture
 from hexctl.vision.twin.camera_faults import CameraFaults, parse_camera_fault, with_hand
 from hexctl.vision.twin.delivery import Delivery, TakenPicture
 from hexctl.vision.twin.posture_history import PostureHistory, followed_robot
-from hexctl.vision.twin.rendering import CameraFlaws, PlacedTag, RobotPosture, SceneRenderer
+from hexctl.vision.twin.rendering import CameraFlaws, RobotPosture, SceneRenderer
 from hexctl.vision.twin.twin_options import LOOK_AT_M, POSITION_M, TwinOptions
 from hexctl.vision.video.mjpeg import MjpegServer
 
@@ -40,8 +40,8 @@ CAMERA = Camera.looking(WEBCAM, np.array(POSITION_M), np.array(LOOK_AT_M))
 
 #: Tags on the floor by number, as large as `hexctl see print` makes them.
 FLOOR_TAGS = {
-    number: PlacedTag(number, edge_m, PlanarPose(*place))
-    for number, (edge_m, *place) in enumerate(
+    number: PlacedTag(number, edge_m, PlanarPose(*pose))
+    for number, (edge_m, *pose) in enumerate(
         [(0.11, 0.0, 0.9, 0.3), (0.16, 0.2, -0.95, 1.0), (0.16, 0.9, 0.1, 2.0), (0.16, -0.6, 0.0, 0.0)]
     )
 }
@@ -143,7 +143,7 @@ class TwinCamera(TwinOptions):
             parse_camera_fault(text)
 
     def camera(self) -> Camera:
-        """Lens and place. Raises InputError for a lens that does not fit the pictures."""
+        """Lens and position. Raises InputError for a lens that does not fit the pictures."""
         return Camera.looking(self._lens(), np.array(self.position_m), np.array(self.look_at_m))
 
     def _lens(self) -> Lens:
@@ -170,7 +170,7 @@ class TwinCamera(TwinOptions):
             on_event: called with a line when the robot falls silent, and when the computer is too slow.
 
         Raises InputError for a lens or link that is not allowed, RobotFaultError where no simulated robot
-        answers, or the port is taken, and what `open_context` raises.
+        answers, or the port is taken, and what `Canvas` raises.
         """
         camera, link = self.camera(), self.load_link()
         flaws = CameraFlaws(noise=self.noise, blur_px=self.blur_px, shadow=self.shadow)
@@ -257,7 +257,6 @@ class _Shooting:
                 delivery.send(TakenPicture(develop, taken_at_s, due_at_s))
 
     def _cost_s(self, delivery: Delivery) -> float:
-        """How long it takes to draw and to develop a picture."""
         return self._drawing_s + delivery.developing_s
 
     def _judge(self, now_s: float, since_start_s: float, delivery: Delivery) -> None:
@@ -279,15 +278,14 @@ class _Shooting:
             self._on_event(f"pictures are {least_ms:.0f} ms late, as drawing takes that long")
 
     def _report(self, delivery: Delivery, duration_s: float) -> TwinReport:
-        counts = delivery.counts
         return TwinReport(
             duration_s=duration_s,
             drawn=self._drawn,
-            delivered=counts.delivered,
+            delivered=delivery.delivered,
             dropped=self._dropped,
             skipped=self._skipped,
-            late=counts.late,
-            latency_s=counts.latency_s / counts.delivered if counts.delivered else None,
+            late=delivery.late,
+            latency_s=delivery.latency_s / delivery.delivered if delivery.delivered else None,
             drawing_s=self._drawing_s,
             developing_s=delivery.developing_s,
         )

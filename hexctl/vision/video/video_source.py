@@ -1,7 +1,6 @@
 """Videos: frames of a camera, a network stream or a file, and files of what was seen."""
 
 import os
-import stat
 import threading
 import time
 from abc import ABC, abstractmethod
@@ -208,7 +207,6 @@ class LiveVideo(VideoSource):
             self._on_event(f"camera {self.name} is there again")
 
     def _take(self, capture: Any) -> None:
-        """Keep the newest frame of what is open, until it ends."""
         while not self._closing.is_set() and capture.grab():
             at_s = time.monotonic()
             good, picture = capture.retrieve()
@@ -223,7 +221,6 @@ class LiveVideo(VideoSource):
             self._arrived.notify_all()
 
     def _found_again(self) -> Any:
-        """The source, opened again, or None once it is closed."""
         while not self._closing.wait(REOPEN_S):
             try:
                 return self._opened()
@@ -254,7 +251,7 @@ def _opened_stream(address: str) -> Any:
 
 def _opened_device(device: Path, size_px: tuple[int, int] | None, fps: float | None) -> Any:
     """Capture of a camera of this computer; raises RobotFaultError without one."""
-    if not _is_device(device):
+    if not device.is_char_device():
         others = ", ".join(sorted(map(str, Path("/dev").glob("video*")))) or "none"
         raise RobotFaultError(f"there is no camera {device}; cameras here: {others}")
     if not os.access(device, os.R_OK | os.W_OK):
@@ -271,13 +268,6 @@ def _opened_device(device: Path, size_px: tuple[int, int] | None, fps: float | N
         capture.set(cv2.CAP_PROP_FPS, fps)
     capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
     return capture
-
-
-def _is_device(path: Path) -> bool:
-    try:
-        return stat.S_ISCHR(path.stat().st_mode)
-    except OSError:
-        return False
 
 
 def quietly(make: Callable[[], Any]) -> Any:

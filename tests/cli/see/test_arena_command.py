@@ -10,8 +10,9 @@ from hexctl.cli.see.arena_command import arena_fields, arena_of
 from hexctl.errors import InputError
 from hexctl.robot.loader import load_robot
 from hexctl.vision.detection.camera import Camera
+from hexctl.vision.place import CameraPose, load_place
 from hexctl.vision.place import arena_of as seen_arena
-from hexctl.vision.place import load_place
+from tests.vision.scenes import WEBCAM
 from tests.vision.test_place import PLACE, saved
 
 
@@ -45,7 +46,7 @@ def test_a_radius_needs_no_camera() -> None:
 def test_places_that_give_no_arena_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"place\.yaml"):
         arena_fields(tmp_path / "place.yaml", "ant")
-    up = Camera.looking(PLACE.camera.lens, np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 1.9]))
-    saved(tmp_path, replace(PLACE, camera=up)).rename(tmp_path / "up.yaml")
+    up = Camera.looking(WEBCAM, np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 1.9]))
+    saved(tmp_path, replace(PLACE, camera=CameraPose.of(up))).rename(tmp_path / "up.yaml")
     with pytest.raises(InputError, match="nowhere on the floor"):
         arena_fields(tmp_path / "up.yaml", "ant")

@@ -17,6 +17,7 @@ from hexctl.adapt.prior.prior import Prior, save_prior
 from hexctl.adapt.sessions.store import SessionStore, load_session, stored_names
 from hexctl.cli.main import exit_code
 from hexctl.vision.detection.camera import Camera
+from hexctl.vision.place import CameraPose
 from tests.adapt.priors import MadeUpModel, key_of, made_up_prior
 from tests.adapt.staying import PLACE, StayingSim
 from tests.cli.adaptkits import SAG_RAD
@@ -278,7 +279,7 @@ def test_a_twin_is_led_to_the_circle_that_a_camera_sees(capsys: pytest.CaptureFi
     """It begins outside, and ends within."""
     middle = np.array([1.0, 0.8])
     camera = Camera.looking(WEBCAM, np.array([-0.2, 0.8, 1.3]), np.array([*middle, 0.0]))
-    place = saved(Path.cwd(), replace(SEEN, camera=camera))
+    place = saved(Path.cwd(), replace(SEEN, camera=CameraPose.of(camera)))
     outcome, err = json_and_err(capsys, *TWIN, "--duration", "6", "--arena", str(place), "--budget", "5")
     home, radius_m = np.array(outcome["home_m"]), outcome["arena_m"]
     assert f"is kept within {radius_m:g} m" in err

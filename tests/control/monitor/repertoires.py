@@ -5,11 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from hexctl.control.body_symmetry import IDENTITY, BodySymmetry
 from hexctl.control.monitor.repertoire import (
-    IDENTITY,
     SAFEST,
     WALK_ON,
-    BodySymmetry,
     Candidate,
     FailedParts,
     Repertoire,

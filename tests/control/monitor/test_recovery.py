@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from hexctl.control.assessment import crawl
+from hexctl.control.body_symmetry import IDENTITY
 from hexctl.control.monitor import recovery
 from hexctl.control.monitor.recovery import GlideToStableGait, Response, StopWalking, WalkOn
-from hexctl.control.monitor.repertoire import IDENTITY
 from hexctl.control.monitor.repertoire_store import save_repertoire
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import make_gait

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hexctl.control.monitor.repertoire import IDENTITY, Candidate, Repertoire, Situation
+from hexctl.control.body_symmetry import IDENTITY
+from hexctl.control.monitor.repertoire import Candidate, Repertoire, Situation
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.gait.gait import make_gait
 from hexctl.gait.posture import Posture

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hexctl.archive import ArchiveFileError
-from hexctl.control.monitor.repertoire import IDENTITY
+from hexctl.control.body_symmetry import IDENTITY
 from hexctl.control.monitor.repertoire_store import (
     describe_repertoire,
     find_repertoire,

@@ -3,6 +3,7 @@
 import math
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,12 +18,17 @@ from hexctl.robot.servos.servos_section import SECTION, write_joint
 from hexctl.robot.yaml_text import yaml_content
 from hexctl.server.stops.stop_file import StopFile
 from hexctl.settings import CHOSEN, read_settings
-from hexctl.vision.detection.camera import Camera
-from hexctl.vision.detection.floor import FloorTag
 from hexctl.vision.detection.lens import Lens, load_lens, save_lens
-from hexctl.vision.detection.planar_pose import PlanarPose
-from hexctl.vision.detection.robot_tracker import RobotTag
-from hexctl.vision.place import Place, load_place, save_place, store_latency
+from hexctl.vision.place import (
+    AssumedLens,
+    CameraPose,
+    FloorTag,
+    Place,
+    RobotTag,
+    load_place,
+    save_place,
+    store,
+)
 from hexctl.wire.certificates import load_certificate
 from hexctl.wire.links import Link, Role, load_link
 from hexctl.wire.stop_secret import SECRET_FILE, find_stop_secret
@@ -149,8 +155,8 @@ def _place(path: Path) -> None:
     place = load_place(path)
     again = path.with_name("again.yaml")
     save_place(place, again)
-    assert np.allclose(load_place(again).camera.position_floor, place.camera.position_floor, atol=1e-5)
-    store_latency(path, 0.125)
+    assert np.allclose(load_place(again).camera.position_m, place.camera.position_m, atol=1e-5)
+    store(replace(place, latency_s=0.125), path, "latency_s")
     assert load_place(path).latency_s == 0.125
 
 
@@ -175,13 +181,13 @@ def _secret(path: Path) -> None:
 
 
 PLACE = Place(
-    camera=Camera(
-        Lens.assumed(1280, 720, 70.0),
-        np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]]),
-        np.array([0.5, 0.2, 2.0]),
-    ),
-    floor_tags={0: FloorTag(0.1, PlanarPose(0, 0, 0)), 1: FloorTag(0.1, PlanarPose(1, 0.5, 0.2))},
-    robot_tag=RobotTag(5, 0.06, PlanarPose(0, 0, 0), 0.08),
+    assumed_lens=AssumedLens(width_px=1280, height_px=720, fov_deg=70.0),
+    camera=CameraPose(position_m=(0.5, 0.2, 2.0), orientation=(0.0, 1.0, 0.0, 0.0), picture_px=(1280, 720)),
+    floor_tags={
+        0: FloorTag(edge_mm=100, x_m=0, y_m=0, yaw_deg=0),
+        1: FloorTag(edge_mm=100, x_m=1, y_m=0.5, yaw_deg=12),
+    },
+    robot_tag=RobotTag(id=5, edge_mm=60, height_m=0.08),
     latency_s=0.1,
 )
 

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from hexctl.control.monitor.repertoire import BodySymmetry, Candidate
+from hexctl.control.body_symmetry import BodySymmetry
+from hexctl.control.monitor.repertoire import Candidate
 from hexctl.study.repertoire.repertoire_walks import CandidateWalk, RepertoireCase
 from hexctl.study.walk_cache import WalkCache
 from tests.study.repertoire.made_up import plan

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from hexctl.adapt.prior.samples import Symmetries, Symmetry
 from hexctl.backends.sim.world import World
 from hexctl.control.batch import run_sim_trials
+from hexctl.control.body_symmetry import BodySymmetry, body_symmetries
 from hexctl.study.landscapes.landscape import GaitWalk, Landscape
 from hexctl.study.verdicts.experiments import experiments_of, image_of, is_mirror_of, landscape_by_symmetry
 from tests.robots import shipped
@@ -47,9 +47,9 @@ def test_a_jammed_coxa_has_a_left_and_a_right() -> None:
     assert is_mirror_of(shipped(), World(), 1, 1, "none", "stuck:tibia:30")
 
 
-def mirror() -> Symmetry:
+def mirror() -> BodySymmetry:
     """The mirroring that puts leg 2 in the place of leg 6."""
-    (found,) = [one for one in Symmetries(shipped()).all if one.mirrored and one.keeps_heading]
+    (found,) = [one for one in body_symmetries(shipped()) if one.mirrored and one.keeps_heading]
     return found
 
 

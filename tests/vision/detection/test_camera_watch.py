@@ -6,9 +6,9 @@ import pytest
 from hexctl.robot.loader import load_robot
 from hexctl.vision.detection.camera import Camera
 from hexctl.vision.detection.camera_watch import LEAST_LOOKS, MOST_LOOKS, CameraChange, CameraWatch
-from hexctl.vision.detection.planar_pose import PlanarPose
+from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose
 from hexctl.vision.detection.tags import Picture, TagFinder
-from hexctl.vision.twin.rendering import PlacedTag, SceneRenderer
+from hexctl.vision.twin.rendering import SceneRenderer
 from tests.vision.scenes import CAMERA, FLOOR_CORNERS, FLOOR_TAGS, WEBCAM, standing, tag_on
 
 ROBOT = load_robot("ant")

@@ -6,26 +6,26 @@ from hexctl.robot.loader import load_robot
 from hexctl.robot.rotations import wrapped_rad
 from hexctl.types import FloatArray
 from hexctl.vision.detection.camera import Camera
-from hexctl.vision.detection.floor import FloorTag, LearnedFloor, averaged_corners, learn_floor
+from hexctl.vision.detection.floor import LearnedFloor, averaged_corners, learn_floor
 from hexctl.vision.detection.lens import Lens
-from hexctl.vision.detection.planar_pose import PlanarPose, tag_pose
+from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose, tag_pose
 from hexctl.vision.detection.tags import UNIT_CORNERS, SeenTag, TagFinder
 from hexctl.vision.twin.rendering import CameraFlaws
 from tests.vision.scenes import CAMERA, FLOOR_TAGS, WEBCAM, scene, standing
 
 #: As on the printed sheet, spread over a floor of 3 x 2 m.
 TAGS = {
-    0: FloorTag(0.11, PlanarPose(0, 0, 0)),
-    1: FloorTag(0.16, PlanarPose(0.75, 0.7, 0.4)),
-    2: FloorTag(0.16, PlanarPose(0.9, -0.8, -2.0)),
-    3: FloorTag(0.16, PlanarPose(-0.5, 0.6, 1.2)),
+    0: PlacedTag(0, 0.11, PlanarPose(0, 0, 0)),
+    1: PlacedTag(1, 0.16, PlanarPose(0.75, 0.7, 0.4)),
+    2: PlacedTag(2, 0.16, PlanarPose(0.9, -0.8, -2.0)),
+    3: PlacedTag(3, 0.16, PlanarPose(-0.5, 0.6, 1.2)),
 }
 EDGES_M = {tag_id: tag.edge_m for tag_id, tag in TAGS.items()}
 OTHER_SIDE = Camera.looking(WEBCAM, np.array([0.4, 2.0, 1.5]), np.array([0.3, 0.0, 0.0]))
 
 
 def seen_by(
-    camera: Camera, tags: dict[int, FloorTag] = TAGS, noise_px: float = 0.0, seed: int = 0
+    camera: Camera, tags: dict[int, PlacedTag] = TAGS, noise_px: float = 0.0, seed: int = 0
 ) -> dict[int, FloatArray]:
     """Corners as a camera sees them, with noise."""
     random = np.random.default_rng(seed)
@@ -54,7 +54,7 @@ def position_rms_m(true: Camera, learned: Camera, height_m: float = 0.15) -> tup
     return float(np.sqrt(squares[:, :2].sum(axis=1).mean())), float(np.sqrt(squares[:, 2].mean()))
 
 
-def farthest_m(learned: LearnedFloor, tags: dict[int, FloorTag] = TAGS) -> float:
+def farthest_m(learned: LearnedFloor, tags: dict[int, PlacedTag] = TAGS) -> float:
     """How far the tag whose place is worst is from where it is."""
     return max(
         float(np.hypot(found.pose.x_m - tags[tag_id].pose.x_m, found.pose.y_m - tags[tag_id].pose.y_m))
@@ -109,13 +109,13 @@ def test_a_place_without_the_home_tag_is_tied_by_the_others() -> None:
     assert len(learned.cameras) == 2
     apart = learn_floor(WEBCAM, [{2: far[2]}, near], EDGES_M)
     assert len(apart.cameras) == 1
-    assert "camera place 1 shares no tag" in " ".join(apart.doubts)
+    assert "camera position 1 shares no tag" in " ".join(apart.doubts)
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_small_tag_far_away_is_not_seen_tilted(seed: int) -> None:
     """By itself each tag has two solutions; the others decide."""
-    small = {tag_id: FloorTag(0.06, tag.pose) for tag_id, tag in TAGS.items()}
+    small = {tag_id: PlacedTag(tag_id, 0.06, tag.pose) for tag_id, tag in TAGS.items()}
     learned = learn_floor(WEBCAM, [seen_by(CAMERA, small, 0.2, seed)], dict.fromkeys(small, 0.06))
     assert farthest_m(learned, small) < 0.06
     assert abs(learned.cameras[0].tilt_rad - CAMERA.tilt_rad) < 0.03
@@ -138,7 +138,7 @@ def test_rendered_pictures_give_the_floor_within_millimetres() -> None:
 def test_what_cannot_be_trusted_is_told() -> None:
     only_home = learn_floor(WEBCAM, [{0: seen_by(CAMERA)[0]}], EDGES_M)
     assert "only one tag" in " ".join(only_home.doubts)
-    smaller = TAGS | {2: FloorTag(0.14, TAGS[2].pose)}
+    smaller = TAGS | {2: PlacedTag(2, 0.14, TAGS[2].pose)}
     wrong = learn_floor(WEBCAM, [seen_by(CAMERA, smaller)], EDGES_M)
     assert "tag 2 looks 1" in " ".join(wrong.doubts)
     assumed = Lens.assumed(1280, 720, 67)

@@ -7,14 +7,14 @@ from scipy.spatial.transform import Rotation
 
 from hexctl.robot.loader import load_robot
 from hexctl.robot.rotations import wrapped_rad
-from hexctl.vision.detection.planar_pose import PlanarPose
-from hexctl.vision.detection.robot_tracker import RobotTag, RobotTracker
+from hexctl.vision.detection.planar_pose import PlacedTag, PlanarPose
+from hexctl.vision.detection.robot_tracker import RobotTracker
 from hexctl.vision.detection.tags import Picture, SeenTag, TagFinder
 from hexctl.vision.twin.rendering import CameraFlaws, SceneRenderer
 from tests.vision.scenes import CAMERA, ROBOT_TAG, scene, standing, tag_on
 
 ROBOT = load_robot("ant")
-TAG = RobotTag(ROBOT_TAG, 0.1, PlanarPose(0, 0, 0), tag_on(ROBOT).height_m)
+TAG = tag_on(ROBOT)
 HERE = PlanarPose(0.2, -0.1, 0.4)
 
 
@@ -66,7 +66,7 @@ def test_the_whole_picture_is_searched_now_and_then_only(usual: SceneRenderer) -
 def test_the_tag_may_be_anywhere_on_the_robot_and_turned(usual: SceneRenderer) -> None:
     """The picture has it in the middle: told that it is elsewhere, the robot is elsewhere."""
     mount = PlanarPose(0.1, 0.0, np.pi / 2)
-    tracker = RobotTracker(RobotTag(ROBOT_TAG, 0.1, mount, TAG.height_m), TagFinder())
+    tracker = RobotTracker(PlacedTag(ROBOT_TAG, 0.1, mount, TAG.height_m), TagFinder())
     seen = tracker.find(usual.draw(standing(ROBOT, HERE)), CAMERA, ROBOT.standing_height_m)
     assert seen is not None
     again = seen.pose_floor.after(mount)
@@ -79,7 +79,7 @@ def test_the_tag_may_be_anywhere_on_the_robot_and_turned(usual: SceneRenderer) -
 def test_a_tag_of_another_size_or_height_is_not_the_robots(usual: SceneRenderer) -> None:
     picture = usual.draw(standing(ROBOT, HERE))
     for edge_m, height_m in ((0.14, TAG.height_m), (0.1, TAG.height_m + 0.5)):
-        other = RobotTracker(RobotTag(ROBOT_TAG, edge_m, TAG.mount, height_m), TagFinder())
+        other = RobotTracker(PlacedTag(ROBOT_TAG, edge_m, TAG.pose, height_m), TagFinder())
         assert other.find(picture, CAMERA, ROBOT.standing_height_m) is None
 
 

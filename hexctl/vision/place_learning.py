@@ -1,0 +1,275 @@
+"""A place found by looking: learned, or known and its camera where it stands now.
+
+No picture shows the calibration of the lens, the scale of the print and the height of the robot's tag: these
+are given.
+"""
+
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from hexctl.errors import InputError, RobotFaultError, argument
+from hexctl.robot.model import Robot
+from hexctl.vision.detection.camera import Camera, place_camera
+from hexctl.vision.detection.floor import CornersPx, averaged_corners, learn_floor
+from hexctl.vision.detection.lens import load_lens
+from hexctl.vision.detection.tags import HOME_TAG, Picture, SeenTag, TagFinder
+from hexctl.vision.place import (
+    AssumedLens,
+    CameraPose,
+    FloorTag,
+    Place,
+    RobotTag,
+    load_place,
+    save_place,
+    store,
+)
+from hexctl.vision.sheet import BAR_MM, Sheet
+from hexctl.vision.video.video_source import VideoSource
+
+if TYPE_CHECKING:
+    from hexctl.vision.robot_camera import RobotCamera
+
+#: Field of view of a lens of which nothing is known: that of many webcams.
+USUAL_FOV_DEG = 67.0
+
+#: What is said where the length of the sheet's bar is not given: no picture shows it.
+BAR_DOUBT = (
+    "the bar of the sheet is taken for 100 mm long: measure it; --bar-mm with another length corrects this "
+    "place at any time"
+)
+
+#: Lengths in mm, and angles in degrees, that differ by less are the same.
+SAME = 0.01
+
+#: Pictures of which the floor is learned, and how long is waited for them.
+LEARNING_PICTURES, LEARNING_S = 90, 20.0
+
+#: Every picture of this number is searched for tags; in the others they are looked for where they were.
+SEARCHED_EVERY = 15
+
+#: Pictures by which the camera is placed at a known floor.
+PLACING_PICTURES = 8
+
+#: A camera that stands this far from where its file says, or is turned by this much, is stored again.
+ELSEWHERE_M, ELSEWHERE_RAD = 0.02, math.radians(0.5)
+
+
+def known_place(given: "RobotCamera") -> Place | None:
+    """The place of the file, if there is one; raises InputError for options that contradict it."""
+    path = Path(given.place)
+    known = load_place(path) if path.exists() else None
+    if known is not None and not given.relearn:
+        check_known(given, known, path)
+    elif given.lens is not None:
+        load_lens(given.lens)  # a bad one is told before anything is opened
+    return known
+
+
+def found_place(
+    given: "RobotCamera",
+    known: Place | None,
+    video: VideoSource,
+    robot: Robot,
+    finder: TagFinder,
+    stop_requested: Callable[[], bool],
+) -> tuple[Place, bool, tuple[str, ...]] | None:
+    """The place, whether it was learned, and doubts, a sentence each; None where a stop was requested.
+
+    It is the known one with the camera where it stands now, or learned. What is new of it is stored. Raises
+    what `learned_place` and `seen_place` raise.
+    """
+    path = Path(given.place)
+    if known is not None and not given.relearn:
+        place, changes = measured(known, given.bar_mm)
+        placed = seen_place(place, video, finder, stop_requested)
+        if changes:
+            save_place(place, path)
+        if placed is not None and _stands_elsewhere(placed.viewpoint, known.viewpoint):
+            store(placed, path, "camera")
+        return None if placed is None else (placed, False, changes)
+    pictures = list(_searched(video, finder, LEARNING_PICTURES, stop_requested))
+    if stop_requested():
+        return None
+    height_px, width_px = pictures[0][0].shape
+    views = [averaged_corners([found for _, found in pictures])]
+    place, doubts = learned_place(given, views, (width_px, height_px), robot, known)
+    save_place(place, path)
+    return place, True, doubts
+
+
+def seen_place(
+    place: Place, video: VideoSource, finder: TagFinder, stop_requested: Callable[[], bool]
+) -> Place | None:
+    """A known place with its camera where the tags say that it stands now; None where a stop was requested.
+
+    Raises InputError for pictures that do not fit the lens, and RobotFaultError for a video without pictures.
+    """
+    pictures = list(_searched(video, finder, PLACING_PICTURES, stop_requested))
+    if stop_requested():
+        return None
+    height_px, width_px = pictures[0][0].shape
+    lens = place.viewpoint.lens.scaled(width_px, height_px)
+    camera = place_camera(lens, averaged_corners([found for _, found in pictures]), place.floor_corners)
+    return replace(place, camera=CameraPose.of(camera or replace(place.viewpoint, lens=lens)))
+
+
+def _stands_elsewhere(camera: Camera, known: Camera) -> bool:
+    """Whether a camera shows another part of the floor than one that is known."""
+    shift_m = float(np.linalg.norm(camera.position_floor - known.position_floor))
+    turned_rad = Rotation.from_matrix(camera.rotation.T @ known.rotation).magnitude()
+    return shift_m > ELSEWHERE_M or turned_rad > ELSEWHERE_RAD or camera.lens.size_px != known.lens.size_px
+
+
+def _searched(
+    video: VideoSource, finder: TagFinder, count: int, stop_requested: Callable[[], bool]
+) -> Iterator[tuple[Picture, dict[int, SeenTag]]]:
+    """Pictures in grey with the tags in them; raises RobotFaultError where none comes."""
+    given, until_s = 0, time.monotonic() + LEARNING_S
+    found: dict[int, SeenTag] = {}
+    while given < count and not video.ended and not stop_requested() and time.monotonic() < until_s:
+        frame = video.read()
+        if frame is not None:
+            gray = frame.gray()
+            if given % SEARCHED_EVERY == 0:
+                found |= finder.search(gray, thorough=True)
+            given += 1
+            yield gray, finder.near(gray, {number: one.corners_px for number, one in found.items()})
+    if not given and not stop_requested():
+        raise RobotFaultError(f"camera {video.name} sends no pictures")
+
+
+def check_known(given: "RobotCamera", place: Place, path: Path) -> None:
+    """Raise InputError for an option that a known place contradicts; its bar may differ (`measured`)."""
+    numbers = Sheet(**given.printed).floor_edges_mm
+    known: list[tuple[str, float | None]] = [
+        ("fov_deg", None if place.assumed_lens is None else place.assumed_lens.fov_deg),
+        ("tag_height_mm", 1000 * place.robot_tag.height_m),
+        ("robot_tag", place.robot_tag.id),
+        ("robot_edge_mm", place.robot_tag.edge_mm),
+        # Tags that it never saw cannot be compared.
+        *((_edge_option(each), tag.edge_mm) for each, tag in place.floor_tags.items() if each in numbers),
+    ]
+    for name, value in known:
+        got = getattr(given, name)
+        if got is not None and (value is None or abs(got - value) > SAME):
+            raise _contradiction(name, f"{got:g}", path, "none" if value is None else f"{value:g}")
+    if given.lens is not None and (place.lens is None or Path(given.lens).resolve() != place.lens.resolve()):
+        raise _contradiction("lens", str(given.lens), path, str(place.lens or "one that is assumed"))
+
+
+def measured(place: Place, bar_mm: float | None) -> tuple[Place, tuple[str, ...]]:
+    """A known place by a length of the bar, if one is given, and what has changed by it, a sentence."""
+    if bar_mm is None or bar_mm == place.bar_mm:
+        return place, ()
+    percent = 100 * (bar_mm / place.bar_mm - 1)
+    return place.printed(bar_mm), (
+        f"the bar of the sheet is {bar_mm:g} mm long, not {place.bar_mm:g}: "
+        f"all distances change by {percent:+.1f} %",
+    )
+
+
+def learned_place(
+    given: "RobotCamera",
+    views: Sequence[CornersPx],
+    size_px: tuple[int, int],
+    robot: Robot,
+    before: Place | None,
+) -> tuple[Place, tuple[str, ...]]:
+    """A place by what was seen of it, and what cannot be trusted of it, a sentence each.
+
+    Args:
+        given: options; what they leave open is as it was before, or the usual.
+        views: corners (4, 2) in px by number, for each position of the camera (`learn_floor`).
+        size_px: of the pictures.
+        robot: whose tag it is.
+        before: the place as it was, if it is learned again.
+
+    Raises InputError for lenses and floors that are not allowed.
+    """
+    robot_tag = _robot_tag(given, robot, before)
+    edges_mm = _edges_mm(given, before, robot_tag.id)
+    if robot_tag.id in edges_mm:
+        raise InputError(
+            f"{argument('robot_tag')}: got {robot_tag.id}; allowed: no tag of the floor, "
+            f"{', '.join(map(str, sorted(edges_mm)))}"
+        )
+    lens = _lens(given, size_px, before)
+    opened = lens.opened() if isinstance(lens, AssumedLens) else load_lens(lens).scaled(*size_px)
+    bar_mm = given.bar_mm or (BAR_MM if before is None else before.bar_mm)
+    edges_m = {number: edge_mm * bar_mm / BAR_MM / 1000 for number, edge_mm in edges_mm.items()}
+    floor = learn_floor(opened, views, edges_m)
+    place = Place(
+        lens=lens if isinstance(lens, Path) else None,
+        assumed_lens=lens if isinstance(lens, AssumedLens) else None,
+        bar_mm=bar_mm,
+        floor_tags={number: FloorTag.at(tag.pose, edges_mm[number]) for number, tag in floor.tags.items()},
+        robot_tag=robot_tag,
+        camera=CameraPose.of(floor.cameras[0]),
+        latency_s=None if before is None else before.latency_s,
+    )
+    unseen = _unseen_doubt(sorted(set(edges_mm) - set(floor.tags)))
+    return place, (*unseen, *floor.doubts, *(BAR_DOUBT,) * (given.bar_mm is None and before is None))
+
+
+def _lens(given: "RobotCamera", size_px: tuple[int, int], before: Place | None) -> Path | AssumedLens:
+    if given.lens is not None:
+        return Path(given.lens)
+    usual_deg = USUAL_FOV_DEG
+    if given.fov_deg is None and before is not None:
+        if before.lens is not None:
+            return before.lens
+        usual_deg = USUAL_FOV_DEG if before.assumed_lens is None else before.assumed_lens.fov_deg
+    return AssumedLens(width_px=size_px[0], height_px=size_px[1], fov_deg=given.fov_deg or usual_deg)
+
+
+def _robot_tag(given: "RobotCamera", robot: Robot, before: Place | None) -> RobotTag:
+    sheet, height_m = Sheet(**given.printed), robot.body.size_m[2] / 2
+    usual = RobotTag(id=sheet.robot_tag, edge_mm=sheet.robot_edge_mm, height_m=height_m)
+    changes: dict[str, Any] = {
+        "id": given.robot_tag,
+        "edge_mm": given.robot_edge_mm,
+        "height_m": None if given.tag_height_mm is None else given.tag_height_mm / 1000,
+    }
+    known = usual if before is None else before.robot_tag
+    return replace(known, **{name: value for name, value in changes.items() if value is not None})
+
+
+def _edges_mm(given: "RobotCamera", before: Place | None, robot_tag: int) -> dict[int, float]:
+    """Edges of the floor's tags as the sheet names them, by number; new ones are as those before."""
+    sheet = Sheet(**given.printed)
+    if before is None:
+        return sheet.floor_edges_mm
+    known = {number: tag.edge_mm for number, tag in before.floor_tags.items()}
+    usual_mm = next((edge for number, edge in known.items() if number != HOME_TAG), sheet.floor_edge_mm)
+    numbers = set(sheet.floor_edges_mm)
+    if given.floor_tags is None:
+        numbers = (numbers | set(known)) - {robot_tag}
+    return {
+        number: getattr(given, _edge_option(number)) or known.get(number, usual_mm)
+        for number in sorted(numbers)
+    }
+
+
+def _edge_option(number: int) -> str:
+    return "home_edge_mm" if number == HOME_TAG else "floor_edge_mm"
+
+
+def _unseen_doubt(numbers: Sequence[int]) -> tuple[str, ...]:
+    if not numbers:
+        return ()
+    those = f"tag {numbers[0]} is" if len(numbers) == 1 else f"tags {', '.join(map(str, numbers))} are"
+    return (f"{those} not seen, and not used: in the picture, unfolded, and large enough?",)
+
+
+def _contradiction(name: str, given: str, path: Path, known: str) -> InputError:
+    return InputError(
+        f"{argument(name)}: got {given}, and {path} has {known}; "
+        f"allowed: what it has, {argument('relearn')}, or another {argument('place')}"
+    )
