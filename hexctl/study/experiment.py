@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 from hexctl.errors import InputError, argument
 from hexctl.files import atomic_write
-from hexctl.study.landscapes.landscape import Landscape, LandscapeSpec
-from hexctl.study.landscapes.versions import code_versions
+from hexctl.study.figure_style import check_drawing, save_figure
+from hexctl.study.landscape import Landscape, LandscapeSpec
 from hexctl.study.plan import Plan
-from hexctl.study.reports.figure_style import check_drawing, save_figure
-from hexctl.study.reports.report_page import Picture, Section, render_page
+from hexctl.study.report_page import Picture, Section, render_page
+from hexctl.study.versions import code_versions
 from hexctl.study.walk_cache import WalkCache, Walked
 from hexctl.study.walking import Progress, Silent, check_jobs, evaluate, walk_all
 

@@ -11,14 +11,14 @@ from hexctl.backends.sim.world import MAX_MEMBERS, DomainRandomization, World
 from hexctl.control.trial_plan import DURATION_S
 from hexctl.options import Range, Typed
 from hexctl.robot.model import Robot
+from hexctl.study.evidence import Bar, bar_lines
 from hexctl.study.experiment import Experiment, Work, plain
+from hexctl.study.frames import json_value
 from hexctl.study.held_out import SENSORS, members, with_sensors
-from hexctl.study.landscapes.versions import code_versions
 from hexctl.study.plan import check_legs, check_setting
-from hexctl.study.reports.report_page import Picture, Section, Table
-from hexctl.study.reports.texts import reading
+from hexctl.study.report_page import Picture, Section, Table, reading
 from hexctl.study.study_options import ALL_LEGS, WORLDS
-from hexctl.study.verdicts.claim_evidence import Bar, bar_lines, number
+from hexctl.study.versions import code_versions
 from hexctl.study.walk_cache import Walked
 from hexctl.types import FloatArray
 
@@ -163,7 +163,10 @@ class HeldOutExperiment(Experiment["DataFrame"]):
             "walks": len(found),
             "bars": [bar.as_json() for bar in self.bars(found)],
             "statistics": [
-                {name: number(value) if isinstance(value, float) else value for name, value in one.items()}
+                {
+                    name: json_value(value) if isinstance(value, float) else value
+                    for name, value in one.items()
+                }
                 for one in self.statistics(found)
             ],
         }

@@ -10,7 +10,7 @@ from hexctl.control.batch import SimTrial
 from hexctl.control.walks.turning import check_plan
 from hexctl.errors import InputError, LimitError, ReachError, argument, check_type
 from hexctl.options import Typed, check_fields, flag_name
-from hexctl.study.landscapes.landscape import LandscapeSpec
+from hexctl.study.landscape import LandscapeSpec
 from hexctl.study.walk_cache import Walked
 from hexctl.types import N_LEGS
 

@@ -19,13 +19,13 @@ from hexctl.study.experiment import Experiment, Result
 from hexctl.study.held_out_experiment import HeldOutExperiment
 from hexctl.study.holds import hold_plan
 from hexctl.study.holds.hold_plan import HoldPlan
+from hexctl.study.matrix import FAILURES, ROBOTS, TIME_STEPS_S, WORLDS, MatrixPlan, cells_of
 from hexctl.study.planned_work import PlannedWork
 from hexctl.study.recovery import recovery_plan
 from hexctl.study.recovery.recovery_plan import RecoveryPlan
 from hexctl.study.study_options import HOLD, MATRIX, PAPER, RECOVERY, TRANSFER, StudyOptions
 from hexctl.study.study_plan import StudyPlan
 from hexctl.study.transfer.transfer_plan import UNSEEN, TransferPlan, find_transfer_prior
-from hexctl.study.verdicts.matrix import FAILURES, ROBOTS, TIME_STEPS_S, WORLDS, MatrixPlan, cells_of
 
 Planned = PlannedWork[Result[Any]]
 

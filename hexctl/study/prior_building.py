@@ -23,11 +23,11 @@ from hexctl.robot.failure import UNKNOWN
 from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
-from hexctl.study.landscapes.landscape import Landscape, LandscapeSpec
-from hexctl.study.landscapes.versions import code_versions
+from hexctl.study.landscape import Landscape, LandscapeSpec
 from hexctl.study.plan import Plan, check_families, check_legs, check_setting, check_walks
 from hexctl.study.prior_options import PRIOR_DURATION_S, PriorHold, PriorOptions
 from hexctl.study.study_options import ALL_LEGS
+from hexctl.study.versions import code_versions
 from hexctl.study.walk_cache import WalkCache, Walked
 from hexctl.study.walking import Progress, Silent, check_jobs, evaluate
 from hexctl.types import N_JOINTS, N_LEGS, FloatArray

@@ -18,7 +18,7 @@ from hexctl.backends.sim.world import World
 from hexctl.errors import HexctlError
 from hexctl.files import atomic_write, damage_reason
 from hexctl.robot.model import Robot
-from hexctl.study.landscapes.versions import code_versions, source_digest
+from hexctl.study.versions import code_versions, source_digest
 
 #: Folder of the commands' cache, below the working directory.
 FOLDER = Path("runs/study-cache")

@@ -14,7 +14,7 @@ from hexctl.backends.sim.world import DomainRandomization, Kind, load_randomizat
 from hexctl.control.assessment.static_stability import STAND_UP, in_posture
 from hexctl.errors import InputError
 from hexctl.robot.failure import BROKEN_KINDS, Failure, drawn_failure
-from hexctl.study.landscapes.landscape import (
+from hexctl.study.landscape import (
     NUMBERS,
     Landscape,
     LandscapeSpec,

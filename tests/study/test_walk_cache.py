@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import pytest
+from hexctl.study.landscapes import versions
 
 from hexctl.backends.sim.world import World
-from hexctl.study.landscapes import versions
 from hexctl.study.walk_cache import CacheError, Place, WalkCache
 from hexctl.study.walking import walk_all
 from tests.robots import shipped

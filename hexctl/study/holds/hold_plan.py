@@ -11,7 +11,18 @@ from hexctl.control.trial_plan import AUTO_ROTATION, AskedRotation
 from hexctl.options import Typed
 from hexctl.palette import REMEDY_COLORS, hex_color
 from hexctl.robot.failure_grammar import parse_kind
+from hexctl.study.evidence import (
+    Bar,
+    clustered_error,
+    cm,
+    cm_with_error,
+    judged_bars,
+    limit_text,
+    share_text,
+    share_with_error,
+)
 from hexctl.study.experiment import Drawing, plain
+from hexctl.study.figure_style import grid_of, label_axes, new_figure
 from hexctl.study.held_out import INTACT
 from hexctl.study.held_out_experiment import (
     Columns,
@@ -26,18 +37,7 @@ from hexctl.study.held_out_experiment import (
 )
 from hexctl.study.holds.hold_walks import Hold, HoldCase, HoldPlace
 from hexctl.study.plan import check_walkable
-from hexctl.study.reports.figure_style import grid_of, label_axes, new_figure
-from hexctl.study.reports.report_page import markdown
-from hexctl.study.verdicts.claim_evidence import (
-    Bar,
-    clustered_error,
-    cm,
-    cm_with_error,
-    judged_bars,
-    limit_text,
-    share_text,
-    share_with_error,
-)
+from hexctl.study.report_page import markdown
 from hexctl.study.walk_cache import ENDED
 from hexctl.types import FloatArray
 

@@ -13,6 +13,7 @@ from hexctl.control.trial_plan import DURATION_S
 from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.options import Range, Typed
 from hexctl.robot.failure_grammar import parse_coming_kind
+from hexctl.study.evidence import Bar
 from hexctl.study.experiment import Drawing, plain
 from hexctl.study.held_out import FAILURES, INTACT
 from hexctl.study.held_out_experiment import (
@@ -25,9 +26,8 @@ from hexctl.study.plan import check_each, check_families, check_setting, check_w
 from hexctl.study.recovery import recovery_report as report
 from hexctl.study.recovery.episodes import AUTO_GAIT, RecoveryCase, RecoveryPlace
 from hexctl.study.recovery.methods import DEFAULT_METHODS, NOTHING, method_of
-from hexctl.study.reports.report_page import Picture, Section, Table, markdown
+from hexctl.study.report_page import Picture, Section, Table, markdown
 from hexctl.study.study_options import RUNS
-from hexctl.study.verdicts.claim_evidence import Bar
 
 if TYPE_CHECKING:
     from pandas import DataFrame

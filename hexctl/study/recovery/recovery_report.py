@@ -7,17 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hexctl.palette import OTHER_REMEDY_COLORS, REMEDY_COLORS, hex_color
-from hexctl.study.held_out_experiment import (
-    Columns,
-    Record,
-    groups,
-    mean,
-    percentile,
-    world_names,
-    worlds_text,
-)
-from hexctl.study.recovery.methods import NOTHING, TOLD, method_of
-from hexctl.study.verdicts.claim_evidence import (
+from hexctl.study.evidence import (
     Bar,
     clustered_error,
     cm,
@@ -28,6 +18,16 @@ from hexctl.study.verdicts.claim_evidence import (
     share_with_error,
     wilson_interval,
 )
+from hexctl.study.held_out_experiment import (
+    Columns,
+    Record,
+    groups,
+    mean,
+    percentile,
+    world_names,
+    worlds_text,
+)
+from hexctl.study.recovery.methods import NOTHING, TOLD, method_of
 from hexctl.types import FloatArray
 
 if TYPE_CHECKING:

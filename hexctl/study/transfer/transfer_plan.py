@@ -17,16 +17,16 @@ from hexctl.gait.gait import make_gait
 from hexctl.options import Range
 from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.model import Robot
+from hexctl.study.evidence import StudyUncertainty
 from hexctl.study.experiment import Experiment, Work
-from hexctl.study.landscapes.landscape import LandscapeSpec
+from hexctl.study.landscape import LandscapeSpec
 from hexctl.study.plan import check_legs, check_setting, check_walks
 from hexctl.study.prior_building import WHOLE_S, in_whole_steps
-from hexctl.study.searches import BASELINE, HEURISTICS
 from hexctl.study.study_options import ALL_LEGS, BUDGET, RUNS, WORLDS
+from hexctl.study.study_settings import BASELINE, HEURISTICS
 from hexctl.study.transfer import transfer_report as report
 from hexctl.study.transfer.transfer_report import TransferFound
 from hexctl.study.transfer.transfer_searches import PRIORED, search_worlds
-from hexctl.study.verdicts.verdict_uncertainty import StudyUncertainty
 from hexctl.study.walk_cache import Walked
 from hexctl.types import N_LEGS
 

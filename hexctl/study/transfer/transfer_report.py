@@ -7,12 +7,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hexctl.adapt.optimizers.shipped import BAYES
+from hexctl.study.evidence import (
+    EARLY_M,
+    LATE_M,
+    Bar,
+    StudyUncertainty,
+    bar_lines,
+    cm,
+    cm_with_error,
+    judged_bars,
+)
 from hexctl.study.experiment import Drawing, plain
-from hexctl.study.landscapes.versions import code_versions
-from hexctl.study.reports.figure_style import draw_best_of_all, finish_curves, grid_of, line_of, new_figure
-from hexctl.study.reports.report_page import Block, Picture, Section, Table
-from hexctl.study.reports.texts import reading
-from hexctl.study.searches import BASELINE
+from hexctl.study.figure_style import draw_best_of_all, finish_curves, grid_of, line_of, new_figure
+from hexctl.study.frames import json_value
+from hexctl.study.report_page import Block, Picture, Section, Table, reading
+from hexctl.study.study_settings import BASELINE
 from hexctl.study.transfer.transfer_searches import (
     PRIORED,
     Curves,
@@ -24,17 +33,7 @@ from hexctl.study.transfer.transfer_searches import (
     sure_share,
     walked_s,
 )
-from hexctl.study.verdicts.claim_evidence import (
-    EARLY_M,
-    LATE_M,
-    Bar,
-    bar_lines,
-    cm,
-    cm_with_error,
-    judged_bars,
-    number,
-)
-from hexctl.study.verdicts.verdict_uncertainty import StudyUncertainty
+from hexctl.study.versions import code_versions
 from hexctl.types import FloatArray
 
 if TYPE_CHECKING:
@@ -230,8 +229,8 @@ def transfer_json(found: TransferFound) -> dict[str, Any]:
         "code": code_versions(),
         "landscapes": places(found.runs),
         "landscapes_without_valid_gait": found.without,
-        "best_of_all_m": number(floor),
-        "best_of_all_standard_error_m": number(error_m),
+        "best_of_all_m": json_value(floor),
+        "best_of_all_standard_error_m": json_value(error_m),
         "reachable": {f"{bound:g}": places(found.reachable(bound)) for bound in (EARLY_M, LATE_M)},
         "bars": [bar.as_json() for bar in transfer_bars(found)],
         "optimizers_found": {name: _found(found.of(name)) for name in found.plan.optimizers},
@@ -243,13 +242,13 @@ def _found(runs: "DataFrame") -> dict[str, Any]:
     shown = [count for count in SHOWN if count <= len(curves.mean)]
     return {
         **{
-            f"{what}_m": {str(count): number(getattr(curves, what)[count - 1]) for count in shown}
+            f"{what}_m": {str(count): json_value(getattr(curves, what)[count - 1]) for count in shown}
             for what in ("mean", "median", "p90")
         },
-        "standard_error_m": {str(count): number(error_m[count - 1]) for count in shown},
+        "standard_error_m": {str(count): json_value(error_m[count - 1]) for count in shown},
         "trials_to": {f"{bound:g}": curves.trials_to(bound) for bound in (EARLY_M, LATE_M)},
-        "walked_s": number(walked_s(runs)),
-        "coverage": number(share),
+        "walked_s": json_value(walked_s(runs)),
+        "coverage": json_value(share),
         "outcomes": outcomes,
     }
 

@@ -18,9 +18,9 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.control.assessment.score import progress_floor_m
 from hexctl.control.trial import LOOK_TICKS, Enough
 from hexctl.errors import RobotFaultError
-from hexctl.study.landscapes.landscape import PATH_STRIDE, Landscape
+from hexctl.study.evidence import clustered_error
+from hexctl.study.landscape import PATH_STRIDE, Landscape
 from hexctl.study.prior_building import deflection_of
-from hexctl.study.verdicts.claim_evidence import clustered_error
 from hexctl.types import ArrayFields, BoolArray, FloatArray
 
 if TYPE_CHECKING:

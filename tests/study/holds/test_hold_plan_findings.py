@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hexctl.study.evidence import clustered_error
 from hexctl.study.held_out import INTACT
 from hexctl.study.holds.hold_plan import divisions, statistics
 from hexctl.study.holds.hold_walks import HoldCase
-from hexctl.study.verdicts.claim_evidence import clustered_error
 from tests.robots import shipped
 from tests.study.holds.made_up import made_up_walks, plan, rows, rows_of, walk
 

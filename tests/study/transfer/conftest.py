@@ -2,7 +2,7 @@
 
 import pytest
 
-from hexctl.study.landscapes.landscape import Landscape
+from hexctl.study.landscape import Landscape
 from hexctl.study.transfer.transfer_report import TransferFound
 from tests.study.transfer.made_up import MODEL, found_in, in_the_model, plan
 

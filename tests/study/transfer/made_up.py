@@ -8,7 +8,7 @@ import numpy as np
 from hexctl.adapt.prior.prior import PriorKey
 from hexctl.adapt.prior.samples import FINAL
 from hexctl.backends.sim.world import load_randomization
-from hexctl.study.landscapes.landscape import NUMBERS, Landscape, LandscapeSpec
+from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec
 from hexctl.study.transfer.transfer_plan import TransferPlan
 from hexctl.study.transfer.transfer_report import TransferFound
 from hexctl.study.transfer.transfer_searches import EARLY, search_worlds

@@ -12,7 +12,7 @@ from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
-from hexctl.study.landscapes.landscape import NUMBERS, Landscape
+from hexctl.study.landscape import NUMBERS, Landscape
 from hexctl.study.prior_building import PriorPlan
 from hexctl.study.transfer.transfer_plan import TransferPlan
 from hexctl.study.transfer.transfer_report import TransferFound, transfer_json

@@ -6,10 +6,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from hexctl.study.landscapes.landscape import Landscape
+from hexctl.study.evidence import cm
+from hexctl.study.landscape import Landscape
 from hexctl.study.transfer.transfer_report import TransferFound, transfer_bars, transfer_json
 from hexctl.study.transfer.transfer_searches import by_trials, coverage, floor_m
-from hexctl.study.verdicts.claim_evidence import cm
 from tests.study.transfer.made_up import (
     BUDGET,
     DURATION_S,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hexctl.adapt.prior.samples import samples_of
-from hexctl.study.landscapes.landscape import Landscape
+from hexctl.study.landscape import Landscape
 from hexctl.study.transfer.transfer_report import TransferFound
 from hexctl.study.transfer.transfer_searches import (
     EARLY,
