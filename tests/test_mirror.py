@@ -33,7 +33,6 @@ TOGETHER = {
     "serve/test_soak.py",
     "serve/test_steered_link.py",
     "serve/test_standstill.py",
-    "study/transfer/test_benchmark.py",
 }
 
 

@@ -105,7 +105,7 @@ class Searched:
         some = (index.get_level_values("world") == world) & (
             index.get_level_values("optimizer").isin(HEURISTICS)
         )
-        return self.cases[some].iloc[:, -1].to_numpy()
+        return np.asarray(self.cases[some].iloc[:, -1], dtype=float)
 
     @cached_property
     def worst_best_m(self) -> dict[tuple[int, int], float]:

@@ -263,6 +263,11 @@ class Landscape(ArrayFields):
         """Smallest final deviation of all valid gaits in m; NaN without any."""
         return float(self.final_m[self.valid].min()) if self.valid.any() else math.nan
 
+    @property
+    def worst_m(self) -> float:
+        """Largest final deviation of all valid gaits in m, of which there has to be one."""
+        return float(self.final_m[self.valid].max())
+
     def row_of(self, code: int) -> int:
         """Row of a code."""
         return self.spec.codes.index(code)

@@ -187,7 +187,8 @@ def search_all(
     """
     from pandas import DataFrame
 
-    left, known, rows = iter(landscapes), {}, []
+    known: dict[tuple[int, int, str], Landscape] = {}
+    left, rows = iter(landscapes), list[Row]()
     for world, specs in enumerate(plan.specs_by_world()):
         walked = [next(left) for _ in specs]
         known |= {(world, *key): one for key, one in _of_all_legs(plan, walked).items()}

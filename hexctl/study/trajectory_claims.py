@@ -49,7 +49,8 @@ def make_claim(
     """
     text = texts("claims")[name]
     rule = text["rule"].format(**(values or {}))
-    return Claim(claim=text["claim"], rule=rule, measured=measured, **asdict(verdict), **more)
+    fields: dict[str, Any] = asdict(verdict) | more
+    return Claim(claim=text["claim"], rule=rule, measured=measured, **fields)
 
 
 def claim_of(

@@ -30,7 +30,7 @@ from hexctl.study.prior_building import (
     prior_of,
     score_prior_of,
 )
-from hexctl.study.transfer.transfer_searches import walk_of
+from hexctl.study.transfer_searches import walk_of
 from hexctl.types import FloatArray
 from tests.adapt.priors import key_of, plan_of
 from tests.robots import shipped

@@ -41,7 +41,7 @@ from hexctl.robot.model import Robot
 from hexctl.study.held_out import FAILURES, members
 from hexctl.study.plan import Plan, check_families
 from hexctl.study.prior_building import TIME_STEP_S, begin_build, coarse_world
-from hexctl.study.repertoire.repertoire_walks import CandidateWalk, RepertoireCase, RepertoirePlace
+from hexctl.study.repertoire_walks import CandidateWalk, RepertoireCase, RepertoirePlace
 from hexctl.study.versions import code_versions
 from hexctl.study.walk_cache import WalkCache, Walked
 from hexctl.study.walking import Progress, walk_all

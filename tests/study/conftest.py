@@ -3,8 +3,8 @@
 import pytest
 
 from hexctl.study.landscape import Landscape
-from hexctl.study.transfer.transfer_report import TransferFound
-from tests.study.transfer.made_up import MODEL, found_in, in_the_model, plan
+from hexctl.study.transfer_plan import TransferFound
+from tests.study.made_up_transfer import MODEL, found_in, in_the_model, plan
 
 
 @pytest.fixture(scope="session")

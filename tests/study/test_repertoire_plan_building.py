@@ -12,12 +12,11 @@ import pytest
 from hexctl.control.monitor.repertoire_store import load_repertoire
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
-from hexctl.study import walking
-from hexctl.study.repertoire import repertoire_walks
-from hexctl.study.repertoire.repertoire_plan import build_repertoire, repertoire_of
-from hexctl.study.repertoire.repertoire_walks import CandidateWalk, RepertoireCase, RepertoirePlace
+from hexctl.study import repertoire_walks, walking
+from hexctl.study.repertoire_plan import build_repertoire, repertoire_of
+from hexctl.study.repertoire_walks import CandidateWalk, RepertoireCase, RepertoirePlace
 from hexctl.study.walk_cache import WalkCache
-from tests.study.repertoire.made_up import plan
+from tests.study.made_up_repertoire import plan
 from tests.study.watching import Remembering
 
 PLAN = plan(worlds=2, directions=1, failures=("limp",))

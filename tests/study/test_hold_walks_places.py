@@ -7,9 +7,9 @@ from hexctl.control.assessment.static_stability import STAND_UP, most_stable_slo
 from hexctl.control.batch import run_sim_trial
 from hexctl.robot.failure import Failure
 from hexctl.study.held_out import with_sensors
-from hexctl.study.holds.hold_walks import HoldCase, HoldPlace
+from hexctl.study.hold_walks import HoldCase, HoldPlace
 from tests.robots import shipped
-from tests.study.holds.made_up import walk
+from tests.study.made_up_holds import walk
 
 PLACE = HoldPlace(
     robot=shipped(), family="transfer", number=211, kind="rough", world=World(roughness_m=0.003)

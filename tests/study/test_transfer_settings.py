@@ -9,10 +9,10 @@ from hexctl.backends.sim.world import load_randomization
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure, drawn_failure
 from hexctl.study.prior_building import PriorPlan
-from hexctl.study.transfer.transfer_plan import FIRST_WORLD
+from hexctl.study.transfer_settings import FIRST_WORLD
 from tests.adapt.priors import made_up_prior, plan_of
 from tests.robots import shipped
-from tests.study.transfer.made_up import (
+from tests.study.made_up_transfer import (
     DURATION_S,
     LEGS,
     WORLDS,

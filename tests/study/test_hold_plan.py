@@ -5,16 +5,16 @@ from typing import Any
 import pytest
 
 from hexctl.errors import InputError
-from hexctl.study.holds.hold_plan import FIRST_WORLD
-from hexctl.study.transfer.transfer_plan import FIRST_WORLD as FIRST_TRANSFER_WORLD
-from hexctl.study.transfer.transfer_plan import MAX_WORLDS
+from hexctl.study.hold_plan import FIRST_WORLD
+from hexctl.study.transfer_settings import FIRST_WORLD as FIRST_TRANSFER_WORLD
+from hexctl.study.transfer_settings import MAX_WORLDS
 from tests.robots import shipped
-from tests.study.holds.made_up import plan
+from tests.study.made_up_holds import plan
 
 
 def test_every_robot_walks_every_case_in_every_world() -> None:
     made = plan(robots=(shipped(), shipped("pexod")), worlds=2)
-    places = made.places()
+    places = [place for place, _ in made.walked()]
     assert [(one.robot.name, one.family, one.number) for one in places] == [
         (robot, family, number)
         for robot in ("ant", "pexod")
@@ -36,8 +36,8 @@ def test_the_worlds_are_none_of_the_transfer_benchmark_as_it_is_by_default() -> 
 def test_sensors_can_be_left_as_the_worlds_have_them() -> None:
     exact = plan(exact_sensors=True)
     family = exact.families["transfer"]
-    assert exact.places()[0].world == family.members(FIRST_WORLD, 1)[0]
-    assert plan().places()[0].world.lost_poses == 0.05
+    assert exact.walked()[0][0].world == family.members(FIRST_WORLD, 1)[0]
+    assert plan().walked()[0][0].world.lost_poses == 0.05
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from hexctl.control.monitor.repertoire import SAFEST, WALK_ON, moved_parts, part
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
-from tests.study.repertoire.made_up import plan
+from tests.study.made_up_repertoire import plan
 
 
 @pytest.mark.parametrize(

@@ -14,12 +14,12 @@ from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.study.landscape import NUMBERS, Landscape
 from hexctl.study.prior_building import PriorPlan
-from hexctl.study.transfer.transfer_plan import TransferPlan
-from hexctl.study.transfer.transfer_report import TransferFound, transfer_json
-from hexctl.study.transfer.transfer_searches import by_seconds, by_trials, floor_m, search_worlds, walk_of
+from hexctl.study.searches import curve_of
+from hexctl.study.transfer_plan import TransferFound, TransferPlan
+from hexctl.study.transfer_searches import by_seconds, floor_m, search_worlds, walk_of
 from hexctl.types import FloatArray
 from tests.robots import shipped
-from tests.study.transfer.made_up import courses_of, found_in
+from tests.study.made_up_transfer import courses_of, found_in
 
 GAITS, HIDDEN, DURATION_S = 120, 3, 10.0
 
@@ -117,24 +117,24 @@ def test_bumps_are_other_ones_in_every_world() -> None:
 
 
 def test_curves_never_rise_and_never_pass_the_best_gait(findings: TransferFound) -> None:
-    for name in findings.plan.optimizers:
-        curves = by_trials(findings.of(name))
-        for values in (curves.mean, curves.median, curves.p90):
-            assert (np.diff(values) <= 1e-12).all()
-        assert curves.mean[-1] >= floor_m(findings.runs)[0] - 1e-12
+    for name in _plan().optimizers:
+        curves = curve_of(findings.of(name))
+        for name in ("mean_m", "median_m", "p90_m"):
+            assert (np.diff(curves[name]) <= 1e-12).all()
+        assert curves["mean_m"].iloc[-1] >= floor_m(findings.runs)[0] - 1e-12
 
 
 def test_a_prior_that_knows_the_worlds_needs_fewer_trials_than_random(findings: TransferFound) -> None:
-    bayes, random = (by_trials(findings.of(name)) for name in ("bayes", "random"))
-    assert bayes.mean[13] < random.mean[13] / 2
+    bayes, random = (curve_of(findings.of(name)) for name in ("bayes", "random"))
+    assert bayes["mean_m"][14] < random["mean_m"][14] / 2
 
 
 def test_seconds_and_trials_tell_the_same_story(findings: TransferFound) -> None:
-    budget = findings.plan.budget
+    budget = _plan().budget
     ends_s = np.asarray(DURATION_S * np.arange(1, budget + 1) + 1e-6, dtype=np.float64)
     for name in ("pso", "random"):
-        means = by_seconds(findings.of(name), ends_s).mean
-        assert np.abs(means - by_trials(findings.of(name)).mean).max() < 1e-12
+        means = by_seconds(findings.of(name), ends_s)["mean_m"].to_numpy()
+        assert np.abs(means - curve_of(findings.of(name))["mean_m"].to_numpy()).max() < 1e-12
 
 
 def test_ending_walks_early_saves_seconds_and_gets_no_gait_for_them(findings: TransferFound) -> None:
@@ -167,7 +167,7 @@ def test_landscapes_without_a_valid_gait_are_left_out_and_counted(landscapes: li
     plan = _plan(optimizers=("random",))
     dead = _landscape(plan.specs()[0], _finals(1, seed=3)[0], invalid=GAITS)
     some = found_in(plan, [dead, landscapes[1]])
-    values = transfer_json(some)
+    values = plan.numbers(some)
     assert (values["landscapes"], values["landscapes_without_valid_gait"]) == (1, 1)
     with pytest.raises(RobotFaultError, match="no gait is valid"):
         search_worlds(plan, [dead])

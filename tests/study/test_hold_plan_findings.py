@@ -8,10 +8,10 @@ import pytest
 
 from hexctl.study.evidence import clustered_error
 from hexctl.study.held_out import INTACT
-from hexctl.study.holds.hold_plan import divisions, statistics
-from hexctl.study.holds.hold_walks import HoldCase
+from hexctl.study.hold_plan import HoldPlan, statistics
+from hexctl.study.hold_walks import HoldCase
 from tests.robots import shipped
-from tests.study.holds.made_up import made_up_walks, plan, rows, rows_of, walk
+from tests.study.made_up_holds import made_up_walks, plan, rows, rows_of, walk
 
 EVERY_BAR = {
     "line_mean",
@@ -42,7 +42,7 @@ def test_statistics_are_those_of_the_walks() -> None:
     found = of_failed_legs(rows(), "line")
     walks = [
         (f"{place.family}{place.number}", one)
-        for place, some in zip(plan().places(), made_up_walks(plan()), strict=True)
+        for (place, _), some in zip(plan().walked(), made_up_walks(plan()), strict=True)
         for one in some
         if one.case.hold == "line" and one.case.leg
     ]
@@ -63,7 +63,9 @@ def test_statistics_are_those_of_the_walks() -> None:
 
 def test_groups_divide_all_walks_of_a_failed_leg() -> None:
     groups: dict[str, dict[str, int]] = {}
-    for division, name, some in divisions(rows(robots=(shipped(), shipped("pexod")), holds=("line",))):
+    for division, name, some in HoldPlan.divisions(
+        rows(robots=(shipped(), shipped("pexod")), holds=("line",))
+    ):
         groups.setdefault(division, {})[name] = len(some)
     assert list(groups) == ["all", "failure", "robot", "family", "leg", "kind of world", "floor"]
     assert groups["failure"] == {"intact": 12, "locked": 24, "limp": 24}

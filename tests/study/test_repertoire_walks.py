@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from hexctl.control.monitor.repertoire import BodySymmetry, Candidate
-from hexctl.study.repertoire.repertoire_walks import CandidateWalk, RepertoireCase
+from hexctl.study.repertoire_walks import CandidateWalk, RepertoireCase
 from hexctl.study.walk_cache import WalkCache
-from tests.study.repertoire.made_up import plan
+from tests.study.made_up_repertoire import plan
 
 
 def test_walks_together_are_those_alone() -> None:

@@ -1,4 +1,4 @@
-"""The transfer benchmark: adaptation in worlds outside every prior."""
+"""Settings of the transfer benchmark: held-out worlds, prior and searches."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated, ClassVar
 
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
+from hexctl.adapt.optimizers.shipped import BAYES
 from hexctl.adapt.prior.prior import Prior, PriorKey, load_prior
 from hexctl.adapt.prior.prior_files import find_prior
 from hexctl.adapt.prior.samples import covering, covers
@@ -17,20 +18,15 @@ from hexctl.gait.gait import make_gait
 from hexctl.options import Range
 from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.model import Robot
-from hexctl.study.evidence import StudyUncertainty
-from hexctl.study.experiment import Experiment, Work
 from hexctl.study.landscape import LandscapeSpec
-from hexctl.study.plan import check_legs, check_setting, check_walks
+from hexctl.study.plan import Plan, check_legs, check_setting, check_walks
 from hexctl.study.prior_building import WHOLE_S, in_whole_steps
 from hexctl.study.study_options import ALL_LEGS, BUDGET, RUNS, WORLDS
 from hexctl.study.study_settings import BASELINE, HEURISTICS
-from hexctl.study.transfer import transfer_report as report
-from hexctl.study.transfer.transfer_report import TransferFound
-from hexctl.study.transfer.transfer_searches import PRIORED, search_worlds
 from hexctl.study.walk_cache import Walked
 from hexctl.types import N_LEGS
 
-#: The family of unseen worlds.
+#: The default family of worlds.
 UNSEEN = "transfer"
 
 #: Earlier worlds of the family were used while `bayes` was developed.
@@ -38,9 +34,15 @@ FIRST_WORLD = 65
 
 MAX_WORLDS = int(WORLDS.high)
 
+#: `bayes` with early stopping.
+EARLY = "bayes-early"
+
+#: Optimizers that believe a prior.
+PRIORED = (BAYES, EARLY)
+
 
 @dataclass(frozen=True, kw_only=True)
-class TransferPlan(Experiment[TransferFound]):
+class TransferSettings(Plan):
     """Settings of one benchmark.
 
     Attributes:
@@ -53,17 +55,7 @@ class TransferPlan(Experiment[TransferFound]):
         one_leg: one leg fails in each world, the next one in the next world, instead of all in every world.
     """
 
-    NAME: ClassVar[str] = "transfer"
-    REPORT: ClassVar[str] = "transfer.html"
-    TITLE: ClassVar[str] = "hexctl study --transfer"
-    HEADING: ClassVar[str] = "Adaptation in worlds outside every prior"
     UNIT: ClassVar[str] = "gaits"
-
-    numbers = staticmethod(report.transfer_json)
-    lines = staticmethod(report.transfer_lines)
-    tables = staticmethod(report.transfer_tables)
-    drawings = staticmethod(report.drawings)
-    sections = staticmethod(report.sections)
 
     robot: Robot
     family: DomainRandomization
@@ -81,8 +73,6 @@ class TransferPlan(Experiment[TransferFound]):
 
     def specs(self) -> list[LandscapeSpec]:
         """Specs of the landscapes, world by world; a world's number is the seed of what is drawn in it."""
-        numbers = range(FIRST_WORLD, FIRST_WORLD + self.worlds)
-        worlds = self.family.members(FIRST_WORLD, self.worlds)
         return [
             LandscapeSpec(
                 robot=self.robot,
@@ -94,21 +84,13 @@ class TransferPlan(Experiment[TransferFound]):
                 seed=number,
                 place=f"world {number} ({self.family.kind(number).name})",
             )
-            for number, world in zip(numbers, worlds, strict=True)
+            for number, world in enumerate(self.family.members(FIRST_WORLD, self.worlds), FIRST_WORLD)
             for leg in ((self.legs[number % len(self.legs)],) if self.one_leg else self.legs)
         ]
 
     def kind_of(self, spec: LandscapeSpec) -> str:
         """Kind of a landscape's world."""
         return self.family.kind(spec.seed).name
-
-    def runs_of(self, optimizer: str) -> int:
-        """Number of runs of an optimizer; without a seed all runs are the same, and one is enough."""
-        return 1 if optimizer in PRIORED else self.runs
-
-    def seed_of(self, spec: LandscapeSpec, run: int) -> int:
-        """Seed of a run."""
-        return ((self.seed * MAX_WORLDS + spec.seed) * N_LEGS + spec.leg) * 1_000 + run
 
     def check(self) -> None:
         """Raise InputError for settings that are not allowed, before anything runs."""
@@ -136,19 +118,9 @@ class TransferPlan(Experiment[TransferFound]):
         """Return the gaits to walk, landscape by landscape."""
         return [(spec, spec.codes) for spec in self.specs()]
 
-    def find(self, work: Work) -> TransferFound:
-        """Walk all gaits and run every optimizer in every landscape."""
-        specs = self.specs()
-        uncertainty = StudyUncertainty.of(
-            self.robot, specs[0].world, self.duration_s, work.cache.folder.parent, failure=self.failure
-        )
-        landscapes = work.evaluate(specs)
-        work.lap("landscapes")
-        work.progress.stage("searches, world by world", len(landscapes))
-        runs = search_worlds(self, landscapes, lambda _: work.progress.step())
-        work.lap("searches")
-        without = sum(not landscape.valid.any() for landscape in landscapes)
-        return TransferFound(plan=self, runs=runs, without=without, uncertainty=uncertainty)
+    def seed_of(self, spec: LandscapeSpec, run: int) -> int:
+        """Seed of a run."""
+        return ((self.seed * MAX_WORLDS + spec.seed) * N_LEGS + spec.leg) * 1_000 + run
 
 
 def find_transfer_prior(

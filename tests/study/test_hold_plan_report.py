@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 
-from tests.study.holds.made_up import plan, rows
+from tests.study.made_up_holds import plan, rows
 
 
 def test_the_report_is_one_page_with_figures_and_all_walks_beside_it(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from typing import Any
 
 from hexctl.backends.sim.world import load_randomization
-from hexctl.study.repertoire.repertoire_plan import RepertoirePlan
+from hexctl.study.repertoire_plan import RepertoirePlan
 from tests.robots import shipped
 
 

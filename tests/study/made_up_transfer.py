@@ -9,9 +9,9 @@ from hexctl.adapt.prior.prior import PriorKey
 from hexctl.adapt.prior.samples import FINAL
 from hexctl.backends.sim.world import load_randomization
 from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec
-from hexctl.study.transfer.transfer_plan import TransferPlan
-from hexctl.study.transfer.transfer_report import TransferFound
-from hexctl.study.transfer.transfer_searches import EARLY, search_worlds
+from hexctl.study.transfer_plan import TransferFound, TransferPlan
+from hexctl.study.transfer_searches import search_worlds
+from hexctl.study.transfer_settings import EARLY
 from hexctl.types import FloatArray
 from tests.adapt.priors import MadeUpModel, key_of, made_up_prior, path_of
 from tests.robots import shipped
@@ -67,7 +67,7 @@ def in_the_model(spec: LandscapeSpec, features: FloatArray) -> Landscape:
 def found_in(asked: TransferPlan, landscapes: Sequence[Landscape]) -> TransferFound:
     """What the searches of a plan find in some landscapes."""
     without = sum(not landscape.valid.any() for landscape in landscapes)
-    return TransferFound(plan=asked, runs=search_worlds(asked, landscapes), without=without)
+    return TransferFound(runs=search_worlds(asked, landscapes), without=without)
 
 
 def courses_of(found: TransferFound, optimizer: str, place: int | None = None) -> list[Any]:

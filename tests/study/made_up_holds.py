@@ -7,8 +7,8 @@ import numpy as np
 
 from hexctl.backends.sim.world import load_randomization
 from hexctl.study.held_out_experiment import frame_of
-from hexctl.study.holds.hold_plan import HoldPlan
-from hexctl.study.holds.hold_walks import HoldCase, HoldWalk
+from hexctl.study.hold_plan import HoldPlan
+from hexctl.study.hold_walks import HoldCase, HoldWalk
 from tests.robots import shipped
 
 IDEAL_M = 4.0
