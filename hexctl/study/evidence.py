@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import attrgetter
 from pathlib import Path
 from statistics import NormalDist
 from typing import Any
@@ -232,8 +233,7 @@ def judged_bars(bars: Iterable[Bar], duration_s: float) -> list[Bar]:
 
 def bar_table(bars: Iterable[Bar]) -> Table:
     """Return the table of bars in a report."""
-    rows = [(bar.asked, bar.measured, bar.verdict) for bar in bars]
-    return Table(("asked", "measured", "verdict"), rows)
+    return Table.of(bars, {name: attrgetter(name) for name in ("asked", "measured", "verdict")})
 
 
 def bar_lines(bars: Iterable[Bar]) -> list[str]:

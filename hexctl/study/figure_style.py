@@ -1,5 +1,6 @@
 """What all figures share: matplotlib without a window, colours, saving."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,7 @@ from hexctl.study.evidence import EARLY_M, LATE_M
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from pandas import Series
 
 
 def check_drawing() -> None:
@@ -70,10 +72,13 @@ def label_axes(panels: "list[Axes]", used: int, across: str, up: str) -> None:
 LEGEND_ENTRY_IN = 2.0
 
 
-def draw_best_of_all(panel: "Axes", best_m: float) -> None:
-    """Draw the deviation of the best of all gaits, a lower bound of every search."""
+def draw_curves(panel: "Axes", curves: "Mapping[str, Series[float]]", floor_m: float, width: float) -> None:
+    """Draw a curve for each optimizer, `bayes` bold, above the deviation of the best of all gaits."""
+    for optimizer, curve in curves.items():
+        bold = 2 * width if optimizer.startswith("bayes") else width
+        panel.plot(curve.index, curve, linewidth=bold, label=optimizer, **line_of(optimizer))
     color = hex_color(BEST_OF_ALL_COLOR)
-    panel.axhline(best_m, color=color, linewidth=1.2, linestyle=":", label="best of all gaits")
+    panel.axhline(floor_m, color=color, linewidth=1.2, linestyle=":", label="best of all gaits")
 
 
 def finish_curves(

@@ -56,9 +56,9 @@ def percentile(values: FloatArray, percent: float) -> float:
 
 def mean_with_error(rows: "DataFrame", column: str) -> tuple[float, float]:
     """Return the mean of a column, NaN left out, and its standard error over worlds; NaN for one world."""
-    known = rows[rows[column].notna()]
-    values = known[column].to_numpy(float)
-    return mean(values), float(clustered_error(values, known["place"].to_numpy()))
+    known = np.isfinite(rows[column].to_numpy(float))
+    values, worlds = rows[column].to_numpy(float)[known], rows["place"].to_numpy()[known]
+    return mean(values), float(clustered_error(values, worlds))
 
 
 def end_statistics(rows: "DataFrame", percent: int) -> Record:
@@ -94,12 +94,6 @@ def groups(rows: "DataFrame", divisions: Mapping[str, str]) -> Iterator[tuple[st
             yield division, str(name), some
 
 
-def table_of(records: Sequence[Record], columns: Columns) -> Table:
-    """Return the table of some records."""
-    rows = [[one["group"], *(text(one) for text in columns.values())] for one in records]
-    return Table(["", *columns], rows)
-
-
 @dataclass(frozen=True, kw_only=True)
 class HeldOutExperiment(Experiment["DataFrame"]):
     """Settings of an experiment whose walks are compared in held-out worlds.
@@ -109,7 +103,7 @@ class HeldOutExperiment(Experiment["DataFrame"]):
         exact_sensors: whether worlds keep the sensors that their family gives them, instead of `SENSORS`.
     """
 
-    #: Column by whose values walks are compared, and the columns of the tables.
+    #: Column by whose values walks are compared, and the columns of the tables, the first one the group.
     BY: ClassVar[str]
     COLUMNS: ClassVar[Columns]
 
@@ -222,4 +216,4 @@ class HeldOutExperiment(Experiment["DataFrame"]):
         for division in dict.fromkeys(one["division"] for one in records):
             some = [one for one in records if one["division"] == division]
             title = "All" if division == "all" else f"By {division}"
-            yield Section(title, [table_of(some, self.COLUMNS)])
+            yield Section(title, [Table.of(some, self.COLUMNS)])

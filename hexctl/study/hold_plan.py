@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from operator import itemgetter
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
@@ -32,12 +33,11 @@ from hexctl.study.held_out_experiment import (
     end_statistics,
     groups,
     mean_with_error,
-    table_of,
     worlds_text,
 )
 from hexctl.study.hold_walks import Hold, HoldCase, HoldPlace
 from hexctl.study.plan import check_walkable
-from hexctl.study.report_page import markdown
+from hexctl.study.report_page import Table, markdown
 from hexctl.study.walk_cache import ENDED
 
 if TYPE_CHECKING:
@@ -103,6 +103,7 @@ def _count(name: str) -> Any:
 
 
 COLUMNS: Columns = {
+    "": itemgetter("group"),
     "holds": lambda one: HOLD_NAMES[one["hold"]],
     "walks": lambda one: worlds_text(one["walks"], one["worlds"]),
     "final: mean": lambda one: cm_with_error(one["mean_m"], one["mean_error_m"]),
@@ -223,7 +224,7 @@ class HoldPlan(HeldOutExperiment):
     def lines(self, found: "DataFrame") -> list[str]:
         """Return the table of all walks of a failed leg, and the verdicts."""
         failed = [one for one in self.statistics(found) if one["division"] == "all"]
-        return [*markdown(table_of(failed, COLUMNS)), *super().lines(found)]
+        return [*markdown(Table.of(failed, COLUMNS)), *super().lines(found)]
 
     def tables(self, found: "DataFrame") -> "Mapping[str, DataFrame]":
         """Return the table of all walks."""

@@ -1,13 +1,13 @@
 """The compared walks: one robot in one world, what fails and what is held in each walk, and its outcome."""
 
 import math
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, ClassVar, Literal
 
 from hexctl.control.assessment.static_stability import stable_gait
-from hexctl.control.batch import SimTrial, run_sim_trials
+from hexctl.control.batch import SimTrial
 from hexctl.control.trial_plan import AUTO_ROTATION, AskedRotation, TrialPlan, suited_rotation
 from hexctl.control.trial_result import STATUSES, TrialResult
 from hexctl.gait.encoding import Slots
@@ -67,9 +67,9 @@ class HoldWalk:
     clipped_ticks: int
 
     @classmethod
-    def of(cls, case: HoldCase, gait: Gait, result: TrialResult) -> "HoldWalk":
-        """Return the outcome of a case from the gait and the result of its trial."""
-        off = result.true_deviation
+    def of(cls, case: HoldCase, trial: SimTrial, result: TrialResult) -> "HoldWalk":
+        """Return the outcome of a case from its trial and the result."""
+        gait, off = trial.plan.gait, result.true_deviation
         signed_m, mean_m, max_m = (math.nan,) * 3 if off is None else (off.signed, off.mean, off.max)
         return cls(
             case=case,
@@ -107,7 +107,7 @@ class HoldPlace(HeldOutPlace[HoldCase, HoldWalk]):
         self_rotation: direction of the failed leg during the walk, as in `HoldPlan`.
     """
 
-    WALK: ClassVar[type] = HoldWalk
+    WALK: ClassVar[type[HoldWalk]] = HoldWalk
 
     self_rotation: AskedRotation = AUTO_ROTATION
     duration_s: float = 30.0
@@ -146,15 +146,6 @@ class HoldPlace(HeldOutPlace[HoldCase, HoldWalk]):
         )
         plan = replace(plan, gait=_gait_of(self.robot, plan))
         return SimTrial(robot=self.robot, plan=plan, failure=plan.belief, world=self.world, seed=self.number)
-
-    def walk(self, cases: Sequence[HoldCase], threads: int = 1) -> list[HoldWalk]:
-        """Simulate some cases together."""
-        trials = [self.trial(case) for case in cases]
-        results = run_sim_trials(trials, threads)
-        return [
-            HoldWalk.of(case, trial.plan.gait, result)
-            for case, trial, result in zip(cases, trials, results, strict=True)
-        ]
 
 
 #: Gaits by robot and plan: they are the same in all worlds.

@@ -13,7 +13,7 @@ from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.assessment.static_stability import in_posture
-from hexctl.control.batch import SimTrial, run_sim_trials
+from hexctl.control.batch import SimTrial
 from hexctl.control.trial_plan import TrialPlan
 from hexctl.control.trial_result import QUALITIES, STATUSES, TrialResult
 from hexctl.gait.gait import Gait, make_gait
@@ -64,7 +64,7 @@ class GaitWalk:
     path_m: tuple[tuple[float, float], ...]
 
     @classmethod
-    def of(cls, case: int | str, result: TrialResult) -> "GaitWalk":
+    def of(cls, case: int | str, _trial: SimTrial, result: TrialResult) -> "GaitWalk":
         """Return the outcome of a gait from the result of its trial."""
         off = result.deviation
         ends = (math.nan,) * 3 if off is None else (off.signed, off.mean, off.max)
@@ -104,7 +104,7 @@ class LandscapeSpec(Place[int | str, GaitWalk]):
         posture: one of `hexctl.control.assessment.static_stability.POSTURES`.
     """
 
-    WALK: ClassVar[type] = GaitWalk
+    WALK: ClassVar[type[GaitWalk]] = GaitWalk
 
     leg: int
     self_rotation: str
@@ -175,11 +175,6 @@ class LandscapeSpec(Place[int | str, GaitWalk]):
             "failure": asdict(self.leg_failure),
             "codes": list(self.codes),
         }
-
-    def walk(self, cases: Sequence[int | str], threads: int = 1) -> list[GaitWalk]:
-        """Simulate some gaits together."""
-        results = run_sim_trials([self.trial(case) for case in cases], threads)
-        return [GaitWalk.of(case, result) for case, result in zip(cases, results, strict=True)]
 
     def chunks(self, cases: Sequence[int | str]) -> Iterator[tuple[int | str, ...]]:
         """Divide gaits into chunks of `CHUNK_SIZE`."""

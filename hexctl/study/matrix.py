@@ -3,26 +3,28 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from typing import Any, ClassVar
+from operator import itemgetter
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from hexctl.backends.sim.world import World
 from hexctl.errors import InputError, argument
 from hexctl.robot.model import Robot
 from hexctl.study.claims import NAMES, claims_of
 from hexctl.study.evidence import Claim
-from hexctl.study.experiment import Drawing, Experiment, Work
+from hexctl.study.experiment import Drawing, Experiment, Work, plain
+from hexctl.study.frames import records, where
 from hexctl.study.landscape import LandscapeSpec
+from hexctl.study.plan import LandscapePlan
 from hexctl.study.report_page import Picture, Section, Table, markdown
 from hexctl.study.searches import search_all
 from hexctl.study.study_figures import verdicts_figure
 from hexctl.study.study_settings import StudySettings
 from hexctl.study.versions import code_versions
-from hexctl.study.walk_cache import Walked
 
-#: Claims of each cell, in the order of the cells.
-Verdicts = tuple[tuple[Claim, ...], ...]
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
-#: What is varied unless told otherwise; the first of each is the reading that the others differ from.
+#: Default settings. The others are varied one at a time from the first of each.
 FAILURES = ("locked", "limp", "weak:0.5", "missing")
 WORLDS = ("flat", "slippery", "slope")
 TIME_STEPS_S = (0.002, 0.004)
@@ -55,10 +57,26 @@ class Cell:
         specs = self.plan.specs()
         return [replace(one, place=", ".join(filter(None, (self.title, one.place)))) for one in specs]
 
-    def short_verdict(self, claim: Claim) -> str:
-        """Verdict without its reason; in brackets where it is that of a single world."""
-        verdict = claim.verdict.partition(":")[0]
-        return verdict if claim.holds is None or self.plan.worlds > 1 else f"({verdict})"
+    def rows(self, claims: Sequence[Claim]) -> list[dict[str, Any]]:
+        """Return the claims judged in this setting, a row for each; a verdict of one world is in brackets."""
+        rows = []
+        for name, claim in zip(NAMES, claims, strict=True):
+            short = claim.verdict.partition(":")[0]
+            single = claim.holds is not None and self.plan.worlds == 1
+            named = {"setting": self.title, "name": name, "short": f"({short})" if single else short}
+            rows.append({**named, **asdict(claim), "verdict": claim.verdict})
+        return rows
+
+    def as_json(self, claims: "DataFrame") -> dict[str, Any]:
+        """Return the setting and its claims as plain JSON values."""
+        return {
+            "title": self.title,
+            "robot": self.plan.robot.name,
+            "world": self.plan.world.model_dump(mode="json"),
+            **plain(self.plan, "failure", "self_rotation", "worlds", "runs"),
+            "interval_tested": self.plan.worlds > 1,
+            "claims": records(claims.drop(columns=["setting", "short"])),
+        }
 
 
 def cells_of(
@@ -103,69 +121,63 @@ def _cell(
 
 
 @dataclass(frozen=True, kw_only=True)
-class MatrixPlan(Experiment[Verdicts]):
+class MatrixPlan(LandscapePlan, Experiment["DataFrame"]):
     """Settings of a matrix: its cells."""
 
     NAME: ClassVar[str] = "matrix"
     REPORT: ClassVar[str] = "matrix.html"
     TITLE: ClassVar[str] = "hexctl study --matrix"
     HEADING: ClassVar[str] = "Verdicts on the paper's claims"
-    UNIT: ClassVar[str] = "gaits"
-
     cells: tuple[Cell, ...]
 
     def specs(self) -> list[LandscapeSpec]:
         """Return the specs of all landscapes, cell by cell."""
         return [spec for cell in self.cells for spec in cell.specs()]
 
-    def walked(self) -> Walked:
-        """Return the gaits to walk, landscape by landscape."""
-        return [(spec, spec.codes) for spec in self.specs()]
-
     def check(self) -> None:
         """Raise InputError for settings that are not allowed, before anything runs."""
         for cell in self.cells:
             cell.plan.check()
 
-    def find(self, work: Work) -> Verdicts:
-        """Walk and search all cells; the claims of each."""
+    def find(self, work: Work) -> "DataFrame":
+        """Walk and search all cells; a row for each claim in each."""
+        from pandas import DataFrame
+
         landscapes = iter(work.evaluate(self.specs()))
         work.lap("landscapes")
         work.progress.stage("searches, cell by cell", len(self.cells))
-        verdicts = []
+        rows = []
         for cell in self.cells:
             findings = search_all(cell.plan, [next(landscapes) for _ in cell.specs()])
-            verdicts.append(tuple(claims_of(findings)))
+            rows += cell.rows(claims_of(findings))
             work.progress.step()
         work.lap("searches")
-        return tuple(verdicts)
+        return DataFrame(rows)
 
-    def numbers(self, found: Verdicts) -> dict[str, Any]:
+    def numbers(self, found: "DataFrame") -> dict[str, Any]:
         """Return the verdicts of the cells as plain JSON values."""
-        everywhere = [all(claims[row].holds is True for claims in found) for row in range(len(NAMES))]
+        holds = found["holds"].eq(True).groupby(found["name"], sort=False).all()
         return {
             "code": code_versions(),
-            "cells": [_cell_json(cell, some) for cell, some in zip(self.cells, found, strict=True)],
-            "survive": [name for name, holds in zip(NAMES, everywhere, strict=True) if holds],
+            "cells": [cell.as_json(where(found, setting=cell.title)) for cell in self.cells],
+            "survive": holds.index[holds].to_list(),
         }
 
-    def _table(self, found: Verdicts) -> Table:
+    def _table(self, found: "DataFrame") -> Table:
         """Setting, number of worlds and short verdicts of each cell."""
-        rows = [
-            [cell.title, str(cell.plan.worlds), *map(cell.short_verdict, claims)]
-            for cell, claims in zip(self.cells, found, strict=True)
-        ]
+        verdicts = found.pivot(index="setting", columns="name", values="short")[list(NAMES)]
+        rows = [[cell.title, str(cell.plan.worlds), *verdicts.loc[cell.title]] for cell in self.cells]
         return Table(("setting", "worlds", *NAMES), rows)
 
-    def lines(self, found: Verdicts) -> list[str]:
+    def lines(self, found: "DataFrame") -> list[str]:
         """Return the table of verdicts in Markdown."""
         return [line.replace("does not hold", "**does not hold**") for line in markdown(self._table(found))]
 
-    def texts(self, found: Verdicts) -> Mapping[str, str]:
+    def texts(self, found: "DataFrame") -> Mapping[str, str]:
         """Return the table of verdicts as a file in Markdown."""
         return {"matrix.md": "\n".join(self.lines(found)) + "\n"}
 
-    def drawings(self, found: Verdicts) -> Sequence[Drawing]:
+    def drawings(self, found: "DataFrame") -> Sequence[Drawing]:
         """Return the figure of the report."""
         counts = sorted({cell.plan.without_gaits for cell in self.cells})
         here = (
@@ -177,28 +189,12 @@ class MatrixPlan(Experiment[Verdicts]):
         draw = partial(verdicts_figure, rows, NAMES)
         return (Drawing(name="matrix", draw=draw, here=here, paper="One robot, one simulator, one reading."),)
 
-    def sections(self, found: Verdicts, pictures: Mapping[str, Picture]) -> Iterator[Section]:
+    def sections(self, found: "DataFrame", pictures: Mapping[str, Picture]) -> Iterator[Section]:
         """Return the parts of the report."""
         yield Section("Verdicts", [*pictures.values(), self._table(found)])
+        names = ("claim", "rule", "measured", "null", "verdict")
         header = ("claim of the paper", "holds here if", "measured here", "random numbers", "verdict")
-        for cell, claims in zip(self.cells, found, strict=True):
-            lines = [(one.claim, one.rule, one.measured, one.null, one.verdict) for one in claims]
-            yield Section(cell.title, [Table(header, lines)])
-
-
-def _cell_json(cell: Cell, claims: Sequence[Claim]) -> dict[str, Any]:
-    plan = cell.plan
-    return {
-        "title": cell.title,
-        "robot": plan.robot.name,
-        "failure": plan.failure,
-        "self_rotation": plan.self_rotation,
-        "world": plan.world.model_dump(mode="json"),
-        "worlds": plan.worlds,
-        "interval_tested": plan.worlds > 1,
-        "runs": plan.runs,
-        "claims": [
-            {"name": name, **asdict(claim), "verdict": claim.verdict}
-            for name, claim in zip(NAMES, claims, strict=True)
-        ],
-    }
+        columns = {title: itemgetter(name) for title, name in zip(header, names, strict=True)}
+        for cell in self.cells:
+            claims = where(found, setting=cell.title).to_dict("records")
+            yield Section(cell.title, [Table.of(claims, columns)])

@@ -20,7 +20,7 @@ from hexctl.study.experiment import Experiment, Result
 from hexctl.study.held_out_experiment import HeldOutExperiment
 from hexctl.study.hold_plan import HoldPlan
 from hexctl.study.matrix import FAILURES, ROBOTS, TIME_STEPS_S, WORLDS, MatrixPlan, cells_of
-from hexctl.study.planned_work import PlannedWork
+from hexctl.study.plan import PlannedWork
 from hexctl.study.recovery import recovery_plan
 from hexctl.study.recovery.recovery_plan import RecoveryPlan
 from hexctl.study.study_options import HOLD, MATRIX, PAPER, RECOVERY, TRANSFER, StudyOptions

@@ -8,15 +8,13 @@ from zlib import crc32
 
 import numpy as np
 
-from hexctl.control.batch import SimTrial, run_sim_trials
-from hexctl.control.monitor.repertoire import (
-    INTACT_GAIT,
-    Candidate,
-)
+from hexctl.control.batch import SimTrial
+from hexctl.control.monitor.repertoire import INTACT_GAIT, Candidate
 from hexctl.control.trial_plan import GaitChange, TrialPlan
 from hexctl.control.trial_result import STATUSES, TrialResult
 from hexctl.gait.gait import ideal_speed_m_s, make_gait
 from hexctl.robot.failure_grammar import parse_failure_event
+from hexctl.robot.model import Robot
 from hexctl.study.held_out import HeldOutPlace
 from hexctl.study.recovery.episodes import Track
 from hexctl.study.walk_cache import ENDED
@@ -29,6 +27,17 @@ CHANGE_CYCLES, ALARM_CYCLES, PHASES_CYCLES = 2.6, 0.4, 1.0
 
 #: From when after the change on the speed is measured, and for how long, in cycles.
 SETTLES_CYCLES, MEASURED_CYCLES = 2.0, 3.0
+
+
+def change_s(robot: Robot) -> float:
+    """Return the time at which a robot changes its gait."""
+    return round(CHANGE_CYCLES / robot.gait.pace_hz, 2)
+
+
+def measured_s(robot: Robot) -> tuple[float, float]:
+    """Return the beginning and the end of the time in which the speed is measured; the walk ends then."""
+    first_s = change_s(robot) + SETTLES_CYCLES / robot.gait.pace_hz
+    return first_s, first_s + MEASURED_CYCLES / robot.gait.pace_hz
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, order=True)
@@ -62,12 +71,10 @@ class CandidateWalk:
     cost: float
 
     @classmethod
-    def of(
-        cls, place: "RepertoirePlace", case: RepertoireCase, trial: SimTrial, result: TrialResult
-    ) -> "CandidateWalk":
-        """Walk of a case from its trial and the result."""
+    def of(cls, case: RepertoireCase, trial: SimTrial, result: TrialResult) -> "CandidateWalk":
+        """Return the walk of a case from its trial and the result."""
         gait, ended = trial.plan.gait, result.status in ENDED
-        speed_m_s = Track.of(result, gait).speed(*place.measured_s) if ended else math.nan
+        speed_m_s = Track.of(result, gait).speed(*measured_s(trial.robot)) if ended else math.nan
         cost = result.cost_of_transport if ended else None
         return cls(
             case=case,
@@ -86,7 +93,7 @@ class CandidateWalk:
 class RepertoirePlace(HeldOutPlace[RepertoireCase, CandidateWalk]):
     """A robot in a world."""
 
-    WALK: ClassVar[type] = CandidateWalk
+    WALK: ClassVar[type[CandidateWalk]] = CandidateWalk
 
     @property
     def stem(self) -> str:
@@ -104,31 +111,21 @@ class RepertoirePlace(HeldOutPlace[RepertoireCase, CandidateWalk]):
             some = situations[first : first + TOGETHER]
             yield tuple(case for case in cases if (case.failures, case.heading_deg) in some)
 
-    @property
-    def change_s(self) -> float:
-        """When the gait changes."""
-        return round(CHANGE_CYCLES / self.robot.gait.pace_hz, 2)
-
-    @property
-    def measured_s(self) -> tuple[float, float]:
-        """From when until when the speed is measured; the walk ends then."""
-        first_s = self.change_s + SETTLES_CYCLES / self.robot.gait.pace_hz
-        return first_s, first_s + MEASURED_CYCLES / self.robot.gait.pace_hz
-
     def trial(self, case: RepertoireCase) -> SimTrial:
         """Trial of a case: the failure comes at a random phase, and the gait changes an alarm later."""
         gait = make_gait(self.robot, INTACT_GAIT)
         text = f"{self.family} {case.failures} {case.heading_deg:g}"
         share = np.random.default_rng([self.number, crc32(text.encode())]).uniform()
         before_s = (ALARM_CYCLES + PHASES_CYCLES * share) / gait.pace_hz
-        at_s = self.change_s - before_s
+        change_at_s = change_s(self.robot)
+        at_s = change_at_s - before_s
         plan = TrialPlan(
             gait=gait,
             heading_rad=math.radians(case.heading_deg),
-            duration_s=self.measured_s[1],
+            duration_s=measured_s(self.robot)[1],
             self_rotation="none",
             hold="line",
-            changes=(GaitChange(gait=case.candidate.gait(gait), at_s=self.change_s),),
+            changes=(GaitChange(gait=case.candidate.gait(gait), at_s=change_at_s),),
         )
         return SimTrial(
             robot=self.robot,
@@ -138,12 +135,3 @@ class RepertoirePlace(HeldOutPlace[RepertoireCase, CandidateWalk]):
             seed=self.number,
             events=[parse_failure_event(f"{text}@{at_s:.2f}") for text in case.failures],
         )
-
-    def walk(self, cases: Sequence[RepertoireCase], threads: int = 1) -> list[CandidateWalk]:
-        """Simulate some cases together."""
-        trials = [self.trial(case) for case in cases]
-        results = run_sim_trials(trials, threads)
-        return [
-            CandidateWalk.of(self, case, trial, result)
-            for case, trial, result in zip(cases, trials, results, strict=True)
-        ]

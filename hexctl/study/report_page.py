@@ -2,7 +2,7 @@
 
 import base64
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -34,6 +34,11 @@ class Table:
     rows: Sequence[Sequence[str]]
 
     kind: ClassVar = "table"
+
+    @classmethod
+    def of(cls, rows: Iterable[Any], columns: Mapping[str, Callable[[Any], str]]) -> "Table":
+        """Return the table of some rows: under each title its text of a row."""
+        return cls(tuple(columns), [[text(row) for text in columns.values()] for row in rows])
 
 
 @dataclass(frozen=True)

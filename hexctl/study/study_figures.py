@@ -20,11 +20,10 @@ from hexctl.study.evidence import EARLY, EARLY_M, LATE, LATE_M, cm
 from hexctl.study.experiment import Drawing
 from hexctl.study.figure_style import (
     color_of,
-    draw_best_of_all,
+    draw_curves,
     finish_curves,
     grid_of,
     label_axes,
-    line_of,
     new_figure,
 )
 from hexctl.study.frames import where
@@ -38,7 +37,7 @@ from hexctl.types import FloatArray
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from pandas import DataFrame
+    from pandas import DataFrame, Series
 
 #: Width of a panel and of the colour bar, in inches.
 PANEL_IN, BAR_IN = 4.3, 1.0
@@ -194,15 +193,14 @@ def convergence_figure(findings: Findings, count: str) -> "Figure":
     rows, columns = grid_of(len(legs))
     figure, panels = new_figure(rows, columns, (4.6 * columns + 0.6, 3.4 * rows + 0.8))
     for panel, leg in zip(panels, legs, strict=False):
+        best = findings.rotated(leg).best_m
+        draw_curves(panel, _mean_curves(findings, leg, count), best, 1.4)
         for name in findings.plan.optimizers:
             curve = findings.curves[leg, name, count]
-            _draw_curve(panel, name, curve)
             if name == BASELINE:
                 _draw_spread(panel, name, curve)
             elif count == FRESH:
                 _mark_stuck(panel, name, curve, where(findings.found, leg=leg, optimizer=name, count=count))
-        best = findings.rotated(leg).best_m
-        draw_best_of_all(panel, best)
         own = _draw_defaults(panel, findings, leg)
         panel.set_title("\n".join([f"leg {leg}:  best of all gaits {_on_scale(best)}", *own]), fontsize=9)
     counted = "repetitions counted (the paper's count)" if count == PAPER else "each gait paid for once"
@@ -237,9 +235,7 @@ def means_figure(findings: Findings) -> "Figure":
     figure, panels = new_figure(1, 2, (11.0, 4.2))
     best = float(np.mean([findings.rotated(leg).best_m for leg in findings.searched]))
     for panel, count in zip(panels, (PAPER, FRESH), strict=True):
-        for name in findings.plan.optimizers:
-            _draw_curve(panel, name, findings.curves[ALL, name, count])
-        draw_best_of_all(panel, best)
+        draw_curves(panel, _mean_curves(findings, ALL, count), best, 1.4)
         panel.plot(
             [EARLY, LATE], [EARLY_M, LATE_M], "v", color=hex_color(BAR_COLOR), markersize=7, label="bars"
         )
@@ -248,8 +244,8 @@ def means_figure(findings: Findings) -> "Figure":
     return figure
 
 
-def _draw_curve(panel: "Axes", name: str, curve: "DataFrame") -> None:
-    panel.plot(curve.index, curve["mean_m"], linewidth=1.4, label=name, **line_of(name))
+def _mean_curves(findings: Findings, leg: int, count: str) -> "dict[str, Series[float]]":
+    return {name: findings.curves[leg, name, count]["mean_m"] for name in findings.plan.optimizers}
 
 
 def _draw_spread(panel: "Axes", name: str, curve: "DataFrame") -> None:

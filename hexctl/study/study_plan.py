@@ -1,14 +1,12 @@
 """The paper's study: all gaits of each failed leg, all optimizers on them, and the paper's claims."""
 
-from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from hexctl.study import study_report as report
 from hexctl.study.claims import claims_of, missed_lines
 from hexctl.study.evidence import StudyUncertainty, verdict_lines
-from hexctl.study.experiment import Drawing, Experiment, Work
-from hexctl.study.report_page import Picture, Section
+from hexctl.study.experiment import Experiment, Work
 from hexctl.study.searches import Findings, search_all
 from hexctl.study.study_figures import study_drawings
 from hexctl.study.study_settings import StudySettings
@@ -29,6 +27,11 @@ class StudyPlan(StudySettings, Experiment[Findings]):
     REPORT: ClassVar[str] = "report.html"
     TITLE: ClassVar[str] = "hexctl study"
     HEADING: ClassVar[str] = "Gaits for a failed leg: the paper's experiments repeated"
+
+    numbers = staticmethod(report.study_json)
+    tables = staticmethod(report.study_tables)
+    drawings = staticmethod(study_drawings)
+    sections = staticmethod(report.study_sections)
 
     def find(self, work: Work) -> Findings:
         """Walk all gaits and the default ones, search the landscapes and judge the claims."""
@@ -63,22 +66,6 @@ class StudyPlan(StudySettings, Experiment[Findings]):
             for place, some in zip(places, walks, strict=True)
             for walk in some
         )
-
-    def numbers(self, found: Findings) -> dict[str, Any]:
-        """Return settings and results as JSON values; null if there is no number."""
-        return report.study_json(found)
-
-    def tables(self, found: Findings) -> "Mapping[str, DataFrame]":
-        """Return landscapes (a row per gait), convergence (per evaluation) and runs (per evaluation)."""
-        return report.study_tables(found)
-
-    def drawings(self, found: Findings) -> Sequence[Drawing]:
-        """Return the figures of the report."""
-        return study_drawings(found)
-
-    def sections(self, found: Findings, pictures: Mapping[str, Picture]) -> Iterator[Section]:
-        """Return the parts of the report."""
-        return report.study_sections(found, pictures)
 
     def lines(self, found: Findings) -> list[str]:
         """Return the claims and the bars that are missed as lines of text."""

@@ -1,7 +1,8 @@
 """The report of the paper's study: sections of the page, tables and JSON, all from the same frames."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -322,26 +323,27 @@ def _found_text(findings: Findings, leg: int, optimizer: str, after: int) -> str
 
 
 def _means(findings: Findings) -> Table:
-    rows = [
-        [name, {PAPER: "paper's"}.get(count, count), *_curve_cells(findings, ALL, name, count)]
-        for count in (FRESH, PAPER)
-        for name in findings.plan.optimizers
-    ]
-    return Table(("optimizer", "count", *[f"after {count}" for count in _shown(findings)]), rows)
+    names = {FRESH: "fresh", PAPER: "paper's"}
+    keys = [(ALL, name, count) for count in names for name in findings.plan.optimizers]
+    return _curve_table(findings, {"optimizer": lambda key: key[1], "count": lambda key: names[key[2]]}, keys)
 
 
 def _leg_means(findings: Findings) -> Table:
-    rows = [
-        [str(leg), name, *_curve_cells(findings, leg, name, PAPER)]
-        for leg in findings.searched
-        for name in findings.plan.optimizers
-    ]
-    return Table(("leg", "optimizer", *[f"after {count}" for count in _shown(findings)]), rows)
+    keys = [(leg, name, PAPER) for leg in findings.searched for name in findings.plan.optimizers]
+    return _curve_table(findings, {"leg": lambda key: str(key[0]), "optimizer": lambda key: key[1]}, keys)
 
 
-def _curve_cells(findings: Findings, leg: int, optimizer: str, count: str) -> list[str]:
-    curve = findings.curves[leg, optimizer, count].loc[_shown(findings)]
-    return [f"{cm(at.mean_m)} ± {cm(at.std_m)}{_share(at.share_of_runs)}" for at in curve.itertuples()]
+def _curve_table(
+    findings: Findings, head: Mapping[str, Callable[[Any], str]], keys: Sequence[tuple[int, str, str]]
+) -> Table:
+    """A row for each curve, with mean, standard deviation and share of the runs at the shown evaluations."""
+
+    def text(key: tuple[int, str, str], after: int) -> str:
+        at = findings.curves[key].loc[after]
+        return f"{cm(at['mean_m'])} ± {cm(at['std_m'])}{_share(at['share_of_runs'])}"
+
+    cells = {f"after {after}": partial(text, after=after) for after in _shown(findings)}
+    return Table.of(keys, {**head, **cells})
 
 
 def _distinct(findings: Findings) -> Table:

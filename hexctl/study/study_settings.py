@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 
@@ -18,9 +18,8 @@ from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.model import Robot
 from hexctl.study.landscape import N_CODES, LandscapeSpec
 from hexctl.study.leg_groups import experiments_of
-from hexctl.study.plan import Plan, check_legs, check_setting, check_walks
+from hexctl.study.plan import LandscapePlan, check_legs, check_setting, check_walks
 from hexctl.study.study_options import ALL_LEGS, BUDGET, RUNS
-from hexctl.study.walk_cache import Walked
 
 #: The five optimizers of the paper, and the baseline.
 HEURISTICS = ("pso", "psosp", "dps", "debest", "derand")
@@ -52,7 +51,7 @@ WORLDS = Range(low=1, high=100, whole=True)
 
 
 @dataclass(frozen=True, kw_only=True)
-class StudySettings(Plan):
+class StudySettings(LandscapePlan):
     """Settings of one study; the defaults are the paper's.
 
     Attributes:
@@ -65,8 +64,6 @@ class StudySettings(Plan):
             the worlds like `world` this is always done.
         without_gaits: number of gaits that are walked without self-rotation, drawn from all.
     """
-
-    UNIT: ClassVar[str] = "gaits"
 
     robot: Robot
     world: World = field(default_factory=World)
@@ -153,10 +150,6 @@ class StudySettings(Plan):
         for name in self.optimizers:
             make_optimizer(name, GaitSpace((self.legs[0],)), self.seed)
         check_walks(self.specs())
-
-    def walked(self) -> Walked:
-        """Return the gaits to walk, landscape by landscape."""
-        return [(spec, spec.codes) for spec in self.specs()]
 
 
 def nearby_worlds(world: World, count: int) -> list[World]:

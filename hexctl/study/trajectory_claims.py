@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from hexctl.study.landscape import Landscape
 from hexctl.study.leg_groups import is_mirror_of
 from hexctl.study.report_page import texts
 from hexctl.study.searches import Findings
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 #: A side is not judged on fewer valid gaits than this.
 MIN_VALID = 10
@@ -79,13 +82,13 @@ def _valid_text(landscapes: Sequence[Landscape]) -> str:
     return f"{counts} of {len(landscapes[0].codes)} gaits valid"
 
 
-def _left_shares(findings: Findings, legs: Sequence[int]) -> list[Measure]:
-    """Share of the valid gaits of each leg that end on the left, without self-rotation."""
+def _sides(findings: Findings, legs: Sequence[int], number: Callable[[float], float]) -> list[Measure]:
+    """A number of the share of each leg's valid gaits that end on the left, without self-rotation."""
     measures = []
     for leg in legs:
         landscapes = [findings.without(leg, world) for world in findings.worlds]
-        shares = tuple(map(valid_left_share, landscapes))
-        measures.append(Measure(f"leg {leg}", shares, _valid_text(landscapes), most=1.0))
+        values = tuple(number(valid_left_share(one)) for one in landscapes)
+        measures.append(Measure(f"leg {leg}", values, _valid_text(landscapes), most=1.0))
     return measures
 
 
@@ -107,16 +110,11 @@ def veers_right(findings: Findings) -> Claim:
 
 def _side(findings: Findings, legs: Sequence[int], side: str) -> Claim:
     legs = [leg for leg in legs if leg in findings.plan.legs]
-    measures = _left_shares(findings, legs)
-    if side == "right":
-        shares = [tuple(1 - share for share in one.values) for one in measures]
-        measures = [Measure(one.name, some, one.note, most=1.0)
-                    for one, some in zip(measures, shares, strict=True)]  # fmt: skip
     others = ", ".join(str(8 - leg) for leg in legs)
     mirrored = legs and all(_mirrored(findings, leg, 8 - leg) for leg in legs)
     return claim_of(
         side,
-        measures,
+        _sides(findings, legs, lambda left: left if side == "left" else 1 - left),
         share_text,
         Tolerance(TENDENCY, 1.0),
         beside=_all_ends(findings, legs),
@@ -133,7 +131,7 @@ def _mirrored(findings: Findings, leg: int, other: int) -> bool:
 def goes_both_ways(findings: Findings) -> Claim:
     """Claim about legs 1 and 4."""
     legs = [leg for leg in (1, 4) if leg in findings.plan.legs]
-    tolerance, measures = Tolerance(BOTH, 1 - BOTH), _left_shares(findings, legs)
+    tolerance, measures = Tolerance(BOTH, 1 - BOTH), _sides(findings, legs, float)
     verdict, symmetric = judge_all(measures, tolerance), ""
     if legs and all(_mirrored(findings, leg, leg) for leg in legs):
         symmetric = "robot and world are their own mirror image with this leg failed"
@@ -176,16 +174,25 @@ def _turns(landscape: Landscape) -> bool:
     return abs(needed_rad) > TURN_RAD
 
 
+def _pairs(findings: Findings, leg: int, world: int) -> "DataFrame":
+    """Gaits that were walked both ways: scores before the self-rotation and after it, and which is valid."""
+    from pandas import DataFrame
+
+    before, after = (
+        DataFrame({"score": one.scores, "valid": one.valid}, index=one.codes)
+        for one in (findings.without(leg, world), findings.rotated(leg, world))
+    )
+    return before.add_suffix("_before").join(after.add_suffix("_after"))
+
+
 def _nearer(findings: Findings, group: Sequence[int]) -> Measure:
     """Share of the pairs of a leg's gaits that end nearer to the line with self-rotation."""
     values, counts = [], []
     for world in findings.worlds:
-        before, after = findings.without(group[0], world), findings.rotated(group[0], world)
-        rows = np.searchsorted(after.codes, before.codes)
-        some = before.valid | after.valid[rows]
-        nearer = after.scores[rows][some] < before.scores[some]
-        values.append(float(nearer.mean()) if nearer.size else float("nan"))
-        counts.append(f"{nearer.size} pairs, {int(before.valid.sum())} valid before")
+        pairs = _pairs(findings, group[0], world)
+        some = pairs[pairs["valid_before"] | pairs["valid_after"]]
+        values.append(float((some["score_after"] < some["score_before"]).mean()))
+        counts.append(f"{len(some)} pairs, {pairs['valid_before'].sum()} valid before")
     return Measure(experiment_text(group), tuple(values), ", ".join(dict.fromkeys(counts)), most=1.0)
 
 
@@ -203,10 +210,10 @@ def rotation_helps(findings: Findings) -> Claim:
     enough, more = Tolerance(low=1.0), Tolerance(low=MORE)
     after = [_near(findings, group) for group in findings.experiments]
     turning = _turning(findings)
-    pairs = [_near_of_same_gaits(findings, group) for group in turning]
-    before = [Measure(experiment_text(group), tuple(pair[0]))
-              for group, pair in zip(turning, pairs, strict=True)]  # fmt: skip
-    gain = [_gain(pairs)] if pairs else []
+    near = [[_near_both_ways(findings, group[0], world) for world in findings.worlds] for group in turning]
+    before = [Measure(experiment_text(group), tuple(without for without, _ in some))
+              for group, some in zip(turning, near, strict=True)]  # fmt: skip
+    gain = [_gain(near)] if near else []
     here = [f"leg {leg} {findings.without(leg).within(EARLY_M)}" for leg in findings.plan.legs]
     expected = [expected_within(findings.rotated(group[0]), EARLY_M) for group in findings.experiments]
     numbers = ", ".join(f"{count:.1f}" for count in expected)
@@ -239,22 +246,19 @@ def _near(findings: Findings, group: Sequence[int]) -> Measure:
     return Measure(experiment_text(group), counts, f"{late} within 2.5 cm; {_valid_text(landscapes)}")
 
 
-def _near_of_same_gaits(findings: Findings, group: Sequence[int]) -> tuple[list[int], list[int]]:
-    """Gaits near the line in each world, without and with self-rotation, of those walked both ways."""
-    without, turned = [], []
-    for world in findings.worlds:
-        before, after = findings.without(group[0], world), findings.rotated(group[0], world)
-        rows = np.searchsorted(after.codes, before.codes)
-        without.append(before.within(EARLY_M))
-        turned.append(int((after.scores[rows] <= EARLY_M).sum()))
-    return without, turned
+def _near_both_ways(findings: Findings, leg: int, world: int) -> tuple[int, int]:
+    """Numbers of gaits near the line without and with self-rotation, of those walked both ways."""
+    pairs = _pairs(findings, leg, world)
+    return int((pairs["score_before"] <= EARLY_M).sum()), int((pairs["score_after"] <= EARLY_M).sum())
 
 
-def _gain(pairs: Sequence[tuple[list[int], list[int]]]) -> Measure:
+def _gain(near: Sequence[Sequence[tuple[int, int]]]) -> Measure:
     """How many more gaits are near the line with self-rotation, mean over the legs that turn."""
-    gains = np.array([turned for _, turned in pairs]) - np.array([without for without, _ in pairs])
+    counts = np.array(near)
+    gains = counts[..., 1] - counts[..., 0]
     each = "; ".join(
-        f"{', '.join(map(str, turned))} against {', '.join(map(str, without))}" for without, turned in pairs
+        f"{', '.join(map(str, turned))} against {', '.join(map(str, without))}"
+        for without, turned in counts.transpose(0, 2, 1)
     )
     return Measure("mean", tuple(gains.mean(axis=0).tolist()), each, least=-np.inf)
 

@@ -20,7 +20,7 @@ from hexctl.study.evidence import (
     judged_bars,
 )
 from hexctl.study.experiment import Drawing, Experiment, Work, plain
-from hexctl.study.figure_style import draw_best_of_all, finish_curves, grid_of, line_of, new_figure
+from hexctl.study.figure_style import draw_curves, finish_curves, grid_of, new_figure
 from hexctl.study.frames import json_value, where
 from hexctl.study.report_page import Block, Picture, Section, Table, reading
 from hexctl.study.searches import curve_of
@@ -324,10 +324,7 @@ def _lines_figure(
     """Draw lines of optimizers in panels, by title, above the deviation of the best of all gaits."""
     figure, axes = new_figure(*grid_of(len(panels)), size_in)
     for axis, (name, lines), floor in zip(axes, panels.items(), floors, strict=False):
-        for optimizer, line in lines.items():
-            width = 2.2 if optimizer in PRIORED else 1.1
-            axis.plot(line.index, line, linewidth=width, label=optimizer, **line_of(optimizer))
-        draw_best_of_all(axis, floor)
+        draw_curves(axis, lines, floor, 1.1)
         axis.set_title(name, fontsize=9)
     finish_curves(figure, axes, len(panels), across, "deviation of the best gait so far", title)
     return figure

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from hexctl.adapt.optimizers.optimizer_registry import make_optimizer
 from hexctl.adapt.optimizers.shipped import BAYES
@@ -19,11 +19,10 @@ from hexctl.options import Range
 from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.model import Robot
 from hexctl.study.landscape import LandscapeSpec
-from hexctl.study.plan import Plan, check_legs, check_setting, check_walks
+from hexctl.study.plan import LandscapePlan, check_legs, check_setting, check_walks
 from hexctl.study.prior_building import WHOLE_S, in_whole_steps
 from hexctl.study.study_options import ALL_LEGS, BUDGET, RUNS, WORLDS
 from hexctl.study.study_settings import BASELINE, HEURISTICS
-from hexctl.study.walk_cache import Walked
 from hexctl.types import N_LEGS
 
 #: The default family of worlds.
@@ -42,7 +41,7 @@ PRIORED = (BAYES, EARLY)
 
 
 @dataclass(frozen=True, kw_only=True)
-class TransferSettings(Plan):
+class TransferSettings(LandscapePlan):
     """Settings of one benchmark.
 
     Attributes:
@@ -54,8 +53,6 @@ class TransferSettings(Plan):
             and the searches do not know it.
         one_leg: one leg fails in each world, the next one in the next world, instead of all in every world.
     """
-
-    UNIT: ClassVar[str] = "gaits"
 
     robot: Robot
     family: DomainRandomization
@@ -113,10 +110,6 @@ class TransferSettings(Plan):
         if differences:
             raise InputError(f"prior: is for {', '.join(differences)}; allowed: a prior for these trials")
         check_walks(self.specs())
-
-    def walked(self) -> Walked:
-        """Return the gaits to walk, landscape by landscape."""
-        return [(spec, spec.codes) for spec in self.specs()]
 
     def seed_of(self, spec: LandscapeSpec, run: int) -> int:
         """Seed of a run."""

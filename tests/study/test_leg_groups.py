@@ -5,8 +5,7 @@ import pytest
 
 from hexctl.adapt.prior.samples import Symmetries, Symmetry
 from hexctl.backends.sim.world import World
-from hexctl.control.batch import run_sim_trials
-from hexctl.study.landscape import GaitWalk, Landscape
+from hexctl.study.landscape import Landscape
 from hexctl.study.leg_groups import experiments_of, image_of, is_mirror_of, landscape_by_symmetry
 from tests.robots import shipped
 from tests.study.made_up import made_up, spec, spread_out
@@ -64,9 +63,7 @@ def test_the_image_of_an_image_is_the_landscape() -> None:
 
 def walked(leg: int, codes: list[int]) -> Landscape:
     asked = spec(leg, "none", 3.0, codes)
-    results = run_sim_trials([asked.trial(code) for code in asked.codes])
-    walks = [GaitWalk.of(code, result) for code, result in zip(asked.codes, results, strict=True)]
-    return Landscape.of(asked, walks)
+    return Landscape.of(asked, asked.walk(asked.codes))
 
 
 def test_a_walk_mirrored_is_the_walk_of_the_image() -> None:

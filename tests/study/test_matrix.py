@@ -5,14 +5,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from pandas import DataFrame
 
 from hexctl.backends.sim.world import World
 from hexctl.errors import InputError
 from hexctl.study.claims import NAMES, OF_SEARCHES, claims_of
-from hexctl.study.evidence import Verdict
+from hexctl.study.evidence import Claim
 from hexctl.study.matrix import Cell, MatrixPlan, cells_of
 from hexctl.study.study_figures import PALE, verdicts_figure
-from hexctl.study.trajectory_claims import OF_WALKS, make_claim
+from hexctl.study.trajectory_claims import OF_WALKS
 from hexctl.study.walk_cache import WalkCache
 from tests.robots import shipped
 from tests.study.made_up import made_up_findings, spread_out
@@ -65,7 +66,8 @@ def test_the_table_shows_red_where_it_is_red_and_what_survives_everywhere(tmp_pa
     near, far = (made_up_findings(spread_out(worst_m), optimizers=few, runs=2) for worst_m in (0.25, 0.5))
     lost = made_up_findings(2.5 + spread_out(1.0), optimizers=few, runs=2)
     cells = tuple(Cell(title=title, plan=near.plan) for title in ("near", "far", "lost"))
-    claims = tuple(tuple(claims_of(findings)) for findings in (near, far, lost))
+    walked = zip(cells, (near, far, lost), strict=True)
+    claims = DataFrame([row for cell, findings in walked for row in cell.rows(claims_of(findings))])
     plan = MatrixPlan(cells=cells)
     plan.write(claims, tmp_path)
     values = plan.numbers(claims)
@@ -85,12 +87,10 @@ def test_a_verdict_of_one_world_is_in_brackets_and_pale() -> None:
     """One world has no interval: its red and green are not those of three worlds that agree."""
     plan = made_up_findings(spread_out(0.25), legs=(2,), optimizers=("random",), runs=1, budget=5).plan
     one, three = (Cell(title="", plan=replace(plan, worlds=worlds)) for worlds in (1, 3))
-    red, grey = (
-        make_claim("competitive", "", verdict)
-        for verdict in (Verdict(holds=False), Verdict(no_evidence="why"))
-    )
-    assert (one.short_verdict(red), three.short_verdict(red)) == ("(does not hold)", "does not hold")
-    assert one.short_verdict(grey) == three.short_verdict(grey) == "no evidence"
+    red = Claim(claim="", rule="", measured="", holds=False)
+    claims = [red, replace(red, holds=None, no_evidence="why")] * 6
+    assert [row["short"] for row in one.rows(claims)][:2] == ["(does not hold)", "no evidence"]
+    assert [row["short"] for row in three.rows(claims)][:2] == ["does not hold", "no evidence"]
     figure = verdicts_figure([("one", ["(holds)", "holds", "not judged"])], ["a", "b", "c"])
     pale, full, unjudged = figure.axes[0].patches
     assert pale.get_facecolor()[:3] == full.get_facecolor()[:3] != unjudged.get_facecolor()[:3]

@@ -224,7 +224,7 @@ class Track(ArrayFields):
 class RecoveryPlace(HeldOutPlace[RecoveryCase, Episode]):
     """A robot in a world, under a protocol."""
 
-    WALK: ClassVar[type] = Episode
+    WALK: ClassVar[type[Episode]] = Episode
 
     protocol: str
     duration_s: float

@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -99,8 +99,8 @@ class RecoveryMethod(ABC):
         """
 
 
-class _Monitored(RecoveryMethod):
-    """Walks that a monitor watches."""
+class Monitored(RecoveryMethod):
+    """Walks that a monitor watches, and that do what a policy says about the failures it finds."""
 
     notices = True
 
@@ -108,32 +108,18 @@ class _Monitored(RecoveryMethod):
         self._make = recovering_walk(policy)
 
     def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
-        """The watched walks."""
+        """Return the watched walks."""
         return self._make(start)
 
 
-class Nothing(_Monitored):
-    """Walks on; what the monitor would have said is kept."""
-
-    def __init__(self) -> None:
-        super().__init__(WalkOn())
-
-
-class Recover(_Monitored):
-    """Notices by itself and glides to a gait for the legs that are left."""
-
-    def __init__(self) -> None:
-        super().__init__(GlideToStableGait())
-
-
 class Told(RecoveryMethod):
-    """An oracle: told leg and kind in the tick of the failure, it glides to the same gait as `Recover`."""
+    """An oracle: told leg and kind in the tick of the failure, it glides to the same gait as `recover`."""
 
     def __init__(self) -> None:
         self._policy = GlideToStableGait()
 
     def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
-        """Walks that know what is to come."""
+        """Return walks that know what is to come."""
         return ToldWalk(start, self._policy, to_come)
 
 
@@ -239,10 +225,10 @@ class Decentralised(RecoveryMethod):
 
 
 #: Methods by name.
-METHODS: dict[str, type[RecoveryMethod]] = {
-    "nothing": Nothing,
+METHODS: dict[str, Callable[[], RecoveryMethod]] = {
+    "nothing": lambda: Monitored(WalkOn()),
     "told": Told,
-    "recover": Recover,
+    "recover": lambda: Monitored(GlideToStableGait()),
     "stop-diagnose": StopDiagnose,
     "decentralised": Decentralised,
     "open-loop-best": OpenLoopBest,

@@ -21,7 +21,6 @@ from hexctl.study.held_out import FAILURES, INTACT, with_sensors
 from hexctl.study.held_out_experiment import (
     Columns,
     HeldOutExperiment,
-    table_of,
 )
 from hexctl.study.plan import check_each, check_families, check_setting, check_walkable
 from hexctl.study.recovery import recovery_report as report
@@ -191,12 +190,11 @@ class RecoveryPlan(HeldOutExperiment):
         values = super().numbers(found) | plain(self, "gaits", "methods", "protocols", "runs", "seed")
         values["set_aside"] = int(found["set_aside"].sum())
         for protocol, counts in COUNTS.items():
-            some, methods = (
-                where(found, protocol=protocol),
-                self.methods if protocol in self.protocols else (),
-            )
-            values[protocol] = report.rule_numbers(some, methods, counts)
-            values[f"{protocol}_sets"] = report.set_numbers(some, methods)
+            some = where(found, protocol=protocol)
+            methods = self.methods if protocol in self.protocols else ()
+            sets = report.rule_shares(some, methods, "leg_set", some["leg_set"].unique())
+            values[protocol] = report.rule_shares(some, methods, "n_legs", counts)
+            values[f"{protocol}_sets"] = [one | {"legs": report.legs_of(one["legs"])} for one in sets]
         return values
 
     def lines(self, found: "DataFrame") -> list[str]:
@@ -204,7 +202,7 @@ class RecoveryPlan(HeldOutExperiment):
         lines: list[str] = []
         if LINE in self.protocols:
             records = [one for one in self.statistics(found) if one["division"] in ("all", "kind")]
-            lines += [*markdown(table_of(records, report.COLUMNS)), *report.aside_lines(found)]
+            lines += [*markdown(Table.of(records, report.COLUMNS)), *report.aside_lines(found)]
         for protocol in self.ruled:
             table = self._rule_table(found, protocol)
             header = [f"{protocol}: {table.header[0]}", *table.header[1:]]
@@ -213,7 +211,8 @@ class RecoveryPlan(HeldOutExperiment):
 
     def _rule_table(self, rows: "DataFrame", protocol: str) -> Table:
         some = where(rows, protocol=protocol)
-        return report.rule_table(report.rule_numbers(some, self.methods, COUNTS[protocol]))
+        shares = report.rule_shares(some, self.methods, "n_legs", COUNTS[protocol])
+        return Table.of([one for one in shares if one["walks"]], report.RULE_COLUMNS)
 
     def tables(self, found: "DataFrame") -> "Mapping[str, DataFrame]":
         """Return the table of all walks."""
@@ -237,6 +236,6 @@ class RecoveryPlan(HeldOutExperiment):
         """Return the parts of the report, those of the protocols judged by HexaHeal's rule included."""
         yield from super().sections(found, pictures)
         for protocol in self.ruled:
-            sets = report.set_numbers(where(found, protocol=protocol), self.methods)
-            tables = [self._rule_table(found, protocol), report.set_table(sets, self.methods)]
+            sets = report.set_table(where(found, protocol=protocol), self.methods)
+            tables = [self._rule_table(found, protocol), sets]
             yield Section(report.RULE_TITLES[protocol], tables)

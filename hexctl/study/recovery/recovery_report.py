@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -126,7 +127,8 @@ def statistics(rows: "DataFrame") -> Record:
     """
     matter, noticed = rows["matters"].to_numpy(bool), rows[rows["right_leg"].to_numpy(bool)]
     delays = noticed["delay_cycles"].to_numpy(float)
-    settled_s = rows.loc[rows["speed_kept"].notna(), "settled_s"].fillna(math.inf).to_numpy(float)
+    known = np.isfinite(rows["speed_kept"].to_numpy(float))
+    settled_s = rows["settled_s"][known].fillna(math.inf).to_numpy(float)
     kept, kept_error = mean_with_error(rows, "speed_kept")
     return {
         "episodes": len(rows),
@@ -172,6 +174,11 @@ def recovering(rows: "DataFrame") -> set[Any]:
     return set(shares.index[shares >= 0.5])
 
 
+def legs_of(leg_set: str) -> list[int]:
+    """Return the numbers of the legs of a set."""
+    return [int(leg) for leg in leg_set.split(" and ")]
+
+
 def counted(count: int, of: int) -> str:
     """Text of a count, its share, and the interval of that."""
     if not of:
@@ -186,7 +193,8 @@ def _if_noticing(text: Any) -> Any:
 
 
 COLUMNS: Columns = {
-    "method": lambda one: str(one["method"]),
+    "": itemgetter("group"),
+    "method": itemgetter("method"),
     "walks": lambda one: worlds_text(one["episodes"], one["worlds"]),
     "right leg": _if_noticing(lambda one: counted(one["right_leg"], one["episodes"])),
     "right kind, of those that matter": _if_noticing(lambda one: counted(one["right_kind"], one["matter"])),
@@ -210,55 +218,33 @@ COLUMNS: Columns = {
 RULE_TITLES = {"hexaheal": "HexaHeal's protocol", "second": "A second leg"}
 
 
-def rule_numbers(rows: "DataFrame", methods: Sequence[str], counts: Sequence[int]) -> list[Record]:
-    """Return the walks under a protocol that recover, by number of failed legs and method."""
+def rule_shares(
+    rows: "DataFrame", methods: Sequence[str], column: str, values: Sequence[Any]
+) -> list[Record]:
+    """Return the walks that recover, by the values of a column, such as sets of legs, and method."""
     return [
-        {"legs": count, "method": method} | rule_share(where(rows, n_legs=count, method=method))
-        for count in counts
+        {"legs": value, "method": method} | rule_share(where(rows, method=method, **{column: value}))
+        for value in values
         for method in methods
     ]
 
 
-def set_numbers(rows: "DataFrame", methods: Sequence[str]) -> list[Record]:
-    """Return the walks under a protocol that recover, by set of failed legs and method."""
-    return [
-        {"legs": [int(leg) for leg in legs.split(" and ")], "method": method}
-        | rule_share(where(rows, leg_set=legs, method=method))
-        for legs in rows["leg_set"].unique()
-        for method in methods
-    ]
+RULE_COLUMNS: Columns = {
+    "legs that fail": lambda one: {1: "one", 2: "two"}[one["legs"]],
+    "method": itemgetter("method"),
+    "walks that recover": lambda one: counted(one["recovered"], one["walks"]),
+    "fell or stopped": lambda one: str(one["fell"]),
+    "sets of legs that recover": lambda one: f"{one['sets']} of {one['of_sets']}",
+}
 
 
-def rule_table(records: Sequence[Record]) -> Table:
-    """Return the table of `rule_numbers`."""
-    header = (
-        "legs that fail",
-        "method",
-        "walks that recover",
-        "fell or stopped",
-        "sets of legs that recover",
-    )
-    rows = [
-        [
-            {1: "one", 2: "two"}[one["legs"]],
-            one["method"],
-            counted(one["recovered"], one["walks"]),
-            str(one["fell"]),
-            f"{one['sets']} of {one['of_sets']}",
-        ]
-        for one in records
-        if one["walks"]
-    ]
-    return Table(header, rows)
-
-
-def set_table(records: Sequence[Record], methods: Sequence[str]) -> Table:
-    """Return the table of `set_numbers`, a column for each method."""
-    cells: dict[str, list[str]] = {}
-    for one in records:
-        legs = " and ".join(map(str, one["legs"]))
-        cells.setdefault(legs, [legs]).append(f"{one['recovered']} of {one['walks']}")
-    return Table(("legs that fail", *methods), list(cells.values()))
+def set_table(rows: "DataFrame", methods: Sequence[str]) -> Table:
+    """Return the table of walks that recover, a row for each set of legs and a column for each method."""
+    cells = rows.groupby(["leg_set", "method"], sort=False)["recovered"].agg(["sum", "count"])
+    texts = [f"{one['sum']} of {one['count']}" for one in cells.to_dict("records")]
+    table = cells.assign(text=texts)["text"].unstack("method", sort=False)
+    shown = table.reindex(columns=list(methods), fill_value="0 of 0")
+    return Table(("legs that fail", *methods), [[str(legs), *row] for legs, *row in shown.itertuples()])
 
 
 def aside_lines(rows: "DataFrame") -> list[str]:
@@ -280,9 +266,10 @@ def _number(value: float, form: str, unit: str = "", *, never: str = "-") -> str
     return "-" if math.isnan(value) else f"{value:{form}}{unit}"
 
 
-def table_of_walks(rows: "DataFrame") -> Any:
-    """Return the Arrow table of all walks."""
-    import pyarrow as pa
+def table_of_walks(rows: "DataFrame") -> "DataFrame":
+    """Return the table of all walks as it is written; columns have the same types in each plan."""
+    from pandas import ArrowDtype
+    from pyarrow import float64, int64, list_, string, struct
 
     hidden = [
         "n_legs",
@@ -295,20 +282,11 @@ def table_of_walks(rows: "DataFrame") -> Any:
         "ended",
         "place",
     ]
-    hidden += [name for name in rows if name.startswith("left_") or name in ("intact_signed_m",
-               "intact_after_m_s")]  # fmt: skip
-    shown = rows.drop(columns=hidden)
-    table = pa.Table.from_pandas(shown.astype(TYPES), preserve_index=False)
-    alarm = {
-        "at_s": pa.float64(),
-        "leg": pa.int64(),
-        **dict.fromkeys(("kind", "joint", "evidence"), pa.string()),
-    }
-    lists = {"alarms": pa.list_(pa.struct(list(alarm.items()))), "legs": pa.list_(pa.int64())}
-    for name, kind in lists.items():
-        values = pa.array([list(value) for value in shown[name]], type=kind)
-        table = table.set_column(table.schema.get_field_index(name), name, values)
-    return table
+    hidden += [name for name in rows if name.startswith("left_")] + ["intact_signed_m", "intact_after_m_s"]
+    alarm = {"at_s": float64(), "leg": int64(), "kind": string(), "joint": string(), "evidence": string()}
+    lists = {"alarms": list_(struct(list(alarm.items()))), "legs": list_(int64())}
+    types = TYPES | {name: ArrowDtype(kind) for name, kind in lists.items()}
+    return rows.drop(columns=hidden).astype(types)
 
 
 def recovery_bars(rows: "DataFrame", duration_s: float) -> list[Bar]:
