@@ -6,7 +6,7 @@ it holds on random numbers too. Claims about trajectories are in `hexctl.study.t
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
@@ -210,17 +210,7 @@ def _converged_after(curve: FloatArray) -> float:
     return float(np.argmax(curve <= curve[-1] + CONVERGED_M) + 1)
 
 
-def ten_cm_by_20(searched: Searched) -> Claim:
-    """Claim about the first 20 evaluations."""
-    return _mean_claim(searched, "10 cm by 20", EARLY, EARLY_M)
-
-
-def late_mean(searched: Searched) -> Claim:
-    """Claim of the abstract about 40 to 60 evaluations."""
-    return _mean_claim(searched, "2.5 cm by 60", LATE, LATE_M)
-
-
-def _mean_claim(searched: Searched, name: str, evaluations: int, about_m: float) -> Claim:
+def mean_after(searched: Searched, name: str, evaluations: int, about_m: float) -> Claim:
     """Claim about the mean of each heuristic after a number of evaluations."""
     tolerance, enough = Tolerance.about(about_m), evaluations <= searched.findings.plan.budget
     return claim_of(
@@ -259,9 +249,15 @@ def best_keep_line(searched: Searched) -> Claim:
 
 
 #: Claims about searches, which are tried on random numbers too.
-OF_SEARCHES = (
-    converges, fast_then_flat, minimal_by_60, ten_cm_by_20, late_mean, competitive, best_keep_line
-)  # fmt: skip
+OF_SEARCHES: tuple[Callable[[Searched], Claim], ...] = (
+    converges,
+    fast_then_flat,
+    minimal_by_60,
+    partial(mean_after, name="10 cm by 20", evaluations=EARLY, about_m=EARLY_M),
+    partial(mean_after, name="2.5 cm by 60", evaluations=LATE, about_m=LATE_M),
+    competitive,
+    best_keep_line,
+)
 
 #: Short names of all claims, in the order of `claims_of`.
 NAMES = tuple(texts("claims"))

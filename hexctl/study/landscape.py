@@ -234,7 +234,7 @@ class Landscape(ArrayFields):
 
     @property
     def scores(self) -> FloatArray:
-        """Scores by the objective `final`, as an optimizer is told, (n,)."""
+        """Scores by the objective `final`, as optimizers get them, (n,)."""
         return np.where(self.valid, self.final_m, INVALID_SCORE)
 
     @property

@@ -124,11 +124,11 @@ class PlannedWork(Generic[ResultT]):
     """Simulations that are planned and not yet begun.
 
     Attributes:
-        plan: such as a `StudyPlan` or a `PriorPlan`.
+        plan: a `Plan`, such as a `StudyPlan` or a `PriorPlan`.
         begin: runs the plan, with a `cache` and a `progress`, and returns the result.
     """
 
-    plan: Plan
+    plan: Any
     begin: Callable[..., ResultT]
 
     def saved(self, cache: WalkCache) -> tuple[int, int]:

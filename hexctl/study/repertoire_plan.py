@@ -164,7 +164,7 @@ class RepertoirePlan(Plan):
         yield SAFEST, safest
         yield WALK_ON, self.gait
         yield "not raised", replace(safest, posture=replace(safest.posture, body_raise=0.0))
-        if any(one.joint for one in failures):  # what a whole leg is told makes no difference
+        if any(one.joint for one in failures):  # targets of an entire failed leg change nothing
             standing = replace(safest.posture, body_raise=0.0, tucked_legs=())
             yield "not tucked", replace(safest, posture=standing)
         tucked = replace(self.gait, posture=Posture(body_raise=STAND_UP, tucked_legs=legs))

@@ -62,7 +62,7 @@ class CandidateWalk:
         case: what failed, and how the robot walked on.
         speed: along the line while it was measured, as a share of what was commanded before the failure; NaN
             for a walk that did not end on its feet.
-        cost: of transport of the whole walk.
+        cost: of transport of the complete walk.
     """
 
     case: RepertoireCase

@@ -49,39 +49,52 @@ PALE = 0.4
 EXAMPLE_LEGS, EXAMPLE_CODE = (2, 6), 57
 
 
+#: Title, landscape, rows and line widths of the paths in a panel.
+Paths = tuple[str, Landscape, "np.ndarray[Any, Any]", "FloatArray | float"]
+
+
 def trajectories_figure(landscapes: list[Landscape], title: str) -> "Figure":
     """All trajectories of some landscapes, one panel each, coloured by final deviation."""
-    rows, columns = grid_of(len(landscapes))
-    figure, panels = new_figure(rows, columns, _size_in(landscapes, rows, columns))
-    for panel, landscape in zip(panels, landscapes, strict=False):
-        lines = _draw_paths(panel, landscape, np.arange(len(landscape.codes)))
+
+    def paths(landscape: Landscape) -> Paths:
         left, right = landscape.ends
+        ends = f"leg {landscape.spec.leg}:  {left} left, {right} right"
         valid, near = int(landscape.valid.sum()), landscape.within(EARLY_M)
-        panel.set_title(
-            f"leg {landscape.spec.leg}:  {left} left, {right} right,  {valid} valid, {near} within 10 cm",
-            fontsize=9,
-        )
-    _finish_paths(figure, panels, len(landscapes), title)
-    _add_bar(figure, panels, lines)
-    return figure
+        name = f"{ends},  {valid} valid, {near} within 10 cm"
+        return name, landscape, np.arange(len(landscape.codes)), 0.9
+
+    size_in = _size_in(landscapes, *grid_of(len(landscapes)))
+    return _paths_figure([paths(one) for one in landscapes], size_in, title)
 
 
 def best_figure(findings: Findings) -> "Figure":
     """Best gaits of the optimizers over all runs, by the paper's count."""
-    legs = findings.searched
-    rows, columns = grid_of(len(legs))
-    figure, panels = new_figure(rows, columns, (PANEL_IN * columns + BAR_IN, 2.6 * rows + 0.5))
-    for panel, leg in zip(panels, legs, strict=False):
-        landscape = findings.rotated(leg)
+
+    def paths(leg: int) -> Paths:
         codes, times = _best_codes(findings, leg)
-        chosen = [landscape.row_of(code) for code in codes.tolist()]
-        lines = _draw_paths(
-            panel, landscape, np.array(chosen, dtype=int), 0.8 + 2.2 * times / max(1, times.max(initial=1))
-        )
-        panel.set_title(f"leg {leg}:  {len(codes)} different gaits in {times.sum()} runs", fontsize=9)
+        landscape = findings.rotated(leg)
+        chosen = np.array([landscape.row_of(code) for code in codes.tolist()], dtype=int)
+        name = f"leg {leg}:  {len(codes)} different gaits in {times.sum()} runs"
+        return name, landscape, chosen, 0.8 + 2.2 * times / max(1, times.max(initial=1))
+
+    rows, columns = grid_of(len(findings.searched))
+    size_in = (PANEL_IN * columns + BAR_IN, 2.6 * rows + 0.5)
     title = "Best trajectories found, over all optimizers and runs (sideways stretched)"
-    _finish_paths(figure, panels, len(legs), title, equal=False)
-    _add_bar(figure, panels, lines)
+    return _paths_figure([paths(leg) for leg in findings.searched], size_in, title, equal=False)
+
+
+def _paths_figure(
+    each: Sequence[Paths], size_in: tuple[float, float], title: str, *, equal: bool = True
+) -> "Figure":
+    figure, panels = new_figure(*grid_of(len(each)), size_in)
+    for panel, (name, *paths) in zip(panels, each, strict=False):
+        lines = _draw_paths(panel, *paths)
+        panel.set_title(name, fontsize=9)
+    _finish_paths(figure, panels, len(each), title, equal=equal)
+    bar = figure.colorbar(lines, ax=panels, shrink=0.8, pad=0.01, extend="both")
+    bar.set_label("deviation at the end", fontsize=9)
+    bar.set_ticks(list(LEGEND_M), labels=["1 cm", "2.5 cm", "10 cm", "30 cm", "1 m", "3 m"])
+    bar.minorticks_off()
     return figure
 
 
@@ -118,7 +131,7 @@ def _points(landscape: Landscape, row: int) -> FloatArray:
 
 
 def _draw_paths(
-    panel: "Axes", landscape: Landscape, rows: "np.ndarray[Any, Any]", widths: "FloatArray | float" = 0.9
+    panel: "Axes", landscape: Landscape, rows: "np.ndarray[Any, Any]", widths: "FloatArray | float"
 ) -> Any:
     """Draw the paths of some rows, the best on top and invalid ones grey; return what a colour bar needs."""
     from matplotlib.collections import LineCollection
@@ -163,17 +176,10 @@ def _size_in(landscapes: list[Landscape], rows: int, columns: int) -> tuple[floa
     return PANEL_IN * columns + BAR_IN + 0.4, (panel_in + 0.35) * rows + 0.6
 
 
-def _add_bar(figure: "Figure", panels: "list[Axes]", lines: Any) -> None:
-    bar = figure.colorbar(lines, ax=panels, shrink=0.8, pad=0.01, extend="both")
-    bar.set_label("deviation at the end", fontsize=9)
-    bar.set_ticks(list(LEGEND_M), labels=["1 cm", "2.5 cm", "10 cm", "30 cm", "1 m", "3 m"])
-    bar.minorticks_off()
-
-
 def _finish_paths(
     figure: "Figure", panels: "list[Axes]", used: int, title: str, *, equal: bool = True
 ) -> None:
-    """Give all panels the line of travel and labels, and equal scales unless told otherwise."""
+    """Give all panels the line of travel and labels, and by default equal scales."""
     for panel in panels[:used]:
         panel.axhline(0, color=hex_color(LINE_COLOR), linewidth=0.8, zorder=0)
         panel.plot(0, 0, "o", color=hex_color(LINE_COLOR), markersize=4)

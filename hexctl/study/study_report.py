@@ -14,7 +14,7 @@ from hexctl.study.evidence import EARLY, EARLY_M, LATE, LATE_M, Claim, cm, limit
 from hexctl.study.experiment import plain
 from hexctl.study.frames import json_value, records, where
 from hexctl.study.landscape import NUMBERS, Landscape
-from hexctl.study.report_page import Block, Bullets, Fold, Picture, Section, Table, markdown, reading, texts
+from hexctl.study.report_page import Block, Bullets, Fold, Picture, Section, Table, reading, texts
 from hexctl.study.searches import ALL, FRESH, NULL_DRAWS, PAPER, Findings
 from hexctl.study.study_settings import BASELINE
 from hexctl.study.versions import code_versions
@@ -197,11 +197,6 @@ def assumptions() -> Table:
     header = ("to decide", "the paper", "hexctl", "read otherwise")
     *rows, last = (list(one.values()) for one in texts("assumptions"))
     return Table(header, [*rows, [*last[:-1], f"{last[-1]} {_uncertainty_text()}"]])
-
-
-def assumptions_markdown() -> str:
-    """Return the assumptions as a table in Markdown, as in docs/assumptions.md."""
-    return "\n".join(markdown(assumptions())) + "\n"
 
 
 def _uncertainty_text() -> str:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -98,17 +99,8 @@ def _all_ends(findings: Findings, legs: Sequence[int]) -> str:
     return "on the left of all gaits, valid or not: " + (", ".join(shares) or "no such leg")
 
 
-def veers_left(findings: Findings) -> Claim:
-    """Claim about legs 2 and 3."""
-    return _side(findings, (2, 3), "left")
-
-
-def veers_right(findings: Findings) -> Claim:
-    """Claim about legs 5 and 6."""
-    return _side(findings, (5, 6), "right")
-
-
-def _side(findings: Findings, legs: Sequence[int], side: str) -> Claim:
+def veers(findings: Findings, legs: Sequence[int], side: str) -> Claim:
+    """Claim about legs after whose failure the robot goes to one side."""
     legs = [leg for leg in legs if leg in findings.plan.legs]
     others = ", ".join(str(8 - leg) for leg in legs)
     mirrored = legs and all(_mirrored(findings, leg, 8 - leg) for leg in legs)
@@ -136,7 +128,7 @@ def goes_both_ways(findings: Findings) -> Claim:
     if legs and all(_mirrored(findings, leg, leg) for leg in legs):
         symmetric = "robot and world are their own mirror image with this leg failed"
         if not verdict.not_judged:
-            verdict = Verdict(no_evidence="the mirror symmetry alone implies it")
+            verdict = Verdict(no_evidence="the mirror symmetry implies it")
     return make_claim(
         "both sides",
         measures_text(measures, lambda share: f"{share:.0%} left", tolerance),
@@ -205,7 +197,7 @@ def experiment_text(group: Sequence[int]) -> str:
 def rotation_helps(findings: Findings) -> Claim:
     """Claim about the gaits near the line after the self-rotation, compared with the same gaits without it.
 
-    Some of 120 gaits end near the line by chance: their number alone says nothing about the self-rotation.
+    Some of 120 gaits end near the line by chance: only their number says nothing about the self-rotation.
     """
     enough, more = Tolerance(low=1.0), Tolerance(low=MORE)
     after = [_near(findings, group) for group in findings.experiments]
@@ -264,7 +256,7 @@ def _gain(near: Sequence[Sequence[tuple[int, int]]]) -> Measure:
 
 
 def expected_within(landscape: Landscape, limit_m: float) -> float:
-    """Expected number of valid gaits within a distance of the line, if chance alone placed them.
+    """Expected number of valid gaits within a distance of the line, if only chance placed them.
 
     Half of them end within the median; spread evenly up to it, limit / median of that half are within the
     limit. 0 without a valid gait.
@@ -276,4 +268,10 @@ def expected_within(landscape: Landscape, limit_m: float) -> float:
 
 
 #: Claims about the robot.
-OF_WALKS = (veers_left, veers_right, goes_both_ways, rotation_straightens, rotation_helps)
+OF_WALKS: tuple[Callable[[Findings], Claim], ...] = (
+    partial(veers, legs=(2, 3), side="left"),
+    partial(veers, legs=(5, 6), side="right"),
+    goes_both_ways,
+    rotation_straightens,
+    rotation_helps,
+)

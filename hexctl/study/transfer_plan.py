@@ -215,7 +215,7 @@ class TransferPlan(TransferSettings, Experiment[TransferFound]):
         """Return the figures of the report."""
         here = "Red lines: 10 cm and 2.5 cm. The scale is logarithmic."
         seconds = np.linspace(0, self.budget * self.duration_s, SECONDS + 1)[1:]
-        over = {
+        over: dict[str, tuple[str, Callable[[DataFrame], DataFrame]]] = {
             "trials": ("trials", curve_of),
             "seconds": ("seconds walked", partial(by_seconds, seconds=seconds)),
         }

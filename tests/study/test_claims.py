@@ -97,7 +97,7 @@ def test_a_number_that_is_missed_on_the_good_side_is_missed(good: Findings) -> N
 
 def test_what_symmetry_implies_is_no_evidence(good: Findings) -> None:
     both = named(good, "both")
-    assert both.verdict == "no evidence: the mirror symmetry alone implies it"
+    assert both.verdict == "no evidence: the mirror symmetry implies it"
     assert "one vote" in named(good, "right").symmetric
     assert "legs 1, 2, 3, 4, 5, 6 (one experiment)" in named(good, "rotation").measured
 

@@ -194,7 +194,9 @@ class RecoveryPlan(HeldOutExperiment):
             methods = self.methods if protocol in self.protocols else ()
             sets = report.rule_shares(some, methods, "leg_set", some["leg_set"].unique())
             values[protocol] = report.rule_shares(some, methods, "n_legs", counts)
-            values[f"{protocol}_sets"] = [one | {"legs": report.legs_of(one["legs"])} for one in sets]
+            values[f"{protocol}_sets"] = [
+                one | {"legs": [int(leg) for leg in one["legs"].split(" and ")]} for one in sets
+            ]
         return values
 
     def lines(self, found: "DataFrame") -> list[str]:

@@ -174,11 +174,6 @@ def recovering(rows: "DataFrame") -> set[Any]:
     return set(shares.index[shares >= 0.5])
 
 
-def legs_of(leg_set: str) -> list[int]:
-    """Return the numbers of the legs of a set."""
-    return [int(leg) for leg in leg_set.split(" and ")]
-
-
 def counted(count: int, of: int) -> str:
     """Text of a count, its share, and the interval of that."""
     if not of:
@@ -375,7 +370,7 @@ def _rule_bars(rows: "DataFrame") -> Iterator[Bar]:
 
 
 def _second_bars(rows: "DataFrame") -> Iterator[Bar]:
-    """Of the pairs that recover when told, those that recover by themselves."""
+    """Of the pairs that recover by the oracle, those that recover by themselves."""
     second = rows[rows["protocol"] == "second"]
     told, judged = (second[second["method"] == method] for method in (TOLD, JUDGED))
     if not len(told):
