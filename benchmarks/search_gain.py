@@ -26,7 +26,7 @@ from hexctl.control.assessment.static_stability import stable_slots_of, usual_po
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.study.held_out import with_sensors
-from hexctl.study.landscapes.landscape import Landscape, LandscapeSpec
+from hexctl.study.landscape import Landscape, LandscapeSpec
 from hexctl.study.walk_cache import FOLDER, WalkCache
 from hexctl.study.walking import evaluate
 from hexctl.types import N_LEGS, FloatArray

@@ -14,7 +14,7 @@ from hexctl.control.trial import run_trial
 from hexctl.control.trial_result import TrialResult
 from hexctl.robot.loader import load_robot
 from hexctl.robot.rotations import about_z, wrapped_rad, yaw_rad
-from hexctl.study.holds.hold_walks import HoldCase, HoldPlace
+from hexctl.study.hold_walks import HoldCase, HoldPlace
 from hexctl.types import RobotState
 from hexctl.vision.detection.camera import Camera, place_camera
 from hexctl.vision.detection.floor import averaged_corners

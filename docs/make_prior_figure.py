@@ -20,9 +20,9 @@ from hexctl.backends.sim.world import load_world
 from hexctl.control.assessment.score import progress_floor_m
 from hexctl.palette import BEST_COLOR, LINE_COLOR, hex_color
 from hexctl.robot.loader import load_robot
-from hexctl.study.landscapes.landscape import Landscape, LandscapeSpec
-from hexctl.study.reports.figure_style import label_axes, new_figure
-from hexctl.study.transfer.transfer_searches import walk_of
+from hexctl.study.figure_style import label_axes, new_figure
+from hexctl.study.landscape import Landscape, LandscapeSpec
+from hexctl.study.transfer_searches import walk_of
 from hexctl.study.walk_cache import WalkCache
 from hexctl.study.walking import evaluate
 

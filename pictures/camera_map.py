@@ -7,7 +7,7 @@ import numpy as np
 
 from benchmarks.see import SEED
 from benchmarks.see_floor import FLOOR_TAGS, HALF_FLOOR_M, floor_errors
-from hexctl.study.reports.figure_style import new_figure
+from hexctl.study.figure_style import new_figure
 from hexctl.vision.twin.twin_camera import CAMERA, WEBCAM
 from pictures.picture import Picture
 

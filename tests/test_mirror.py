@@ -31,9 +31,8 @@ TOGETHER = {
     "server/test_link_faults.py",
     "server/test_lockout.py",
     "server/test_soak.py",
-    "server/test_steered_link.py",
     "server/test_standstill.py",
-    "study/transfer/test_benchmark.py",
+    "server/test_steered_link.py",
 }
 
 

@@ -22,7 +22,7 @@ CEILINGS = {
     "runs": 1_080,
     "server": 4_450,
     "simulators": 2_330,
-    "study": 8_850,
+    "study": 8_460,
     "teleop": 1_980,
     "testing": 560,
     "vision": 6_420,

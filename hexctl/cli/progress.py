@@ -14,7 +14,7 @@ from hexctl.signals import ending_signals
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-    from hexctl.study.planned_work import PlannedWork, ResultT
+    from hexctl.study.plan import PlannedWork, ResultT
     from hexctl.study.walk_cache import WalkCache
 
 

@@ -1,4 +1,4 @@
-"""The paper's experiments: landscapes of all gaits, convergence of all optimizers, one report.
+"""Experiments with many simulated walks, and the priors and repertoires that such walks make.
 
-`hexctl.study.planned_study` plans what options ask for; `hexctl.study.study` runs it.
+`hexctl.study.planned_study` and `hexctl.study.planned_prior` plan what options ask for.
 """

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 from hexctl.errors import InputError, argument
 from hexctl.files import atomic_write
-from hexctl.study.landscapes.landscape import Landscape, LandscapeSpec
-from hexctl.study.landscapes.versions import code_versions
+from hexctl.study.figure_style import check_drawing, save_figure
+from hexctl.study.landscape import Landscape, LandscapeSpec
 from hexctl.study.plan import Plan
-from hexctl.study.reports.figure_style import check_drawing, save_figure
-from hexctl.study.reports.report_page import Picture, Section, render_page
+from hexctl.study.report_page import Picture, Section, render_page
+from hexctl.study.versions import code_versions
 from hexctl.study.walk_cache import WalkCache, Walked
 from hexctl.study.walking import Progress, Silent, check_jobs, evaluate, walk_all
 
@@ -182,7 +182,7 @@ class Experiment(Plan, Generic[FoundT]):
         """Write tables, figures and the page into a folder; returns the path of the page."""
         tables = self.tables(found)
         for name, table in tables.items():
-            _write_table(table, folder / f"{name}.parquet")
+            table.to_parquet(folder / f"{name}.parquet", index=False)
         for name, text in self.texts(found).items():
             atomic_write(folder / name, text)
         pictures = _draw(self.drawings(found), folder, progress or Silent())
@@ -193,15 +193,6 @@ class Experiment(Plan, Generic[FoundT]):
         page = render_page(self.TITLE, self.HEADING, [*self.sections(found, pictures), last])
         atomic_write(folder / self.REPORT, page)
         return folder / self.REPORT
-
-
-def _write_table(table: "DataFrame", path: Path) -> None:
-    """Write a table of data, or an Arrow table, without an index."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    columns = table if isinstance(table, pa.Table) else pa.Table.from_pandas(table, preserve_index=False)
-    pq.write_table(columns, path)
 
 
 def _draw(drawings: Sequence[Drawing], folder: Path, progress: Progress) -> dict[str, Picture]:

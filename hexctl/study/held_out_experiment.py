@@ -7,18 +7,18 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
-from hexctl.backends.sim.world import MAX_MEMBERS, DomainRandomization, World
+from hexctl.backends.sim.world import MAX_MEMBERS, DomainRandomization
 from hexctl.control.trial_plan import DURATION_S
 from hexctl.options import Range, Typed
 from hexctl.robot.model import Robot
+from hexctl.study.evidence import Bar, bar_lines, bar_table, clustered_error, mean
 from hexctl.study.experiment import Experiment, Work, plain
+from hexctl.study.frames import json_value
 from hexctl.study.held_out import SENSORS, members, with_sensors
-from hexctl.study.landscapes.versions import code_versions
 from hexctl.study.plan import check_legs, check_setting
-from hexctl.study.reports.report_page import Picture, Section, Table
-from hexctl.study.reports.texts import reading
+from hexctl.study.report_page import Picture, Section, Table, reading
 from hexctl.study.study_options import ALL_LEGS, WORLDS
-from hexctl.study.verdicts.claim_evidence import Bar, bar_lines, number
+from hexctl.study.versions import code_versions
 from hexctl.study.walk_cache import Walked
 from hexctl.types import FloatArray
 
@@ -33,7 +33,10 @@ Columns = Mapping[str, Callable[[Record], str]]
 
 
 def frame_of(walked: Walked, walks: Sequence[Sequence[Any]]) -> "DataFrame":
-    """Return a row for each walk: the columns of its place, its case and its outcome."""
+    """Return a row for each walk: the columns of its place, its case and its outcome.
+
+    Column `place` is the name of the world, by which standard errors are clustered.
+    """
     from pandas import DataFrame
 
     rows = [
@@ -41,17 +44,7 @@ def frame_of(walked: Walked, walks: Sequence[Sequence[Any]]) -> "DataFrame":
         for (place, _), some in zip(walked, walks, strict=True)
         for walk in some
     ]
-    return DataFrame(rows)
-
-
-def world_names(rows: "DataFrame") -> Any:
-    """Return the name of each row's world, by which standard errors are clustered."""
-    return rows["family"] + ":" + rows["world"].astype(str)
-
-
-def mean(values: FloatArray) -> float:
-    """Mean of values; NaN without any."""
-    return float(values.mean()) if values.size else float("nan")
+    return DataFrame({**row, "place": f"{row['family']}:{row['world']}"} for row in rows)
 
 
 def percentile(values: FloatArray, percent: float) -> float:
@@ -59,6 +52,34 @@ def percentile(values: FloatArray, percent: float) -> float:
     if not values.size:
         return float("nan")
     return float(np.percentile(values, percent, method="linear" if np.isfinite(values).all() else "higher"))
+
+
+def mean_with_error(rows: "DataFrame", column: str) -> tuple[float, float]:
+    """Return the mean of a column, NaN left out, and its standard error over worlds; NaN for one world."""
+    known = np.isfinite(rows[column].to_numpy(float))
+    values, worlds = rows[column].to_numpy(float)[known], rows["place"].to_numpy()[known]
+    return mean(values), float(clustered_error(values, worlds))
+
+
+def end_statistics(rows: "DataFrame", percent: int) -> Record:
+    """Return statistics of the ends of walks, among them a percentile.
+
+    Walks that fell, diverged or were stopped have no `final_m` (NaN); those without progress have.
+    """
+    ends = rows[rows["final_m"].notna()]
+    final_m, (mean_m, mean_error_m) = ends["final_m"].to_numpy(float), mean_with_error(rows, "final_m")
+    fell = int((rows["status"] == "fell").sum())
+    return {
+        "worlds": int(rows["place"].nunique()),
+        "mean_m": mean_m,
+        "mean_error_m": mean_error_m,
+        f"p{percent}_m": percentile(final_m, percent),
+        "max_m": percentile(final_m, 100),
+        f"way_p{percent}_m": percentile(ends["way_m"].to_numpy(float), percent),
+        "no_progress": int((rows["status"] == "no_progress").sum()),
+        "fell": fell,
+        "others": len(rows) - len(ends) - fell,
+    }
 
 
 def worlds_text(walks: int, worlds: int) -> str:
@@ -73,22 +94,16 @@ def groups(rows: "DataFrame", divisions: Mapping[str, str]) -> Iterator[tuple[st
             yield division, str(name), some
 
 
-def table_of(records: Sequence[Record], columns: Columns) -> Table:
-    """Return the table of some records."""
-    rows = [[one["group"], *(text(one) for text in columns.values())] for one in records]
-    return Table(["", *columns], rows)
-
-
 @dataclass(frozen=True, kw_only=True)
 class HeldOutExperiment(Experiment["DataFrame"]):
     """Settings of an experiment whose walks are compared in held-out worlds.
 
     Attributes:
-        failures: how each of them fails, as `parse_kind` reads it; intact robots walk as well.
+        failures: how each of the legs fails, as `parse_kind` reads it; intact robots walk as well.
         exact_sensors: whether worlds keep the sensors that their family gives them, instead of `SENSORS`.
     """
 
-    #: Column by whose values walks are compared, and the columns of the tables.
+    #: Column by whose values walks are compared, and the columns of the tables, the first one the group.
     BY: ClassVar[str]
     COLUMNS: ClassVar[Columns]
 
@@ -104,11 +119,8 @@ class HeldOutExperiment(Experiment["DataFrame"]):
     def members(self) -> Iterator[dict[str, Any]]:
         """Return the fields of the place of each robot in each world."""
         for one in members(self.robots, self.families, self.first_world, self.worlds):
-            yield one | {"world": self.sensed(one["world"]), "duration_s": self.duration_s}
-
-    def sensed(self, world: World) -> World:
-        """Return a world with the sensors that are asked for."""
-        return world if self.exact_sensors else with_sensors(world)
+            world = one["world"] if self.exact_sensors else with_sensors(one["world"])
+            yield one | {"world": world, "duration_s": self.duration_s}
 
     def check(self) -> None:
         """Raise InputError for settings that are not allowed, before anything runs."""
@@ -127,7 +139,7 @@ class HeldOutExperiment(Experiment["DataFrame"]):
     @staticmethod
     @abstractmethod
     def columns(rows: "DataFrame") -> "DataFrame":
-        """Return the walks with what is derived from them."""
+        """Return the walks with columns that are derived from others."""
 
     @staticmethod
     @abstractmethod
@@ -139,6 +151,10 @@ class HeldOutExperiment(Experiment["DataFrame"]):
     def summary(rows: "DataFrame") -> Record:
         """Return the statistics of some walks."""
 
+    @abstractmethod
+    def bars(self, rows: "DataFrame") -> list[Bar]:
+        """Return the bars that the walks are to reach."""
+
     def statistics(self, rows: "DataFrame") -> list[Record]:
         """Return the statistics of each group of walks, for each of the values that are compared."""
         return [
@@ -147,24 +163,18 @@ class HeldOutExperiment(Experiment["DataFrame"]):
             for value in getattr(self, f"{self.BY}s")
         ]
 
-    @abstractmethod
-    def bars(self, rows: "DataFrame") -> list[Bar]:
-        """Return the bars that the walks are to reach."""
-
     def numbers(self, found: "DataFrame") -> dict[str, Any]:
         """Return settings and results as plain JSON values."""
-        names = ("first_world", "worlds", "legs", "failures", "duration_s")
         return {
             "robots": [robot.name for robot in self.robots],
             "families": list(self.families),
-            **plain(self, *names),
+            **plain(self, "first_world", "worlds", "legs", "failures", "duration_s"),
             "sensors": None if self.exact_sensors else SENSORS,
             "code": code_versions(),
             "walks": len(found),
             "bars": [bar.as_json() for bar in self.bars(found)],
             "statistics": [
-                {name: number(value) if isinstance(value, float) else value for name, value in one.items()}
-                for one in self.statistics(found)
+                {name: json_value(value) for name, value in one.items()} for one in self.statistics(found)
             ],
         }
 
@@ -183,9 +193,13 @@ class HeldOutExperiment(Experiment["DataFrame"]):
             f"{', '.join(robot.name for robot in self.robots)}; worlds {self.first_world} to "
             f"{self.first_world + self.worlds - 1} of {' and '.join(self.families)}; legs "
             f"{', '.join(map(str, self.legs))}, each {', '.join(self.failures)}, and intact robots; "
-            f"{walks} walks of "
-            f"{self.duration_s:g} s. {sensors}"
+            f"{walks} walks of {self.duration_s:g} s. {sensors}"
         )
+
+    def figure_title(self, rows: "DataFrame", what: str = "") -> str:
+        """Return robots, number of worlds and duration of some walks in words."""
+        robots, worlds = ", ".join(robot.name for robot in self.robots), rows["place"].nunique()
+        return f"{robots}{what}, {worlds} held-out world{'s' * (worlds != 1)}, {self.duration_s:g} s"
 
     def remarks(self, found: "DataFrame") -> list[str]:
         """Return further texts at the head of the report."""
@@ -194,8 +208,7 @@ class HeldOutExperiment(Experiment["DataFrame"]):
     def sections(self, found: "DataFrame", pictures: Mapping[str, Picture]) -> Iterator[Section]:
         """Return the parts of the report: settings, bars, figures, and a table for each division."""
         yield Section("", [self.settings_text(len(found)), *self.remarks(found)])
-        rows = [(bar.asked, bar.measured, bar.verdict) for bar in self.bars(found)]
-        yield Section("Bars", [Table(("asked", "measured", "verdict"), rows)])
+        yield Section("Bars", [bar_table(self.bars(found))])
         yield reading(self.NAME)
         if pictures:
             yield Section("Where walks end", list(pictures.values()))
@@ -203,4 +216,4 @@ class HeldOutExperiment(Experiment["DataFrame"]):
         for division in dict.fromkeys(one["division"] for one in records):
             some = [one for one in records if one["division"] == division]
             title = "All" if division == "all" else f"By {division}"
-            yield Section(title, [table_of(some, self.COLUMNS)])
+            yield Section(title, [Table.of(some, self.COLUMNS)])

@@ -1,18 +1,21 @@
-"""What a plan of simulations is: settings that are checked, and the walks that they ask for."""
+"""Plans of simulations: settings that are checked, and the walks that they ask for."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Generic, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from hexctl.backends.sim.world import DomainRandomization
 from hexctl.control.batch import SimTrial
 from hexctl.control.walks.turning import check_plan
 from hexctl.errors import InputError, LimitError, ReachError, argument, check_type
 from hexctl.options import Typed, check_fields, flag_name
-from hexctl.study.landscapes.landscape import LandscapeSpec
-from hexctl.study.walk_cache import Walked
+from hexctl.study.landscape import LandscapeSpec
+from hexctl.study.walk_cache import WalkCache, Walked
+from hexctl.study.walking import Progress
 from hexctl.types import N_LEGS
+
+ResultT = TypeVar("ResultT")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,6 +38,21 @@ class Plan(ABC):
     def check(self) -> None:
         """Raise InputError for settings that are not allowed, before anything runs."""
         check_lists(self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LandscapePlan(Plan):
+    """Settings of simulations of landscapes."""
+
+    UNIT: ClassVar[str] = "gaits"
+
+    @abstractmethod
+    def specs(self) -> list[LandscapeSpec]:
+        """Return the specs of all landscapes."""
+
+    def walked(self) -> Walked:
+        """Return the gaits to walk, landscape by landscape."""
+        return [(spec, spec.codes) for spec in self.specs()]
 
 
 def check_lists(plan: Any) -> None:
@@ -99,3 +117,33 @@ def _items(plan: Any) -> Iterable[tuple[str, type, Iterable[object]]]:
             item = get_args(kind)[-1 if get_origin(kind) is dict else 0]
             if isinstance(item, type):
                 yield field.name, item, value.values() if isinstance(value, dict) else value
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlannedWork(Generic[ResultT]):
+    """Simulations that are planned and not yet begun.
+
+    Attributes:
+        plan: a `Plan`, such as a `StudyPlan` or a `PriorPlan`.
+        begin: runs the plan, with a `cache` and a `progress`, and returns the result.
+    """
+
+    plan: Any
+    begin: Callable[..., ResultT]
+
+    def saved(self, cache: WalkCache) -> tuple[int, int]:
+        """Return how many walks of the plan a cache has, and how many there are."""
+        return cache.count(self.plan.walked())
+
+    def run(self, *, cache: WalkCache | None = None, progress: Progress | None = None) -> ResultT:
+        """Simulate what the cache lacks, and return the result.
+
+        Walks are saved while this runs: a call that was interrupted is continued by the next one.
+
+        Args:
+            cache: earlier walks; None is the one of the command line, `runs/study-cache`.
+            progress: observer.
+
+        Raises what `hexctl.study.experiment.Experiment.run` raises.
+        """
+        return self.begin(cache=cache, progress=progress)

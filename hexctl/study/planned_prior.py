@@ -11,10 +11,10 @@ from hexctl.errors import check_type
 from hexctl.options import listed
 from hexctl.robot.loader import load_robot
 from hexctl.settings import find_settings
-from hexctl.study.planned_work import PlannedWork
+from hexctl.study.plan import PlannedWork
 from hexctl.study.prior_building import PriorPlan, build_prior, prior_file_name
 from hexctl.study.prior_options import PriorOptions
-from hexctl.study.repertoire.repertoire_plan import RepertoirePlan, build_repertoire, repertoire_file_name
+from hexctl.study.repertoire_plan import RepertoirePlan, build_repertoire, repertoire_file_name
 
 Planned = PlannedWork[dict[str, Any]]
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
@@ -23,12 +23,12 @@ from hexctl.robot.failure import UNKNOWN
 from hexctl.robot.failure_grammar import parse_kind
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
-from hexctl.study.landscapes.landscape import Landscape, LandscapeSpec
-from hexctl.study.landscapes.versions import code_versions
-from hexctl.study.plan import Plan, check_families, check_legs, check_setting, check_walks
+from hexctl.study.landscape import Landscape, LandscapeSpec
+from hexctl.study.plan import LandscapePlan, Plan, check_families, check_legs, check_setting, check_walks
 from hexctl.study.prior_options import PRIOR_DURATION_S, PriorHold, PriorOptions
 from hexctl.study.study_options import ALL_LEGS
-from hexctl.study.walk_cache import WalkCache, Walked
+from hexctl.study.versions import code_versions
+from hexctl.study.walk_cache import WalkCache
 from hexctl.study.walking import Progress, Silent, check_jobs, evaluate
 from hexctl.types import N_JOINTS, N_LEGS, FloatArray
 
@@ -51,7 +51,7 @@ WHOLE_S = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class PriorPlan(Plan):
+class PriorPlan(LandscapePlan):
     """Settings of one prior.
 
     Attributes:
@@ -61,8 +61,6 @@ class PriorPlan(Plan):
         posture: of the gaits, one of `hexctl.control.assessment.static_stability.POSTURES`; None is the one
             that sessions under the hold have.
     """
-
-    UNIT: ClassVar[str] = "gaits"
 
     robot: Robot
     family: DomainRandomization
@@ -110,10 +108,6 @@ class PriorPlan(Plan):
             )
             for index, (world, miss_deg) in enumerate(zip(worlds, misses_deg, strict=True))
         ]
-
-    def walked(self) -> Walked:
-        """Return the gaits to walk, landscape by landscape."""
-        return [(spec, spec.codes) for spec in self.specs()]
 
     def trial_plan(self) -> TrialPlan:
         """Trial of a session that the prior is for, self-rotation included, with the gait `demo`."""
@@ -250,6 +244,11 @@ def deflections_of(plan: PriorPlan, on_stance: Callable[[], None] = lambda: None
     return np.array([[one(spec) for spec in specs if spec.leg == leg] for leg in plan.legs])
 
 
+def _by_leg(plan: PriorPlan, landscapes: Sequence[Landscape], values: Callable[[Landscape], Any]) -> Any:
+    """Values of each landscape, (legs, worlds, ...)."""
+    return np.array([[values(one) for one in landscapes if one.spec.leg == leg] for leg in plan.legs])
+
+
 def prior_of(
     plan: PriorPlan, landscapes: Sequence[Landscape], deflections_rad: FloatArray | None = None
 ) -> Prior:
@@ -258,32 +257,29 @@ def prior_of(
     Args:
         plan: its settings.
         landscapes: complete and in the order of `plan.specs()`.
-        deflections_rad: static deflections in the stance, (legs, worlds, 18), where known.
+        deflections_rad: static deflections in the stance, (legs, worlds, 18), if known.
     """
-    by_leg = [[one for one in landscapes if one.spec.leg == leg] for leg in plan.legs]
-    paths = np.array([[checkpoints_of(one) for one in some] for some in by_leg])
-    yaws = np.array([[one.number("yaw_change_rad") for one in some] for some in by_leg])
-    finished = np.isfinite(paths[..., -1, 0])
+    paths = _by_leg(plan, landscapes, checkpoints_of)
+    yaws = _by_leg(plan, landscapes, lambda one: one.number("yaw_change_rad"))
     return Prior(
         key=plan.key,
         legs=plan.legs,
         origin=_origin(plan),
         signed_m=paths[..., 1],
         progress_m=paths[..., 0],
-        yaw_rad=np.where(finished, yaws, np.nan),
+        yaw_rad=np.where(np.isfinite(paths[..., -1, 0]), yaws, np.nan),
         sag_rad=deflections_rad,
     )
 
 
 def score_prior_of(plan: PriorPlan, landscapes: Sequence[Landscape]) -> ScorePrior:
     """Prior of a plan under a hold; landscapes are complete and in the order of `plan.specs()`."""
-    by_leg = [[one for one in landscapes if one.spec.leg == leg] for leg in plan.legs]
     return ScorePrior(
         key=plan.key,
         legs=plan.legs,
         origin=_origin(plan),
-        log_scores=np.array([[log_scores_of(one) for one in some] for some in by_leg]),
-        valid=np.array([[one.valid for one in some] for some in by_leg]),
+        log_scores=_by_leg(plan, landscapes, log_scores_of),
+        valid=_by_leg(plan, landscapes, lambda one: one.valid),
     )
 
 

@@ -9,8 +9,7 @@ from hexctl.control.trial_plan import SelfRotation
 from hexctl.errors import argument
 from hexctl.options import RARE, Panel, Range, Typed, check_fields, check_used, listed
 from hexctl.robot.failure_grammar import parse_legs
-from hexctl.study.compute_options import ComputeOptions
-from hexctl.study.study_options import ALL_LEGS
+from hexctl.study.study_options import ALL_LEGS, ComputeOptions
 
 PriorHold = Literal["none", "heading", "line"]
 

@@ -1,4 +1,4 @@
-"""Options of a study."""
+"""Options of a study, and of what simulates it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,11 +11,11 @@ from hexctl.control.trial_plan import DURATION_S, SelfRotation
 from hexctl.errors import InputError, argument
 from hexctl.options import RARE, Panel, Range, Typed, check_fields, check_used, listed
 from hexctl.robot.failure_grammar import parse_legs
-from hexctl.study.compute_options import ComputeOptions
 from hexctl.types import N_LEGS
 
 ALL_LEGS = tuple(range(1, N_LEGS + 1))
 
+JOBS = Range(low=1, high=1024, whole=True)
 RUNS = Range(low=1, high=999, whole=True)
 BUDGET = Range(low=1, high=10_000, whole=True)
 WORLDS = Range(low=1, high=1000, whole=True)
@@ -57,6 +57,19 @@ def _time_steps(text: str) -> tuple[float, ...]:
         if abs(round(TICK_MS / step_ms) * step_ms - TICK_MS) > 1e-6:
             raise ValueError(f"got {step_ms:g}; allowed: {TICK_MS} ms divided by a whole number")
     return steps_ms
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ComputeOptions:
+    """On what studies and priors are simulated."""
+
+    PANEL: ClassVar = "Computer"
+
+    jobs: Annotated[int | None, JOBS, RARE] = None
+    """Threads that simulate, {}. (default: all cores; with --dask 1)"""
+
+    dask: Annotated[str | None, RARE] = None
+    """Address of a Dask scheduler whose workers simulate: tcp://HOST:PORT. (default: this computer)"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

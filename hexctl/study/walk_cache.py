@@ -15,10 +15,11 @@ from typing import Any, ClassVar, Generic, Protocol, TypeVar
 from pydantic import ConfigDict, TypeAdapter
 
 from hexctl.backends.sim.world import World
+from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.errors import HexctlError
 from hexctl.files import atomic_write, damage_reason
 from hexctl.robot.model import Robot
-from hexctl.study.landscapes.versions import code_versions, source_digest
+from hexctl.study.versions import code_versions, source_digest
 
 #: Folder of the commands' cache, below the working directory.
 FOLDER = Path("runs/study-cache")
@@ -58,8 +59,8 @@ class Place(ABC, Generic[CaseT, WalkT]):
     robot: Robot
     world: World
 
-    #: Class of the walks.
-    WALK: ClassVar[type]
+    #: Class of the walks, which its `of` makes of a case, the trial and the result.
+    WALK: ClassVar[Any]
 
     @property
     @abstractmethod
@@ -76,8 +77,14 @@ class Place(ABC, Generic[CaseT, WalkT]):
         """Return plain JSON values that decide a walk apart from robot, world, code and case."""
 
     @abstractmethod
+    def trial(self, case: CaseT) -> SimTrial:
+        """Return the trial of a case."""
+
     def walk(self, cases: Sequence[CaseT], threads: int = 1) -> list[WalkT]:
         """Simulate some cases together."""
+        trials = [self.trial(case) for case in cases]
+        results = run_sim_trials(trials, threads)
+        return [self.WALK.of(*one) for one in zip(cases, trials, results, strict=True)]
 
     def chunks(self, cases: Sequence[CaseT]) -> Iterator[tuple[CaseT, ...]]:
         """Divide cases into those that are simulated together."""

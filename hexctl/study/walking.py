@@ -11,9 +11,9 @@ from threading import enumerate as enumerate_threads
 from typing import Any, Protocol, TypeVar
 
 from hexctl.errors import InputError, MissingExtraError, RobotFaultError, argument
-from hexctl.study.compute_options import JOBS
-from hexctl.study.landscapes.landscape import Landscape, LandscapeSpec
-from hexctl.study.landscapes.versions import code_versions
+from hexctl.study.landscape import Landscape, LandscapeSpec
+from hexctl.study.study_options import JOBS
+from hexctl.study.versions import code_versions
 from hexctl.study.walk_cache import Place, WalkCache, Walked, distinct
 
 #: How long a Dask scheduler may take to answer.

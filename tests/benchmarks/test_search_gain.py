@@ -20,7 +20,7 @@ from benchmarks.search_gain import (
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.backends.sim.world import load_randomization
 from hexctl.control.assessment.static_stability import STAND_UP
-from hexctl.study.landscapes.landscape import NUMBERS, Landscape
+from hexctl.study.landscape import NUMBERS, Landscape
 from hexctl.types import FloatArray
 from tests.adapt.priors import made_up_score_prior
 from tests.robots import shipped

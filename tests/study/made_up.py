@@ -1,22 +1,23 @@
 """Landscapes for tests: made up in an instant, or really walked for a moment."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hexctl.backends.sim.world import World
-from hexctl.study.landscapes.landscape import (
+from hexctl.study.claims import claims_of
+from hexctl.study.evidence import StudyUncertainty
+from hexctl.study.frames import where
+from hexctl.study.landscape import (
     NUMBERS,
     Landscape,
     LandscapeSpec,
 )
 from hexctl.study.searches import Findings, search_all
 from hexctl.study.study_plan import StudyPlan
-from hexctl.study.verdicts.claims import claims_of
-from hexctl.study.verdicts.verdict_uncertainty import StudyUncertainty
 from hexctl.types import FloatArray
 from tests.robots import shipped
 
@@ -88,6 +89,16 @@ def made_up_findings(
     return search_all(plan, landscapes)
 
 
+def plan_of(findings: Findings) -> StudyPlan:
+    """Plan of a study with these findings."""
+    return StudyPlan(**{field.name: getattr(findings.plan, field.name) for field in fields(StudyPlan)})
+
+
+def best_m(findings: Findings, **which: object) -> FloatArray:
+    """Best scores so far of some runs in the first world, (runs, budget)."""
+    return np.stack(where(findings.found, **which)["best_m"].to_list())
+
+
 def judged(findings: Findings) -> Findings:
     """The same with the paper's claims and the simulation's own uncertainty."""
     plan = findings.plan
@@ -97,9 +108,9 @@ def judged(findings: Findings) -> Findings:
 
 def reported(findings: Findings, folder: Path) -> Path:
     """Report of findings, in a folder."""
-    return findings.plan.write(judged(findings), folder)
+    return plan_of(findings).write(judged(findings), folder)
 
 
 def summarised(findings: Findings) -> dict[str, Any]:
     """Findings as in `study.json`."""
-    return findings.plan.numbers(judged(findings))
+    return plan_of(findings).numbers(judged(findings))

@@ -5,7 +5,7 @@ from pathlib import Path
 from hexctl.study.planned_prior import planned_prior
 from hexctl.study.prior_building import PriorPlan
 from hexctl.study.prior_options import PriorOptions
-from hexctl.study.repertoire.repertoire_plan import RepertoirePlan
+from hexctl.study.repertoire_plan import RepertoirePlan
 
 
 def test_walks_that_hold_their_line_do_not_turn_before() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from hexctl.backends.sim.world import load_world
 from hexctl.errors import InputError
-from hexctl.study.holds.hold_plan import HoldPlan
+from hexctl.study.hold_plan import HoldPlan
 from hexctl.study.planned_study import planned_study
 from hexctl.study.recovery.recovery_plan import RecoveryPlan
 from hexctl.study.study_options import StudyOptions

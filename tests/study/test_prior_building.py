@@ -14,7 +14,7 @@ from hexctl.backends.sim.world import DomainRandomization, Kind, load_randomizat
 from hexctl.control.assessment.static_stability import STAND_UP, in_posture
 from hexctl.errors import InputError
 from hexctl.robot.failure import BROKEN_KINDS, Failure, drawn_failure
-from hexctl.study.landscapes.landscape import (
+from hexctl.study.landscape import (
     NUMBERS,
     Landscape,
     LandscapeSpec,
@@ -30,7 +30,7 @@ from hexctl.study.prior_building import (
     prior_of,
     score_prior_of,
 )
-from hexctl.study.transfer.transfer_searches import walk_of
+from hexctl.study.transfer_searches import walk_of
 from hexctl.types import FloatArray
 from tests.adapt.priors import key_of, plan_of
 from tests.robots import shipped

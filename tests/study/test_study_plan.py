@@ -6,7 +6,7 @@ from hexctl.backends.sim.world import load_randomization
 from hexctl.errors import InputError, WrongTypeError
 from hexctl.study.prior_building import PriorPlan
 from hexctl.study.study_plan import StudyPlan
-from hexctl.study.transfer.transfer_plan import TransferPlan
+from hexctl.study.transfer_plan import TransferPlan
 from tests.robots import shipped
 
 

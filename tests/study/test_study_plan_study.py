@@ -11,7 +11,7 @@ from hexctl.errors import InputError
 from hexctl.study.study_plan import StudyPlan
 from hexctl.study.walk_cache import WalkCache
 from tests.robots import shipped
-from tests.study.transfer.made_up import plan as transfer_plan
+from tests.study.made_up_transfer import plan as transfer_plan
 from tests.study.watching import Remembering
 
 

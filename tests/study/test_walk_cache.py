@@ -11,7 +11,8 @@ from typing import Any, ClassVar
 import pytest
 
 from hexctl.backends.sim.world import World
-from hexctl.study.landscapes import versions
+from hexctl.control.batch import SimTrial
+from hexctl.study import versions
 from hexctl.study.walk_cache import CacheError, Place, WalkCache
 from hexctl.study.walking import walk_all
 from tests.robots import shipped
@@ -64,6 +65,9 @@ class Park(Place[Case, Stroll]):
 
     def keeps(self, walk: Stroll) -> bool:
         return walk.case.legs != (6,)
+
+    def trial(self, case: Case) -> SimTrial:
+        raise NotImplementedError
 
     def walk(self, cases: Sequence[Case], threads: int = 1) -> list[Stroll]:
         assert not self.broken

@@ -13,8 +13,8 @@ from distributed import Client, LocalCluster
 
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.study import walking
-from hexctl.study.landscapes.landscape import Landscape
-from hexctl.study.landscapes.versions import code_versions
+from hexctl.study.landscape import Landscape
+from hexctl.study.versions import code_versions
 from hexctl.study.walk_cache import WalkCache
 from hexctl.study.walking import as_finished, dask_executor, evaluate, simulating
 from hexctl.waiting import comes_true
@@ -42,7 +42,7 @@ class KillsAWorker(Remembering):
 
 @pytest.fixture
 def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hexctl.study.landscapes.landscape.CHUNK_SIZE", 2)
+    monkeypatch.setattr("hexctl.study.landscape.CHUNK_SIZE", 2)
 
 
 @pytest.fixture(scope="module")

@@ -7,9 +7,9 @@ N keeps it there, and the mean load of its neighbours lets it lift off:
 
     dphi_i / dt = omega - sigma_1 N_i cos(phi_i) + sigma_2 cos(phi_i) mean_{j in L(i)} N_j
 
-With the first load alone it is the rule of quadrupeds (D. Owaki and A. Ishiguro, "A Quadruped Robot
+With only the first load it is the rule of quadrupeds (D. Owaki and A. Ishiguro, "A Quadruped Robot
 Exhibiting Spontaneous Gait Transitions from Walking to Trotting to Galloping", Scientific Reports 7:277,
-2017). Here L(i) are the two legs beside leg i, around the body; sigma is in multiples of omega, N of a third
+2017). Here L(i) are the two legs next to leg i, around the body; sigma is in multiples of omega, N of a third
 of the robot's weight. The middle of the stance is at u = 0 of the foot trajectory: cos(phi) = sin(2 pi u).
 """
 
@@ -34,7 +34,7 @@ LEAST_RATE, MOST_RATE = 0.0, 2.0
 #: Time constant over which loads are averaged, as a share of a cycle.
 LOAD_CYCLES = 0.05
 
-#: Legs that share the weight where the load counts as 1.
+#: Legs that share the weight if the load counts as 1.
 CARRYING = 3
 
 
@@ -74,8 +74,8 @@ def phase_rate(u: FloatArray, load: FloatArray) -> FloatArray:
         u: normalised times of the legs, leading shape + (6,).
         load: on each, 1 for a third of the robot's weight, leading shape + (6,).
     """
-    beside = (np.roll(load, 1, axis=-1) + np.roll(load, -1, axis=-1)) / 2
-    drive = NEIGHBOURS_LOAD * beside - OWN_LOAD * load
+    neighbours = (np.roll(load, 1, axis=-1) + np.roll(load, -1, axis=-1)) / 2
+    drive = NEIGHBOURS_LOAD * neighbours - OWN_LOAD * load
     return np.clip(1 + np.sin(2 * np.pi * u) * drive, LEAST_RATE, MOST_RATE)
 
 
@@ -93,9 +93,9 @@ class LegLoads:
         self._per_nm = 1 / (np.hypot(from_femur[:, 0], from_femur[:, 1]) * whole_n)
 
     def of(self, state: RobotState) -> FloatArray | None:
-        """Loads, 1 for a third of the weight, leading shape + (6,); None where nothing tells.
+        """Loads, 1 for a third of the weight, leading shape + (6,); None if nothing measures them.
 
-        By the torques of the femurs where they are known, else by the contacts of the feet.
+        By the torques of the femurs if they are known, else by the contacts of the feet.
         """
         if state.joint_torques_nm is not None:
             held_nm = np.maximum(0.0, -state.joint_torques_nm[..., 1::JOINTS_PER_LEG])

@@ -69,14 +69,14 @@ class RecoveryCase:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Episode:
-    """The outcome of one walk, by the simulation's true pose; NaN where it is not known.
+    """The outcome of one walk, by the simulation's true pose; NaN if it is not known.
 
     Attributes:
         case: what failed, and what the robot was to do about it.
         why: why it was stopped, or the likely cause of a walk without progress; None for neither.
         ideal_m_s: speed that is commanded before the failure.
         signed_m: deviation from the original line at the end, positive to the left.
-        way_m: greatest absolute deviation after the failure.
+        way_m: maximum absolute deviation after the failure.
         before_m_s: speed along the line over the second half of the time before the failure.
         after_m_s: speed from `LATER_S` after the failure on.
         last_m_s: speed over the last `RULE_S`.
@@ -185,7 +185,7 @@ class Track(ArrayFields):
 
     @classmethod
     def of(cls, result: TrialResult, gait: Gait) -> "Track":
-        """Track of a simulated walk with a gait; empty where there is none."""
+        """Track of a simulated walk with a gait; empty if there is none."""
         path_m = np.zeros((0, 2)) if result.true_path_m is None else result.true_path_m
         return cls(path_m, result.duration_s / max(1, len(path_m)), 1 / gait.pace_hz)
 
@@ -200,12 +200,12 @@ class Track(ArrayFields):
         return float(self.path_m[last, 0] - self.path_m[first, 0]) / ((last - first) * self.period_s)
 
     def way_m(self, from_s: float) -> float:
-        """Greatest absolute deviation from a time on."""
+        """Maximum absolute deviation from a time on."""
         rows = self.path_m[self._row(from_s) :, 1]
         return float(np.abs(rows).max()) if rows.size else math.nan
 
     def settled_s(self, at_s: float, later_m_s: float) -> float:
-        """Time until a speed is reached again, as `Episode.settled_s` has it; NaN where it never is."""
+        """Time until a speed is reached again, as `Episode.settled_s` has it; NaN if it never is."""
         half, first = max(1, self._row(self.cycle_s / 2)), self._row(at_s)
         if not later_m_s > 0 or first < half or first + half >= len(self.path_m):
             return math.nan
@@ -224,7 +224,7 @@ class Track(ArrayFields):
 class RecoveryPlace(HeldOutPlace[RecoveryCase, Episode]):
     """A robot in a world, under a protocol."""
 
-    WALK: ClassVar[type] = Episode
+    WALK: ClassVar[type[Episode]] = Episode
 
     protocol: str
     duration_s: float

@@ -1,8 +1,8 @@
-"""What robots do about failures that come while they walk: the methods that are compared."""
+"""Reactions of robots to failures during a walk: the methods that are compared."""
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -34,7 +34,7 @@ class Alarm:
         at_s: when, since the walk began.
         leg: accused leg, 1..6.
         kind: how it is said to fail.
-        joint: which joint alone; None for the whole leg.
+        joint: the failed joint; None for the entire leg.
         evidence: what it was noticed by.
     """
 
@@ -58,9 +58,9 @@ class Alarm:
 
 
 class RecoveryMethod(ABC):
-    """What a robot does about failures. One method leads any number of walks, in several threads.
+    """Reaction of a robot to failures. One method leads any number of walks, in several threads.
 
-    Methods of one's own are subclasses with a constructor without arguments, named `package.module:Class`.
+    Custom methods are subclasses with a constructor without arguments, named `package.module:Class`.
 
     Attributes:
         notices: whether its walks say what they notice (`Controller.noticed_failures`).
@@ -99,8 +99,8 @@ class RecoveryMethod(ABC):
         """
 
 
-class _Monitored(RecoveryMethod):
-    """Walks that a monitor watches."""
+class Monitored(RecoveryMethod):
+    """Walks that a monitor watches, and that do what a policy says about the failures it finds."""
 
     notices = True
 
@@ -108,37 +108,23 @@ class _Monitored(RecoveryMethod):
         self._make = recovering_walk(policy)
 
     def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
-        """The watched walks."""
+        """Return the watched walks."""
         return self._make(start)
 
 
-class Nothing(_Monitored):
-    """Walks on; what the monitor would have said is kept."""
-
-    def __init__(self) -> None:
-        super().__init__(WalkOn())
-
-
-class Recover(_Monitored):
-    """Notices by itself and glides to a gait for the legs that are left."""
-
-    def __init__(self) -> None:
-        super().__init__(GlideToStableGait())
-
-
 class Told(RecoveryMethod):
-    """An oracle: told leg and kind in the tick of the failure, it glides to the same gait as `Recover`."""
+    """An oracle: it gets leg and kind in the tick of the failure, then glides to the gait of `recover`."""
 
     def __init__(self) -> None:
         self._policy = GlideToStableGait()
 
     def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
-        """Walks that know what is to come."""
+        """Return walks that know what is to come."""
         return ToldWalk(start, self._policy, to_come)
 
 
 class ToldWalk(Controller):
-    """Walks of a batch that are told of failures as they come.
+    """Walks of a batch that learn of failures as they come.
 
     Args:
         start: the robots, ready to walk.
@@ -187,7 +173,7 @@ class ToldWalk(Controller):
 
 
 class StopDiagnose(RecoveryMethod):
-    """Stops at the monitor's alarm, makes the standing test, and walks on with what that has found."""
+    """Stops at the monitor's alarm, makes the standing test, and continues with its result."""
 
     notices = True
 
@@ -200,7 +186,7 @@ class StopDiagnose(RecoveryMethod):
 
 
 class OpenLoopBest(RecoveryMethod):
-    """The paper's way: told which leg it is, it walks on in open loop with the gait that trials have found.
+    """The paper's method: for the failed leg, it continues in open loop with the gait that trials have found.
 
     Args:
         tries: gaits that are tried before each walk.
@@ -239,16 +225,16 @@ class Decentralised(RecoveryMethod):
 
 
 #: Methods by name.
-METHODS: dict[str, type[RecoveryMethod]] = {
-    "nothing": Nothing,
+METHODS: dict[str, Callable[[], RecoveryMethod]] = {
+    "nothing": lambda: Monitored(WalkOn()),
     "told": Told,
-    "recover": Recover,
+    "recover": lambda: Monitored(GlideToStableGait()),
     "stop-diagnose": StopDiagnose,
     "decentralised": Decentralised,
     "open-loop-best": OpenLoopBest,
 }
 
-#: Those that are compared unless told otherwise.
+#: Methods that are compared by default.
 DEFAULT_METHODS = ("nothing", "told", "recover")
 
 #: What the others are compared with, and the oracle.
@@ -257,7 +243,7 @@ NOTHING, TOLD = "nothing", "told"
 
 @cache
 def method_of(name: str) -> RecoveryMethod:
-    """The method of a name of `METHODS`, or of one's own, `package.module:Class`.
+    """The method of a name of `METHODS`, or a custom one, `package.module:Class`.
 
     Raises InputError for anything else.
     """

@@ -78,12 +78,12 @@ def _badness(result: TrialResult) -> tuple[int, float]:
 
 
 class OpenLoopFromFailure(SteeredWalk):
-    """Walks along its line until it is told of a failure, and from then on in open loop.
+    """Walks along its line until it learns of a failure, and from then on in open loop.
 
     Args:
         start: the batch of robots, ready to walk.
         hold: `line` or `heading`, until then.
-        told_s: when each is told; infinity for never.
+        told_s: time at which each learns of it; infinity for never.
         gaits: with which each walks from then on.
     """
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
 from zlib import crc32
@@ -13,21 +14,20 @@ from hexctl.control.trial_plan import DURATION_S
 from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.options import Range, Typed
 from hexctl.robot.failure_grammar import parse_coming_kind
+from hexctl.study.evidence import Bar
 from hexctl.study.experiment import Drawing, plain
-from hexctl.study.held_out import FAILURES, INTACT
+from hexctl.study.frames import where
+from hexctl.study.held_out import FAILURES, INTACT, with_sensors
 from hexctl.study.held_out_experiment import (
     Columns,
     HeldOutExperiment,
-    Record,
-    table_of,
 )
 from hexctl.study.plan import check_each, check_families, check_setting, check_walkable
 from hexctl.study.recovery import recovery_report as report
 from hexctl.study.recovery.episodes import AUTO_GAIT, RecoveryCase, RecoveryPlace
 from hexctl.study.recovery.methods import DEFAULT_METHODS, NOTHING, method_of
-from hexctl.study.reports.report_page import Picture, Section, Table, markdown
+from hexctl.study.report_page import Picture, Section, Table, markdown
 from hexctl.study.study_options import RUNS
-from hexctl.study.verdicts.claim_evidence import Bar
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -51,6 +51,9 @@ FAULT_S = {LINE: 8.0, HEXAHEAL: 4.0, SECOND: 8.0}
 
 #: Time between the failures of two legs under `second`.
 APART_S = 10.0
+
+#: Numbers of legs that fail in a walk under the other protocols.
+COUNTS = {HEXAHEAL: (1, 2), SECOND: (2,)}
 
 #: Length of the walks under the other protocols, and how their legs fail.
 RULED_S, TORQUE_OFF = {HEXAHEAL: 14.0, SECOND: 36.0}, "limp"
@@ -104,7 +107,8 @@ class RecoveryPlan(HeldOutExperiment):
 
     def _even(self, protocol: str) -> Iterator[RecoveryPlace]:
         """Places of the runs on an even floor."""
-        world = self.sensed(load_world("flat"))
+        flat = load_world("flat")
+        world = flat if self.exact_sensors else with_sensors(flat)
         for robot in self.robots:
             for run in range(self.runs):
                 yield RecoveryPlace(
@@ -134,7 +138,7 @@ class RecoveryPlan(HeldOutExperiment):
         Each leg and each pair at once, or each pair in a row, in every other run the higher leg first.
         """
         in_a_row = place.protocol == SECOND
-        sets = [legs for count in ((2,) if in_a_row else (1, 2)) for legs in combinations(self.legs, count)]
+        sets = [legs for count in COUNTS[place.protocol] for legs in combinations(self.legs, count)]
         for gait in self.gaits:
             for legs in sets:
                 for case in self._by_methods(place, gait, legs, TORQUE_OFF):
@@ -183,40 +187,24 @@ class RecoveryPlan(HeldOutExperiment):
 
     def numbers(self, found: "DataFrame") -> dict[str, Any]:
         """Return settings and results as plain JSON values."""
-        names = ("gaits", "methods", "protocols", "runs", "seed")
-        aside = {"set_aside": int(found["set_aside"].sum())}
-        return super().numbers(found) | plain(self, *names) | aside | self._rule_numbers(found)
-
-    def _rule_numbers(self, rows: "DataFrame") -> dict[str, Any]:
-        """Walks that recover by number of failed legs, and by set of legs."""
-        found: dict[str, Any] = {}
-        for protocol, counts in ((HEXAHEAL, (1, 2)), (SECOND, (2,))):
-            some = rows[rows["protocol"] == protocol]
+        values = super().numbers(found) | plain(self, "gaits", "methods", "protocols", "runs", "seed")
+        values["set_aside"] = int(found["set_aside"].sum())
+        for protocol, counts in COUNTS.items():
+            some = where(found, protocol=protocol)
             methods = self.methods if protocol in self.protocols else ()
-            found[protocol] = [
-                {"legs": count, "method": method} | self._share(some, method, n_legs=count)
-                for count in counts
-                for method in methods
+            sets = report.rule_shares(some, methods, "leg_set", some["leg_set"].unique())
+            values[protocol] = report.rule_shares(some, methods, "n_legs", counts)
+            values[f"{protocol}_sets"] = [
+                one | {"legs": [int(leg) for leg in one["legs"].split(" and ")]} for one in sets
             ]
-            found[f"{protocol}_sets"] = [
-                {"legs": list(legs), "method": method} | self._share(some, method, leg_set=legs)
-                for legs in some["leg_set"].unique()
-                for method in methods
-            ]
-        return found
-
-    def _share(self, rows: "DataFrame", method: str, **same: Any) -> Record:
-        """Share of the walks by a method that recover, of those in which a column has a value."""
-        ((column, value),) = same.items()
-        chosen = rows[column].map(lambda one: one == value)
-        return report.rule_share(rows[chosen & (rows["method"] == method)])
+        return values
 
     def lines(self, found: "DataFrame") -> list[str]:
         """Return the tables of all walks, by kind of failure and method, and the verdicts."""
         lines: list[str] = []
         if LINE in self.protocols:
             records = [one for one in self.statistics(found) if one["division"] in ("all", "kind")]
-            lines += [*markdown(table_of(records, report.COLUMNS)), *report.aside_lines(found)]
+            lines += [*markdown(Table.of(records, report.COLUMNS)), *report.aside_lines(found)]
         for protocol in self.ruled:
             table = self._rule_table(found, protocol)
             header = [f"{protocol}: {table.header[0]}", *table.header[1:]]
@@ -224,19 +212,9 @@ class RecoveryPlan(HeldOutExperiment):
         return [*lines, *super().lines(found)]
 
     def _rule_table(self, rows: "DataFrame", protocol: str) -> Table:
-        """Walks under a protocol that recover, by number of failed legs and method."""
-        found = self._rule_numbers(rows)[protocol]
-        cells = [report.rule_cells(one) for one in found if one["walks"]]
-        return Table(report.RULE_HEADER, cells)
-
-    def _set_table(self, rows: "DataFrame", protocol: str) -> Table:
-        """Walks that recover of each set of legs, method by method."""
-        found = self._rule_numbers(rows)[f"{protocol}_sets"]
-        cells: dict[str, list[str]] = {}
-        for one in found:
-            legs = " and ".join(map(str, one["legs"]))
-            cells.setdefault(legs, [legs]).append(f"{one['recovered']} of {one['walks']}")
-        return Table(("legs that fail", *self.methods), list(cells.values()))
+        some = where(rows, protocol=protocol)
+        shares = report.rule_shares(some, self.methods, "n_legs", COUNTS[protocol])
+        return Table.of([one for one in shares if one["walks"]], report.RULE_COLUMNS)
 
     def tables(self, found: "DataFrame") -> "Mapping[str, DataFrame]":
         """Return the table of all walks."""
@@ -246,8 +224,10 @@ class RecoveryPlan(HeldOutExperiment):
         """Return the figure of the report."""
         if LINE not in self.protocols:
             return ()
+        title = self.figure_title(found[found["judged"]])
+        draw = partial(report.recovery_figure, self.methods, found, title)
         here = "Dots are means, lines reach from the 1st to the 99th percentile."
-        return (Drawing(name="recovery", draw=lambda: report.recovery_figure(self, found), here=here),)
+        return (Drawing(name="recovery", draw=draw, here=here),)
 
     def remarks(self, found: "DataFrame") -> list[str]:
         """Return the gaits, and what is left out of all numbers."""
@@ -258,5 +238,6 @@ class RecoveryPlan(HeldOutExperiment):
         """Return the parts of the report, those of the protocols judged by HexaHeal's rule included."""
         yield from super().sections(found, pictures)
         for protocol in self.ruled:
-            tables = [self._rule_table(found, protocol), self._set_table(found, protocol)]
+            sets = report.set_table(where(found, protocol=protocol), self.methods)
+            tables = [self._rule_table(found, protocol), sets]
             yield Section(report.RULE_TITLES[protocol], tables)

@@ -1,25 +1,15 @@
 """Statistics, bars and the figure of the recovery benchmark."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hexctl.palette import OTHER_REMEDY_COLORS, REMEDY_COLORS, hex_color
-from hexctl.study.held_out_experiment import (
-    Columns,
-    Record,
-    groups,
-    mean,
-    percentile,
-    world_names,
-    worlds_text,
-)
-from hexctl.study.recovery.methods import NOTHING, TOLD, method_of
-from hexctl.study.verdicts.claim_evidence import (
+from hexctl.study.evidence import (
     Bar,
-    clustered_error,
     cm,
     cm_with_error,
     judged_bars,
@@ -28,14 +18,24 @@ from hexctl.study.verdicts.claim_evidence import (
     share_with_error,
     wilson_interval,
 )
+from hexctl.study.frames import where
+from hexctl.study.held_out_experiment import (
+    Columns,
+    Record,
+    end_statistics,
+    groups,
+    mean_with_error,
+    percentile,
+    worlds_text,
+)
+from hexctl.study.recovery.methods import NOTHING, TOLD, method_of
+from hexctl.study.report_page import Table
 from hexctl.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from pandas import DataFrame, Series
-
-    from hexctl.study.recovery.recovery_plan import RecoveryPlan
 
 #: A failure matters if, with nothing done about it, it changes the end by more than this, or the speed by
 #: more than this share of the intact one.
@@ -72,7 +72,7 @@ def compared(rows: "DataFrame") -> "DataFrame":
     rows = rows.assign(
         n_legs=[len(legs) for legs in rows["legs"]],
         leg=[legs[0] if legs else 0 for legs in rows["legs"]],
-        leg_set=[tuple(sorted(legs)) for legs in rows["legs"]],
+        leg_set=[" and ".join(map(str, sorted(legs))) for legs in rows["legs"]],
         failure_kind=[_kind_of(failure) for failure in rows["failure"]],
     )
     rows["whole_leg"] = ~rows["failure"].str.contains(":") & (rows["failure"] != "stuck")
@@ -122,46 +122,39 @@ def divisions(rows: "DataFrame") -> Iterator[tuple[str, str, "DataFrame"]]:
 def statistics(rows: "DataFrame") -> Record:
     """Return the statistics of some episodes of one method; standard errors over worlds, NaN for one world.
 
-    Walks that fell, diverged or were stopped have neither deviation nor speed. `kept_worst` is the smallest
-    mean over worlds of the speed kept by a robot, gait, leg and failure, 0 for a walk that fell.
+    `kept_worst` is the smallest mean over worlds of the speed kept by a robot, gait, leg and failure, 0 for a
+    walk that fell.
     """
-    worlds = world_names(rows).to_numpy()
-    final_m, kept = rows["final_m"].to_numpy(float), rows["speed_kept"].to_numpy(float)
-    ended, known = np.isfinite(final_m), np.isfinite(kept)
-    matter = rows["matters"].to_numpy(bool)
-    delays = rows["delay_cycles"].to_numpy(float)[rows["right_leg"].to_numpy(bool)]
-    settled_s = rows["settled_s"].to_numpy(float)
+    matter, noticed = rows["matters"].to_numpy(bool), rows[rows["right_leg"].to_numpy(bool)]
+    delays = noticed["delay_cycles"].to_numpy(float)
+    known = np.isfinite(rows["speed_kept"].to_numpy(float))
+    settled_s = rows["settled_s"][known].fillna(math.inf).to_numpy(float)
+    kept, kept_error = mean_with_error(rows, "speed_kept")
     return {
         "episodes": len(rows),
-        "worlds": len(set(worlds.tolist())),
+        **end_statistics(rows, 99),
         "matter": int(matter.sum()),
-        "right_leg": int(rows["right_leg"].sum()),
+        "right_leg": len(noticed),
         "right_kind": int((rows["right_kind"] & matter).sum()),
         "early": int((rows["early_alarms"] > 0).sum()),
         "again": sum(len(alarms) > 1 for alarms in rows["alarms"]),
         "delay_median": percentile(delays, 50),
         "delay_p95": percentile(delays, 95),
-        "fell": int(rows["fell"].sum()),
-        "others": int((~rows["ended"] & ~rows["fell"]).sum()),
-        "no_progress": int((rows["status"] == "no_progress").sum()),
-        "mean_m": mean(final_m[ended]),
-        "mean_error_m": float(clustered_error(final_m[ended], worlds[ended])),
-        "p99_m": percentile(final_m[ended], 99),
-        "max_m": percentile(final_m[ended], 100),
-        "way_p99_m": percentile(rows["way_m"].to_numpy(float)[ended], 99),
-        "kept": mean(kept[known]),
-        "kept_error": float(clustered_error(kept[known], worlds[known])),
+        "kept": kept,
+        "kept_error": kept_error,
         "kept_worst": _worst_cell(rows),
-        "settled_median_s": percentile(np.where(np.isfinite(settled_s), settled_s, np.inf)[known], 50),
+        "settled_median_s": percentile(settled_s, 50),
         "trials": int(rows["trials"].sum()),
     }
 
 
 def _worst_cell(rows: "DataFrame") -> float:
-    cells = rows.assign(speed_kept=rows["speed_kept"].fillna(0.0)).groupby(
-        ["robot", "gait", "leg_set", "failure"]
-    )
-    return min((float(np.mean(cell.to_numpy(float))) for _, cell in cells["speed_kept"]), default=math.nan)
+    kept = rows.assign(speed_kept=rows["speed_kept"].fillna(0.0).astype(float))
+    return float(kept.groupby([*SET, "failure"])["speed_kept"].mean().min())
+
+
+#: A set of legs counts for each robot and gait.
+SET = ["robot", "gait", "leg_set"]
 
 
 def rule_share(rows: "DataFrame") -> Record:
@@ -175,13 +168,10 @@ def rule_share(rows: "DataFrame") -> Record:
     }
 
 
-#: A set of legs counts for each robot and gait.
-SET = ["robot", "gait", "leg_set"]
-
-
 def recovering(rows: "DataFrame") -> set[Any]:
     """Return the sets of legs of which at least half of the walks have recovered."""
-    return {legs for legs, each in rows.groupby(SET)["recovered"] if 2 * each.sum() >= len(each)}
+    shares = rows.groupby(SET)["recovered"].mean()
+    return set(shares.index[shares >= 0.5])
 
 
 def counted(count: int, of: int) -> str:
@@ -198,18 +188,19 @@ def _if_noticing(text: Any) -> Any:
 
 
 COLUMNS: Columns = {
-    "method": lambda one: str(one["method"]),
+    "": itemgetter("group"),
+    "method": itemgetter("method"),
     "walks": lambda one: worlds_text(one["episodes"], one["worlds"]),
     "right leg": _if_noticing(lambda one: counted(one["right_leg"], one["episodes"])),
     "right kind, of those that matter": _if_noticing(lambda one: counted(one["right_kind"], one["matter"])),
-    "alarm after: median, 95 of 100 (cycles)": _if_noticing(
+    "alarm after: median, 95th percentile (cycles)": _if_noticing(
         lambda one: f"{one['delay_median']:.2f}, {one['delay_p95']:.2f}" if one["right_leg"] else "-"
     ),
     "early alarms": _if_noticing(lambda one: str(one["early"])),
     "final: mean": lambda one: cm_with_error(one["mean_m"], one["mean_error_m"]),
-    "99 of 100": lambda one: cm(one["p99_m"]),
-    "greatest": lambda one: cm(one["max_m"]),
-    "on the way: 99 of 100": lambda one: cm(one["way_p99_m"]),
+    "99th percentile": lambda one: cm(one["p99_m"]),
+    "maximum": lambda one: cm(one["max_m"]),
+    "during the walk: 99th percentile": lambda one: cm(one["way_p99_m"]),
     "fell": lambda one: counted(one["fell"], one["episodes"]) if one["fell"] else "0",
     "stopped": lambda one: str(one["others"]),
     "no progress": lambda one: str(one["no_progress"]),
@@ -221,25 +212,40 @@ COLUMNS: Columns = {
 
 RULE_TITLES = {"hexaheal": "HexaHeal's protocol", "second": "A second leg"}
 
-RULE_HEADER = (
-    "legs that fail",
-    "method",
-    "walks that recover",
-    "fell or stopped",
-    "sets of legs that recover",
-)
+
+def rule_shares(
+    rows: "DataFrame", methods: Sequence[str], column: str, values: Sequence[Any]
+) -> list[Record]:
+    """Return the walks that recover, by the values of a column, such as sets of legs, and method."""
+    return [
+        {"legs": value, "method": method} | rule_share(where(rows, method=method, **{column: value}))
+        for value in values
+        for method in methods
+    ]
 
 
-def rule_cells(one: Record) -> list[str]:
-    """Return the cells of a row under `RULE_HEADER`."""
-    recovered, sets = counted(one["recovered"], one["walks"]), f"{one['sets']} of {one['of_sets']}"
-    return [{1: "one", 2: "two"}[one["legs"]], one["method"], recovered, str(one["fell"]), sets]
+RULE_COLUMNS: Columns = {
+    "legs that fail": lambda one: {1: "one", 2: "two"}[one["legs"]],
+    "method": itemgetter("method"),
+    "walks that recover": lambda one: counted(one["recovered"], one["walks"]),
+    "fell or stopped": lambda one: str(one["fell"]),
+    "sets of legs that recover": lambda one: f"{one['sets']} of {one['of_sets']}",
+}
+
+
+def set_table(rows: "DataFrame", methods: Sequence[str]) -> Table:
+    """Return the table of walks that recover, a row for each set of legs and a column for each method."""
+    cells = rows.groupby(["leg_set", "method"], sort=False)["recovered"].agg(["sum", "count"])
+    texts = [f"{one['sum']} of {one['count']}" for one in cells.to_dict("records")]
+    table = cells.assign(text=texts)["text"].unstack("method", sort=False)
+    shown = table.reindex(columns=list(methods), fill_value="0 of 0")
+    return Table(("legs that fail", *methods), [[str(legs), *row] for legs, *row in shown.itertuples()])
 
 
 def aside_lines(rows: "DataFrame") -> list[str]:
     """Return what is left out of all numbers, in words; nothing if there is none."""
     aside = rows[rows["set_aside"]]
-    places = dict.fromkeys(aside["robot"] + " in " + world_names(aside))
+    places = dict.fromkeys(aside["robot"] + " in " + aside["place"])
     if not places:
         return []
     return [
@@ -255,25 +261,27 @@ def _number(value: float, form: str, unit: str = "", *, never: str = "-") -> str
     return "-" if math.isnan(value) else f"{value:{form}}{unit}"
 
 
-def table_of_walks(rows: "DataFrame") -> Any:
-    """Return the Arrow table of all walks."""
-    import pyarrow as pa
+def table_of_walks(rows: "DataFrame") -> "DataFrame":
+    """Return the table of all walks as it is written; columns have the same types in each plan."""
+    from pandas import ArrowDtype
+    from pyarrow import float64, int64, list_, string, struct
 
-    hidden = ["n_legs", "leg", "leg_set", "failure_kind", "whole_leg", "judged", "set_aside", "ended"]
-    hidden += [name for name in rows if name.startswith("left_") or name in ("intact_signed_m",
-               "intact_after_m_s")]  # fmt: skip
-    shown = rows.drop(columns=hidden)
-    table = pa.Table.from_pandas(shown.astype(TYPES), preserve_index=False)
-    alarm = {
-        "at_s": pa.float64(),
-        "leg": pa.int64(),
-        **dict.fromkeys(("kind", "joint", "evidence"), pa.string()),
-    }
-    lists = {"alarms": pa.list_(pa.struct(list(alarm.items()))), "legs": pa.list_(pa.int64())}
-    for name, kind in lists.items():
-        values = pa.array([list(value) for value in shown[name]], type=kind)
-        table = table.set_column(table.schema.get_field_index(name), name, values)
-    return table
+    hidden = [
+        "n_legs",
+        "leg",
+        "leg_set",
+        "failure_kind",
+        "whole_leg",
+        "judged",
+        "set_aside",
+        "ended",
+        "place",
+    ]
+    hidden += [name for name in rows if name.startswith("left_")] + ["intact_signed_m", "intact_after_m_s"]
+    alarm = {"at_s": float64(), "leg": int64(), "kind": string(), "joint": string(), "evidence": string()}
+    lists = {"alarms": list_(struct(list(alarm.items()))), "legs": list_(int64())}
+    types = TYPES | {name: ArrowDtype(kind) for name, kind in lists.items()}
+    return rows.drop(columns=hidden).astype(types)
 
 
 def recovery_bars(rows: "DataFrame", duration_s: float) -> list[Bar]:
@@ -298,8 +306,8 @@ def _alarm_bars(rows: "DataFrame", intact: "DataFrame") -> Iterator[Bar]:
     both = statistics(rows[whole | matters])
     yield Bar(
         name="delay",
-        asked="failure to alarm: median at most 0.5, 95 of 100 at most 1 cycle",
-        measured=f"median {both['delay_median']:.2f}, 95 of 100 at most {both['delay_p95']:.2f}",
+        asked="failure to alarm: median at most 0.5, 95th percentile at most 1 cycle",
+        measured=f"median {both['delay_median']:.2f}, 95th percentile {both['delay_p95']:.2f}",
         holds=bool(both["delay_median"] <= 0.5 and both["delay_p95"] <= 1.0),
     )
     healthy, aside = intact[intact["status"] == "ok"], intact[intact["status"] != "ok"]
@@ -325,8 +333,8 @@ def _walk_bars(rows: "DataFrame") -> Iterator[Bar]:
     yield Bar(
         name="deviation",
         asked=f"deviation from the original line at the end: mean at most {limit_text(0.008)}, "
-        f"99 of 100 at most {limit_text(0.04)} (stretch: {limit_text(0.004)}, {limit_text(0.025)})",
-        measured=f"mean {cm(found['mean_m'])}, 99 of 100 at most {cm(found['p99_m'])}",
+        f"99th percentile at most {limit_text(0.04)} (stretch: {limit_text(0.004)}, {limit_text(0.025)})",
+        measured=f"mean {cm(found['mean_m'])}, 99th percentile {cm(found['p99_m'])}",
         holds=bool(found["mean_m"] <= 0.008 and found["p99_m"] <= 0.04),
     )
     failed = found["fell"] + found["others"]
@@ -362,7 +370,7 @@ def _rule_bars(rows: "DataFrame") -> Iterator[Bar]:
 
 
 def _second_bars(rows: "DataFrame") -> Iterator[Bar]:
-    """Of the pairs that recover when told, those that recover by themselves."""
+    """Of the pairs that recover by the oracle, those that recover by themselves."""
     second = rows[rows["protocol"] == "second"]
     told, judged = (second[second["method"] == method] for method in (TOLD, JUDGED))
     if not len(told):
@@ -392,31 +400,26 @@ def _share_bar(name: str, what: str, count: int, of: int, least: tuple[float, fl
     )
 
 
-def recovery_figure(plan: "RecoveryPlan", rows: "DataFrame") -> "Figure":
+def recovery_figure(methods: Sequence[str], rows: "DataFrame", title: str) -> "Figure":
     """Draw final deviation and speed kept, by kind of failure and method."""
     from matplotlib.figure import Figure
 
     kinds = [(name, some) for division, name, some in divisions(rows) if division == "kind"]
-    size_in = (10.0, 1.2 + 0.25 * len(kinds) * (len(plan.methods) + 1))
+    size_in = (10.0, 1.2 + 0.25 * len(kinds) * (len(methods) + 1))
     figure = Figure(figsize=size_in, layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
-    for place, method in enumerate(plan.methods):
+    for place, method in enumerate(methods):
         color = METHOD_COLORS.get(method, OTHER_COLORS[place % len(OTHER_COLORS)])
         for row, (_, judged) in enumerate(kinds):
-            some = judged[judged["method"] == method]
-            height = row + 0.8 * (place + 0.5) / len(plan.methods) - 0.4
+            some = where(judged, method=method)
+            height = row + 0.8 * (place + 0.5) / len(methods) - 0.4
             label = method if row == 0 else None
             _spread(left, np.maximum(100 * some["final_m"].to_numpy(float), LOW_CM), height, color, label)
             _spread(right, some["speed_kept"].to_numpy(float), height, color, None)
     _finish(left, right, [name for name, _ in kinds])
-    robots, worlds = (
-        ", ".join(robot.name for robot in plan.robots),
-        world_names(rows[rows["judged"]]).nunique(),
-    )
-    title = f"{robots}, {worlds} unseen world{'s' * (worlds != 1)}, {plan.duration_s:g} s"
     figure.suptitle(title, fontsize=11)
     if left.get_legend_handles_labels()[0]:
-        figure.legend(loc="outside lower center", ncols=len(plan.methods), fontsize=8)
+        figure.legend(loc="outside lower center", ncols=len(methods), fontsize=8)
     return figure
 
 

@@ -1,4 +1,4 @@
-"""A walk that stops at an alarm, finds out standing which leg has failed, and walks on without it."""
+"""A walk that stops at an alarm, tests its legs while standing, and continues without the failed ones."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -24,11 +24,11 @@ SETTLE_S = 0.8
 
 
 class StopAndDiagnoseWalk(Controller):
-    """Walks one robot until its monitor raises an alarm; stops, makes the standing test, and walks on.
+    """Walks one robot until its monitor raises an alarm; stops, makes the standing test, and continues.
 
-    Of the alarm only its time counts: which leg it is, and how it fails, is what the test finds. The walk
-    then begins anew, softly, on the original line, with the gait of a policy for what was found; it is
-    watched as before, and stops again for another leg.
+    Of the alarm only its time counts: leg and kind of failure are those that the test finds. The walk then
+    starts again, softly, on the original line, with the gait of a policy for these failures. It is watched as
+    before, and stops again for another leg.
 
     Args:
         start: the robot, ready to walk.
@@ -36,7 +36,7 @@ class StopAndDiagnoseWalk(Controller):
         probes: of the standing test.
 
     Attributes:
-        walk: that before the stop, or the one after it; each is told what the standing tests have found.
+        walk: the one before the stop, or the one after it, which knows what the standing tests have found.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class StopAndDiagnoseWalk(Controller):
         return self._given_up is not None
 
     def why_stopped(self, index: int = 0) -> str | None:
-        """The failures for which its policy has ended it; None where it has not."""
+        """The failures for which its policy has ended it; None if it has not."""
         return self._given_up
 
     def noticed_failures(self, index: int = 0) -> tuple[NoticedFailure, ...]:
@@ -79,7 +79,7 @@ class StopAndDiagnoseWalk(Controller):
         return tuple(self._noticed)
 
     def _go_on(self, step: int, state: RobotState) -> None:
-        """Let the next controller lead where the one before it is done."""
+        """Let the next controller lead if the one before it is done."""
         now = self._controller
         if now is self.walk:
             if self._stopping and step >= self._stopped_at + soft_stop_steps(self._start.period_s):
@@ -179,7 +179,7 @@ class EachAlone(Controller):
 
 
 def starts_alone(start: WalkStart) -> list[WalkStart]:
-    """The starts of a batch, each as that of a robot alone."""
+    """The starts of a batch, each as that of a single robot."""
     n = len(start.plans)
     turned_rad = np.broadcast_to(start.turned_rad, n).tolist()
     frames: list[TrialFrame | None] = [None] * n
@@ -195,7 +195,7 @@ def starts_alone(start: WalkStart) -> list[WalkStart]:
 
 
 def state_of(state: RobotState, index: int) -> RobotState:
-    """State of one robot of a batch; what was not measured of it, NaN, is None as for a robot alone."""
+    """State of one robot of a batch; what was not measured of it, NaN, is None as for a single robot."""
 
     def of(values: FloatArray | None) -> FloatArray | None:
         return None if values is None or np.isnan(values[index]).any() else values[index]

@@ -26,7 +26,7 @@ from hexctl.backends.sim.world import World
 from hexctl.control.batch import run_sim_trials
 from hexctl.control.body_symmetry import BodySymmetry, body_symmetries
 from hexctl.errors import InputError
-from hexctl.study.landscapes.landscape import LandscapeSpec
+from hexctl.study.landscape import LandscapeSpec
 from hexctl.study.prior_building import deflection_of
 from hexctl.types import FloatArray
 from tests.adapt.priors import MadeUpModel, key_of, made_up_prior, made_up_score_prior, shown_of

@@ -18,7 +18,7 @@ from hexctl.cli.main import exit_code
 from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.robot.failure import Failure
 from hexctl.study.prior_building import PriorPlan
-from hexctl.study.repertoire.repertoire_walks import CandidateWalk, RepertoireCase, RepertoirePlace
+from hexctl.study.repertoire_walks import CandidateWalk, RepertoireCase, RepertoirePlace
 from tests.adapt.priors import MadeUpModel, MadeUpWorld, key_of, made_up_prior, made_up_score_prior
 from tests.robots import shipped
 

@@ -21,9 +21,9 @@ from hexctl.control.trial_result import TrialResult
 from hexctl.errors import InputError
 from hexctl.recording.recorded_trial import read_trial
 from hexctl.robot.configs import config_root
-from hexctl.study.holds.hold_walks import HoldPlace
+from hexctl.study.hold_walks import HoldPlace
 from hexctl.study.recovery.episodes import RecoveryPlace
-from hexctl.study.repertoire.repertoire_walks import RepertoirePlace
+from hexctl.study.repertoire_walks import RepertoirePlace
 from hexctl.study.walk_cache import WalkCache
 from tests.fuzz.folder import own_folder, written
 from tests.fuzz.target import Target

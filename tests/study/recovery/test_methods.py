@@ -4,11 +4,11 @@ import pytest
 
 from hexctl.control.monitor.recovery import StopWalking
 from hexctl.errors import InputError
-from hexctl.study.recovery.methods import DEFAULT_METHODS, METHODS, Recover, Told, method_of
+from hexctl.study.recovery.methods import DEFAULT_METHODS, METHODS, Told, method_of
 
 
-class MyOwn(Recover):
-    """Recovers in a way of its own."""
+class MyOwn(Told):
+    """A custom method."""
 
 
 def test_methods_have_names_and_own_ones_a_package() -> None:

@@ -7,7 +7,7 @@ import pytest
 from hexctl.backends.sim.world import load_randomization
 from hexctl.errors import InputError
 from hexctl.study.held_out import FAILURES
-from hexctl.study.holds.hold_plan import FIRST_WORLD as FIRST_HOLD_WORLD
+from hexctl.study.hold_plan import FIRST_WORLD as FIRST_HOLD_WORLD
 from hexctl.study.recovery.recovery_plan import (
     FIRST_WORLD,
     HEADINGS_DEG,

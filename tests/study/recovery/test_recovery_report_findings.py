@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hexctl.study.evidence import clustered_error
 from hexctl.study.recovery.recovery_plan import HEXAHEAL, SECOND
 from hexctl.study.recovery.recovery_report import divisions
-from hexctl.study.verdicts.claim_evidence import clustered_error
 from tests.robots import shipped
 from tests.study.recovery.made_up import DELAY_S, PACE_HZ, alarm, bars_of, changed, findings, on_line
 

@@ -1,0 +1,357 @@
+"""Evidence for a claim: numbers of several worlds, tolerances, intervals over worlds, and verdicts."""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from operator import attrgetter
+from pathlib import Path
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hexctl.backends.sim.world import World
+from hexctl.control.assessment.uncertainty_store import (
+    DISTINCT,
+    MEASURED_FAILURE,
+    SimulationUncertainty,
+    known_uncertainty,
+)
+from hexctl.robot.model import Robot
+from hexctl.study.report_page import Table
+from hexctl.types import FloatArray
+
+#: After 20 evaluations about 10 cm, after 60 about 2.5 cm, says the paper.
+EARLY, EARLY_M = 20, 0.10
+LATE, LATE_M = 60, 0.025
+
+#: Relative deviation that "about" allows from a number of the paper.
+ABOUT = 0.5
+
+#: Confidence of the intervals over worlds.
+CONFIDENCE = 0.95
+
+#: Shorter walks are not judged: deviations grow with the time walked, and the distances in claims and bars
+#: are those of walks of this duration.
+JUDGED_FROM_S = 30.0
+
+#: Results of `judge`.
+WITHIN, BELOW, ABOVE, ACROSS, UNKNOWN = "within", "below", "above", "across", "unknown"
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """Range of values that agree with a claim, both ends included; in the unit of the number."""
+
+    low: float = -np.inf
+    high: float = np.inf
+
+    @classmethod
+    def about(cls, low: float, high: float | None = None) -> "Tolerance":
+        """Return the tolerance of "about `low`", or of "about `low` to `high`"."""
+        return cls(low * (1 - ABOUT), (low if high is None else high) * (1 + ABOUT))
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One number of a claim, measured in each world.
+
+    Attributes:
+        name: what was measured, such as `leg 2` or `pso`.
+        values: one for each world; NaN if it cannot be judged.
+        note: counts behind it, or why it is not judged.
+        most: largest possible value, such as 1 for a share.
+        least: smallest possible value.
+    """
+
+    name: str
+    values: tuple[float, ...]
+    note: str = ""
+    most: float = np.inf
+    least: float = 0.0
+
+    @cached_property
+    def known(self) -> FloatArray:
+        """Values of the worlds in which it can be judged."""
+        values = np.array(self.values, dtype=float)
+        return np.asarray(values[np.isfinite(values)])
+
+    @property
+    def mean(self) -> float:
+        """Mean over the worlds; NaN without any."""
+        return mean(self.known)
+
+    @cached_property
+    def interval(self) -> tuple[float, float]:
+        """Confidence interval of the mean over worlds (Student's t), within the possible values.
+
+        For one world it is the mean itself.
+        """
+        if self.known.size < 2:
+            return self.mean, self.mean
+        from scipy.special import stdtrit
+
+        error = self.known.std(ddof=1) / np.sqrt(self.known.size)
+        half = float(stdtrit(self.known.size - 1, 0.5 + CONFIDENCE / 2) * error)
+        return max(self.least, self.mean - half), min(self.most, self.mean + half)
+
+
+def mean(values: FloatArray) -> float:
+    """Mean of values; NaN without any."""
+    return float(values.mean()) if values.size else float("nan")
+
+
+def clustered_error(values: FloatArray, groups: NDArray[Any]) -> FloatArray:
+    """Standard error of the mean of values, (n, ...), if groups, (n,), such as worlds, are independent.
+
+    Of N values in W groups, `W / (W - 1)` times the sum of the squares of the groups' residual sums, its root
+    divided by N: the cluster-robust variance of a mean. NaN for fewer than two groups.
+    """
+    numbers = np.unique(groups)
+    if len(numbers) < 2:
+        return np.full(values.shape[1:], np.nan)
+    residuals = (values - values.mean(axis=0)) / len(values)
+    sums = np.array([residuals[groups == number].sum(axis=0) for number in numbers])
+    return np.asarray(np.sqrt(len(numbers) / (len(numbers) - 1) * (sums**2).sum(axis=0)))
+
+
+def wilson_interval(count: int, of: int) -> tuple[float, float]:
+    """Wilson's interval of a share, with `CONFIDENCE`; 0 to 1 without any case.
+
+    E. B. Wilson, *Probable inference, the law of succession, and statistical inference*, 1927: the shares p
+    with |count / of - p| at most z sqrt(p (1 - p) / of). Cases are assumed to be independent.
+    """
+    if not of:
+        return 0.0, 1.0
+    z = NormalDist().inv_cdf(0.5 + CONFIDENCE / 2)
+    share, more = count / of, z**2 / of
+    centre = (share + more / 2) / (1 + more)
+    half = math.sqrt(share * (1 - share) * more + more**2 / 4) / (1 + more)
+    return max(0.0, centre - half), min(1.0, centre + half)
+
+
+def judge(measure: Measure, tolerance: Tolerance) -> str:
+    """Return the position of a number's interval: within a tolerance, below, above, across its end, unknown.
+
+    Across is no evidence: worlds like these differ by more than their distance from the limit.
+    """
+    if not measure.known.size:
+        return UNKNOWN
+    low, high = measure.interval
+    if tolerance.low <= low and high <= tolerance.high:
+        return WITHIN
+    if high < tolerance.low:
+        return BELOW
+    return ABOVE if low > tolerance.high else ACROSS
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict:
+    """A verdict, or the reason why there is none.
+
+    Attributes:
+        holds: None without a verdict.
+        not_judged: why the numbers cannot be judged; empty if they can.
+        no_evidence: why the numbers decide nothing; empty if they do.
+    """
+
+    holds: bool | None = None
+    not_judged: str = ""
+    no_evidence: str = ""
+
+    @property
+    def verdict(self) -> str:
+        """Verdict in words."""
+        if self.not_judged:
+            return f"not judged: {self.not_judged}"
+        if self.no_evidence:
+            return f"no evidence: {self.no_evidence}"
+        return {True: "holds", False: "does not hold", None: "not measured"}[self.holds]
+
+
+def judge_all(measures: Sequence[Measure], tolerance: Tolerance) -> Verdict:
+    """Return the verdict on all numbers of a claim: each has to be within its tolerance."""
+    sides = [judge(measure, tolerance) for measure in measures]
+    if BELOW in sides or ABOVE in sides:
+        return Verdict(holds=False)
+    if UNKNOWN in sides:
+        unknown = [one for one, side in zip(measures, sides, strict=True) if side == UNKNOWN]
+        return Verdict(not_judged="; ".join(f"{one.name}: {one.note}" for one in unknown))
+    if ACROSS in sides:
+        return Verdict(no_evidence="the interval over worlds reaches across the limit")
+    return Verdict(holds=True if measures else None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Claim(Verdict):
+    """A claim of the paper and the numbers of this study.
+
+    Attributes:
+        claim: the paper's statement.
+        rule: condition under which it holds here.
+        measured: the numbers, with their intervals if there are several worlds.
+        beside: result of the random baseline, or another fact for comparison.
+        symmetric: which symmetry implies the claim; empty without one.
+        null: result on random numbers; empty if the claim is not compared with any.
+    """
+
+    claim: str
+    rule: str
+    measured: str
+    beside: str = ""
+    symmetric: str = ""
+    null: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bar(Verdict):
+    """Requirement of a benchmark, and the result."""
+
+    name: str
+    asked: str
+    measured: str
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain JSON values."""
+        return {name: getattr(self, name) for name in ("name", "asked", "measured", "holds")}
+
+
+def too_short(duration_s: float) -> str:
+    """Reason why walks of a duration are not judged, empty if they are long enough."""
+    if duration_s >= JUDGED_FROM_S:
+        return ""
+    return f"walks of {duration_s:g} s, needs at least {JUDGED_FROM_S:g} s"
+
+
+def judged_bars(bars: Iterable[Bar], duration_s: float) -> list[Bar]:
+    """Return bars of distances; none is judged on walks that are too short."""
+    reason = too_short(duration_s)
+    return [replace(bar, holds=None, not_judged=reason) if reason else bar for bar in bars]
+
+
+def bar_table(bars: Iterable[Bar]) -> Table:
+    """Return the table of bars in a report."""
+    return Table.of(bars, {name: attrgetter(name) for name in ("asked", "measured", "verdict")})
+
+
+def bar_lines(bars: Iterable[Bar]) -> list[str]:
+    """Return the verdicts on bars, each with what was asked and measured."""
+    return verdict_lines((bar.verdict, f"{bar.asked}: {bar.measured}") for bar in bars)
+
+
+def verdict_lines(verdicts: Iterable[tuple[str, str]]) -> list[str]:
+    """Return verdicts in a column before their statements, and below them each reason once."""
+    pairs = [(verdict.partition(": "), statement) for verdict, statement in verdicts]
+    lines = [f"{verdict:<15} {statement}" for (verdict, _, _), statement in pairs]
+    reasons = dict.fromkeys(f"{verdict}: {reason}" for (verdict, _, reason), _ in pairs if reason)
+    return [*lines, *reasons]
+
+
+def cm(value_m: float) -> str:
+    """Length in m as text in cm."""
+    if not np.isfinite(value_m):
+        return "none"
+    return f"{100 * value_m:.1f} cm" if abs(value_m) >= 0.01 else f"{100 * value_m:.2f} cm"
+
+
+def with_error(value: float, error: float, text: Callable[[float], str] = "{:.2f}".format) -> str:
+    """Text of a value with its standard error, if that is known."""
+    return text(value) + (f" ± {text(error)}" if np.isfinite(error) else "")
+
+
+def cm_with_error(value_m: float, error_m: float) -> str:
+    """Text of a length in m with its standard error, in cm."""
+    return with_error(value_m, error_m, cm)
+
+
+def share_with_error(value: float, error: float) -> str:
+    """Text of a share with its standard error; a dash if it is unknown."""
+    return with_error(value, error) if np.isfinite(value) else "-"
+
+
+def limit_text(value_m: float) -> str:
+    """Limit in m as text in cm, with all its digits."""
+    return f"{100 * value_m:g} cm"
+
+
+def share_text(share: float) -> str:
+    """Share as text in percent."""
+    return f"{share:.0%}"
+
+
+def measures_text(measures: Sequence[Measure], text: Callable[[float], str], tolerance: Tolerance) -> str:
+    """Numbers on one line: mean, interval over worlds, on which side it misses the tolerance, and counts."""
+    return "; ".join(_measure_text(measure, text, tolerance) for measure in measures) or "not measured"
+
+
+def _measure_text(measure: Measure, text: Callable[[float], str], tolerance: Tolerance) -> str:
+    note = f" ({measure.note})" if measure.note else ""
+    if not measure.known.size:
+        return f"{measure.name}: no number{note}"
+    worlds = measure.known.size
+    interval = " [{} to {}, {} worlds]".format(*map(text, measure.interval), worlds) if worlds > 1 else ""
+    side = judge(measure, tolerance)
+    limit = {BELOW: tolerance.low, ABOVE: tolerance.high}.get(side)
+    missed = f", {side} {limit_text(limit) if text is cm else text(limit)}" if limit is not None else ""
+    return f"{measure.name} {text(measure.mean)}{interval}{missed}{note}"
+
+
+@dataclass(frozen=True, slots=True)
+class StudyUncertainty:
+    """Uncertainty of the walks of a study by the simulation itself.
+
+    Attributes:
+        known: as measured; None if it was not.
+    """
+
+    known: SimulationUncertainty | None = None
+    duration_s: float = JUDGED_FROM_S
+    failure: str = MEASURED_FAILURE
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot,
+        world: World,
+        duration_s: float,
+        folder: Path | str = "runs",
+        *,
+        failure: str = MEASURED_FAILURE,
+    ) -> "StudyUncertainty":
+        """Return the measured uncertainty of a robot's walks in a world; `folder` is that of sessions.
+
+        Raises InputError for a damaged file of measurements.
+        """
+        known = known_uncertainty(robot, world, duration_s=duration_s, folder=folder)
+        return cls(known, duration_s, failure)
+
+    @property
+    def sentence(self) -> str:
+        """The uncertainty in words."""
+        if self.known is None:
+            return (
+                "The simulation's own uncertainty is not known for these walks; hexctl check ROBOT --physics "
+                "measures it."
+            )
+        caveat = self.known.caveat(self.failure)
+        return (
+            f"Every deviation of a single walk is ± {cm(self.known.numerical_m)} by the simulation's own "
+            f"uncertainty (by its time step{f'; {caveat}' if caveat else ''}): two gaits whose ends are "
+            f"nearer to one another than {DISTINCT} times this, {cm(DISTINCT * self.known.numerical_m)}, "
+            "cannot be told apart with a confidence of 95 %."
+        )
+
+    @property
+    def lines(self) -> list[str]:
+        """The sentence as lines of a summary; none if unknown for walks that are too short to be judged."""
+        return [self.sentence] if self.known is not None or self.duration_s >= JUDGED_FROM_S else []
+
+    def beside(self, deviation_m: float) -> str:
+        """Text of the deviation of a single walk with its uncertainty, if that is known."""
+        return cm(deviation_m) + ("" if self.known is None else f" ± {cm(self.known.numerical_m)}")
+
+    def as_json(self) -> dict[str, Any] | None:
+        """As in `hexctl check --physics --json`; None if it is not known."""
+        return None if self.known is None else self.known.to_dict()

@@ -1,0 +1,152 @@
+"""The compared walks: one robot in one world, what fails and what is held in each walk, and its outcome."""
+
+import math
+from collections.abc import Hashable
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any, ClassVar, Literal
+
+from hexctl.control.assessment.static_stability import stable_gait
+from hexctl.control.batch import SimTrial
+from hexctl.control.trial_plan import AUTO_ROTATION, AskedRotation, TrialPlan, suited_rotation
+from hexctl.control.trial_result import STATUSES, TrialResult
+from hexctl.gait.encoding import Slots
+from hexctl.gait.gait import Gait
+from hexctl.robot.failure import Failure
+from hexctl.robot.failure_grammar import parse_kind
+from hexctl.study.held_out import HeldOutPlace
+from hexctl.study.walk_cache import ENDED
+
+Hold = Literal["none", "heading", "line"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, order=True)
+class HoldCase:
+    """One walk in a place.
+
+    Attributes:
+        leg: failed leg, 1..6; 0 for an intact robot.
+        failure: failure of the leg, as `parse_kind` reads it; `intact` without one.
+    """
+
+    leg: int
+    failure: str
+    hold: Hold
+
+    @property
+    def leg_failure(self) -> Failure | None:
+        """The failure, as the simulation is given it and the controller believes it."""
+        return parse_kind(self.leg, self.failure) if self.leg else None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HoldWalk:
+    """Outcome of one walk; deviations are those of the simulation's true pose, NaN if unknown.
+
+    Attributes:
+        body_raise: raise of the body, as a fraction of the robot's size.
+        why: why it was stopped, or the likely cause of a walk without progress.
+        signed_m: deviation at the end, positive to the left.
+        ideal_distance_m: progress of a robot whose feet do not slip.
+        clipped_ticks: ticks in which the guard changed the targets.
+    """
+
+    case: HoldCase
+    slots: Slots
+    body_raise: float
+    held: str
+    status: Literal[STATUSES]  # type: ignore[valid-type]
+    why: str | None
+    duration_s: float
+    signed_m: float
+    mean_m: float
+    max_m: float
+    distance_m: float
+    ideal_distance_m: float
+    yaw_change_rad: float
+    clipped_ticks: int
+
+    @classmethod
+    def of(cls, case: HoldCase, trial: SimTrial, result: TrialResult) -> "HoldWalk":
+        """Return the outcome of a case from its trial and the result."""
+        gait, off = trial.plan.gait, result.true_deviation
+        signed_m, mean_m, max_m = (math.nan,) * 3 if off is None else (off.signed, off.mean, off.max)
+        return cls(
+            case=case,
+            slots=gait.slots,
+            body_raise=float(gait.posture.body_raise),
+            held=result.hold,
+            status=result.status,
+            why=result.stopped or result.cause,
+            duration_s=float(result.duration_s),
+            signed_m=float(signed_m),
+            mean_m=float(mean_m),
+            max_m=float(max_m),
+            distance_m=_known(result.distance_m),
+            ideal_distance_m=float(result.ideal_distance_m),
+            yaw_change_rad=_known(result.yaw_change_rad),
+            clipped_ticks=int(result.clipped_ticks),
+        )
+
+    @property
+    def possible(self) -> bool:
+        """Whether a walk that ended on its feet has an end."""
+        numbers = (self.signed_m, self.max_m, self.distance_m, self.ideal_distance_m)
+        return self.status not in ENDED or all(map(math.isfinite, numbers))
+
+
+def _known(value: float | None) -> float:
+    return math.nan if value is None else float(value)
+
+
+@dataclass(frozen=True, kw_only=True)
+class HoldPlace(HeldOutPlace[HoldCase, HoldWalk]):
+    """A robot in a world.
+
+    Attributes:
+        self_rotation: direction of the failed leg during the walk, as in `HoldPlan`.
+    """
+
+    WALK: ClassVar[type[HoldWalk]] = HoldWalk
+
+    self_rotation: AskedRotation = AUTO_ROTATION
+    duration_s: float = 30.0
+
+    @property
+    def stem(self) -> str:
+        """First part of the cache file's name."""
+        return f"hold-{self.number}"
+
+    def settings(self) -> dict[str, Any]:
+        """Settings that decide a walk."""
+        mine = {"self_rotation": self.self_rotation, "duration_s": self.duration_s}
+        return super().settings() | mine
+
+    def columns(self) -> dict[str, Any]:
+        """Values of each row of this place."""
+        return super().columns() | {"rough": self.world.roughness_m > 0}
+
+    def chunk_of(self, case: HoldCase) -> Hashable:
+        """Walks with the same feedback are simulated together."""
+        return case.hold
+
+    def trial(self, case: HoldCase) -> SimTrial:
+        """Return the trial of a case, with the gait that has the largest stability margin."""
+        gait = self.robot.gait
+        plan = TrialPlan(
+            gait=Gait(
+                slots=(1, 2, 3, 4, 5, 6), pace_hz=gait.pace_hz, amplitude=gait.amplitude, height=gait.height
+            ),
+            duration_s=self.duration_s,
+            belief=case.leg_failure,
+            self_rotation=suited_rotation(
+                self.self_rotation, "line" if case.hold == "none" else case.hold, chosen_gait=True
+            ),
+            hold=case.hold,
+        )
+        plan = replace(plan, gait=_gait_of(self.robot, plan))
+        return SimTrial(robot=self.robot, plan=plan, failure=plan.belief, world=self.world, seed=self.number)
+
+
+#: Gaits by robot and plan: they are the same in all worlds.
+_gait_of = cache(stable_gait)

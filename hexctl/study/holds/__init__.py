@@ -1,1 +1,0 @@
-"""Holds compared: where walks in unseen worlds end open loop, with the yaw, and with the pose."""

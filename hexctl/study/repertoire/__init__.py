@@ -1,1 +1,0 @@
-"""Repertoires: building what walks that recover go by."""

@@ -1,1 +1,0 @@
-"""What a study leaves: pages, figures and tables."""

@@ -1,1 +1,0 @@
-"""Transfer benchmark: adaptation in worlds outside every prior."""

@@ -1,0 +1,83 @@
+"""Versions of the code that simulates landscapes; landscapes of different code are never mixed."""
+
+import ast
+import hashlib
+from collections.abc import Iterator
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+#: Raised by hand when landscapes change in a way that neither package versions nor sources show.
+LANDSCAPE_VERSION = 1
+
+_PACKAGES = ("hexctl", "mujoco", "dm_control", "numpy")
+
+#: The module whose imports, direct and indirect, decide how a gait walks in a landscape.
+ENTRY = "hexctl.study.landscape"
+
+#: Modules whose imports are not followed: they decide no number.
+_ASIDE = ("hexctl", "hexctl.errors", "hexctl.study.versions")
+
+#: The folder that holds the package.
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@cache
+def code_versions() -> dict[str, str]:
+    """Versions of the packages that a landscape depends on, and a digest of the source that simulates it.
+
+    Read once per process: the files are taken to be those that were imported.
+    """
+    installed = {package: _version(package) for package in _PACKAGES}
+    return {**installed, "landscape": str(LANDSCAPE_VERSION), "source": source_digest()}
+
+
+def source_digest(entry: str = ENTRY, root: Path = ROOT) -> str:
+    """Digest of the names and contents of `simulating_sources`."""
+    digest = hashlib.sha256()
+    for file in simulating_sources(entry, root):
+        digest.update(file.relative_to(root).as_posix().encode())
+        digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def simulating_sources(entry: str = ENTRY, root: Path = ROOT) -> list[Path]:
+    """Files of hexctl that simulate a landscape: a module and everything that it imports, sorted.
+
+    Imports inside functions count, imports for type checkers do not. Recordings, the network, servo boards
+    and the command line are not among the files: no simulation imports them.
+    """
+    files: dict[str, Path] = {}
+    modules = [entry]
+    while modules:
+        module = modules.pop()
+        file = _file_of(module, root)
+        if file is not None and module not in files and module not in _ASIDE:
+            files[module] = file
+            modules += _imported(ast.parse(file.read_bytes()))
+    return sorted(files.values())
+
+
+def _file_of(module: str, root: Path) -> Path | None:
+    path = root.joinpath(*module.split("."))
+    files = (path.with_suffix(".py"), path / "__init__.py")
+    return next((file for file in files if file.is_file()), None)
+
+
+def _imported(tree: ast.AST) -> Iterator[str]:
+    """Names of hexctl that a module imports: of modules, and of what may be a module."""
+    for node in ast.iter_child_nodes(tree):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").partition(".")[0] == "hexctl":
+            yield str(node.module)
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if alias.name.partition(".")[0] == "hexctl")
+        elif not (isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"):
+            yield from _imported(node)
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "none"

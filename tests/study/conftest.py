@@ -1,0 +1,19 @@
+"""Landscapes of the made-up benchmark, and the searches in them."""
+
+import pytest
+
+from hexctl.study.landscape import Landscape
+from hexctl.study.transfer_plan import TransferFound
+from tests.study.made_up_transfer import MODEL, found_in, in_the_model, plan
+
+
+@pytest.fixture(scope="session")
+def landscapes() -> list[Landscape]:
+    specs = plan().specs()
+    worlds = MODEL.worlds(len(specs), seed=600)
+    return [in_the_model(spec, world) for spec, world in zip(specs, worlds, strict=True)]
+
+
+@pytest.fixture(scope="session")
+def findings(landscapes: list[Landscape]) -> TransferFound:
+    return found_in(plan(), landscapes)
