@@ -12,6 +12,10 @@ from hexctl.adapt.sessions.walk_records import BaselineRecord
 from hexctl.errors import InputError, MissingExtraError, argument
 
 
+#: What two searches need alike for their scores to be comparable.
+SET_UP = ("robot", "world", "failure", "duration_s", "heading_rad", "hold")
+
+
 def best_so_far(session: Session) -> list[float | None]:
     """Lowest score up to each trial, in the unit of the objective; None before the first valid trial."""
     scores = (trial.score if trial.valid else INVALID_SCORE for trial in session.trials)
@@ -37,6 +41,20 @@ def check_comparable(sessions: Sequence[Session]) -> None:
     for session in sessions:
         if not session.trials:
             raise InputError(f"{argument('session')}: {session.name} has no trials; allowed: one with trials")
+
+
+def differences(sessions: Sequence[Session]) -> list[str]:
+    """What else than the search differs between sessions, such as `duration_s (10.0, 30.0)`."""
+    found = []
+    for name in SET_UP:
+        values = dict.fromkeys(_in_words(getattr(session.spec, name)) for session in sessions)
+        if len(values) > 1:
+            found.append(f"{name} ({', '.join(values)})")
+    return found
+
+
+def _in_words(value: Any) -> str:
+    return " and ".join(map(str, value)) or "none" if isinstance(value, tuple) else str(value)
 
 
 def draw_comparison(sessions: Sequence[Session], path: Path | str) -> None:

@@ -115,6 +115,7 @@ def compare(
     from hexctl.adapt.sessions.comparison import (
         best_so_far,
         check_comparable,
+        differences,
         draw_comparison,
         scores_without_search,
     )
@@ -135,9 +136,12 @@ def compare(
             }
             for session in found
         ]
-        print_result(json.dumps({"sessions": rows, "out": None if out is None else str(out)}))
+        written = {"out": None if out is None else str(out), "differences": differences(found)}
+        print_result(json.dumps({"sessions": rows, **written}))
         return
     print_result(comparison_table(found), *([] if out is None else [f"{out}"]))
+    if unlike := differences(found):
+        print_note(f"hexctl: they differ in more than the search: {', '.join(unlike)}")
 
 
 @sessions.command()

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from matplotlib.image import imread
 
-from hexctl.adapt.sessions.comparison import best_so_far, check_comparable, draw_comparison
+from hexctl.adapt.sessions.comparison import best_so_far, check_comparable, differences, draw_comparison
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.cli.main import exit_code
@@ -36,6 +36,12 @@ def test_the_best_so_far_never_rises_and_an_invalid_trial_is_none() -> None:
 def test_what_cannot_be_compared_is_refused(given: list[Session]) -> None:
     with pytest.raises(InputError, match="session: "):
         check_comparable(given)
+
+
+def test_what_two_searches_do_not_share_is_named() -> None:
+    assert differences([session(0.1), session(0.2, name="b", optimizer="random")]) == []
+    (found,) = differences([session(0.1), session(0.2, name="b", world="rough")])
+    assert found == "world (flat, rough)"
 
 
 def test_the_plot_is_a_new_png(tmp_path: Path) -> None:
