@@ -11,7 +11,6 @@ from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.walk_records import BaselineRecord
 from hexctl.errors import InputError, MissingExtraError, argument
 
-
 #: What two searches need alike for their scores to be comparable.
 SET_UP = ("robot", "world", "failure", "duration_s", "heading_rad", "hold")
 
