@@ -269,9 +269,10 @@ class ReadyStop:
             return
         if self._first_stop_s is None:
             self._first_stop_s = time.monotonic()
-        self._confirmed.set()
-        if not self._stays and (way == "session" or not self._session.opened):
-            self._order.wanted.clear()  # not yet while a session may add who asks
+        if before is not None and before.at_s >= self._pressed_s:  # one alone may have been asked for before
+            self._confirmed.set()
+            if not self._stays and (way == "session" or not self._session.opened):
+                self._order.wanted.clear()  # not yet while a session may add who asks
         if not sighting.at_rest:
             self._rested.pop(way, None)
         elif way not in self._rested or before is None or sighting.at_s - before.at_s > MOST_PAUSE_S:

@@ -125,6 +125,20 @@ def test_what_one_way_sees_is_no_rest_while_the_other_sees_a_robot_that_is_not_s
         ready._datagrams.end()
 
 
+def test_what_was_asked_before_a_press_does_not_confirm_it() -> None:
+    ready = ReadyStop(connect=f"tcp/127.0.0.1:{free_port()}", stays=False)
+    try:
+        ready._datagrams.obeyed = b"\0" * 8  # a stop of before, which has been cleared since
+        ready._see("datagram", seen(time.monotonic()))
+        ready.press()
+        ready._see("datagram", seen(time.monotonic()))
+        assert ready._order.wanted.is_set(), "the stop goes on being sent"
+        ready._see("datagram", seen(time.monotonic()))
+        assert not ready._order.wanted.is_set()
+    finally:
+        ready._datagrams.end()
+
+
 def test_a_robot_that_is_not_there_is_an_error_and_no_success() -> None:
     port = free_port()
     with pytest.raises(RobotFaultError, match=f"nothing listens at tcp/127.0.0.1:{port}"):
