@@ -1,4 +1,4 @@
-"""The tick: read, think, guard, write, record."""
+"""The control loop: read, compute, guard, write, record."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -11,16 +11,16 @@ from hexctl.types import FloatArray, JointTargets, RobotState, as_joint_angles
 
 
 class TickObserver(Protocol):
-    """Sees every tick of a loop. It runs within the tick and must neither wait nor raise."""
+    """Sees every tick of a loop. It runs within the tick and must neither block nor raise."""
 
     def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
-        """Take one tick: the state read, what the controller wanted, what was sent."""
+        """Take one tick: the state read, the controller's targets, and the targets sent."""
 
     def took(self, work_s: float) -> None:
-        """Take how long the work of the last tick took, its observers included."""
+        """Take the duration of the last tick's work, observers included."""
 
 
-#: Asked after each write with step and state; True ends the loop.
+#: Called after each write with step and state; True ends the loop.
 Until = Callable[[int, RobotState], bool]
 
 
@@ -36,12 +36,10 @@ def run_controller(
 
     Args:
         servos: guarded, connected servos; their clock sets the pace.
-        controller: gives the targets for steps, ticks since it took over.
-        observers: see every tick.
         until: ends the loop early.
-        first_step: number of the first step, for a controller that continues.
+        first_step: for a controller that continues.
 
-    Raises EStopError when the guard stops the robot, CommandRefusedError when a target came too late, and
+    Raises EStopError when the guard stops the robot, CommandRefusedError when a target came too late,
     RobotFaultError when the robot or the simulation fails, InputError for other targets than 18 joint angles.
     """
     tick = servos.clock.tick()

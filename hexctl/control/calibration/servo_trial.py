@@ -1,6 +1,6 @@
-"""Single servos on a bus, tried: moved by a few degrees about where they are, slowly and with little torque.
+"""Trials of single servos on a bus: slow movements of a few degrees with little torque.
 
-Each begins limp, is told to be where it is, and then holds; it ends with its torque as it was.
+Each begins limp, gets its own position as its goal, and then holds; it ends with its torque as it was.
 """
 
 from collections.abc import Iterator
@@ -13,43 +13,40 @@ from hexctl.backends.bus.servo import Servo
 from hexctl.backends.clock import Clock, WallClock
 from hexctl.errors import RobotFaultError
 
-#: How far a servo moves to show which one it is, and how far to be tested.
+#: Movement that shows which servo it is, and movement of a test.
 WIGGLE_DEG, TEST_DEG = 5.0, 10.0
 
-#: Speeds of both.
 WIGGLE_DEG_S, TEST_DEG_S = 20.0, 40.0
 
-#: With less room than this within its limits a servo is not moved.
+#: Minimum room within its limits to move a servo.
 LEAST_DEG = 2.0
 
-#: Distance from a goal within which a servo has followed, and how long it is waited for.
+#: Distance from a goal within which a servo has followed, and how long to wait for it.
 NEAR_DEG, SETTLES_S = 2.0, 0.8
 
-#: A servo beyond its limits by no more than this holds at the limit.
+#: A servo beyond its limits by at most this holds at the limit.
 BEYOND_DEG = 1.0
 
-#: It is asked how it is once in this many control periods.
+#: Control periods between two readings of voltage and load.
 LOOK_EVERY = 10
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServoTrial:
-    """What a servo did when it was told to move to both sides and back.
+    """Response of a servo to a movement to both sides and back.
 
     Attributes:
-        servo_id: of the servo.
-        model: name of its model, or None.
-        followed: whether it came to each goal.
-        moved_deg: how far it came to either side of where it was.
-        error_deg: greatest distance from a goal at which it came to rest.
+        followed: whether it reached each goal.
+        moved_deg: how far it moved to either side.
+        error_deg: maximum distance from a goal at rest.
         speed_deg_s: mean speed of the longest move.
         commanded_deg_s: speed of its goal.
-        delay_s: how long it is behind its goal.
+        delay_s: delay behind its goal.
         voltage_v: before it moved, or None.
         least_voltage_v: while it moved, or None.
         temperature_c: at the end, or None.
-        most_effort: greatest load as a share, or current in A, or None.
-        error: what it complains of; empty for nothing.
+        most_effort: maximum load as a share, or current in A, or None.
+        error: the errors it reports, or empty.
     """
 
     servo_id: int
@@ -69,9 +66,9 @@ class ServoTrial:
 
 @contextmanager
 def held(servo: Servo) -> Iterator[float]:
-    """A servo that holds softly where it is meanwhile, at a count; then its torque is as it was.
+    """Hold a servo softly at its position in counts, which is yielded; restore its torque afterwards.
 
-    Raises RobotFaultError for one that does not answer, does not obey, or must not be moved.
+    Raises RobotFaultError for a servo that does not answer, does not obey, or must not be moved.
     """
     name = f"the servo with id {servo.servo_id}"
     if refusal := servo.settings().refusal:
@@ -98,7 +95,7 @@ def held(servo: Servo) -> Iterator[float]:
 
 
 def _within_limits(servo: Servo, here: float) -> float:
-    """Count at which a servo may hold: where it is, or the end of its limits beside that."""
+    """Count at which a servo may hold: its position, or the nearest limit."""
     least, most = servo.limits()
     start = float(np.clip(here, least, most))
     if abs(start - here) > BEYOND_DEG * servo.type.counts_per_deg:
@@ -110,9 +107,9 @@ def _within_limits(servo: Servo, here: float) -> float:
 
 
 def wiggle(servo: Servo, *, clock: Clock | None = None) -> float:
-    """Move a servo to one side and back; how far, in degrees.
+    """Move a servo to one side and back; the movement in degrees.
 
-    Raises RobotFaultError as `held` does, and for one without room on either side.
+    Raises RobotFaultError as `held` does, and for a servo without room on either side.
     """
     with held(servo) as start:
         sweep = _Sweep(servo, clock or WallClock())
@@ -125,9 +122,9 @@ def wiggle(servo: Servo, *, clock: Clock | None = None) -> float:
 
 
 def try_servo(servo: Servo, *, clock: Clock | None = None) -> ServoTrial:
-    """Move a servo to both sides of where it is and back, and tell what it did.
+    """Move a servo to both sides of its position and back, and measure its response.
 
-    Raises RobotFaultError as `held` does, and for one without room on either side.
+    Raises RobotFaultError as `held` does, and for a servo without room on either side.
     """
     before = servo.look()
     with held(servo) as start:
@@ -162,7 +159,7 @@ def try_servo(servo: Servo, *, clock: Clock | None = None) -> ServoTrial:
 
 
 def _ends(servo: Servo, start: float, far_deg: float) -> tuple[float, float]:
-    """Ends of a movement about a count, within the limits stored in a servo: the one with more room first."""
+    """Ends of a movement about a count within the stored limits: the one with more room first."""
     far, (least, most) = far_deg * servo.type.counts_per_deg, servo.limits()
     ends = sorted((max(start - far, least), min(start + far, most)), key=lambda end: -abs(end - start))
     if abs(ends[0] - start) < LEAST_DEG * servo.type.counts_per_deg:
@@ -175,13 +172,12 @@ def _ends(servo: Servo, start: float, far_deg: float) -> tuple[float, float]:
 
 @dataclass(slots=True)
 class _Sweep:
-    """Movements of a servo, in counts, and what was seen meanwhile.
+    """Movements of a servo, in counts, and measurements of them.
 
     Attributes:
-        voltages: of the servo, while it moves.
-        efforts: its loads or currents.
+        efforts: loads or currents while it moves.
         speed: mean of the longest movement, in counts per second.
-        delay: mean distance behind the goal in that, in counts.
+        delay: mean distance behind the goal in that movement, in counts.
     """
 
     servo: Servo
@@ -193,7 +189,7 @@ class _Sweep:
     _longest: float = 0.0
 
     def move(self, begin: float, end: float, speed_deg_s: float) -> None:
-        """Lead the goal from one count to another at a speed."""
+        """Move the goal from one count to another at a speed."""
         duration_s = abs(end - begin) / (speed_deg_s * self.servo.type.counts_per_deg)
         began_s = self.clock.tick().time_s
         seen: list[tuple[float, float, float]] = []  # time, position, goal
@@ -215,9 +211,9 @@ class _Sweep:
             self.delay = float(np.mean(behind))
 
     def settle(self, goal: float) -> float:
-        """Wait until the servo is near its goal, or no longer; where it is then.
+        """Wait until the servo is near its goal, or the time is over; its position then.
 
-        Raises RobotFaultError where it does not say.
+        Raises RobotFaultError if it does not report its position.
         """
         near, position = 0.25 * self.servo.type.counts_per_deg, None
         until_s = self.clock.now_s + SETTLES_S
@@ -234,7 +230,7 @@ class _Sweep:
         return position
 
     def _look(self, step: int) -> float | None:
-        """Position of the servo, and now and then how it is."""
+        """Position of the servo; every `LOOK_EVERY` steps also its voltage and load."""
         if step % LOOK_EVERY != LOOK_EVERY // 2:
             return self.servo.position()
         found = self.servo.look()
