@@ -1,10 +1,8 @@
-"""Velocity of a body in its own frame, from its poses as they come, and from all of a recording.
+"""Velocity of a body in its own frame, from successive poses or from a recording.
 
 With the position p and the orientation q, R(q)^T turns a vector of the world into the frame of the body:
 
     v = R(q)^T dp/dt,    omega = 2 vec(q* dq/dt)
-
-Both are means between two poses while they come, and central differences of a recording.
 """
 
 import math
@@ -14,10 +12,10 @@ import numpy as np
 
 from hexctl.types import FloatArray
 
-#: Velocities are averaged over this time: the difference of two poses a tick apart is mostly noise.
+#: Averaging time: the difference of two poses a tick apart is mostly noise.
 AVERAGED_S = 0.1
 
-#: Poses further apart than this belong to two motions.
+#: Maximum gap between two poses of a motion.
 MOST_S = 0.5
 
 
@@ -33,8 +31,9 @@ class BodyTwist:
     def of(self, at_s: float, position_world: FloatArray, quaternion_world: FloatArray) -> FloatArray:
         """Velocity (x, y, z) in m/s and angular velocity (x, y, z) in rad/s in the body's frame, (6,).
 
+        Zeros for the first pose, and after a gap.
+
         Args:
-            at_s: time of the pose; zeros are returned for the first one, and after a gap.
             position_world: (3,) in m.
             quaternion_world: (w, x, y, z), (4,).
         """
@@ -87,7 +86,7 @@ def _turned_back(quaternion: FloatArray, vector: FloatArray) -> tuple[float, flo
 
 
 def _turn_between(before: FloatArray, now: FloatArray) -> tuple[float, float, float]:
-    """Rotation vector that turns one orientation into another, in the frame of the body."""
+    """Rotation vector between two orientations, in the frame of the body."""
     w0, x0, y0, z0 = before.tolist()
     w1, x1, y1, z1 = now.tolist()
     w = w0 * w1 + x0 * x1 + y0 * y1 + z0 * z1

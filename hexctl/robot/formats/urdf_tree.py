@@ -1,4 +1,4 @@
-"""URDF that others wrote, as a tree of links and joints placed in the frame of the root."""
+"""A third-party URDF as a tree of links and joints, placed in the frame of the root."""
 
 import math
 from dataclasses import dataclass, field
@@ -12,13 +12,12 @@ from hexctl.errors import InputError
 from hexctl.files import read_file
 from hexctl.types import FloatArray
 
-#: A larger file is no robot description.
 MOST_BYTES = 20_000_000
 
-#: Links of a robot with sensors and frames are fewer; the time to place them grows with their square.
+#: Maximum number of links; the time to place them grows with its square.
 MOST_LINKS = 500
 
-#: Bytes of a binary STL before its triangles, and of each of them.
+#: Bytes of a binary STL before its triangles, and of each triangle.
 STL_HEADER, STL_TRIANGLE = 84, 50
 
 HINGES = ("revolute", "continuous")
@@ -54,7 +53,7 @@ class UrdfShape:
 
 @dataclass(frozen=True, eq=False)
 class UrdfLink:
-    """A link: its mass, None where the file gives none, its centre of mass, and its solids but meshes."""
+    """A link: its mass, None if missing, its centre of mass, and its solids."""
 
     name: str
     mass_kg: float | None
@@ -64,7 +63,7 @@ class UrdfLink:
 
 @dataclass(frozen=True, eq=False)
 class UrdfJoint:
-    """A joint: its frame in that of its parent, its axis in its own, and limits, None where not given."""
+    """A joint: its frame in that of its parent, its axis in its own, and limits, None if missing."""
 
     name: str
     kind: str
@@ -84,13 +83,11 @@ class UrdfJoint:
 
 @dataclass(frozen=True, eq=False)
 class UrdfTree:
-    """Links and joints of a robot, which hang on one root.
+    """Links and joints of a robot, with a single root.
 
     Attributes:
-        name: of the robot.
-        root: name of the link that no joint carries.
         links: by name.
-        joints: by the name of the link that each carries.
+        joints: by the name of their child link.
     """
 
     name: str
@@ -117,7 +114,7 @@ class UrdfTree:
         return tuple(reversed(found))
 
     def rigid(self, link: str) -> list[str]:
-        """A link and all that is fixed to it."""
+        """A link and all links that are fixed to it."""
         found = [link]
         for child in self.children.get(link, ()):
             if not self.joints[child].hinge:
@@ -128,7 +125,7 @@ class UrdfTree:
 def read_urdf(path: Path) -> UrdfTree:
     """Tree of a URDF file.
 
-    Raises InputError for a file that is missing, no URDF, still has xacro in it, or is no tree.
+    Raises InputError for a file that is missing, no URDF, contains xacro, or is no tree.
     """
     try:
         text = read_file(path, MOST_BYTES).decode("utf-8")
@@ -204,7 +201,7 @@ def _shape(part: Element, path: Path) -> UrdfShape | None:
 
 
 def _mesh_points(mesh: Element, path: Path) -> FloatArray | None:
-    """Corners of the triangles of a binary STL beside the URDF, or in its package; None for any other."""
+    """Corners of the triangles of a binary STL near the URDF, or in its package; None for any other."""
     name = mesh.get("filename", "").removeprefix("file://")
     if name.startswith("package://"):
         name = name.removeprefix("package://").partition("/")[2]

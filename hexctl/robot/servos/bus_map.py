@@ -28,7 +28,7 @@ class BusMap(RawMap):
     Attributes:
         driver: one of `BUS_DRIVERS`.
         ids: bus id of each joint's servo, each once, (18,).
-        models: model of each joint's servo, of one protocol.
+        models: of each joint's servo, of one protocol.
     """
 
     unit: ClassVar[str] = "counts"
@@ -43,12 +43,12 @@ class BusMap(RawMap):
         _check_models(self.driver, self.models)
 
     def servo_name(self, joint: int) -> str:
-        """Which servo moves a joint, 0..17: its id."""
+        """The servo of a joint, 0..17, by its id."""
         return f"id {self.ids[joint]}"
 
     @property
     def protocol(self) -> int:
-        """Version of the driver's protocol that the servos speak."""
+        """Version of the driver's protocol of the servos."""
         return self.models[0].protocol
 
     @property
@@ -58,7 +58,7 @@ class BusMap(RawMap):
         return np.array(least), np.array(most)
 
     def names(self, joints: BoolArray) -> str:
-        """Names and ids of some joints, (18,), as messages give them."""
+        """Names and ids of joints in a mask (18,), for messages."""
         if joints.all():
             return "all servos"
         return ", ".join(
@@ -68,7 +68,7 @@ class BusMap(RawMap):
 
 
 def bus_map_of(section: ServosSection, driver: str) -> BusMap:
-    """Bus map of a section `servos` for a driver: keys of a joint come first, then of its kind, then common.
+    """Bus map of a section: keys of a joint have priority over those of its kind and of the section.
 
     Raises InputError for ids, models or limits that no bus can have.
     """
@@ -100,7 +100,7 @@ def bus_map_of(section: ServosSection, driver: str) -> BusMap:
 
 
 def _check_models(driver: str, models: tuple[ServoType, ...]) -> None:
-    """Raise InputError unless one driver speaks to all models, with one protocol."""
+    """Raise InputError unless one driver and one protocol fit all models."""
     for model in models:
         if model.driver != driver:
             raise InputError(f"servos.model: got {model.name} with {driver}; allowed: models of {driver}")
