@@ -145,8 +145,7 @@ def run_sim_trials(
     """Results of many simulated trials in their order, each as in a single run to the last bit.
 
     Trials that begin alike (robot, world, seed, failure, heading, turn) settle and turn once, and walk
-    together. So do up to `MOST_TOGETHER` trials of one robot from different starts, if the controller allows
-    it.
+    together.
 
     Args:
         threads: threads that simulate; 0 uses all cores.
@@ -155,8 +154,8 @@ def run_sim_trials(
         apart: whether the controller leads trials from different starts; turn and frame of its `WalkStart`
             then have the leading shape (n,).
 
-    Raises ReachError or LimitError for a walk that the legs cannot make, before any trial runs; InputError
-    for targets of another shape than (n, 18).
+    Raises ReachError or LimitError before any trial runs; InputError for targets of another shape than (n,
+    18).
     """
     check_type(trials, Sequence, "trials", "a sequence of SimTrials")
     check_type(threads, int, "threads", "a whole number, 0 for all cores")
@@ -230,8 +229,6 @@ def _status_of(error: HexctlError) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Ready:
-    """A simulation that stands ready for the walks of some plans."""
-
     guard: Guard
     servos: SimServos
     start: WalkStart
@@ -305,7 +302,6 @@ class _Walks:
         self._true_positions = np.full((n, self._ticks.max(), 3), np.nan)
 
     def run(self) -> None:
-        """Walk until every trial is over."""
         running = self._batch.running
         for step in range(int(self._ticks.max())):
             before = running.copy()

@@ -26,10 +26,7 @@ def wiggle_yaw_rad(
     frequency_hz: float = FREQUENCY_HZ,
     duration_s: float = DURATION_S,
 ) -> FloatArray:
-    """Yaw of the body at times since the beginning, in their shape; 0 before and afterwards.
-
-    A sine within an envelope of raised cosines: yaw and its rate begin and end at 0.
-    """
+    """Yaw at times, in their shape: a sine within raised cosines, 0 before and afterwards."""
     share = np.clip(np.asarray(times_s, dtype=float) / duration_s, 0.0, 1.0)
     edge = np.minimum(np.minimum(share, 1 - share) / FADING, 1.0)
     envelope = (1 - np.cos(np.pi * edge)) / 2
@@ -39,13 +36,9 @@ def wiggle_yaw_rad(
 def wiggle_targets_rad(
     robot: Robot, times_s: FloatArray, start_rad: FloatArray | None = None, **motion: float
 ) -> FloatArray:
-    """Joint angles (T, 18) of a twist at times (T,) with the feet in place.
+    """Joint angles (T, 18) of a twist at times (T,) with the feet in place; start None is the stance.
 
-    Args:
-        start_rad: joint angles in which it stands, (18,); None is the stance.
-        motion: `amplitude_rad`, `frequency_hz` and `duration_s`, as for `wiggle_yaw_rad`.
-
-    Raises ReachError or LimitError, naming leg and joint, for a twist that the legs cannot make.
+    `motion` is as for `wiggle_yaw_rad`. Raises ReachError or LimitError, naming leg and joint.
     """
     start_rad = robot.stance_angles_rad if start_rad is None else start_rad
     yaw_rad = wiggle_yaw_rad(times_s, **motion)
@@ -57,14 +50,9 @@ def wiggle_targets_rad(
 
 
 class BodyWiggle(Controller):
-    """Twists the body of a standing robot about its middle, with a soft start and end.
+    """Twists the body of a standing robot about its middle, with a soft start and end; None is the stance.
 
-    Args:
-        start_rad: joint angles in which it stands, (18,); None is the stance.
-        amplitude_rad: to each side.
-
-    Raises ReachError or LimitError, naming leg and joint, for a twist that the legs cannot make, and
-    InputError for a duration without a twist.
+    Raises ReachError or LimitError, naming leg and joint, and InputError for a duration without a twist.
     """
 
     def __init__(

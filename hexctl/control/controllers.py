@@ -40,12 +40,10 @@ class Controller(ABC):
 
     Attributes:
         hold: what it holds by feedback, one of `hexctl.control.trial_plan.HOLDS` except `auto`.
-        velocity_body: current velocity, forward and left in m/s, turn in rad/s, leading shape + (3,); None if
-            it is constant.
+        velocity_body: forward and left in m/s, turn in rad/s, leading shape + (3,); None if constant.
         limited_steps: steps so far in which the commanded speed exceeded the strokes, leading shape.
         leg_phases: normalised times of the legs in the last step, leading shape + (6,); None without a cycle.
-        leg_suspicion: evidence against each leg in the last step, an alarm at 1, leading shape + (6,); None
-            while legs are not monitored.
+        leg_suspicion: evidence against each leg, an alarm at 1, leading shape + (6,); None without a monitor.
     """
 
     hold: str = "none"
@@ -84,8 +82,8 @@ class Controller(ABC):
     def stop(self, step: int) -> int:
         """Begin a soft stop at a step; the number of steps that it takes, 0 without a soft stop.
 
-        During these steps targets are still requested, whatever `done` returns. Without a soft stop the trial
-        moves the joints evenly to the stance.
+        During these steps targets are still requested. Without a soft stop the joints move evenly to the
+        stance.
         """
         return 0
 
@@ -96,14 +94,7 @@ def soft_stop_steps(period_s: float) -> int:
 
 
 class Stand(Controller):
-    """Moves the joints evenly from their angles to the stance, and rests there.
-
-    Args:
-        start_rad: initial joint angles, (18,).
-        steps: duration of the motion.
-        rest_steps: rest after the motion until the controller is done.
-        end_rad: another pose than the stance, (18,).
-    """
+    """Moves the joints evenly from angles (18,) to the stance, or to `end_rad`, and rests there."""
 
     def __init__(
         self,
@@ -133,13 +124,7 @@ class Stand(Controller):
 
 
 class Walk(Controller):
-    """Walks with a gait and a constant motion until stopped, then comes softly to a stand.
-
-    Args:
-        gaits: the gait, or n of them for a batch of n robots.
-        motions: the motion, or n of them.
-        held_legs: legs that keep their stance pose; or those of each of the n robots.
-    """
+    """Walks with a gait and a constant motion until stopped; n gaits and motions for a batch of n robots."""
 
     def __init__(
         self,
@@ -223,12 +208,7 @@ def held_joints(held_legs: HeldLegs) -> BoolArray | None:
 def joints_of_feet(
     robot: Robot, feet_body: FloatArray, held_legs: HeldLegs | BoolArray | None = None
 ) -> FloatArray:
-    """Joint angles, leading shape + (18,), with held legs in their stance pose.
-
-    Args:
-        feet_body: leading shape + (6, 3) in m.
-        held_legs: of the robot, or of each of n robots; or their joints, as from `held_joints`.
-    """
+    """Joint angles (18,) of feet (6, 3) in m, leading shapes before; held legs are in their stance."""
     joints_rad = solve_legs(robot, feet_body).joint_positions_rad
     held = held_joints(held_legs) if isinstance(held_legs, tuple) else held_legs
     return joints_rad if held is None else np.where(held, robot.stance_angles_rad, joints_rad)

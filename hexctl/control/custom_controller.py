@@ -31,12 +31,7 @@ CONTROLLERS = (
 
 
 class FunctionController(Controller):
-    """Walks by a function of step and state.
-
-    Args:
-        function: returns 18 joint angles in rad; in a batch of n it gets states of leading shape (n,), and
-            returns (n, 18) or (18,) for all.
-    """
+    """Walks by a function of step and state that returns 18 joint angles in rad; in a batch also (n, 18)."""
 
     def __init__(self, function: StepFunction, batch_shape: tuple[int, ...] = ()) -> None:
         self._function, self._batch_shape = function, batch_shape
@@ -56,10 +51,7 @@ def check_controller(controller: object) -> None:
 
 
 def made_controller(controller: CustomController, start: WalkStart) -> Controller:
-    """The controller given, the one its factory makes, or a function as a controller.
-
-    Raises WrongTypeError for anything else.
-    """
+    """A controller, one made by a factory, or a function as a controller; raises WrongTypeError."""
     made: Any = controller
     if not isinstance(made, Controller) and _argument_count(made) == 1:
         made = made(start)
@@ -83,10 +75,7 @@ def controller_name(controller: object) -> str | None:
 
 
 def _argument_count(function: object) -> int | None:
-    """Number of positional arguments of a function, 1 or 2, or None.
-
-    A function that takes both counts as 1, and so does a built-in function of unknown signature.
-    """
+    """Positional arguments of a function, 1 or 2, or None; 1 if both fit or the signature is unknown."""
     if not callable(function):
         return None
     try:

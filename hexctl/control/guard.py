@@ -47,10 +47,7 @@ class StepLimits(ArrayFields):
         return cls(robot.joint_lower_rad, robot.joint_upper_rad, robot.joint_max_speed_rad_s * period_s)
 
     def apply(self, wanted_rad: FloatArray, accepted_rad: FloatArray) -> FloatArray:
-        """Nearest targets, leading shape + (18,), within range and speed of the last accepted targets.
-
-        The speed limit has priority: a joint outside its range returns no faster than it may turn.
-        """
+        """Nearest targets, leading shape + (18,), within speed and, with lower priority, range."""
         return self.stepped(np.minimum(np.maximum(wanted_rad, self.lower_rad), self.upper_rad), accepted_rad)
 
     def stepped(self, wanted_rad: FloatArray, accepted_rad: FloatArray) -> FloatArray:
@@ -91,13 +88,7 @@ ROUNDING = 1e-6
 
 @dataclass(slots=True)
 class GuardCounters:
-    """Numbers of commands that the guard has handled.
-
-    Attributes:
-        accepted: passed, changed or not.
-        clipped: passed after a position or a speed limit changed them.
-        refused: not finite, wrong shape, too old, from the future, or stopped.
-    """
+    """Numbers of commands; clipped ones were passed after a limit changed them."""
 
     accepted: int = 0
     clipped: int = 0
@@ -143,13 +134,9 @@ class Guard(ServosWrapper):
         expiry_s: float = EXPIRY_S,
         tilt_of: Callable[[RobotState], FloatArray | None] = base_orientation,
     ) -> None:
-        """Guard servos.
+        """Guard servos; `expiry_s` limits the age of commands and states, and silence. Raises InputError.
 
-        Args:
-            expiry_s: maximum age of commands and states, and of a controller's silence, in s.
-            tilt_of: orientation (4,) of a state that was just read, by which falls are detected, or None.
-
-        Raises InputError for an expiry that is not allowed.
+        `tilt_of` returns the orientation (4,) of a new state by which falls are detected, or None.
         """
         check_type(expiry_s, float, "expiry")
         if not 0 < expiry_s <= MAX_EXPIRY_S:
@@ -190,10 +177,7 @@ class Guard(ServosWrapper):
         return self.stopped is not None and self.stopped.startswith(HOT)
 
     def accepted_rad(self) -> FloatArray:
-        """Last accepted targets, or joint positions before the first command, (18,).
-
-        Raises RobotFaultError if the joint positions are not finite.
-        """
+        """Last accepted targets, (18,), initially the joint positions; raises RobotFaultError."""
         if self._accepted_rad is None:
             positions = self._read().joint_positions_rad
             if not np.isfinite(positions).all():
@@ -207,29 +191,20 @@ class Guard(ServosWrapper):
             self.wrapped.connect()
 
     def close(self) -> None:
-        """Close the servos behind the guard; a stop stays latched.
-
-        Raises RobotFaultError if their link fails.
-        """
+        """Close the servos behind the guard; a stop stays latched. Raises RobotFaultError."""
         self._forget()
         with _LINK_FAILED:
             self.wrapped.close()
 
     def read(self) -> RobotState:
-        """Newest state; latches a stop for a fall, a fault, or missing commands.
-
-        Raises RobotFaultError when the link fails.
-        """
+        """Newest state; latches a stop for a fall, a fault, or missing commands. Raises RobotFaultError."""
         state = self._read()
         if self.stopped in (None, "expired") or self.hot:  # graver reasons outweigh these
             self._watch(state)
         return state
 
     def peek(self) -> RobotState:
-        """Newest state without the checks of `read`: for reports between two ticks.
-
-        Raises RobotFaultError when the link fails.
-        """
+        """Newest state without the checks of `read`, between two ticks. Raises RobotFaultError."""
         return self._read()
 
     def write(self, targets: JointTargets) -> JointTargets:
@@ -277,10 +252,7 @@ class Guard(ServosWrapper):
         self._forget()
 
     def forget_pose(self) -> None:
-        """Expect no position and orientation until the next ones, which come from another source.
-
-        The orientation that falls are detected by is still expected.
-        """
+        """Expect no position and orientation until the next ones; falls are still detected."""
         self._seen_at_s = {part: at_s for part, at_s in self._seen_at_s.items() if part == "tilt"}
         self.positions.forget()
 
@@ -302,10 +274,7 @@ class Guard(ServosWrapper):
         return limp
 
     def pause_watchdog(self) -> None:
-        """Expect no command until the next one, as between two trials; a stop stays latched.
-
-        Raises RobotFaultError when the link fails.
-        """
+        """Expect no command until the next one; a stop stays latched. Raises RobotFaultError."""
         self._accepted_at_s = None
         now_s = self.clock.now_s
         # A known pose stays expected, but its age counts from here.
@@ -334,7 +303,6 @@ class Guard(ServosWrapper):
         return sent
 
     def _note_standstill(self) -> None:
-        """Note a delay of this program itself."""
         self.standstill = self.clock.standing_still() or self.standstill
 
     def _forget(self) -> None:

@@ -75,10 +75,7 @@ class LegChange:
     """A tick in which the set of failed legs changed.
 
     Attributes:
-        row: of the log; the world changed since the row before.
         by: `world` for real failures, `belief` for those the controller assumes.
-        before: failures until then, by leg.
-        failures: failures from then on, by leg.
     """
 
     row: int
@@ -100,16 +97,12 @@ class TickLog:
     `run_trial` as a recorder, a log is filled tick by tick.
 
     Attributes:
-        controller: of the next ticks, if known.
         phase: of the next ticks, one of `PHASES`.
         frame: the trial frame, from the start of the walk on.
         pose_known: whether the last tick had a base position.
         posed_from: the first row with a base position, None before any.
-        contacts_known: whether the last tick had foot contacts.
-        walked_ticks: number of ticks of the walk.
         walk_from: the first row of the walk, None before it.
         notes: rows and texts of events.
-        leg_changes: changes of the failed legs, in the world and in the controller's belief.
         servo_rows: rows and reports of single servos, once a second.
     """
 
@@ -207,12 +200,7 @@ class TickLog:
         self.notes += [(len(self), text) for text in texts]
 
     def note_failures(self, by: str, failures: tuple[Failure, ...] | None) -> None:
-        """Note a change of the failed legs at the tick that is recorded next.
-
-        Args:
-            by: `world` or `belief`, as in `LegChange`.
-            failures: by leg; None if unknown.
-        """
+        """Note a change of the failed legs in `world` or `belief` at the next tick; None is unknown."""
         if failures is not None and failures != self._failures_by.get(by):
             before = self._failures_by.get(by, ())
             self._failures_by[by] = failures
@@ -266,19 +254,10 @@ class RecorderFailure:
 
 
 class Recorders:
-    """The recorders of one trial. A failed one affects neither the others nor the robot.
-
-    Attributes:
-        log: the rows that the recorders get.
-        failures: in the order in which they happened.
-    """
+    """The recorders of one trial. A failed one affects neither the others nor the robot."""
 
     def __init__(self, *recorders: "Recorder | TickLog", block_ticks: int = BLOCK_TICKS) -> None:
-        """Take recorders, and at most one `TickLog` to fill.
-
-        Args:
-            block_ticks: default size of a block.
-        """
+        """Take recorders, at most one `TickLog` to fill, and the default size of a block."""
         for recorder in recorders:
             check_type(recorder, (TickLog, Recorder), "recorders", "TickLogs and Recorders")
         logs = [recorder for recorder in recorders if isinstance(recorder, TickLog)]
@@ -352,11 +331,7 @@ class _Active:
 
 
 def frame_columns(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Columns (T,) of a data frame by name, in the order of `COLUMNS`.
-
-    Args:
-        values: columns of a log by name, and `walk_s`; missing foot contacts become NaN.
-    """
+    """Columns (T,) of a data frame by name, in the order of `COLUMNS`; missing foot contacts become NaN."""
     unknown = {"foot_contacts": np.full((len(values["time_s"]), N_LEGS), np.nan)}
     frame: dict[str, Any] = {}
     for column in COLUMNS:

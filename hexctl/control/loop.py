@@ -32,15 +32,11 @@ def run_controller(
     until: Until | None = None,
     first_step: int = 0,
 ) -> tuple[int, RobotState]:
-    """Run a controller on the servos until it is done; the last step and state.
+    """Run a controller on connected servos, at their clock, until it is done; the last step and state.
 
-    Args:
-        servos: guarded, connected servos; their clock sets the pace.
-        until: ends the loop early.
-        first_step: for a controller that continues.
-
-    Raises EStopError when the guard stops the robot, CommandRefusedError when a target came too late,
-    RobotFaultError when the robot or the simulation fails, InputError for other targets than 18 joint angles.
+    `until` ends the loop early. A controller that continues has another first step. Raises EStopError when
+    the guard stops the robot, CommandRefusedError when a target came too late, RobotFaultError when the robot
+    or the simulation fails, InputError for other targets than 18 joint angles.
     """
     tick = servos.clock.tick()
     zero_index = tick.index - first_step
@@ -55,10 +51,7 @@ def run_controller(
 def run_step(
     servos: Guard, controller: Controller, tick: Tick, step: int, observers: Sequence[TickObserver] = ()
 ) -> RobotState:
-    """One step of a controller at a tick that has begun; the state that it was given.
-
-    Raises what `run_controller` raises.
-    """
+    """One step of a controller at a tick; its state. Raises what `run_controller` raises."""
     began_s = time.perf_counter()
     state = servos.read()
     wanted_rad = as_joint_angles(controller.targets_rad(step, state), "controller", leading_shape=())

@@ -21,11 +21,7 @@ TOLD_S = 2.0
 
 
 class PositionCheck:
-    """Checks the positions of one robot in sequence; a lasting jump is accepted once it can have been walked.
-
-    Attributes:
-        doubted: number of rejected positions.
-    """
+    """Checks the positions of one robot in sequence; counts doubted ones, accepts plausible later jumps."""
 
     def __init__(self) -> None:
         self.doubted = 0

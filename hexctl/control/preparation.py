@@ -42,10 +42,8 @@ class WalkStart:
     Attributes:
         plans: a single plan, or n in a batch.
         batch_shape: () for one robot, (n,) in a batch: the leading shape of states and targets.
-        turned_rad: how far the body has turned since the trial began.
-        frame: the trial frame, or None if the robot knows no pose.
-
-    For robots from different starts in a batch, `turned_rad` and the fields of the frame have the shape (n,).
+        turned_rad: turn since the trial began, (n,) for different starts, as the fields of the frame.
+        frame: None if the robot knows no pose.
     """
 
     robot: Robot
@@ -83,10 +81,9 @@ def prepare(
     recorders: Recorders | Sequence[Recorder | TickLog] = (),
     stop_requested: StopRequested = never,
 ) -> WalkStart:
-    """Settle in the stance and turn the failed leg away; the robot at the start of its walk.
+    """Settle in the stance and turn the failed leg away; the start is the mean pose of the rest.
 
-    Position and yaw are means over the rest before the walk, against sensor noise. Raises what
-    `run_controller` raises.
+    Raises what `run_controller` raises.
     """
     return Preparation(servos, plan, Trace(), Recorders.of(recorders), stop_requested).run()
 

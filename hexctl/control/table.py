@@ -37,13 +37,7 @@ CHUNK_READINGS = 32
 
 
 class Column(NamedTuple):
-    """A column of a table. Unknown values are NaN, 0 or False.
-
-    Attributes:
-        shape: of one row, () for a number.
-        unit: empty without one.
-        fields: names of its numbers in a data frame; empty for a single number.
-    """
+    """A column of a table; the shape of a number is (), and unknown values are NaN, 0 or False."""
 
     name: str
     shape: tuple[int, ...] = ()
@@ -151,10 +145,7 @@ class Table:
 
 
 class ServoRows:
-    """Readings of single servos and their rows in a log; iterating gives (row, readings).
-
-    An hour takes 8 MB, of which the last minutes are in memory.
-    """
+    """Readings of single servos and their rows in a log; iterating gives (row, readings)."""
 
     def __init__(self, readings: Iterable[tuple[int, ServoReadings]] = ()) -> None:
         """Begin with rows and readings."""

@@ -23,9 +23,8 @@ class TrialFrame(ArrayFields):
     """Frame of a trial, fixed at the start of its walk: origin there, x along the commanded heading.
 
     Attributes:
-        origin_world: start of the walk, (3,) in m; NaN if the robot knows no position.
-        heading_rad: direction of travel in the world.
-        yaw_rad: yaw of the body at the start; 0 if the robot knows no yaw.
+        origin_world: (3,) in m; NaN if the robot knows no position.
+        yaw_rad: yaw of the body at the start; 0 if unknown.
     """
 
     origin_world: FloatArray
@@ -42,11 +41,7 @@ class TrialFrame(ArrayFields):
 
 
 class Trace:
-    """Base poses of a trial so far, NaN if unknown; those of the last minutes are in memory.
-
-    Attributes:
-        frame: the trial frame, from the start of the walk on.
-    """
+    """Base poses of a trial so far, NaN if unknown; the frame is known from the walk on."""
 
     def __init__(self) -> None:
         self.frame: TrialFrame | None = None

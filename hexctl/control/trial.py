@@ -67,10 +67,7 @@ def stop_when(enough: Enough | None) -> ShouldStop | None:
 
 
 def planned_walk(start: WalkStart) -> Walk | VelocityWalk:
-    """The walk of the plans: steered if they hold something, else open loop with constant motion.
-
-    Plans that walk together hold the same, and change their gaits at the same times.
-    """
+    """The walk of the plans: steered if they hold something, else open loop with constant motion."""
     hold = held(start.plans[0], start.frame)
     if hold != "none":
         return SteeredWalk(start, hold=hold)
@@ -160,12 +157,7 @@ def _guarded(servos: LegServos) -> Guard:
 
 
 class _Trial:
-    """A trial in progress; its result holds the same fields as `score` takes.
-
-    Attributes:
-        status: `ok` once the full duration was walked.
-        stopped: why it was aborted, or None.
-    """
+    """A trial in progress; the status is `ok` once the full duration was walked."""
 
     def __init__(
         self,
@@ -188,7 +180,6 @@ class _Trial:
         self._samples, self._effort = WalkSamples(ticks_of(servos, plan.duration_s)), WalkEffort()
 
     def run(self, *, soft_stop: bool) -> None:
-        """Settle, turn, walk and stop."""
         servos, trace, recorders = self._servos, self.trace, self._recorders
         try:
             # The first command would power up a limp robot.
@@ -207,7 +198,6 @@ class _Trial:
             self.stopped = servos.stopped or "requested"
 
     def result(self) -> TrialResult:
-        """The result of the walk so far."""
         trace, plan = self.trace, self._plan
         rows = trace.rows("walk")
         return score(

@@ -40,11 +40,8 @@ MAX_TURN_TRIM_RAD_S = math.radians(4.0)
 def suited_rotation(self_rotation: str, hold: str, *, chosen_gait: bool) -> str:
     """The self-rotation asked for, or for `auto` the one that suits a walk.
 
-    With a held line and a gait chosen for the failed leg, a turn gains no speed. Otherwise the leg turns to
+    A turn gains no speed with a held line and a gait chosen for the failed leg. Otherwise the leg turns to
     the rear, as in the paper: with only the yaw that halves the deviation, and gaits for six legs are faster.
-
-    Args:
-        chosen_gait: whether the gait is chosen for the failed leg, as by `--gait auto`.
     """
     if self_rotation != AUTO_ROTATION:
         return self_rotation
@@ -134,7 +131,7 @@ class TrialPlan:
         self.motion(0.0)
 
     def _check_turn_trim(self) -> None:
-        """Raise InputError for a trim of a walk that is not straight or not in open loop, or a large one."""
+        """Raise InputError for a large trim, and for one of a walk that is not straight in open loop."""
         trim_rad_s = self.turn_trim_rad_s
         check_type(trim_rad_s, (float, type(None)), "plan.turn_trim_rad_s", "a rate in rad/s, or None")
         if trim_rad_s is None:

@@ -20,13 +20,9 @@ QUALITIES = ("energy_j", "cost_of_transport", "tilt_deg", "steadiness")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Deviation(ArrayFields):
-    """Distance from the line of travel in m.
+    """Distance from the line of travel in m, absolute except `signed`, which is positive to the left.
 
-    Attributes:
-        final: at the end, absolute (the paper's F).
-        mean: of the absolute deviation over the walk; NaN if only the end was measured.
-        max: of the absolute deviation over the walk; NaN likewise.
-        signed: at the end, positive to the left.
+    `final` (the paper's F) and `signed` are at the end; mean and max are NaN if only the end was measured.
     """
 
     final: float
@@ -183,10 +179,7 @@ class TrialResult(ArrayFields):
             ) from error
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the path seen from above, with the line of travel from left to right; the axes used.
-
-        Raises MissingExtraError without matplotlib. Axes None is a new figure.
-        """
+        """Draw the path from above in axes, or a new figure; raises MissingExtraError."""
         ax = path_axes(ax)
         (line,) = ax.plot(self.path_m[:, 0], self.path_m[:, 1], label=repr(self))
         if len(self.path_m):
@@ -207,10 +200,7 @@ class TrialResult(ArrayFields):
 
 
 def path_axes(ax: Any = None) -> Any:
-    """Matplotlib axes, given or new, for paths seen from above, with the line of travel.
-
-    Raises MissingExtraError without matplotlib.
-    """
+    """Matplotlib axes for paths from above, with the line of travel; raises MissingExtraError."""
     try:
         import matplotlib.pyplot as plt
     except ModuleNotFoundError as error:

@@ -28,12 +28,7 @@ _TOP, _END = np.array(SWING_TOP), np.array(SWING_END)
 
 
 def phase_in_cycle(cycles: ArrayLike, slots: ArrayLike) -> FloatArray:
-    """Normalised time of each leg in [0, 1), u = mod(t + (g_i - 1) / 6, 1) (paper, Eq. 5).
-
-    Args:
-        cycles: t, gait cycles since the start; broadcasts against the slots.
-        slots: g_i, the phase slot of each leg, 1..6.
-    """
+    """Normalised time of each leg in [0, 1), u = mod(t + (g_i - 1) / 6, 1), of slots g_i (paper, Eq. 5)."""
     return part_of_cycle(np.asarray(cycles) + (np.asarray(slots) - 1) / 6)
 
 
@@ -89,11 +84,7 @@ RAMP_DURATION_S = 1 / RAMP_RATE_PER_S
 
 
 def ramp(time_s: ArrayLike, stop_s: float | None = None) -> FloatArray:
-    """Factor of amplitude and height, in [0, 1], at times since the start of a walk: soft start and stop.
-
-    Args:
-        stop_s: when the stop began, or None.
-    """
+    """Factor of amplitude and height, in [0, 1], at times since the start of a walk: soft start and stop."""
     rising = np.asarray(time_s) * RAMP_RATE_PER_S
     if stop_s is None:
         return np.minimum(np.maximum(rising, 0.0), 1.0)
@@ -191,13 +182,9 @@ def _stepping(posture: Posture) -> list[float]:
 def feet_at_phases(
     robot: Robot, pattern: StepPattern, u: FloatArray, strokes: FloatArray, envelope: FloatArray | float
 ) -> FloatArray:
-    """Foot positions at normalised times, shape of u + (3,) in m.
+    """Foot positions at normalised times u (..., 6), shape of u + (3,) in m; the rest broadcasts against u.
 
-    Args:
-        pattern: its arrays broadcast against u.
-        u: normalised time of each foot, (..., 6).
-        strokes: in the body frame, broadcast against u, + (2,) in m.
-        envelope: factor of strokes, heights and posture, 0 to 1, broadcast against u.
+    `strokes` are in the body frame, + (2,) in m; `envelope`, 0 to 1, scales strokes, heights and posture.
     """
     stroke, lift = stroke_offset(u, pattern.swing_share), lift_offset(u, pattern.swing_share)
     if pattern.stepping is not None:
@@ -216,12 +203,7 @@ def feet_at_phases(
 def gait_feet_body(
     robot: Robot, gait: Gait, motion: Motion, time_s: ArrayLike, stop_s: float | None = None
 ) -> FloatArray:
-    """Foot positions at times since the start of a walk (paper, Eq. 1), time shape + (6, 3) in m.
-
-    Args:
-        time_s: any shape.
-        stop_s: when a soft stop began, or None.
-    """
+    """Foot positions at times since the start of a walk (paper, Eq. 1), time shape + (6, 3) in m."""
     return feet_of_walks(
         robot,
         StepPattern.of(robot, gait),
@@ -239,13 +221,9 @@ def feet_of_walks(
     time_s: FloatArray,
     stop_s: float | None = None,
 ) -> FloatArray:
-    """Foot positions of several walks at the same times, walks shape + time shape + (6, 3) in m.
+    """Foot positions of walks at the same times, walks shape + time shape + (6, 3) in m.
 
-    Args:
-        pattern: its leading shape is the walks shape.
-        stroke_vectors: stance strokes in the body frame, walks shape + (6, 2) in m.
-        time_s: seconds since the walks began, any shape.
-        stop_s: when a soft stop began, or None.
+    Strokes are walks shape + (6, 2) in m in the stance and the body frame.
     """
     walks = np.shape(pattern.pace_hz)
     times = (1,) * len(walks) + time_s.shape + (1,)

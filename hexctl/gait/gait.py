@@ -129,10 +129,7 @@ class Motion:
 
 
 def ideal_speed_m_s(robot: Robot, gait: Gait, motion: Motion) -> float:
-    """Travel speed without slip, v = (3/2) A f, from the slope of the stance in Eq. 3 and the pace f.
-
-    With a swing share s it is A f / (1 - s).
-    """
+    """Travel speed without slip (Eq. 3): (3/2) A f, with a swing share s A f / (1 - s)."""
     return gait.strokes_per_cycle * gait.amplitude * robot.size_m * gait.pace_hz * motion.travel
 
 
@@ -218,8 +215,7 @@ def parse_slots(
 ) -> Slots:
     """Slots of a name (`tripod`), a code (`57`) or a list (`5,1,2,4,3,6`), as text or as numbers.
 
-    A code counts among the arrangements of the walking legs. Raises InputError for anything else; `besides`
-    are further allowed names for the message.
+    A code counts among the arrangements of the walking legs. Raises InputError for anything else.
     """
     if isinstance(gait, str):
         return _slots_of_text(gait, failed_legs, besides)

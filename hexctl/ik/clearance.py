@@ -17,14 +17,12 @@ POINT_M2 = 1e-18
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LegClearance(ArrayFields):
-    """Gaps between each leg and the next one, leg 1 and 2 first, leg 6 and 1 last.
+    """Gaps between each leg and the next one, leg 1 and 2 first, leg 6 and 1 last; leading shape + (6,).
 
     Attributes:
-        gaps_m: gap between the nearest two parts, negative if they overlap, leading shape + (6,).
-        depths: their overlap as a share of the sum of their radii, 1 if their axes meet, leading shape +
-            (6,).
-        nearest: their indices in `PARTS`: those of the deepest overlap, or else the smallest gap, leading
-            shape + (6, 2).
+        gaps_m: gap between the nearest two parts, negative if they overlap.
+        depths: their overlap as a share of the sum of their radii, 1 if their axes meet.
+        nearest: their indices in `PARTS`: deepest overlap, or else smallest gap, leading shape + (6, 2).
     """
 
     gaps_m: FloatArray
@@ -62,8 +60,7 @@ def segment_distance_m(
 ) -> FloatArray:
     """Minimum distance between segments, shape of the broadcast points less the last axis of 3.
 
-    The nearest points of two lines, clamped to the segments in turn (Ericson, Real-Time Collision Detection,
-    2005, section 5.1.9).
+    Source: Ericson, Real-Time Collision Detection, 2005, section 5.1.9.
     """
     along, other = end - start, other_end - other_start
     between = start - other_start

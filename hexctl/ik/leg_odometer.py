@@ -19,10 +19,8 @@ class LegStep(ArrayFields):
     """Motion of a body between two states, by its legs.
 
     Attributes:
-        motion: in the body frame of the first state, (3,): forward and left in m, counter-clockwise in rad;
-            None after a gap.
+        motion: in the first body frame, (3,): forward and left in m, counter-clockwise; None after a gap.
         height_m: of the body frame's origin above the floor, at the second state.
-        rise_m: change of the height.
         up_body: the vertical at the second state, in the body frame, (3,).
     """
 
@@ -35,11 +33,7 @@ class LegStep(ArrayFields):
 
 
 class LegOdometer:
-    """Leg odometry for incoming joint angles, with the same result as `leg_motions`.
-
-    Attributes:
-        told: legs 1..6 that are known to be missing; may change at any time.
-    """
+    """Leg odometry for incoming joint angles, as `leg_motions`; `told` are known missing legs 1..6."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
@@ -55,12 +49,7 @@ class LegOdometer:
     def update(
         self, at_s: float, joint_positions_rad: FloatArray, foot_contacts: BoolArray | None = None
     ) -> LegStep | None:
-        """Motion since the state before; None for the first state, an old one, and NaN angles.
-
-        Args:
-            joint_positions_rad: (18,).
-            foot_contacts: (6,), or None if unknown.
-        """
+        """Motion since the state before; None for the first state, an old one, and NaN angles."""
         last = self._last
         late = last is not None and at_s <= last[0]
         if late or not np.isfinite(joint_positions_rad).all():
@@ -83,10 +72,5 @@ class LegOdometer:
         return LegStep(before_s, at_s, motion, after_m, after_m - before_m, moved.up_body[1])
 
     def see(self, at_s: float, pose: FloatArray) -> None:
-        """Take a measured pose of the body, which shows a leg that carries nothing.
-
-        Args:
-            at_s: on the clock of the states, up to a second ago.
-            pose: x and y in m and yaw in rad, (3,), in any constant frame.
-        """
+        """Take a pose, x and y in m and yaw in rad, up to a second old, to detect a lost leg."""
         self._watch.see(at_s, pose, self.told)

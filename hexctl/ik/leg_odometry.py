@@ -71,8 +71,7 @@ class LegMotions(ArrayFields):
     """Motion of a body between T moments, by its legs.
 
     Attributes:
-        motions: from each moment to the next in the frame of the first, (T - 1, 3): forward and left in m,
-            counter-clockwise in rad.
+        motions: in the frame of the first moment, (T - 1, 3): forward and left in m, counter-clockwise.
         slip_m: RMS slip of the standing feet, (T - 1,).
         height_m: of the body frame's origin above the floor, (T,).
         up_body: the vertical in the body frame, (T, 3).
@@ -101,15 +100,9 @@ def leg_motions(
     foot_contacts: BoolArray | None = None,
     lost_legs: Collection[int] = (),
 ) -> LegMotions:
-    """Motion of the body from joint angles over time.
+    """Motion of the body from joint angles (T, 18) at ascending times (T,), T of 2 or more.
 
-    Args:
-        times_s: ascending, (T,) with T of 2 or more.
-        joint_positions_rad: (T, 18), measured or commanded.
-        foot_contacts: (T, 6); None derives them from geometry.
-        lost_legs: legs 1..6 that are missing.
-
-    Raises InputError for shapes that do not fit, or times that do not ascend.
+    Foot contacts are (T, 6), or derived from geometry. Raises InputError for shapes that do not fit.
     """
     times_s = np.asarray(times_s, dtype=float)
     if times_s.ndim != 1 or len(times_s) < 2 or not (np.diff(times_s) > 0).all():
@@ -164,10 +157,7 @@ def _rolled(robot: Robot, joints_rad: FloatArray) -> ComplexArray:
 
 
 def _floor_plane(feet: FloatArray, centre: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Normal of the plane that feet (..., 6, 3) carry a centre of mass on, and its distance along that.
-
-    Without three feet around the centre, as in a fall, it is the nearest such plane.
-    """
+    """Normal of the plane that feet (..., 6, 3) carry a centre of mass on, or nearly, and its distance."""
     a, b, c = (feet[..., _TRIPLES[:, corner], :] for corner in range(3))
     across = np.cross(b - a, c - a)
     sense = np.where(across[..., 2] < 0, -1.0, 1.0)

@@ -94,7 +94,6 @@ def _cosine(value: FloatArray) -> FloatArray:
 
 
 def _per_leg(joint_positions_rad: FloatArray) -> FloatArray:
-    """Joint angles by leg, leading shape + (18,) to leading shape + (6, 3)."""
     return joint_positions_rad.reshape(*joint_positions_rad.shape[:-1], N_LEGS, JOINTS_PER_LEG)
 
 

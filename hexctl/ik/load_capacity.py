@@ -31,10 +31,7 @@ def load_capacity(
 ) -> FloatArray:
     """Multiples of its weight that a robot carries, leading shape; below 1 it sinks, 0 if it tips over.
 
-    Args:
-        joint_positions_rad: leading shape + (18,).
-        standing: which feet are on the floor, leading shape + (6,).
-        friction: sliding friction mu of the feet.
+    Standing feet are leading shape + (6,), with sliding friction mu.
     """
     points = link_points_body(robot, joint_positions_rad)
     forces = np.where(standing, _leg_capacity_n(robot, joint_positions_rad, points, friction), 0.0)

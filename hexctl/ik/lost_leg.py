@@ -34,11 +34,7 @@ BETTER_SHARE, BETTER_M = 0.65, 0.003
 
 
 class LostLegWatch:
-    """Detects at most one lost leg of a robot, in addition to known ones. All times are on one clock.
-
-    Attributes:
-        lost_legs: detected legs 1..6: one or none.
-    """
+    """Detects at most one lost leg, in addition to known ones. All times are on one clock."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
@@ -63,12 +59,7 @@ class LostLegWatch:
             self.restart()
 
     def see(self, at_s: float, pose: FloatArray, known: Collection[int] = ()) -> None:
-        """Take a measured pose of the body, and compare once a second.
-
-        Args:
-            pose: x and y in m and yaw in rad, (3,), in any constant frame.
-            known: legs 1..6 that are known to carry nothing.
-        """
+        """Take a pose, x and y in m and yaw in rad in any constant frame, and compare once a second."""
         if not self._heard:
             return
         self._poses.append((at_s, np.asarray(pose, dtype=float)))
@@ -109,10 +100,7 @@ class LostLegWatch:
             self.lost_legs = (best,) if best else ()
 
     def _misfit_m(self, motions: FloatArray, seen_s: FloatArray, poses: FloatArray) -> float:
-        """Median distance of measured poses (N, 3) from the path of motions (T, 3), aligned with them.
-
-        Medians are robust to outliers. A turn counts by how far it moves the feet.
-        """
+        """Median, hence robust, distance of measured poses (N, 3) from an aligned path of motions (T, 3)."""
         yaw_rad = np.cumsum(motions[:, 2])
         before_rad = yaw_rad - motions[:, 2]
         way = np.cumsum((motions[:, 0] + 1j * motions[:, 1]) * np.exp(1j * before_rad))

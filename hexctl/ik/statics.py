@@ -102,17 +102,9 @@ def static_load(robot: Robot, joint_targets_rad: FloatArray) -> StaticLoad:
 def lean_and_forces(
     robot: Robot, joint_targets_rad: FloatArray, carries: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Lean of a robot on an even floor, and forces on its feet, if some legs carry nothing.
+    """Slopes, lower ahead and on the left, ... + (2,), and foot forces in N, ... + (6,), if some legs carry.
 
     To first order: the geometry is that of the targets, and links have no weight.
-
-    Args:
-        joint_targets_rad: leading shape + (18,).
-        carries: legs that carry, leading shape + (6,).
-
-    Returns:
-        Slopes, positive if lower ahead and on the left, leading shape + (2,), and forces in N, leading shape
-            + (6,).
     """
     stiffness = robot.stiffness_nm_per_rad.reshape(N_LEGS, JOINTS_PER_LEG)
     points = link_points_body(robot, joint_targets_rad)
@@ -128,7 +120,6 @@ def lean_and_forces(
 
 
 def _balanced(robot: Robot, feet: FloatArray, forces: FloatArray, centre: FloatArray) -> BoolArray:
-    """Whether upward forces at feet balance the weight and its moments, within `BALANCE`."""
     levers = feet - centre[..., np.newaxis, :2]
     moments = np.abs((forces[..., np.newaxis] * levers).sum(axis=-2)).max(axis=-1)
     weight_n = GRAVITY_M_S2 * robot.mass_kg

@@ -43,11 +43,7 @@ def centre_of_mass_of(robot: Robot, link_points: FloatArray) -> FloatArray:
 
 
 def link_centres_of(robot: Robot, link_points: FloatArray) -> FloatArray:
-    """Centres of mass of links, leading shape + (6, 3, 3) in m, by default in the middle of their solids.
-
-    Args:
-        link_points: of `link_points_body`, leading shape + (6, 4, 3) in m.
-    """
+    """Centres of mass of links, ... + (6, 3, 3) in m, from the points of `link_points_body`."""
     starts, along = link_points[..., :-1, :], np.diff(link_points, axis=-2)
     if robot.link_coms_m is None:
         return np.asarray(starts + (0.5 * solid_shares(robot))[:, np.newaxis] * along)
@@ -90,10 +86,9 @@ def to_world(points_body: FloatArray, position_world: FloatArray, quaternion_wor
 
 
 def carried(feet: FloatArray, standing: BoolArray, point: FloatArray) -> BoolArray:
-    """Whether a point is within the convex hull of the feet on the floor, leading shape.
+    """Whether a point is within the convex hull of the feet on the floor; faster than `support`.
 
-    No two neighbouring directions to the feet may be half a turn or more apart. Faster than `support`, with
-    its arguments.
+    No two neighbouring directions to the feet may be half a turn or more apart.
     """
     toward = feet - point[..., np.newaxis, :]
     angles = np.arctan2(toward[..., 1], toward[..., 0])
@@ -106,8 +101,6 @@ def carried(feet: FloatArray, standing: BoolArray, point: FloatArray) -> BoolArr
 
 def support(feet: FloatArray, standing: BoolArray, point: FloatArray) -> Support:
     """Convex hull of the feet on the floor and the margin of a point, all seen from above.
-
-    A side of the hull is a line between two feet that has all others on its left.
 
     Args:
         feet: leading shape + (6, 2) in m.
@@ -122,10 +115,7 @@ def support(feet: FloatArray, standing: BoolArray, point: FloatArray) -> Support
 
 
 def margins_at_m(feet: FloatArray, standing: BoolArray, points: FloatArray) -> FloatArray:
-    """Stability margins of points (points, 2) in m over the same feet, points shape + leading shape.
-
-    Arguments and results as of `support` for each point, several times as fast.
-    """
+    """Stability margins of points (points, 2) over the same feet, faster than by `support`."""
     outer, sides, lengths = _sides(feet, standing)
     lengths = np.maximum(lengths, SAME_PLACE_M)
     # The distance of a point from a side is linear in it: from the origin, less the point along the normal.

@@ -20,22 +20,15 @@ MOST_S = 0.5
 
 
 class BodyTwist:
-    """Velocity and angular velocity of a body from the poses of the last `AVERAGED_S`.
-
-    v = R(q)^T (p - p_before) / dt,    omega = log(q_before^-1 q) / dt
-    """
+    """Velocity of a body: v = R(q)^T (p - p_before) / dt, omega = log(q_before^-1 q) / dt."""
 
     def __init__(self) -> None:
         self._poses: deque[tuple[float, FloatArray, FloatArray]] = deque()
 
     def of(self, at_s: float, position_world: FloatArray, quaternion_world: FloatArray) -> FloatArray:
-        """Velocity (x, y, z) in m/s and angular velocity (x, y, z) in rad/s in the body's frame, (6,).
+        """Velocity in m/s and angular velocity in rad/s in the body's frame, (6,), of poses (3,) and (4,).
 
         Zeros for the first pose, and after a gap.
-
-        Args:
-            position_world: (3,) in m.
-            quaternion_world: (w, x, y, z), (4,).
         """
         poses = self._poses
         if poses and not 0 <= at_s - poses[-1][0] <= MOST_S:
@@ -54,12 +47,9 @@ class BodyTwist:
 def body_twists(
     times_s: FloatArray, positions_world: FloatArray, quaternions_world: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Velocities (N, 3) in m/s and angular velocities (N, 3) in rad/s, by central differences.
+    """Velocities and angular velocities (N, 3) in m/s and rad/s of poses at ascending times (N,).
 
-    Args:
-        times_s: of the poses, ascending, (N,) with N of 2 or more.
-        positions_world: (N, 3) in m.
-        quaternions_world: (w, x, y, z), (N, 4); their signs may change.
+    By central differences of positions (N, 3) and quaternions (w, x, y, z), (N, 4), of any signs.
     """
     q = quaternions_world.copy()
     flips = np.cumprod(np.where((q[1:] * q[:-1]).sum(axis=-1) < 0, -1.0, 1.0))

@@ -43,10 +43,7 @@ def config_names(kind: str) -> list[str]:
 
 
 def find_config(kind: str, name_or_path: str | Path) -> Path:
-    """File of a shipped name, in any case and spelling, or of a path (with a suffix or a slash).
-
-    Raises InputError that lists the shipped names if there is no such file.
-    """
+    """File of a shipped name, in any spelling, or of a path; raises InputError with the shipped names."""
     check_type(name_or_path, (str, os.PathLike), kind[:-1], "a shipped name or the path of a YAML file")
     text = str(name_or_path)
     if Path(text).suffix or "/" in text:
@@ -75,10 +72,7 @@ def shipped_text(kind: str, name_or_path: str | Path) -> str:
 
 
 def read_mapping(path: Path) -> dict[str, Any]:
-    """The YAML mapping of a file, empty for an empty file.
-
-    Raises InputError for a file that cannot be read, is not YAML, or is not a mapping.
-    """
+    """The YAML mapping of a file, empty for an empty file; raises InputError for anything else."""
     try:
         return mapping_of(read_file(path, MOST_BYTES), path)
     except OSError as error:
@@ -109,10 +103,7 @@ def file_says(path: Path, wanted: dict[str, Any]) -> bool:
 
 
 def validate(schema: type[SchemaT], content: dict[str, Any], path: Path) -> SchemaT:
-    """Content of a file as an instance of its schema.
-
-    Raises InputError for the first problem, with file, key, value and what is allowed.
-    """
+    """Content of a file as an instance of its schema; raises InputError for the first problem."""
     try:
         return schema.model_validate(content)
     except ValidationError as error:

@@ -238,13 +238,7 @@ def check_further(failure: Failure | None, further: Sequence[Failure], what: str
 def check_healings(
     events: Sequence[FailureEvent], before: Sequence[FailureEvent] = (), failed_legs: Collection[int] = ()
 ) -> None:
-    """Raise InputError for a leg that heals while it is intact.
-
-    Args:
-        events: that are checked.
-        before: other events of the same walk, those of the world.
-        failed_legs: legs that have failed before the walk.
-    """
+    """Raise InputError for a leg that heals while it is intact, after the events before."""
     failed = set(failed_legs)
     for event in sorted((*before, *events), key=lambda one: one.at_s):
         if event.failure is not None:

@@ -55,8 +55,7 @@ class ReadFailures(NamedTuple):
 def read_failures(asked: AskedFailures, failed_legs: AskedLegs = None) -> ReadFailures:
     """Failures of texts and values, such as `5:limp,2:locked@8`; raises InputError for anything else.
 
-    Args:
-        failed_legs: further legs that failed before the walk; without a failure in `asked` they are locked.
+    Further legs in `failed_legs` are locked.
     """
     values = tuple(_each_value(asked))
     failures = [value for value in values if isinstance(value, Failure)]
@@ -150,10 +149,7 @@ def parse_failure(text: str) -> Failure:
 
 
 def parse_failure_now(text: str) -> Failure:
-    """Failure now, of a text such as `5:stuck:femur`; raises InputError for anything else.
-
-    An angle or `unknown` is not allowed: the joint jams where it is.
-    """
+    """Failure now, of a text without angle such as `5:stuck:femur`; raises InputError for anything else."""
     what = "LEG:KIND"
     leg, kind = _leg_and_kind(text, text, what, NOW_FORMS)
     return _of_kind(leg, kind, _refusal(text, what), coming=True)

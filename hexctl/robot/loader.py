@@ -24,11 +24,7 @@ from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS, FloatArray
 
 @dataclass(frozen=True)
 class RobotFile:
-    """A robot file; servo map and meshes are made, and checked, on first access.
-
-    Attributes:
-        content: all keys of the file.
-    """
+    """A robot file; servo map and meshes are made, and checked, on first access."""
 
     path: Path
     robot: Robot
@@ -36,10 +32,7 @@ class RobotFile:
 
     @cached_property
     def servo_map(self) -> ServoMap:
-        """The servo map of the section `servos`, or the default.
-
-        Raises InputError for channels or limits that no board can have.
-        """
+        """The servo map of the section `servos`, or the default; raises InputError."""
         try:
             return servo_map_of(self.content.servos)
         except InputError as error:
@@ -47,10 +40,7 @@ class RobotFile:
 
     @cached_property
     def raw_map(self) -> RawMap:
-        """The map of raw positions of the driver, else the servo map.
-
-        Raises InputError for ids, channels or limits that no servos can have.
-        """
+        """The map of raw positions of the driver, else the servo map; raises InputError."""
         section = self.content.servos
         made = bus_map_of if section.driver in BUS_DRIVERS else pwm_map_of
         if section.driver is None:
@@ -62,11 +52,7 @@ class RobotFile:
 
     @property
     def to_measure(self) -> tuple[str, ...]:
-        """Keys under `unknown` that still have to be measured.
-
-        A key of a joint kind, such as `servos.coxa.sign`, is known once all six joints have it, as after a
-        calibration.
-        """
+        """Keys under `unknown` that no calibration has found for all six joints of their kind."""
         return tuple(path for path in self.content.unknown if not self._calibrated(path.split(".")))
 
     def _calibrated(self, path: list[str]) -> bool:
@@ -78,10 +64,7 @@ class RobotFile:
 
     @cached_property
     def meshes(self) -> Meshes:
-        """The meshes of the section `meshes`, from files relative to the robot file.
-
-        Raises InputError for a mesh that is missing or broken.
-        """
+        """The meshes of the section `meshes`; raises InputError for a missing or broken one."""
         return read_meshes(self.content.meshes, self.path)
 
 
@@ -159,7 +142,6 @@ def _build(schema: RobotSchema) -> Robot:
 
 
 def _per_joint(values: list[float]) -> FloatArray:
-    """Values per joint kind, repeated for all six legs, (18,)."""
     return np.tile(np.array(values), N_LEGS)
 
 

@@ -27,13 +27,8 @@ PARTS = ("body", *JOINT_KINDS)
 class PartMesh(ArrayFields):
     """The mesh of the trunk or of one link of every leg, with its pose in that part's frame.
 
-    The trunk's frame is the body frame; a link's begins at its joint, x outward and z up at angle zero.
-
-    Attributes:
-        media_type: such as `model/stl`.
-        scale: metres per unit of the file.
-        position_m: origin of the mesh in the part's frame, (3,).
-        quaternion: its orientation there (w, x, y, z), (4,).
+    The trunk's frame is the body frame; a link's begins at its joint, x outward and z up at angle zero. The
+    scale is metres per unit of the file, the quaternion (w, x, y, z).
     """
 
     file: Path
@@ -54,10 +49,7 @@ Meshes = Mapping[str, PartMesh]
 
 
 def read_meshes(section: MeshesSection, robot_file: Path) -> Meshes:
-    """Meshes that a section of a robot file names, relative to that file.
-
-    Raises InputError with file and key for a mesh that is missing or broken.
-    """
+    """Meshes in a section of a robot file, relative to that file; raises InputError for broken ones."""
     parts = {part: getattr(section, part) for part in PARTS}
     return {part: _read(robot_file, part, mesh) for part, mesh in parts.items() if mesh is not None}
 

@@ -167,16 +167,13 @@ class Robot(ArrayFields):
 class LegTriangle(ArrayFields):
     """Constants of the triangle of femur joint, knee and foot, f and t the lengths of femur and tibia.
 
-    All are arrays of shape (): numpy combines them with small arrays in two thirds of the time of plain
-    numbers.
+    Arrays of shape () combine with small arrays in two thirds of the time of plain numbers.
 
     Attributes:
-        coxa_outward_m: from the coxa axis to the femur joint, as is `coxa_up_m`.
         least_m: minimum distance from femur joint to foot, |f - t|; above 0.
         most_m: maximum distance, f + t.
         sum_of_squares: f^2 + t^2.
         twice_product: 2 f t.
-        femur_slope_rad: at joint angle zero, as is `tibia_slope_rad`.
     """
 
     coxa_outward_m: FloatArray
@@ -265,8 +262,7 @@ def leg_reach_m(femur: Vector2, tibia: Vector2) -> tuple[float, float]:
 def stance_angles(coxa: Vector2, femur: Vector2, tibia: Vector2, foot: Vector2) -> tuple[float, float]:
     """Femur and tibia angle in rad that put the foot at (outward, up) from the coxa axis, knee up.
 
-    The scalar form of `hexctl.ik.legs.solve_legs`, by the law of cosines. Raises InputError for a foot out of
-    reach.
+    The scalar form of `hexctl.ik.legs.solve_legs`. Raises InputError for a foot out of reach.
     """
     outward, up = foot[0] - coxa[0], foot[1] - coxa[1]
     distance = math.hypot(outward, up)

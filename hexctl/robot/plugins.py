@@ -38,12 +38,7 @@ def load_named(name: str, part: str) -> Any:
 
 
 def made_of(name: str, named: Mapping[str, Callable[[], MadeT]], kind: type[MadeT], part: str) -> MadeT:
-    """An object of a name in `named`, or of `package.module:Class`; raises InputError for anything else.
-
-    Args:
-        kind: required class of the object.
-        part: the argument or option that takes the name.
-    """
+    """An object of a name in `named`, or of `package.module:Class`, of a kind; raises InputError."""
     if name in named:
         return named[name]()
     what, allowed = argument(part), f"{', '.join(named)}, package.module:Class"

@@ -73,11 +73,7 @@ def turned(quaternion: FloatArray, vector: FloatArray) -> FloatArray:
 
 
 def levelled(points: FloatArray, up: FloatArray) -> FloatArray:
-    """Points, leading shape + (N, 3), after the shortest turn that makes a direction vertical.
-
-    Args:
-        up: the direction, not 0 and not straight down, in the frame of the points: leading shape + (3,).
-    """
+    """Points (N, 3) after the shortest turn that makes a direction (3,), not straight down, vertical."""
     up = up / np.linalg.norm(up, axis=-1, keepdims=True)
     x, y, z = (up[..., axis, np.newaxis] for axis in range(3))
     # Rodrigues' formula for the turn from `up` to the z axis.

@@ -196,10 +196,7 @@ class MountSection(Section):
 
 
 class LinkSection(Section):
-    """A link: the vector to its end at joint angle zero, (outward, up) in the leg's plane.
-
-    `com_m` is its centre of mass in the same form, by default in its middle.
-    """
+    """A link: the vector to its end, and its centre of mass, (outward, up) at joint angle zero."""
 
     end_m: tuple[Coordinate, Coordinate]
     mass_kg: Mass
@@ -293,10 +290,7 @@ class StanceSection(Section):
 
 @_part("servo")
 class ServoModel:
-    """Position control of the simulated servos: torque = stiffness * error - damping * speed.
-
-    A joint's own stiffness has priority.
-    """
+    """Position control of the simulated servos: torque = stiffness * error - damping * speed."""
 
     stiffness_nm_per_rad: Positive
     damping_nm_s_per_rad: Positive
@@ -409,11 +403,7 @@ def _section_in(annotation: Any) -> type | None:
 
 
 class RobotSchema(Section):
-    """A complete robot file.
-
-    `unknown` names keys whose values are plausible but not measured, such as `body.mass_kg`; a key of
-    `mounts` is that of all six.
-    """
+    """A complete robot file; `unknown` names keys whose values were not measured, such as `body.mass_kg`."""
 
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,39}$")]
     description: str = ""

@@ -16,10 +16,7 @@ _NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 
 
 def yaml_content(text: str) -> Any:
-    """The content of a YAML text; raises ValueError, with the position if known.
-
-    Refused are invalid YAML, duplicate keys, and content beyond `MOST_SIGNS` and `MOST_NODES`.
-    """
+    """The content of a YAML text; raises ValueError, also for duplicate keys and excessive size."""
     try:
         return yaml.load(text, Loader=_Loader)  # noqa: S506  a SafeLoader
     except RecursionError as error:

@@ -112,9 +112,9 @@ def symptoms(
     positions_world: FloatArray,
     quaternions_world: FloatArray,
 ) -> Symptoms | None:
-    """Symptoms of a walk without its failed legs; None if it ended within a second of its soft start.
+    """Symptoms of a walk on its intact legs, from base positions (ticks, 3) and orientations (ticks, 4).
 
-    Base positions (ticks, 3) and orientations (ticks, 4) of the walk are NaN if unknown.
+    None if the walk ended within a second of its soft start. Unknown poses are NaN.
     """
     first = math.ceil(RAMP_DURATION_S / (SAMPLE_TICKS * PERIOD_S))
     measured, sent = samples.measured_rad[first:], samples.commanded_rad[first:]

@@ -17,10 +17,7 @@ FINDINGS, SIMULATION = Panel("Findings"), Panel("Simulation")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckOptions(WalkOptions):
-    """Options of a check of a robot: those of `hexctl check`.
-
-    Raises InputError for a value that is not allowed, and for options that nothing would use.
-    """
+    """Options of a check of a robot; raises InputError for values and combinations that are not allowed."""
 
     PANEL: ClassVar = "Walk"
 

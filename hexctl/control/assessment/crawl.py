@@ -48,10 +48,9 @@ REACH_POINTS = 24
 
 
 def gait_without(robot: Robot, gait: Gait, *, heading_rad: float, legs: tuple[int, ...]) -> Gait:
-    """The most stable gait with legs 1..6 carrying nothing and tucked; the rest is as in `gait`.
+    """The most stable gait with legs 1..6 carrying nothing and tucked, otherwise as `gait`.
 
-    It is a code for one lost leg, or if the code leans by at most `CODE_LEAN`; otherwise a crawl. The heading
-    in the body frame is rounded to `DIRECTION_STEP_RAD`.
+    It is a code for one lost leg, or if the code leans by at most `CODE_LEAN`; otherwise a crawl.
     """
     lost = tuple(sorted({*legs, *gait.posture.tucked_legs}))
     return _gait_without(robot, _plain(gait, lost), round(heading_rad / DIRECTION_STEP_RAD), lost)
@@ -85,7 +84,6 @@ def auto_gait(robot: Robot, plan: TrialPlan, *, stand_up: bool = True) -> Gait:
 
 
 def _plain(gait: Gait, lost: tuple[int, ...]) -> Gait:
-    """A gait without slots, phases and searched shift: a common key for the cache."""
     shift = gait.posture.shift if len(lost) < 2 else (0.0, 0.0)
     posture = Posture(body_raise=gait.posture.body_raise, shift=shift, tucked_legs=lost)
     return Gait(
@@ -172,7 +170,7 @@ def _shifts(robot: Robot) -> FloatArray:
 
 
 def _in_reach(robot: Robot, gait: Gait, heading_rad: float) -> BoolArray:
-    """Whether the walking legs can make their full strokes at each of the shifts, (shifts,)."""
+    """Which shifts allow full strokes of the walking legs, (shifts,)."""
     walking = [leg - 1 for leg in range(1, N_LEGS + 1) if leg not in gait.posture.tucked_legs]
     posture = replace(gait.posture, shift=(0.0, 0.0), tucked_legs=())
     return np.asarray(_reach(robot, replace(gait, posture=posture), heading_rad)[:, walking].all(axis=-1))
@@ -180,7 +178,6 @@ def _in_reach(robot: Robot, gait: Gait, heading_rad: float) -> BoolArray:
 
 @lru_cache(maxsize=64)
 def _reach(robot: Robot, gait: Gait, heading_rad: float) -> BoolArray:
-    """Whether each leg can make its full strokes at each of the shifts, (shifts, 6)."""
     turning = [(1 - gait.swing_share) / 2, (1 + gait.swing_share) / 2]  # where strokes are longest
     points = np.concatenate([turning, np.arange(REACH_POINTS) / REACH_POINTS])
     u = np.broadcast_to(points[:, np.newaxis], (len(points), N_LEGS))

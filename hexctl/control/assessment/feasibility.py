@@ -28,13 +28,9 @@ HEADINGS_RAD = tuple(math.radians(degrees) for degrees in range(0, 360, 15))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GaitDemand(ArrayFields):
-    """The demand of a gait at full stride, the worst over motions and time.
+    """The demand of a gait at full stride, the worst over motions and time; joint arrays are (18,).
 
     Attributes:
-        lowest_rad: minimum joint angles, (18,).
-        highest_rad: maximum joint angles, (18,).
-        peak_speed_rad_s: maximum joint speeds, (18,).
-        unreachable_legs: legs 1..6 with a foot out of reach.
         limits_exceeded: indices 0..17 of joints that leave their range.
         max_pace_hz: by the joint speed limits; None in a turn, whose stroke grows as the pace shrinks.
         speed_holds: whether no joint exceeds its speed limit at the gait's own pace.
@@ -86,8 +82,7 @@ class RobotCheck:
     """Feasibility of a gait on the robot of a file, servo pulses included.
 
     Attributes:
-        driver: of the servos; None for a servo board.
-        to_measure: keys of the robot file whose values are not known.
+        driver: None for a servo board.
     """
 
     robot: Robot
@@ -202,10 +197,9 @@ def check_robot(
     amplitude: float | None = None,
     height: float | None = None,
 ) -> RobotCheck:
-    """Check whether a robot can walk a gait; None of pace, amplitude or height takes the robot's.
+    """Check whether a robot can walk a gait; None takes the robot's value.
 
     Args:
-        robot: name of a shipped robot, or a robot file.
         gait: name, code or slots; `auto` is the most stable one.
         heading_rad: counter-clockwise from forward; None checks all round.
         turn_rate_rad_s: without a heading the robot turns in place.

@@ -34,16 +34,12 @@ CROSSING_DEPTH = 0.9
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GaitLoad(ArrayFields):
-    """The quasi-static load of a gait at full stride, the worst over its motions.
+    """The quasi-static load of a gait at full stride, the worst over its motions; joint arrays are (18,).
 
     Attributes:
-        torques_nm: maximum static joint torques over the cycle, (18,).
-        max_torques_nm: torque limits of the servos, (18,).
-        duties: share of the cycle of each joint above `CONTINUOUS_SHARE` of its torque, (18,).
-        deflections_rad: maximum static joint deflections, (18,).
+        duties: share of the cycle of each joint above `CONTINUOUS_SHARE` of its torque.
         typical_sag_m: median sag of the body over the cycle.
         lift_left: minimum remaining share of the step height; 0 if a foot drags.
-        dragging_legs: legs 1..6 whose feet do not leave the floor in some motion.
         capacity: multiple of its weight that the robot carries, the median over the cycle.
         tipping: share of the cycle with the centre of mass outside all feet; excluded from torques and sag.
         nearest_legs: the two neighbouring legs with the deepest overlap, or else the smallest gap.

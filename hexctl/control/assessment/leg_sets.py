@@ -116,7 +116,6 @@ def _verdict(lost: int, margin: float, crawl: bool) -> str:
 
 
 def _most_lean(crawl: bool) -> float:
-    """Maximum lean of a crawl or a code, as a share of the stance radius."""
     return CRAWL_LEAN if crawl else CODE_LEAN
 
 

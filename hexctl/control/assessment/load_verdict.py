@@ -47,11 +47,7 @@ WEAK_WALKS = (6, 20)
 
 @dataclass(frozen=True, slots=True)
 class LoadVerdict:
-    """Verdict on a load: obstacles, that forbid the gait, and warnings, one sentence each.
-
-    Attributes:
-        doubtful: whether a warning names a condition that stopped some simulated robots.
-    """
+    """Verdict on a load; obstacles forbid the gait, doubtful is what stopped some simulated robots."""
 
     obstacles: tuple[str, ...]
     warnings: tuple[str, ...]

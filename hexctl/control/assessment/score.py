@@ -50,11 +50,8 @@ def score(
 
     Args:
         status: how the walk ended; `ok` may become `no_progress`.
-        frame: None if the robot knows no pose or never started.
-        samples: of joints and feet, for the cause of a walk without progress.
-        limited_ticks: ticks in which it was slower than commanded.
+        samples: for the cause of a walk without progress.
         true_positions_world: of a simulated robot, (T, 3); NaN or None if unknown.
-        controller: name of a custom controller.
     """
     shown_world = positions_world
     positions_world = _without_frozen(positions_world, np.stack(plane(positions_world), axis=-1), duration_s)
@@ -162,7 +159,7 @@ def _lost(rows: FloatArray, duration_s: float) -> BoolArray:
 
 
 def _briefly_filled(rows: FloatArray, duration_s: float) -> FloatArray:
-    """Rows (T, n) with short gaps filled by the value before; NaN in longer gaps."""
+    """Rows (T, n) with short gaps filled; NaN in longer gaps."""
     return np.where(_lost(rows, duration_s)[:, np.newaxis], np.nan, filled(rows))
 
 
@@ -186,7 +183,6 @@ def filled(rows: FloatArray) -> FloatArray:
 
 
 def _turn_miss_rad(robot: Robot, plan: TrialPlan, turned_rad: float) -> float | None:
-    """Overshoot of a self-rotation over its goal; None for a plan without one."""
     wanted_rad = turn_needed_rad(robot, plan)
     return wrapped_rad(turned_rad - wanted_rad) if abs(wanted_rad) > TURN_WITHIN_RAD else None
 
@@ -216,7 +212,6 @@ def _deviation(signed_m: FloatArray) -> Deviation:
 
 
 def _yaw_change_rad(first_yaw_rad: float, quaternions_world: FloatArray) -> float | None:
-    """Yaw change with full turns counted; None if no orientation is known."""
     known = quaternions_world[np.isfinite(quaternions_world[:, 0])]
     if not len(known):
         return None

@@ -32,8 +32,7 @@ class SpeedEnvelope(ArrayFields):
         directions_rad: of travel in the body frame, (D,).
         speeds_m_s: within reach, joint ranges and strokes up to 1.2 amplitudes, but not joint speeds, (7, D).
         turn_rates_rad_s: of a turn in place, with the same limits, (7,).
-        margins_m: smallest static margin of the most stable gait, (7, D); negative if the robot tips for a
-            moment.
+        margins_m: smallest static margin of the most stable gait, (7, D).
     """
 
     directions_rad: FloatArray
@@ -78,10 +77,7 @@ def speed_limits(
     *,
     points: int = POINTS,
 ) -> tuple[FloatArray, FloatArray]:
-    """Maximum speeds in m/s, (7, D), and turn rates in rad/s, (7,), as in `SpeedEnvelope`.
-
-    They do not depend on the order of the legs. Strokes are tried at `points` of a cycle.
-    """
+    """Maximum speeds in m/s, (7, D), and turn rates in rad/s, (7,), as in `SpeedEnvelope`."""
     way = [_possible(robot, gait, Motion(heading_rad=one), points) for one in directions_rad]
     turn_rate_rad_s = 2 * half_amplitude_turn_rate_rad_s(robot, gait)
     turn = _possible(robot, gait, Motion(travel=0.0, turn_rate_rad_s=turn_rate_rad_s), points)

@@ -39,10 +39,9 @@ POSTURES = ("stance", "auto")
 
 
 def usual_posture(hold: str) -> str:
-    """Posture of the walks of a search under a hold: `stance` in open loop, as in the paper, else `auto`.
+    """Posture of a search: `stance` in open loop, as in the paper, else `auto`.
 
-    With `auto`, the fastest of 120 gaits of `ant` walked 4.0 to 4.5 m in 30 s, and 3.2 to 4.1 m with
-    `stance`.
+    With `auto`, the fastest of 120 gaits of `ant` walked 4.0 to 4.5 m in 30 s, else 3.2 to 4.1 m.
     """
     return "stance" if hold == "none" else "auto"
 
@@ -54,11 +53,7 @@ SAME_MARGIN_M = 1e-6
 def static_margins_m(
     robot: Robot, slots: Sequence[Slots], *, heading_rad: float, failure: Failures = None
 ) -> FloatArray:
-    """Smallest and mean static stability margin of gaits over their cycle, (gaits, 2) in m.
-
-    Feet make full strokes, and the centre of mass is that of the stance. Of failed legs only locked ones
-    carry.
-    """
+    """Smallest and mean static margin of gaits over their cycle, (gaits, 2) in m; limp legs do not carry."""
     phases = (np.array(slots) - 1) / N_LEGS
     stances = {one.leg: one.kind == "locked" for one in each_failure(failure)}
     feet, standing = feet_over_cycle(robot, phases, heading_rad=heading_rad, stances=stances)
@@ -81,9 +76,8 @@ def feet_over_cycle(
     """Foot positions over a gait cycle, (gaits, P, 6, 2) in m, and stance flags, (gaits, P, 6).
 
     Args:
-        phases: of the legs of each gait, (gaits, 6), as `Gait.leg_phases`.
+        phases: as `Gait.leg_phases`, (gaits, 6).
         stances: legs that stay in their stance, and whether they are on the floor there.
-        amplitude: None is the robot's.
         swing_share: None is a third.
     """
     # Half a step off the corners of Eq. 3 and 4, at which a foot both stands and swings.
@@ -136,8 +130,7 @@ def check_tucked(robot: Robot, plan: TrialPlan) -> None:
 def slots_by_stability(robot: Robot, *, heading_rad: float, failure: Failures = None) -> list[Slots]:
     """Slots of all gaits, largest margin first, ties by the mean margin, then by code.
 
-    One failed leg pins its slot (120 codes), two leave 24 codes. An intact robot's leg 1 is pinned, because
-    shifted slots walk alike.
+    An intact robot's leg 1 is pinned, because shifted slots walk alike.
     """
     pinned = tuple(sorted(one.leg for one in each_failure(failure))) or (1,)
     slots = [slots_from_code(code, pinned) for code in range(1, code_count(pinned) + 1)]

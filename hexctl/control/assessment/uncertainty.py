@@ -43,7 +43,7 @@ CODES = (5, 16, 29, 41, 54, 66, 79, 92, 103, 116)
 
 
 def uncertainty_of_walks(trials: Sequence[SimTrial]) -> SimulationUncertainty:
-    """Uncertainty of walks of one duration, by walking each of them seven times; fallen robots are left out.
+    """Uncertainty of walks of one duration, each walked seven times; fallen robots are left out.
 
     Raises InputError for several durations, for a time step that cannot be halved, and if no walk is left.
     """
@@ -70,10 +70,7 @@ def uncertainty_of_walks(trials: Sequence[SimTrial]) -> SimulationUncertainty:
 
 
 def _interval_m(step: FloatArray) -> tuple[float, float] | tuple[None, None]:
-    """95 % bootstrap interval in m of the RMS of changes (walks,); None for a few walks.
-
-    By percentiles (Efron and Tibshirani, *An Introduction to the Bootstrap*, 1993, section 13.3).
-    """
+    """95 % bootstrap interval of an RMS by percentiles (Efron and Tibshirani 1993, section 13.3)."""
     squares = step**2
     if len(squares) < LEAST_WALKS:
         return None, None
@@ -83,7 +80,7 @@ def _interval_m(step: FloatArray) -> tuple[float, float] | tuple[None, None]:
 
 
 def _confirmed_m(trials: Sequence[SimTrial]) -> float | None:
-    """RMS change of the ends at the time step of a confirmation if that is halved; None without ends."""
+    """RMS change of the ends if the time step of a confirmation is halved; None without ends."""
     at, finer = (_changed_ends_m(trials, change) for change in _FINER)
     moved = (finer - at)[np.isfinite(finer - at)]
     return _rms(moved) if len(moved) else None
@@ -126,12 +123,7 @@ def simulation_uncertainty(
     duration_s: float = 30.0,
     codes: Sequence[int] = CODES,
 ) -> SimulationUncertainty:
-    """Uncertainty of a robot's walks in a world, measured over gaits and two failed legs.
-
-    Args:
-        robot: or the name or path of its file.
-        world: or its name or path; None is flat.
-        codes: gait codes; more are slower and more accurate.
+    """Uncertainty of a robot's walks, measured over gaits and two failed legs; world None is flat.
 
     Raises InputError as `uncertainty_of_walks` does, ReachError or LimitError for a robot that cannot walk.
     """
@@ -149,7 +141,6 @@ def _placed(robot: Robot, world: World, leg: int, code: int, duration_s: float) 
 
 
 def _ends_m(trials: Sequence[SimTrial]) -> FloatArray:
-    """Signed deviation at the end of each walk; NaN for one that has no end."""
     ended = [result.deviation if result.status not in ENDLESS else None for result in run_sim_trials(trials)]
     return np.array([np.nan if deviation is None else deviation.signed for deviation in ended])
 

@@ -43,11 +43,8 @@ class SimulationUncertainty:
     Attributes:
         step_m: with the time step halved.
         solver_m: with the solver's tolerance at MuJoCo's default, not in `numerical_m`.
-        contact_m: with contacts a third softer and harder: an assumption about the world, not in
-            `numerical_m`.
+        contact_m: with contacts a third softer and harder, not in `numerical_m`.
         confirmed_m: with half the time step `CONFIRM_STEP_S`, from walks at that step; None if unknown.
-        walks: number of walks.
-        duration_s: duration of each walk.
         low_m: lower bound of `numerical_m` with 95 % confidence, by bootstrap; None if unknown.
         high_m: upper bound, likewise.
         borrowed: True if it was measured on the flat world for another one.
@@ -90,8 +87,6 @@ _Seconds = Annotated[Number, Field(gt=0, allow_inf_nan=False)]
 
 
 class _Entry(BaseModel):
-    """A measurement in a file."""
-
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     robot: str
@@ -131,8 +126,6 @@ class _Entry(BaseModel):
 
 
 class _Entries(BaseModel):
-    """A file of measurements."""
-
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     measured: list[_Entry] = []
@@ -145,18 +138,10 @@ def known_uncertainty(
     duration_s: float = 30.0,
     folder: Path | str = "runs",
 ) -> SimulationUncertainty | None:
-    """Uncertainty of a robot's walks as measured before, or None.
+    """Uncertainty of a robot's walks as measured before, or None; world None is flat.
 
-    Robot fingerprint, world and duration must match; the measurement with the most walks counts. Another
-    world borrows (`borrowed`) the value of the flat world with its time step, friction cone and solver
-    tolerance.
-
-    Args:
-        robot: or the name or path of its file.
-        world: or its name or path; None is flat.
-        folder: of sessions and recordings.
-
-    Raises InputError for a damaged file of measurements.
+    The measurement with the most walks counts. Another world borrows (`borrowed`) the value of the flat world
+    with its time step, friction cone and solver tolerance. Raises InputError for a damaged file.
     """
     model, place = as_robot(robot), as_world(world)
     entries = [*_entries(Path(folder) / UNCERTAINTIES), *_entries(config_root() / UNCERTAINTIES)]
@@ -176,9 +161,7 @@ def _flat_like(world: World) -> World:
 def keep_uncertainty(
     robot: Robot, world: World, found: SimulationUncertainty, *, folder: Path | str = "runs", how: str = ""
 ) -> Path:
-    """Keep a measurement for `known_uncertainty` in the folder of sessions; path of its file.
-
-    It replaces an earlier one of the same walks, unless that has more of them. `how` describes it for people.
+    """Keep a measurement in the folder of sessions, unless a better one is there; path of its file.
 
     Raises InputError for a file that is damaged or cannot be written.
     """

@@ -21,17 +21,13 @@ VELOCITY_TICKS = 5
 
 
 class WalkEffort:
-    """Mechanical energy that the actuators of one robot, or of a batch, put into a walk.
+    """Mechanical energy that actuators put into walks, of batch shape () for one robot, (n,) for n.
 
     Braking does not count, because servos do not feed it back:
 
         E = sum over periods k and joints of max(0, tau[k] * (q[k] - q[k-1]))
 
-    Torques and angles are those of the states, with their age, noise and losses. Results of a batch equal
-    those of single robots to the last bit.
-
-    Args:
-        batch_shape: () for one robot, (n,) for n.
+    A batch equals single robots to the last bit.
     """
 
     def __init__(self, batch_shape: tuple[int, ...] = ()) -> None:
@@ -82,10 +78,9 @@ class WalkEffort:
 
 
 def cost_of_transport(robot: Robot, energy_j: float | None, distance_m: float | None) -> float | None:
-    """Cost of transport E / (m g d), without unit; None without an energy or progress.
+    """Cost of transport E / (m g d), without unit and payload; None without an energy or progress.
 
-    The mass is that of the robot file, without payload. Source: Lee and Harris (2018),
-    https://doi.org/10.3389/frobt.2018.00111.
+    Source: Lee and Harris (2018), https://doi.org/10.3389/frobt.2018.00111.
     """
     if energy_j is None or distance_m is None or distance_m <= 0:
         return None
@@ -93,11 +88,7 @@ def cost_of_transport(robot: Robot, energy_j: float | None, distance_m: float | 
 
 
 def lean_deg(quaternions_world: FloatArray) -> float | None:
-    """RMS angle in degrees between the body's and the world's vertical after the soft start, or None.
-
-    Args:
-        quaternions_world: base orientations (w, x, y, z) of the walk, (T, 4); unknown ones are NaN.
-    """
+    """RMS lean in degrees of orientations (w, x, y, z), (T, 4), after the soft start; None if all are NaN."""
     late = quaternions_world[RAMP_TICKS:]
     known = late[np.isfinite(late[:, 0])]
     if not len(known):
@@ -108,13 +99,10 @@ def lean_deg(quaternions_world: FloatArray) -> float | None:
 
 
 def unsteadiness_m_s(positions_world: FloatArray) -> float | None:
-    """RMS deviation of the body's velocity (3 axes) from its mean after the soft start, in m/s, or None.
+    """RMS deviation of the velocity of positions (T, 3) from its mean after the soft start, in m/s, or None.
 
-    It measures the mean kinetic energy of swaying, as force platforms do for animals: Cavagna, Heglund and
-    Taylor (1977), Am. J. Physiol. 233, R243-R261.
-
-    Args:
-        positions_world: base positions of the walk, (T, 3) in m; unknown ones are NaN.
+    It measures the mean kinetic energy of swaying: Cavagna, Heglund and Taylor (1977), Am. J. Physiol. 233,
+    R243-R261.
     """
     late = positions_world[RAMP_TICKS:]
     moved = late[VELOCITY_TICKS:] - late[:-VELOCITY_TICKS]

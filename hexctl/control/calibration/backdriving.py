@@ -46,10 +46,7 @@ STILL_LIMP = "torque is off and stays off until hexctl run or serve switches it 
 class BackdrivenCalibration:
     """Asks the operator to pose legs and joints by hand, reads them, and saves each finished joint.
 
-    Args:
-        guard: around connected servos; nothing is ever written to it.
-        servo_map: the servo map in use.
-        stop_requested: polled at every tick; True ends the calibration.
+    It never writes to the guard. `stop_requested` is polled at every tick; True ends the calibration.
     """
 
     def __init__(
@@ -157,7 +154,6 @@ class BackdrivenCalibration:
         return True
 
     def _moved(self, joint: int, before: float, after: float) -> bool:
-        """Whether a joint has moved far enough to show the direction of its counts."""
         moved_deg = abs(after - before) / self._map.per_deg[joint]
         if moved_deg < LEAST_MOVE_DEG:
             self._operator.tell(f"  it moved by {moved_deg:.1f} deg; allowed: {LEAST_MOVE_DEG:g} or more")
@@ -171,7 +167,6 @@ class BackdrivenCalibration:
             self._map = self._map.flipped(joint, math.degrees(self._map.angles_rad(raw)[joint]))
 
     def _read(self, joint: int, question: str) -> float | None:
-        """Raw position of a joint that is held still, or None if skipped."""
         while True:
             answer = self._ask(question)
             if answer == "skip":
@@ -214,10 +209,7 @@ class BackdrivenCalibration:
         ]
 
     def _tick(self) -> tuple[FloatArray, FloatArray]:
-        """Read once: raw positions, (18,), and the times of their measurement, (18,).
-
-        Raises EndedError once a stop is requested, RobotFaultError when the robot is at fault.
-        """
+        """Raw positions, (18,), and their times, (18,); raises EndedError or RobotFaultError."""
         if self._stop_requested():
             raise EndedError
         self._guard.clock.tick()
@@ -230,7 +222,6 @@ class BackdrivenCalibration:
         return self._read_map.raw(state.joint_positions_rad), self._guard.clock.now_s - ages_s
 
     def _ask(self, question: str) -> str:
-        """The operator's answer; meanwhile the servos are only read."""
         return ask(self._operator, question, self._tick)
 
 

@@ -84,10 +84,7 @@ class JointJogger:
                 return False
 
     def tick(self, *, holding: bool = True) -> None:
-        """Send the targets for one tick, or only read if not holding.
-
-        Raises EndedError once a stop is requested, RobotFaultError when the guard has stopped the robot.
-        """
+        """Send the targets for one tick, or only read; raises EndedError or RobotFaultError."""
         if self._stop_requested():
             raise EndedError
         tick = self._guard.clock.tick()
@@ -223,10 +220,7 @@ class JoggedCalibration:
             self._operator.tell("  it is at the end of its range in the robot file, or of its servo")
 
     def _ask(self, question: str, *, holding: bool = True) -> str:
-        """The operator's answer; meanwhile all joints are held, or nothing is sent.
-
-        Raises EndedError for `quit`, a requested stop, and when no more answers can come.
-        """
+        """The operator's answer while joints are held; raises EndedError for `quit` and a stop."""
         return ask(self._operator, question, lambda: self._jogger.tick(holding=holding))
 
 

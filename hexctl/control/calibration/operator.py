@@ -42,13 +42,7 @@ class Operator(Protocol):
 
 @dataclass(slots=True)
 class CalibrationResult:
-    """The changes of a calibration.
-
-    Attributes:
-        path: the robot file.
-        saved: names of the saved joints, in order.
-        backup: copy of the file before the first change, or None if nothing was saved.
-    """
+    """The changes of a calibration; the backup is None if nothing was saved."""
 
     path: Path
     saved: list[str] = field(default_factory=list)
@@ -63,10 +57,7 @@ class CalibrationResult:
 
 
 def ask(operator: Operator, question: str, tick: Callable[[], object]) -> str:
-    """The operator's answer, in lower case; `tick` runs until it comes.
-
-    Raises EndedError for `quit`, and when no more answers can come.
-    """
+    """The operator's answer, in lower case; `tick` runs until it comes. Raises EndedError for `quit`."""
     operator.prompt(question)
     while (answer := operator.poll()) is None:
         tick()

@@ -56,12 +56,7 @@ def calibrate(
     """Calibrate servos with an operator; writes signs, offsets and limits to the robot file joint by joint.
 
     Servos with position feedback lose their torque and are moved by hand; others are moved slowly, one at a
-    time.
-
-    Args:
-        robot: name or path of a robot file that may be written to.
-        stop_requested: polled at every tick; True ends the calibration.
-        options: fields of `CalibrationOptions`.
+    time. `stop_requested` is polled at every tick. Options are fields of `CalibrationOptions`.
 
     Raises InputError for a file, joints, options or servos that cannot be calibrated, and RobotFaultError for
     a robot that cannot be reached or stops.
@@ -112,10 +107,7 @@ def _calibrated(backend: str, options: BackendOptions) -> Any:
 
 
 def chosen_joints(text: str | None) -> list[int]:
-    """The joints, 0..17, of a text such as `leg1_coxa,leg3`, in the order of the robot; all for None.
-
-    Raises InputError for an unknown name.
-    """
+    """The joints, 0..17, of a text such as `leg1_coxa,leg3`; all for None. Raises InputError."""
     if text is None:
         return list(range(len(JOINT_NAMES)))
     chosen: set[int] = set()

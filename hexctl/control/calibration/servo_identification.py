@@ -31,12 +31,9 @@ _JOINT = re.compile(r"(?:leg)?([1-6])[ _:]?(coxa|femur|tibia|c|f|t)")
 
 @dataclass(slots=True)
 class Identification:
-    """Servos whose joints are known.
+    """Servos whose joints are known; ids and models by the name of the joint.
 
     Attributes:
-        baud: bits per second.
-        ids: by the name of the joint.
-        models: by the name of the joint; None if the servo does not report it.
         output: file for the section `servos`, or None; a draft next to it keeps what is known so far.
         model: model of servos that do not report it, or None.
     """
@@ -71,10 +68,7 @@ class Identification:
         return "servos:\n" + "".join(f"  {line}\n" for line in lines)
 
     def resume(self) -> None:
-        """Continue from the draft of an earlier identification.
-
-        Raises InputError for an existing output, and for a draft of another bus.
-        """
+        """Continue from a draft; raises InputError for an existing output and a draft of another bus."""
         if self.output is None or self.draft is None:
             return
         if self.output.exists():
@@ -136,13 +130,8 @@ def identify_servos(
 ) -> None:
     """Wiggle the servos with some ids one after the other, and ask which joint each moves.
 
-    A servo that cannot be moved is reported and left out. Raises RobotFaultError for a port that cannot be
-    opened, or is lost.
-
-    Args:
-        known: takes the answers; servos that it has are left out.
-        consent: True to move without asking.
-        stop_requested: polled while waiting for an answer; True ends the identification.
+    Servos that are known, or cannot be moved, are left out. `consent` moves them without asking.
+    `stop_requested` is polled. Raises RobotFaultError for a port that cannot be opened, or is lost.
     """
     left = [servo_id for servo_id in ids if servo_id not in known.ids.values()]
     operator.tell(INTRODUCTION)
@@ -202,7 +191,7 @@ def _joint(
 
 
 def _answer(operator: Operator, question: str, stop_requested: Callable[[], bool]) -> str:
-    """Answer to a question, in lower case; raises EndedError for `quit`, a stop and an input that ends."""
+    """Answer in lower case; raises EndedError for `quit`, a stop and an input that ends."""
     operator.prompt(question)
     while (said := operator.poll()) is None:
         if stop_requested():

@@ -36,8 +36,6 @@ class ServoTrial:
     """Response of a servo to a movement to both sides and back.
 
     Attributes:
-        followed: whether it reached each goal.
-        moved_deg: how far it moved to either side.
         error_deg: maximum distance from a goal at rest.
         speed_deg_s: mean speed of the longest move.
         commanded_deg_s: speed of its goal.
@@ -46,7 +44,6 @@ class ServoTrial:
         least_voltage_v: while it moved, or None.
         temperature_c: at the end, or None.
         most_effort: maximum load as a share, or current in A, or None.
-        error: the errors it reports, or empty.
     """
 
     servo_id: int
@@ -172,13 +169,7 @@ def _ends(servo: Servo, start: float, far_deg: float) -> tuple[float, float]:
 
 @dataclass(slots=True)
 class _Sweep:
-    """Movements of a servo, in counts, and measurements of them.
-
-    Attributes:
-        efforts: loads or currents while it moves.
-        speed: mean of the longest movement, in counts per second.
-        delay: mean distance behind the goal in that movement, in counts.
-    """
+    """Movements of a servo, in counts, with mean speed and lag in counts of the longest."""
 
     servo: Servo
     clock: Clock
@@ -211,10 +202,7 @@ class _Sweep:
             self.delay = float(np.mean(behind))
 
     def settle(self, goal: float) -> float:
-        """Wait until the servo is near its goal, or the time is over; its position then.
-
-        Raises RobotFaultError if it does not report its position.
-        """
+        """Wait for the servo to come near its goal; its position then. Raises RobotFaultError."""
         near, position = 0.25 * self.servo.type.counts_per_deg, None
         until_s = self.clock.now_s + SETTLES_S
         while self.clock.now_s < until_s:

@@ -48,15 +48,13 @@ SOURCES = ("joints", "contacts", "operator", "none")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LegFinding:
-    """The diagnosis of one leg.
+    """The diagnosis of one leg; values of coxa, femur and tibia are None if unknown.
 
     Attributes:
-        leg: 1..6.
         failure: None if none was found.
-        evidence: for people, in few words.
-        gains: slope of measured over commanded angle of coxa, femur and tibia; None if not measured.
+        gains: slope of measured over commanded angle.
         load: share of its stance time with contact; None if unknown.
-        torque_shares: torque of coxa, femur and tibia as a share of the other legs'; None if unknown.
+        torque_shares: torque as a share of the other legs'.
         tested: False if the motions that test it were stopped.
     """
 
@@ -86,7 +84,6 @@ class Diagnosis:
     """Result of a standing test.
 
     Attributes:
-        legs: a finding for each leg, in the order of their numbers.
         source: of the evidence, one of `SOURCES`; `none` if nothing could be measured.
         notes: for the operator: probes that were stopped or left out, and what is unknown.
         unfinished: whether the test ended before any joint had moved far enough.
@@ -214,7 +211,6 @@ class _Judge:
         return failure, f"gives way {_mean(softness):.1f} times as much as the other legs"
 
     def _whole_leg(self, leg: int) -> tuple[Failure | None, str]:
-        """Failure of a leg with several dead joints."""
         row = leg - 1
         if not self._efforts:
             follows = self._seen.leg_follows[row]

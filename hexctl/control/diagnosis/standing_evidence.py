@@ -20,20 +20,17 @@ LEAST_ROWS = 15
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence(ArrayFields):
-    """Measurements of a standing test; NaN if unknown.
+    """Measurements of a standing test; NaN if unknown; of joints (6, 3), of legs (6,).
 
     Attributes:
         lag_ticks: time from a target to the measurement that fits it best.
-        gains: slope of measured over lagged targets in the leg's lift, or in the sway if that was stopped;
-            about 1 for healthy joints, 0 for dead ones, (6, 3).
-        follows: slope over the targets of the sway, (6, 3).
-        leg_follows: the same for the three joints of a leg together, (6,).
-        travel_rad: range of each joint in the complete test, without extremes, (6, 3).
-        lifted_contact: share of contact in the upper part of each foot's lift, (6,).
-        standing_contact: share of contact while the foot is asked to stand, (6,).
-        torque_rms_nm: RMS torque of each joint, (6, 3).
-        servo_share: torque for a position error, as a share of the other legs', (6, 3).
-        softness: position error for a torque, as a multiple of the other legs', (6, 3).
+        gains: slope of measured over lagged targets in the leg's lift, or else the sway; dead joints have 0.
+        follows: slope over the targets of the sway.
+        travel_rad: range in the complete test, 1st to 99th percentile.
+        lifted_contact: share of contact in the upper part of each foot's lift.
+        standing_contact: share of contact while the foot is asked to stand.
+        servo_share: torque for a position error, as a share of the other legs'.
+        softness: position error for a torque, as a multiple of the other legs'.
     """
 
     lag_ticks: int
@@ -79,7 +76,6 @@ class _Rows:
         self.lag = self._best_lag() if self.known else 0
 
     def _best_lag(self) -> int:
-        """Lag with the smallest median error of the joints."""
         errors = [np.inf]
         for lag in range(1, min(MOST_LAG, len(self.measured) // 4) + 1):
             off = self.measured[lag:] - self.targets[:-lag]
@@ -132,7 +128,6 @@ def _gains(rows: _Rows) -> FloatArray:
 
 
 def _follows(rows: _Rows) -> FloatArray:
-    """Slope of each joint over its target in the sway, (6, 3)."""
     follows = _nan3()
     for section in rows.of("sway") if rows.known else ():
         targets, measured = rows.pair(section, slice(0, N_JOINTS))
@@ -144,7 +139,6 @@ def _follows(rows: _Rows) -> FloatArray:
 
 
 def _leg_follows(rows: _Rows) -> FloatArray:
-    """Slope of the three joints of each leg together in the sway, (6,)."""
     for section in rows.of("sway") if rows.known else ():
         targets, measured = rows.pair(section, slice(0, N_JOINTS))
         if len(targets):
@@ -155,7 +149,6 @@ def _leg_follows(rows: _Rows) -> FloatArray:
 
 
 def _travel_rad(rows: _Rows) -> FloatArray:
-    """Range of each joint's angles between the 1st and 99th percentile, (6, 3)."""
     if not rows.known:
         return _nan3()
     low, high = np.percentile(rows.measured, [1, 99], axis=0)
@@ -169,7 +162,6 @@ def _upper(section: Section) -> slice:
 
 
 def _lifted_contact(rows: _Rows) -> FloatArray:
-    """Share of contact at the top of each leg's own lift, (6,)."""
     share = np.full(N_LEGS, np.nan)
     for section in rows.of("lift"):
         if section.stopped is None and section.stop - section.start >= LEAST_ROWS:
@@ -179,7 +171,6 @@ def _lifted_contact(rows: _Rows) -> FloatArray:
 
 
 def _standing_contact(rows: _Rows) -> FloatArray:
-    """Share of contact while each leg is asked to stand, (6,)."""
     if not len(rows.contacts):
         return np.full(N_LEGS, np.nan)
     stands: BoolArray = np.ones(rows.contacts.shape, dtype=bool)

@@ -62,12 +62,7 @@ RETURN_S = 0.4
 
 @dataclass(frozen=True, slots=True)
 class Probe:
-    """A motion of the standing test.
-
-    Attributes:
-        kind: `lift`, `sway` or `tripod`.
-        legs: the lifted leg, all in a sway, the three that carry in a tripod.
-    """
+    """A motion of the standing test: `lift` of a leg, `sway` on all, or `tripod` on three legs."""
 
     kind: str
     legs: tuple[int, ...]
@@ -95,10 +90,7 @@ ALL_PROBES = (*LIFTS, SWAY, *(Probe("tripod", legs) for legs in TRIPODS))
 
 
 def probe_targets_rad(robot: Robot, probe: Probe, period_s: float) -> FloatArray:
-    """Joint targets of a motion, (T, 18); it begins and ends in the stance.
-
-    Amplitudes shrink until the targets are within the joints' ranges and `SPEED_SHARE` of their speeds.
-    """
+    """Joint targets of a motion, (T, 18), from stance to stance, scaled down to joint ranges and speeds."""
     count = round(probe.duration_s / period_s)
     tau: FloatArray = np.linspace(0.0, 1.0, count + 1)[1:]
     for scale in np.linspace(1.0, 0.1, 19):
@@ -166,12 +158,7 @@ def _lift_amplitudes_rad(robot: Robot, leg: int) -> FloatArray:
 
 @dataclass(slots=True)
 class Section:
-    """A motion as it was made, rows [start, stop).
-
-    Attributes:
-        stopped: why it ended early, in few words, or None.
-        left_out: why it was not made, or None.
-    """
+    """A motion as it was made, rows [start, stop); `stopped` and `left_out` are reasons, or None."""
 
     probe: Probe
     start: int
@@ -182,11 +169,7 @@ class Section:
 
 @dataclass(slots=True)
 class Observed:
-    """Observations of a standing test, tick by tick: the state read, and the targets sent after it.
-
-    Attributes:
-        measured: whether the servos measure positions, and do not echo targets.
-    """
+    """Observations of a standing test, tick by tick: the state read, and the targets sent after it."""
 
     sections: list[Section] = field(default_factory=list)
     measured: bool = True
@@ -259,11 +242,7 @@ class StandingTest(Controller):
     """Makes probes one after the other while the robot stands, and observes the legs.
 
     A probe ends early if the body leans by more than `MOST_TILT_RAD`, or fewer than `LEAST_FEET` standing
-    feet have contact: its legs are put down, and the next one begins. Without contacts and orientation only
-    the guard's limits apply.
-
-    Args:
-        unsafe: asked before each tripod.
+    feet have contact: its legs are put down, and the next one begins. `unsafe` is asked before each tripod.
 
     Raises LimitError for a robot whose joints have no room around the stance.
     """
@@ -320,7 +299,6 @@ class StandingTest(Controller):
                 return
 
     def _end(self) -> None:
-        """End the probe that has been made, or taken back."""
         self._path = None
         section = self.observed.sections[-1]
         if section.stopped is None:
@@ -335,7 +313,6 @@ class StandingTest(Controller):
         self._begun_at = step
 
     def _unsafe_now(self, state: RobotState) -> str | None:
-        """Why the probe has to end, or None."""
         section = self.observed.sections[-1]
         if section.stopped is not None:
             return None

@@ -33,10 +33,7 @@ COMMAND_EXPIRY_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Velocity:
-    """A velocity of the body in its own frame; the turn is counter-clockwise.
-
-    Raises InputError for numbers that are not finite.
-    """
+    """A velocity of the body in its own frame, counter-clockwise; raises InputError unless finite."""
 
     forward_m_s: float = 0.0
     left_m_s: float = 0.0
@@ -61,12 +58,7 @@ ZERO = Velocity()
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """Decision of the arbiter.
-
-    Attributes:
-        source: of the velocity, one of `SOURCES`; None without a valid command.
-        stopped: why the robot is stopped, or None.
-    """
+    """Decision of the arbiter; source is None without a valid command, stopped a reason or None."""
 
     velocity: Velocity = ZERO
     source: str | None = None
@@ -74,10 +66,9 @@ class Decision:
 
 
 class VelocitySource:
-    """One source of an arbiter; made by `Arbiter.source`.
+    """One source of an arbiter; made by `Arbiter.source`. A command without expiry holds until the next one.
 
     Attributes:
-        expiry_s: how long a command holds; None until the next one.
         forgets: number of calls of `forget`; what was held or latched before is void.
     """
 
@@ -114,12 +105,7 @@ class VelocitySource:
 
 
 class Arbiter:
-    """Decides which source the robot follows.
-
-    Args:
-        now_s: monotonic time in s, for command expiry.
-        expiry_s: how long a command holds; `motion` holds until it is changed.
-    """
+    """Decides which source the robot follows; commands expire on the monotonic clock, except `motion`."""
 
     def __init__(
         self, now_s: Callable[[], float] = time.monotonic, *, expiry_s: float = COMMAND_EXPIRY_S

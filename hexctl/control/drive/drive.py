@@ -45,8 +45,8 @@ class Drive:
                 state = drive.step()
 
     Each `step` is one control period: as fast as possible in a simulation, in real time on a robot.
-    Velocities are limited to what the gait can walk, and change without a jump. The policy answers a failed
-    leg, while the command stays. On a real robot the guard stops it after 0.2 s without a step.
+    Velocities are limited to what the gait can walk, and change without a jump. On a real robot the guard
+    stops it after 0.2 s without a step.
 
     Args:
         robot: a shipped name, a robot file, or a robot; not given with servos.
@@ -59,14 +59,8 @@ class Drive:
         hold: `auto` corrects slip by the measured pose or yaw; `none` does not.
         failure: of legs, as in `RunSpec`; a simulation breaks them.
         told: False if the walk has to detect the failures of a simulation.
-        arbiter: of several sources of commands; None makes one.
         recorders: take every tick, as in `run_trial`.
-        options: fields of `BackendOptions` such as `world`, `seed`, `events` or `connect`; times of events
-            count from the first stand.
-
-    Attributes:
-        arbiter: `command` is its source `motion`.
-        notes: for the operator, about the connected robot.
+        options: fields of `BackendOptions`; times of events count from the first stand.
 
     Raises InputError for what is not allowed, before anything is opened or moves.
     """
@@ -119,10 +113,7 @@ class Drive:
         self.notes: tuple[str, ...] = ()
 
     def __enter__(self) -> Self:
-        """Connect the robot; it begins to stand up with the first step.
-
-        Raises RobotFaultError for a robot that cannot be reached.
-        """
+        """Connect the robot, which stands up with the first step; raises RobotFaultError."""
         with ExitStack() as stack:
             stack.enter_context(self._guard)
             self.notes = tuple(connection_notes(self._guard.unwrapped, self._known))
@@ -157,10 +148,7 @@ class Drive:
         return state
 
     def reconnect(self) -> None:
-        """Connect again after the robot's stop was cleared; it begins to stand up with the next step.
-
-        Raises RobotFaultError for a robot that is still stopped, or that another client commands.
-        """
+        """Connect again after a cleared stop; raises RobotFaultError for a stopped or busy robot."""
         self._connected  # noqa: B018  raises
         self._guard.close()
         self.arbiter.clear()  # first: a stop that comes meanwhile stays
@@ -171,10 +159,8 @@ class Drive:
     def step(self, poll: Callable[[], None] | None = None) -> RobotState:
         """Wait for the next control period, follow the command, and return the state at its beginning.
 
-        Args:
-            poll: called after the period has begun, for commands that count in it.
-
-        Raises EStopError when the guard has stopped the robot, RobotFaultError when it or its link fails.
+        `poll` is called after the period has begun, for commands that count in it. Raises EStopError when the
+        guard has stopped the robot, RobotFaultError when it or its link fails.
         """
         controller = self._connected
         tick = self._guard.clock.tick()
@@ -194,18 +180,11 @@ class Drive:
         self._guard.pause_watchdog()
 
     def command(self, forward_m_s: float = 0.0, left_m_s: float = 0.0, turn_rad_s: float = 0.0) -> None:
-        """Walk with a velocity from the next step on; other sources of the arbiter outweigh it.
-
-        Forward and left in the body frame, the turn counter-clockwise. Raises InputError for numbers that are
-        not finite.
-        """
+        """Walk with a velocity in the body frame, counter-clockwise; raises InputError unless finite."""
         self.arbiter.source("motion").command(Velocity(forward_m_s, left_m_s, turn_rad_s))
 
     def share(self, forward: float = 0.0, left: float = 0.0, turn: float = 0.0) -> Velocity:
-        """The velocity for shares -1 to 1 of the maximum, as a stick gives them. Thread-safe.
-
-        The maximum speeds are those of the gait and of the remaining legs.
-        """
+        """The velocity for shares -1 to 1 of the maximum with the intact legs. Thread-safe."""
         shares = (forward, left, turn)
         return Velocity(*(share * most for share, most in zip(shares, self._connected.most, strict=True)))
 
@@ -230,10 +209,7 @@ class Drive:
 
     @gait.setter
     def gait(self, gait: str | int | Sequence[int] | Gait) -> None:
-        """Change the gait in stride; only a `Gait` changes the posture too.
-
-        Raises InputError for what is no gait of the robot.
-        """
+        """Change the gait in stride; only a `Gait` changes the posture too. Raises InputError."""
         new = self._gait_of(gait)
         if not isinstance(gait, Gait):
             new = replace(new, posture=self._gait.posture)
@@ -310,7 +286,6 @@ class Drive:
         return self._controller
 
     def _begin(self) -> None:
-        """Make a new controller that starts at the current joint angles."""
         self._zero_index, self._stood = None, False
         self._controller = DriveController(
             self.robot,

@@ -28,13 +28,7 @@ MODES = ("standing up", "driving", "sitting down", "sitting")
 class DriveController(Controller):
     """Follows an arbiter's velocity within the limits of the gait; stands up first, and sits on request.
 
-    Legs are monitored. If the policy stops the robot after a failure, the arbiter is stopped until it is
-    cleared.
-
-    Args:
-        start_rad: initial joint angles, (18,).
-        hold: whether slip is corrected by the measured pose.
-        failures: that are known, by leg.
+    If the policy stops the robot after a failure, the arbiter is stopped until it is cleared.
 
     Attributes:
         mode: one of `MODES`.
@@ -187,14 +181,12 @@ class DriveController(Controller):
         return self._limits.limited(self.decision.velocity.array, legs)
 
     def _arrive(self) -> None:
-        """Continue after a motion that has ended."""
         if self.mode == "standing up":
             self.mode, self._began = "driving", self._step
         elif self.mode == "sitting down":
             self.mode = "sitting"
 
     def _be(self, mode: str, motion: Controller) -> None:
-        """Begin a motion with the next step."""
         self.mode, self._motion, self._began = mode, motion, self._step + 1
 
     def _new_walk(self) -> None:

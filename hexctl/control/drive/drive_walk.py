@@ -38,11 +38,7 @@ Wanted = Callable[[], FloatArray]
 
 
 class DriveWalk(VelocityWalk):
-    """Walks with the velocity asked for at each step, and stands while that is zero.
-
-    Args:
-        start: of a single robot, in its stance.
-        wanted: returns the velocity, within the limits of the gait.
+    """Walks with the velocity that `wanted` returns within the limits, and stands while it is zero.
 
     Attributes:
         offsets_m: of the feet from their places, (6, 2).
@@ -125,11 +121,9 @@ class DriveWalk(VelocityWalk):
         return np.ones(len(self._turning_m)) if self._pattern.stepping is None else self._pattern.stepping
 
     def _u(self) -> FloatArray:
-        """Normalised times of the legs, (6,)."""
         return part_of_cycle(self._cycles + self._pattern.phases)
 
     def _swing(self) -> tuple[float, float]:
-        """Normalised times at which a swing begins and ends."""
         share = self._pattern.swing_share
         if share is None:
             return SWING_START, SWING_END
@@ -177,7 +171,6 @@ class DriveWalk(VelocityWalk):
         return float(np.clip(shares.min(initial=1.0) + 1e-9, 0.0, 1.0))
 
     def _advance(self, step: int, dt_s: float, wanted: FloatArray, stepping: bool) -> None:
-        """Move the feet through a control period."""
         cycles = dt_s * float(self._pattern.pace_hz) * self._lifted
         self._cycles = self._cycles + cycles
         # A posture also changes while the robot stands.

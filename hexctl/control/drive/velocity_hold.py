@@ -29,11 +29,7 @@ MOST = 0.3
 
 
 class VelocityHold:
-    """Correction of a velocity command by the measured pose, by only the yaw, or none.
-
-    Attributes:
-        correction: current one: forward, left in m/s and turn in rad/s, (3,).
-    """
+    """Correction of a velocity command by the measured pose, by only the yaw, or none."""
 
     def __init__(self) -> None:
         self.correction: FloatArray = np.zeros(3)
@@ -52,14 +48,7 @@ class VelocityHold:
     def update(
         self, dt_s: float, state: RobotState, wanted: FloatArray, commanded: FloatArray, most: FloatArray
     ) -> FloatArray:
-        """The velocity to command, (3,).
-
-        Args:
-            dt_s: since the last update.
-            wanted: the command, (3,); zero sets the reference to the robot's pose.
-            commanded: the current velocity of the legs, (3,).
-            most: maximum velocities, (3,).
-        """
+        """The velocity to command, (3,), if the legs walk `commanded`; 0 resets the reference."""
         yaw, position = self._measured(dt_s, state)
         if not wanted.any() or yaw is None:
             self.forget()

@@ -35,11 +35,7 @@ class VelocityLimits(ArrayFields):
         return _limits(robot, plain)
 
     def limited(self, velocity: FloatArray, failed_legs: Sequence[int] = ()) -> FloatArray:
-        """The velocity (forward and left in m/s, turn in rad/s) scaled to the limits, direction kept, (3,).
-
-        Travel and turn share the strokes: their shares of the maximum speed and turn rate add up to at most
-        1.
-        """
+        """Velocity (forward, left, turn) within the limits; shares of travel and turn add up to 1."""
         rows = list(failed_legs) or [0]
         speed_m_s = math.hypot(velocity[0], velocity[1])
         most_m_s = self._speed_m_s(math.atan2(velocity[1], velocity[0]), rows)

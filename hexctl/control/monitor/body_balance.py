@@ -84,9 +84,9 @@ KNOWN_AFTER_CYCLES, LOOK_TICKS = 2.0, 5
 
 @lru_cache(maxsize=512)
 def signatures(robot: Robot, gait: Gait, motion: Motion, leg: int) -> FloatArray:
-    """Change of lean and contacts when a leg fails, (13, 8, 12): signatures, channels, parts of the cycle.
+    """Change of lean in rad and contacts 0..1, (13, 8, 12): signatures, channels, parts of the cycle.
 
-    The lean is in rad, positive if the body is lower ahead and on the left; contacts are from 0 to 1.
+    The lean is positive if the body is lower ahead and on the left.
     """
     pattern, ticks = StepPattern.of(robot, gait), PARTS * _SAMPLES
     cycles = (np.arange(ticks) + 0.5) / ticks
@@ -107,18 +107,14 @@ def signatures(robot: Robot, gait: Gait, motion: Motion, leg: int) -> FloatArray
 
 
 class BodyBalance:
-    """Evidence against each leg from lean and contacts, tick by tick.
+    """Evidence against each leg from lean and contacts, tick by tick; `cycles` of one tick.
 
     Args:
-        shape: leading shape.
-        cycles: of one tick, leading shape.
-        signatures_of: signatures of a leg, 1..6, of each robot, leading shape + (13, 8, 12); called for one
-            leg in a tick.
+        signatures_of: signatures of a leg, 1..6, leading shape + (13, 8, 12); called for one leg in a tick.
 
     Attributes:
         ratio: evidence against each leg, an alarm at 1, leading shape + (6,).
-        even: evenness of the floor, 1 to 0, a weight of other evidence; 1 if the lean is unknown, leading
-            shape + (1,).
+        even: evenness of the floor, 1 to 0, a weight of other evidence, leading shape + (1,).
     """
 
     def __init__(
@@ -198,7 +194,6 @@ class BodyBalance:
         self._paused, self._some_paused = np.asarray(self._paused | which), True
 
     def _add_signatures(self) -> None:
-        """Compute the signatures of one more leg."""
         self._signatures.append(self._signatures_of(len(self._signatures) + 1))
         if len(self._signatures) == N_LEGS:
             changes = np.concatenate(self._signatures, axis=-3)  # (..., 78, 8, 12)
@@ -244,7 +239,6 @@ class BodyBalance:
         return np.asarray(np.where(beats, np.maximum(evidence, 0.0), 0.0) / threshold)
 
     def _lean_variance_before(self) -> FloatArray:
-        """Variance of the lean some cycles ago, leading shape + (1,)."""
         ago = (self._look - self._delay) % len(self._before)
         places = (ago, *np.indices(self._shape)) if self._shape else (int(ago),)
         return np.asarray(self._before[places])[..., np.newaxis]

@@ -53,17 +53,7 @@ SWINGS = ~in_stance((np.arange(PARTS) + 0.5) / PARTS)
 
 
 class JointFollowing:
-    """Rho of each joint, tick by tick.
-
-    Args:
-        shape: leading shape.
-        cycles: of one tick, leading shape.
-        limits_nm: torque limits of the servos in the robot file, (18,).
-
-    Attributes:
-        rho: of each joint, leading shape + (18,).
-        rho_of_legs: maximum of the joints of each leg, leading shape + (6,).
-    """
+    """Rho of each joint, leading shape + (18,), and its maximum in each leg, tick by tick."""
 
     def __init__(
         self, shape: tuple[int, ...], period_s: float, cycles: FloatArray, limits_nm: FloatArray
@@ -152,7 +142,6 @@ class JointFollowing:
         self._square *= ~which
 
     def _learn(self) -> None:
-        """Learn from the legs that follow as usual."""
         suspicious = self.rho_of_legs > self._suspicious
         learns = self._learns
         if np.count_nonzero(suspicious):
@@ -161,13 +150,9 @@ class JointFollowing:
 
 
 class Overload:
-    """Servos at their torque limit, tick by tick, whose joints need not follow.
+    """Servos at their torque limit, (18,), tick by tick, whose joints need not follow.
 
     The limit is the maximum torque of the same joint in other legs; a jammed joint soon exceeds it.
-
-    Args:
-        cycles: of one tick, leading shape + (18,).
-        limits_nm: torque limits of the servos in the robot file, (18,).
     """
 
     def __init__(self, cycles: FloatArray, limits_nm: FloatArray) -> None:
@@ -186,12 +171,7 @@ class Overload:
         self._can_swing: BoolArray = np.ones(cycles.shape, dtype=bool)
 
     def tells(self, torques_nm: FloatArray, swings: BoolArray) -> BoolArray:
-        """Take torques of a tick; whether joints that do not follow are evidence, leading shape + (18,).
-
-        Args:
-            torques_nm: of the joints.
-            swings: whether they belong to a leg in the air.
-        """
+        """Take torques of a tick; whether joints that do not follow are evidence, leading shape + (18,)."""
         size_nm = np.abs(torques_nm)
         self._greatest_nm = np.maximum(self._greatest_nm, size_nm)
         compares = self._ticks % COMPARED_TICKS == 0

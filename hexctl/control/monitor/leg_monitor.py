@@ -74,14 +74,10 @@ _SILENCE = EVIDENCE.index("silence")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Suspicion:
-    """A suspected failure of a leg.
+    """A suspected failure of a leg at a step; the angle of a stuck joint is the one measured.
 
     Attributes:
-        failure: leg, kind and joint; the angle of a stuck joint is the one measured.
-        step: of the walk, when it was detected.
-        evidence: `following` (joints do not follow targets), `support` (missing load), `effort` (missing
-            torque), `balance` (lean and contacts) or `silence` (a servo that does not answer); the last two
-            do not show how the leg failed.
+        evidence: one of `EVIDENCE`; those in `UNTOLD` do not show how the leg failed.
         ratio: evidence over its threshold, above 1.
     """
 
@@ -102,18 +98,16 @@ class Suspicion:
 class LegMonitor:
     """Detects failed legs of a walk, or of n of them, from measurements only.
 
-    Robots of a batch are simulated: all of them measure torques, or none.
+    Robots of a batch are simulated: all of them measure torques, or none. Legs have the leading shape + (6,).
 
     Args:
-        shape: leading shape.
-        pace_hz: of the gait, leading shape.
-        believed: legs that are known to have failed, leading shape + (6,); they are not watched.
+        believed: legs that are known to have failed; they are not watched.
         signatures_of: signatures of a leg for `BodyBalance`; None leaves it out.
 
     Attributes:
-        failed: legs that it assumes to have failed, leading shape + (6,).
-        new: legs detected in the last tick, leading shape + (6,).
-        ratio: evidence against each leg, an alarm at 1, leading shape + (6,).
+        failed: legs that it assumes to have failed.
+        new: legs detected in the last tick.
+        ratio: evidence against each leg, an alarm at 1.
     """
 
     def __init__(
@@ -344,14 +338,7 @@ class LegMonitor:
     def kind(
         self, leg: int, row: tuple[int, ...] = (), *, cycles: float = STILL_CYCLES, powered: bool = False
     ) -> Failure:
-        """How a leg fails by the last part of a cycle (`failure_shown`).
-
-        Args:
-            leg: 1..6.
-            row: of the robot in its batch.
-            cycles: that are evaluated, up to `MOST_STILL_CYCLES`.
-            powered: whether its servos are known to have power, and its joints not to follow.
-        """
+        """How leg 1..6 fails by the last cycles, up to `MOST_STILL_CYCLES`, as in `failure_shown`."""
         rho = self._following.rho[row][leg_slice(leg)]
         return failure_shown(
             leg,
@@ -364,7 +351,6 @@ class LegMonitor:
 
 
 def _first_usual(legs: tuple[int, ...]) -> FloatArray:
-    """Initial usual rho, (2,) + legs."""
     return np.stack([np.full(legs, FIRST_RHO), np.zeros(legs)])
 
 

@@ -23,14 +23,7 @@ LEAST_GAIN, LEAST_MOTION_RAD = 0.6, math.radians(1.0)
 
 
 class LegProbe:
-    """Tries of one tucked leg.
-
-    Args:
-        step: in which the leg was tucked.
-        cycle_steps: steps of a gait cycle.
-        moves: False for a leg detected only by its load: it counts as intact when a try is due.
-        first_cycles: cycles until the first try.
-    """
+    """Tries of one tucked leg; without `moves`, for a leg detected by its load, a due try succeeds."""
 
     def __init__(
         self, step: int, cycle_steps: float, *, moves: bool, first_cycles: float = FIRST_CYCLES

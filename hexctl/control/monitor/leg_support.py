@@ -60,11 +60,6 @@ class LegSupport:
 
     The first state with torques or contacts decides which of them are used.
 
-    Args:
-        shape: leading shape.
-        cycles: of one tick, leading shape.
-        limits_nm: torque limits of the servos, (18,).
-
     Attributes:
         missing: 0 for a leg that carries as usual, 1 for one that carries nothing, leading shape + (6,).
         idle_cycles: weighted cycles of each joint without torque, leading shape + (18,).
@@ -109,12 +104,7 @@ class LegSupport:
     def update(
         self, state: RobotState, parts: NDArray[np.int64], joints: JointFollowing | None = None
     ) -> None:
-        """Take the state of a tick.
-
-        Args:
-            parts: of the cycle that the legs are in, leading shape + (6,).
-            joints: None if joint positions are not measured.
-        """
+        """Take the state of a tick, parts of the cycle, leading shape + (6,), and joints if measured."""
         load = self._load(state)
         self.known = load is not None
         self._silent_ticks = 0 if self.known else self._silent_ticks + 1
@@ -152,12 +142,7 @@ class LegSupport:
         self.idle_of_legs = self.idle_cycles.reshape(*self._shape, N_LEGS, JOINTS_PER_LEG).max(axis=-1)
 
     def forget(self, which: BoolArray, anew: BoolArray, teaching: BoolArray) -> None:
-        """Reset the evidence of some robots, leading shape + (1,).
-
-        Args:
-            anew: legs whose usual load is learned again, leading shape + (6,).
-            teaching: legs that teach the habit, leading shape + (6,): those that are not in the air for good.
-        """
+        """Reset robots, leading shape + (1,); `anew` legs learn again, only `teaching` ones learn."""
         self._forget_evidence(which)
         self._teaching = teaching
         if self._torques is None:
@@ -172,7 +157,6 @@ class LegSupport:
         self._rate = self._full_rate * self._knows
 
     def _columns(self, legs: BoolArray) -> BoolArray:
-        """Values of legs for the columns of the loads."""
         return np.concatenate([legs, legs], axis=-1) if self._feet else legs
 
     def _forget_evidence(self, which: BoolArray) -> None:

@@ -40,11 +40,7 @@ LEGS = np.arange(1, N_LEGS + 1)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Noticed:
-    """A failure that a walk has detected, and its response.
-
-    Attributes:
-        suspicion: for a healed leg, the earlier one.
-    """
+    """A failure that a walk has detected, and its response; healed ones name the earlier suspicion."""
 
     suspicion: Suspicion
     response: Response
@@ -52,14 +48,7 @@ class Noticed:
 
 
 class MonitoredWalk(Controller):
-    """Monitors the legs of a walk, and follows a policy once one fails.
-
-    Args:
-        walk: only a `VelocityWalk` can change its gait.
-
-    Attributes:
-        noticed: detected failures of each walk.
-    """
+    """Monitors the legs of a walk, and follows a policy; only a `VelocityWalk` changes its gait."""
 
     def __init__(self, start: WalkStart, walk: Controller, policy: RecoveryPolicy) -> None:
         check_type(start, WalkStart, "start", "a WalkStart, as a trial gives to its controller")
@@ -190,7 +179,6 @@ class MonitoredWalk(Controller):
         return 1 / (self._start.plans[index].gait.pace_hz * self._start.period_s)
 
     def _respond(self, step: int) -> None:
-        """Apply the policy to the legs detected in this tick."""
         responses: dict[int, Response] = {}
         for index in np.flatnonzero(self._monitor.new.any(axis=-1)).tolist():
             if index in self._stopped:
@@ -272,7 +260,6 @@ class MonitoredWalk(Controller):
         self.walk.foot_offsets_m = offsets_m
 
     def _take_back(self, index: int, leg: int, step: int) -> None:
-        """Use a leg again that has proved to be intact."""
         del self._probes[index, leg]
         key = index, leg
         self._first_tries[key] = AFTER_RELAPSE * self._first_tries.get(key, FIRST_CYCLES)

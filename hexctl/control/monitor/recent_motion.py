@@ -30,10 +30,7 @@ TAKES_PART = 0.4
 class LegMotion(ArrayFields):
     """Motion of the joints of one leg in the last part of a cycle, newest tick first, each (ticks, 3).
 
-    Attributes:
-        targets_rad: sent before the angles were measured.
-        torques_nm: NaN if not measured.
-        latest_ticks: ticks that show whether a servo has power.
+    Targets were sent before the measurement, and `latest_ticks` show whether a servo has power.
     """
 
     measured_rad: FloatArray
@@ -100,12 +97,8 @@ def failure_shown(
     """The failure of a leg, 1..6, as far as its motion shows.
 
     Joints without torque are limp. A leg whose joints follow without load is missing. Of joints that do not
-    move with their targets, one is stuck, all are locked.
-
-    Args:
-        rho: of its joints (`JointFollowing`), (3,).
-        none_nm: torques below which a servo gives none, (3,).
-        powered: whether the servos are known to have power, and the joints not to follow.
+    move with their targets, one is stuck, all are locked. With `powered` servos have power, and do not
+    follow.
     """
     dead = None if powered else motion.dead(none_nm)
     idle = motion.off_target() & (False if dead is None else dead)

@@ -94,13 +94,11 @@ class StopWalking(RecoveryPolicy):
 class GlideToStableGait(RecoveryPolicy):
     """Glides to the best gait for the intact legs: by the repertoire, else the most stable one.
 
-    The most stable one is `gait_without` with the body a little up. It is replaced if the repertoire has a
-    faster gait for the failures and the direction of travel, which may be the current one. With three lost
-    legs it stops. The course stays.
+    That is `gait_without`, or a faster gait in the repertoire. With three lost legs it stops. The course
+    stays.
 
     Args:
-        repertoire: `auto` finds the robot's, in `runs/repertoires` or shipped; None uses only the static
-            margin.
+        repertoire: `auto` finds the robot's, in `runs/repertoires` or shipped; None uses no repertoire.
     """
 
     def __init__(self, repertoire: Repertoire | Literal["auto"] | None = "auto") -> None:
@@ -162,10 +160,7 @@ class GlideToStableGait(RecoveryPolicy):
 
 
 def default_policy(*, simulated: bool, failures_come: bool = True) -> str:
-    """Name of the default policy: `stop` on real robots, `glide` in simulations.
-
-    A simulation without failures uses `walk-on`, and equals its plan to the last bit.
-    """
+    """Name of the default policy: `stop` on real robots, else `glide`, without failures `walk-on`."""
     return "stop" if not simulated else "glide" if failures_come else "walk-on"
 
 

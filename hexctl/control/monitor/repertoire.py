@@ -38,13 +38,7 @@ HOLDS = ("auto", "line", "heading")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BodySymmetry:
-    """A turn or mirroring of the body that maps legs to legs.
-
-    Attributes:
-        legs: leg k moves to the place of leg `legs[k - 1]`.
-        mirrored: whether left and right are swapped.
-        turn_deg: turn after the mirroring.
-    """
+    """A turn after a mirroring of the body; leg k moves to the place of leg `legs[k - 1]`."""
 
     legs: tuple[int, ...]
     mirrored: bool
@@ -83,11 +77,7 @@ def moved_parts(parts: FailedParts, legs: Sequence[int]) -> FailedParts:
 
 @dataclass(frozen=True, slots=True, kw_only=True, order=True)
 class Candidate:
-    """A gait and a posture, without pace and strokes; fields as of `Gait` and `Posture`.
-
-    Attributes:
-        name: `safest` for the most stable gait, `walk-on` for that of the intact robot.
-    """
+    """A gait and a posture without pace and strokes; named `safest`, `walk-on` or by its search."""
 
     name: str
     slots: Slots
@@ -205,14 +195,11 @@ class Situation:
 
 
 def sure_gains(gains: FloatArray) -> FloatArray:
-    """Confident gain in each of some situations: the mean less `ERRORS` standard errors.
+    """Confident gain in each situation, of gains over the first candidate, (situations, worlds).
 
-    The mean of each situation is shrunk towards that of all by the noise share v / (v + t) of its variance: v
-    is the variance within situations over the number of worlds, t that of the situations' means beyond v
-    (empirical Bayes, normal). A single situation keeps its mean.
-
-    Args:
-        gains: over the first candidate, (situations, worlds); the worlds are the same in all situations.
+    It is the mean less `ERRORS` standard errors, the mean of each situation shrunk towards that of all by the
+    noise share v / (v + t) of its variance: v is the variance within situations over the number of worlds, t
+    that of the situations' means beyond v (empirical Bayes, normal). A single situation keeps its mean.
     """
     count, worlds = gains.shape
     if worlds < 2:
@@ -231,12 +218,7 @@ def sure_gains(gains: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Choice:
-    """The best candidate for a situation.
-
-    Attributes:
-        gain: speed above that of the most stable gait, as a share of the commanded speed.
-        walks: walks of each of the two gaits.
-    """
+    """The best candidate for a situation; its gain is a share of the commanded speed."""
 
     candidate: Candidate
     gain: float
@@ -245,13 +227,7 @@ class Choice:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Repertoire:
-    """Walks of one robot with a pace and strokes after each of some failures.
-
-    Attributes:
-        direction_step_deg: between directions of travel.
-        symmetries: of the robot, the identity first.
-        origin: for people: families of worlds, numbers, versions.
-    """
+    """Walks of one robot after each of some failures; the first symmetry is the identity."""
 
     robot: str
     robot_fingerprint: str
@@ -278,10 +254,7 @@ class Repertoire:
         )
 
     def choice(self, failures: Iterable[Failure], heading_rad: float) -> Choice | None:
-        """The best candidate for some failures and the nearest direction in the body frame, or None.
-
-        The first call computes all choices, the others look one up.
-        """
+        """The best candidate for some failures and the nearest direction, or None."""
         return self._choices.get((self._direction(math.degrees(heading_rad)), parts_of(failures)))
 
     def _direction(self, heading_deg: float) -> int:
@@ -289,10 +262,7 @@ class Repertoire:
 
     @cached_property
     def best(self) -> tuple[int, ...]:
-        """Index of the best candidate of each situation: the safest, or a surely faster one.
-
-        It must fall no more often, and have the largest `sure_gains` above `LEAST_GAIN`.
-        """
+        """Index of each situation's best candidate: the safest, or one with a sufficient `sure_gains`."""
         sure: dict[tuple[int, str], float] = {}
         for (_, name), rows in self._gains.items():
             gains = np.array([self.situations[place].gains[row] for place, row in rows])
@@ -302,7 +272,6 @@ class Repertoire:
 
     @property
     def _gains(self) -> dict[tuple[object, str], list[tuple[int, int]]]:
-        """Indices of situations and candidates, by kinds of failure and the candidate's name."""
         found: dict[tuple[object, str], list[tuple[int, int]]] = {}
         for place, one in enumerate(self.situations):
             for row, candidate in enumerate(one.candidates):
@@ -361,7 +330,6 @@ class Repertoire:
 
 
 def _best_of(situation: Situation, place: int, sure: Mapping[tuple[int, str], float]) -> int:
-    """Index of the best candidate of a situation, by confident gains."""
     best, most, valid = 0, LEAST_GAIN, situation.valid
     for row, candidate in enumerate(situation.candidates[1:], 1):
         if sure[place, candidate.name] > most and valid[row] >= valid[0]:

@@ -59,10 +59,7 @@ def _made(head: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Repertoire:
 
 
 def describe_repertoire(path: Path | str) -> dict[str, Any]:
-    """Summary of a repertoire as JSON values; raises InputError as `load_repertoire` does.
-
-    `others` counts the situations in which another gait than the safest is best.
-    """
+    """Summary of a repertoire as JSON values; raises InputError as `load_repertoire` does."""
     found = load_repertoire(path)
     kinds = [(len(one.failed), *one.failed[0][1:]) for one in found.situations]
     words = {count: [f"{kind}:{joint}" if joint else kind for n, kind, joint in kinds if n == count]

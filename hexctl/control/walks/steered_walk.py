@@ -11,11 +11,7 @@ from hexctl.types import BoolArray, FloatArray, RobotState
 
 
 class SteeredWalk(VelocityWalk):
-    """Walks with a gait along the line of the trial, its course corrected at every tick.
-
-    Args:
-        hold: `line`, or `heading`, which ignores positions.
-    """
+    """Walks along the line of the trial, its course corrected at every tick; `heading` ignores positions."""
 
     def __init__(self, start: WalkStart, *, hold: str = "line", gains: SteeringGains | None = None) -> None:
         check_type(start, WalkStart, "start", "a WalkStart, as a trial gives to its controller")
@@ -49,7 +45,6 @@ class SteeredWalk(VelocityWalk):
         self._law.retune(**self._pace_of(self.gaits), which=which)
 
     def _pace_of(self, gaits: Sequence[Gait]) -> dict[str, FloatArray]:
-        """Parameters of gaits for the law, each leading shape."""
         robot, each = self._robot, self._each
         ways = [plan.motion(0.0) for plan in self._plans]
         return {

@@ -61,13 +61,7 @@ class SteeringGains:
 
 
 class Measured:
-    """A measured number, leading shape, robust to dropouts and to jumps beyond `jump`.
-
-    Attributes:
-        value: the last accepted one.
-        fresh: whether it is of the last update.
-        missing_s: time since it was.
-    """
+    """A measured number, leading shape; dropouts and jumps keep the last value, and are not fresh."""
 
     def __init__(self, first: FloatArray, jump: float) -> None:
         self.value: FloatArray = first
@@ -89,13 +83,7 @@ class Measured:
 
 
 class FrozenSensor:
-    """Detects a sensor that repeats its value bit by bit for longer than `FROZEN_AFTER_S`.
-
-    Dropouts neither end this time nor belong to it.
-
-    Attributes:
-        last: the last values, leading shape each; empty before.
-    """
+    """Detects a sensor that repeats its value for `FROZEN_AFTER_S`, dropouts excluded."""
 
     def __init__(self) -> None:
         self.last: tuple[FloatArray, ...] = ()
@@ -116,14 +104,7 @@ class FrozenSensor:
 
 
 def frozen_rows(values: FloatArray, period_s: float) -> BoolArray:
-    """Ticks with a frozen value, (T,), from a complete walk.
-
-    Unlike in `FrozenSensor`, all repetitions of a frozen value count, those of the first `FROZEN_AFTER_S`
-    too.
-
-    Args:
-        values: of each tick, (T, n); NaN if not measured.
-    """
+    """Ticks with a frozen value, (T,), of values (T, n) of a complete walk; all repetitions count."""
     frozen = np.zeros(len(values), dtype=bool)
     seen = np.flatnonzero(np.isfinite(values[:, 0]))
     if len(seen) < 2:
@@ -138,9 +119,8 @@ def frozen_rows(values: FloatArray, period_s: float) -> BoolArray:
 class CourseOverGround:
     """Yaw of robots that measure only their position: from the direction of travel.
 
-    The lag of a position with a time constant of a cycle `cycle_s` points along the path, the mean commanded
-    velocity is in the body frame. Their angle is the yaw plus the drift angle, and corrects the course for
-    both.
+    The lag of a position with a time constant of a cycle points along the path, the mean commanded velocity
+    is in the body frame. Their angle, yaw plus drift, corrects the course for both.
     """
 
     def __init__(self, cycle_s: FloatArray) -> None:
@@ -177,13 +157,7 @@ class CourseOverGround:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Course(ArrayFields):
-    """A line to walk along; for a batch with arrays of leading shape (n,).
-
-    Attributes:
-        origin_world: a point of the line, (2,) in m; NaN if the robot has no position.
-        heading_rad: direction of the line in the world.
-        yaw_rad: yaw of the body to keep, in the world.
-    """
+    """A line to walk along, (2,) in m and rad in the world, with the yaw to keep; in a batch (n,) leading."""
 
     origin_world: FloatArray
     heading_rad: float
@@ -191,21 +165,12 @@ class Course(ArrayFields):
 
 
 def trimmed_rad(trim_rad: float, *, signed_m: float, distance_m: float) -> float:
-    """Trim for the next walk with a held heading, trim - atan2(e, s), which removes a constant drift.
-
-    Args:
-        trim_rad: of the measured walk.
-        signed_m: e, its final deviation to the left.
-        distance_m: s, its progress along the line.
-    """
+    """Trim for the next walk with a held heading, trim - atan2(e, s), which removes a constant drift."""
     return trim_rad - math.atan2(signed_m, distance_m)
 
 
 def held(plan: TrialPlan, frame: TrialFrame | None) -> str:
-    """What a walk can hold of its plan: `line`, `heading` or `none`.
-
-    Turns and arcs have no line, a robot without a position has only a heading.
-    """
+    """What a walk can hold: `line`, only `heading` without a position, `none` in turns and arcs."""
     if plan.hold == "none" or not plan.straight or frame is None:
         return "none"
     position_known = bool(np.isfinite(frame.origin_world).all())
@@ -230,7 +195,6 @@ def plane(position_world: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _left_of(course: Course) -> tuple[FloatArray, FloatArray]:
-    """Direction to the left of a line: x and y."""
     return -np.sin(course.heading_rad), np.cos(course.heading_rad)
 
 
@@ -238,11 +202,9 @@ class CourseHold:
     """The steering law, for one robot or a batch of n; arrays have the leading shape () or (n,).
 
     Args:
-        speed_m_s: along the line.
         cycle_s: T.
         stride_m: L, distance of a cycle at full stride.
-        hold: `line`, or `heading`, which ignores positions.
-        trim_rad: added to the course under `heading`.
+        hold: `line`, or `heading`, which ignores positions, and adds the trim.
 
     Attributes:
         velocity_body: forward and left in m/s and turn in rad/s, leading shape + (3,).
@@ -334,7 +296,6 @@ class CourseHold:
         self._error_rad = self._error_rad * (1 - share * (aside.lost & yaw.lost))
 
     def _measured_deviation_m(self, dt_s: float, state: RobotState) -> FloatArray:
-        """Measured deviation, leading shape; NaN if unknown."""
         position = state.base_position_world
         if position is None or self._hold != "line":
             return self._unknown
@@ -348,7 +309,6 @@ class CourseHold:
         return away_m
 
     def _measured_error_rad(self, dt_s: float, state: RobotState) -> FloatArray:
-        """Measured yaw error, unwrapped, leading shape; NaN if unknown."""
         off_rad = self._yaw_rad(dt_s, state) - self._course.yaw_rad
         return off_rad - math.tau * np.rint((off_rad - self._yaw.value) / math.tau)
 

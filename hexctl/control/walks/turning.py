@@ -104,8 +104,7 @@ def check_plan(robot: Robot, plan: TrialPlan) -> None:
 class Turn(Controller):
     """A turn in place by an angle, measured by the robot's yaw.
 
-    The soft stop begins when it will turn the remaining angle, predicted from the commanded rate and its made
-    share; a measured rate would be too noisy.
+    The soft stop begins when it will turn the remaining angle, as predicted from the made share of the rate.
     """
 
     def __init__(
@@ -168,11 +167,7 @@ class Turn(Controller):
 
 
 class TurnStep(Controller):
-    """A small turn in place: one gait cycle, with soft start and end, that places every foot again.
-
-    Args:
-        turn_rad: commanded angle, counter-clockwise positive, limited by the legs.
-    """
+    """A small turn in place: one gait cycle that places every foot again; positive is counter-clockwise."""
 
     def __init__(self, robot: Robot, plan: TrialPlan, turn_rad: float, period_s: float) -> None:
         gait = turn_gait(robot)

@@ -45,13 +45,10 @@ Command = Callable[[int, RobotState], FloatArray]
 class VelocityWalk(Controller):
     """Walks with the velocity that a command gives at every step.
 
-    Strokes follow the velocity smoothly, within an acceleration limit. Excessive velocities are scaled down,
-    direction kept, and counted. A walk in a batch equals a single one to the last bit.
+    Strokes follow smoothly, within an acceleration limit. Excessive velocities are scaled down and counted. A
+    walk in a batch equals a single one to the last bit.
 
     Attributes:
-        gaits: the gait of each walk, or the one it changes to.
-        limited_steps: steps in which the velocity was scaled down, leading shape.
-        velocity_body: current velocity, leading shape + (3,).
         foot_offsets_m: added to the feet in the body frame, leading shape + (6, 3), or None.
         suited: maps the gaits of a plan's change to those to use instead.
     """
@@ -116,12 +113,7 @@ class VelocityWalk(Controller):
         return float(ramp(step * self._period_s, stop_s))
 
     def glide_to(self, gaits: Gait | Sequence[Gait], which: BoolArray | None = None) -> None:
-        """Change to other gaits in stride: phases, heights and posture glide.
-
-        Args:
-            gaits: one for each walk.
-            which: walks that change, leading shape; None for all.
-        """
+        """Change the gaits of walks in stride: phases, heights and posture glide; which None is all."""
         gaits = [gaits] if isinstance(gaits, Gait) else list(gaits)
         if len(gaits) != len(self.gaits):
             raise InputError(f"gaits: got {len(gaits)}; allowed: {len(self.gaits)}, one for each walk")
@@ -141,11 +133,7 @@ class VelocityWalk(Controller):
         )
 
     def leave_plain(self) -> StepPattern:
-        """Continue with an equivalent pattern without None, and return it; feet differ by rounding.
-
-        A walk of a batch that may change its gait by itself does so from its start: it then equals a single
-        walk to the last bit.
-        """
+        """Continue with an equivalent pattern without None, and return it; feet differ by rounding."""
         if (
             self._pattern.stepping is None
             or self._pattern.posture_m is None
@@ -174,7 +162,6 @@ class VelocityWalk(Controller):
         return self._stop_step is not None and step >= self._stop_step + soft_stop_steps(self._period_s) - 1
 
     def _each(self, values: Sequence[ArrayLike]) -> FloatArray:
-        """Values of the walks, with the leading shape."""
         return np.asarray(np.array(values, dtype=float)[slice(None) if self._shape else 0])
 
     def _pattern_of(self, gaits: Sequence[Gait], *, plain: bool = True) -> StepPattern:
@@ -188,7 +175,6 @@ class VelocityWalk(Controller):
         self._most_change = full_m_s / FULL_SPEED_S
 
     def _follow(self, dt_s: float, wanted: FloatArray) -> None:
-        """Approach the commanded velocity."""
         change = (1 - math.exp(-dt_s / RESPONSE_S)) * (wanted - self.velocity_body)
         # A turn moves the feet at the radius of the stance.
         forward, left, turn = change[..., 0], change[..., 1], change[..., 2] * self._robot.stance_radius_m
@@ -225,7 +211,6 @@ class VelocityWalk(Controller):
         return strokes / share[..., np.newaxis, np.newaxis], pace_hz * share
 
     def _change(self, step: int, cycles: FloatArray) -> None:
-        """Begin the change of gait that is due, and continue the current one."""
         if self._changes and step * self._period_s >= self._changes[0][0]:
             self.glide_to(self.suited(self._changes.pop(0)[1]))
         if self._glide is not None:

@@ -25,14 +25,7 @@ FOOT_LINKS = tuple(f"leg{leg}_foot" for leg in range(1, N_LEGS + 1))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkTransforms(ArrayFields):
-    """Poses of links in the frames of their parents.
-
-    Attributes:
-        parents: N names.
-        children: N names.
-        translations_m: origins, (N, 3).
-        quaternions: orientations (w, x, y, z), leading shape + (N, 4).
-    """
+    """Poses of N links in the frames of their parents: origins (N, 3), orientations ... + (N, 4)."""
 
     parents: tuple[str, ...]
     children: tuple[str, ...]

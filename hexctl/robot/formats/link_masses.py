@@ -18,7 +18,7 @@ class PartMass:
 
     Attributes:
         com_m: centre of mass.
-        moments_kg_m2: moments of inertia about the principal axes through the centre of mass.
+        moments_kg_m2: about the principal axes through the centre of mass.
         tilt_rad: turn about y from the axes of the link to the principal axes.
     """
 
@@ -30,11 +30,7 @@ class PartMass:
 
 @dataclass(frozen=True, slots=True)
 class Capsule:
-    """A cylinder with half spheres at its ends, from the origin of a link along the plane of its leg.
-
-    Attributes:
-        end_m: the other end of its axis, as (outward, up).
-    """
+    """A cylinder with half spheres at its ends, from a link's origin to (outward, up)."""
 
     end_m: tuple[float, float]
     radius_m: float

@@ -134,7 +134,6 @@ def _add_robot(world: Element, robot: Robot) -> None:
 
 
 def _add_cameras(base: Element, robot: Robot) -> None:
-    """Add cameras that move with the robot, all of it in the picture."""
     reach_m = 1.3 * robot.stance_radius_m
     away_m = reach_m / math.tan(math.radians(FOVY_DEG / 2))
     for name, (azimuth_deg, elevation_deg) in CAMERAS.items():
@@ -156,7 +155,6 @@ def _add_cameras(base: Element, robot: Robot) -> None:
 
 
 def _add_link(parent: Element, robot: Robot, joint: int) -> Element:
-    """Add a link with its joint, which has the friction and back-EMF of its servo."""
     leg, index = divmod(joint, JOINTS_PER_LEG)
     kind, capsule = JOINT_KINDS[index], link_capsule(robot, index)
     if kind == "coxa":

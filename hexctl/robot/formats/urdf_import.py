@@ -36,13 +36,7 @@ WIDEST_DEG = 170.0
 
 @dataclass(frozen=True, slots=True)
 class ImportedRobot:
-    """A robot file made from a URDF.
-
-    Attributes:
-        text: of the file, with comments.
-        unknown: keys that are not in the URDF, and have to be measured.
-        notes: omissions and changes, a line each.
-    """
+    """A robot file made from a URDF, with the unknown keys, and notes on omissions and changes."""
 
     text: str
     unknown: tuple[str, ...]
@@ -83,8 +77,6 @@ def import_urdf(
 
 
 class _Import:
-    """Collects the sections of a robot file, and the unknown keys."""
-
     def __init__(self, tree: UrdfTree, legs: list[UrdfLeg], facing: FloatArray) -> None:
         self._tree, self._legs, self._facing = tree, legs, facing
         self._unknown: list[str] = []
@@ -269,10 +261,7 @@ class _Import:
         return _short(max(low, -180.0), 3), _short(min(high, 180.0), 3)
 
     def _stance(self, joints: dict[str, dict[str, Any]]) -> dict[str, float]:
-        """A stance with the femur a little above level and the tibia steep, within the joint ranges.
-
-        Raises InputError if there is none.
-        """
+        """A stance with a nearly level femur and a steep tibia; raises InputError if there is none."""
         coxa, femur, tibia = ((float(one[0]), float(one[1])) for one in self._vectors_m)
         least, most = leg_reach_m(femur, tibia)
         lengths = math.hypot(*femur), math.hypot(*tibia)
@@ -340,7 +329,6 @@ _Dumper.add_representer(
 
 
 def _yaml(content: dict[str, Any]) -> str:
-    """YAML of a robot file in the layout of the shipped ones."""
     laid: dict[str, Any] = {}
     for key, value in content.items():
         if key in ("links", "joints"):

@@ -22,13 +22,11 @@ class UrdfLeg(ArrayFields):
     """A leg in the frame of the body, in hexctl's terms.
 
     Attributes:
-        joints: coxa, femur and tibia as in the file.
         tips: the tibia and the links that are fixed to it.
         mount_m: coxa axis, (3,).
         yaw_rad: direction of the leg at angle zero.
         vectors_m: coxa, femur and tibia as (outward, up) at angle zero, (3, 2).
         signs: 1 if the angles of the file and of hexctl have the same sign, -1 if not, (3,).
-        foot_known: whether the file contains the foot.
     """
 
     joints: tuple[UrdfJoint, ...]
@@ -150,10 +148,7 @@ def _check_axes(chain: tuple[UrdfJoint, ...], axes: list[FloatArray]) -> None:
 def _foot(
     tree: UrdfTree, tips: list[str], chain: tuple[UrdfJoint, ...], foot_m: FloatArray | None
 ) -> tuple[FloatArray, bool]:
-    """Foot in the frame of the tibia, and whether it is known or estimated from the centre of mass.
-
-    It is the given one, the farthest leaf, or the far end of a solid.
-    """
+    """Foot in the frame of the tibia, and whether it is known or estimated from the centre of mass."""
     if foot_m is not None:
         return foot_m, True
     knee = np.linalg.inv(tree.placed(tips[0]))

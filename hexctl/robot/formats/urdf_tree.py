@@ -27,8 +27,7 @@ HINGES = ("revolute", "continuous")
 class UrdfShape:
     """A solid of a link: kind `box`, `cylinder`, `sphere` or `mesh`, and its frame in that of the link.
 
-    Sizes in m are length, width and height of a box, radius and length of a cylinder, radius of a sphere; a
-    mesh has points in its own frame instead, (N, 3).
+    Sizes in m are length, width and height, or radius and length; a mesh has points in its own frame, (N, 3).
     """
 
     kind: str
@@ -83,12 +82,7 @@ class UrdfJoint:
 
 @dataclass(frozen=True, eq=False)
 class UrdfTree:
-    """Links and joints of a robot, with a single root.
-
-    Attributes:
-        links: by name.
-        joints: by the name of their child link.
-    """
+    """Links and joints of a robot by name, joints by that of their child, with a single root."""
 
     name: str
     root: str
@@ -123,10 +117,7 @@ class UrdfTree:
 
 
 def read_urdf(path: Path) -> UrdfTree:
-    """Tree of a URDF file.
-
-    Raises InputError for a file that is missing, no URDF, contains xacro, or is no tree.
-    """
+    """Tree of a URDF file; raises InputError for a missing file, no URDF, xacro, or no tree."""
     try:
         text = read_file(path, MOST_BYTES).decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:

@@ -23,13 +23,7 @@ from hexctl.types import (
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BusMap(RawMap):
-    """Conversion between joint angles and counts of the servos on a bus.
-
-    Attributes:
-        driver: one of `BUS_DRIVERS`.
-        ids: bus id of each joint's servo, each once, (18,).
-        models: of each joint's servo, of one protocol.
-    """
+    """Conversion between joint angles and counts of the servos on a bus, with ids (18,), each once."""
 
     unit: ClassVar[str] = "counts"
     driver: str
@@ -68,10 +62,7 @@ class BusMap(RawMap):
 
 
 def bus_map_of(section: ServosSection, driver: str) -> BusMap:
-    """Bus map of a section: keys of a joint have priority over those of its kind and of the section.
-
-    Raises InputError for ids, models or limits that no bus can have.
-    """
+    """Bus map of a section; raises InputError for ids, models or limits that no bus can have."""
     if section.driver not in (None, driver):
         raise InputError(f"servos.driver: got {section.driver}; allowed: {driver}, with the backend {driver}")
     if driver not in BUS_DRIVERS:
@@ -100,7 +91,6 @@ def bus_map_of(section: ServosSection, driver: str) -> BusMap:
 
 
 def _check_models(driver: str, models: tuple[ServoType, ...]) -> None:
-    """Raise InputError unless one driver and one protocol fit all models."""
     for model in models:
         if model.driver != driver:
             raise InputError(f"servos.model: got {model.name} with {driver}; allowed: models of {driver}")

@@ -27,15 +27,7 @@ USUAL_TOUCHES = (0, 1, 2, 5, 4, 3)
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PwmMap(RawMap):
-    """Output of each joint, and the pulses of its angles.
-
-    Attributes:
-        driver: one of `PWM_DRIVERS`.
-        outputs: of each joint, (18,), each once, counted from 0.
-        touches: touch input of each leg, (6,), each once, counted from 0.
-        addresses: of two PCA9685 boards on their I2C bus.
-        oscillators_mhz: frequencies of their oscillators.
-    """
+    """Output of each joint, (18,), touch input of each leg, (6,), from 0, and the pulses of angles."""
 
     unit: ClassVar[str] = "us"
     driver: str
@@ -75,10 +67,7 @@ class PwmMap(RawMap):
 
 
 def pwm_map_of(section: ServosSection, driver: str) -> PwmMap:
-    """PWM map of a section for a driver; `id` of a joint is its output, by default 0, 1 ... 17.
-
-    Raises InputError for outputs, inputs or pulses that the board does not have.
-    """
+    """PWM map of a section, with joint ids as outputs; raises InputError for what the board does not have."""
     if driver not in PWM_DRIVERS:
         raise InputError(f"servos.driver: got {driver!r}; allowed: {', '.join(PWM_DRIVERS)}")
     if section.driver not in (None, driver):

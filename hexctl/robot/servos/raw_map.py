@@ -47,10 +47,9 @@ class RawMap(ArrayFields, ABC):
         unit: of raw positions, `us` or `counts`.
         signs: direction of each servo, 1 or -1.
         offsets_deg: mounting error of each servo's horn.
-        least: lowest raw position of each servo.
-        most: highest raw position of each servo.
-        per_deg: raw units per degree of each servo.
-        centre: raw position at the middle of each servo's travel.
+        least: lowest raw position, as is `most` the highest.
+        per_deg: raw units per degree.
+        centre: raw position at the middle of the travel.
     """
 
     unit: ClassVar[str]
@@ -102,10 +101,7 @@ class RawMap(ArrayFields, ABC):
         return self.angles_rad(self.limited_raw(joint_positions_rad))
 
     def flipped(self, joint: int, at_deg: float) -> Self:
-        """Map with the opposite sign for a joint, and the same raw position at one angle.
-
-        At this assumed angle of the joint, the joint does not move.
-        """
+        """Map with the opposite sign for a joint, which does not move if it is at this angle."""
         sign = self.signs[joint]
         offset = self.offsets_deg[joint] + 2 * sign * at_deg
         return replace(
@@ -121,10 +117,7 @@ class RawMap(ArrayFields, ABC):
         return replace(self, offsets_deg=_with(self.offsets_deg, joint, offset))
 
     def limited(self, joint: int, ends: tuple[float, float]) -> Self:
-        """Map with other limits for a joint, in any order, rounded.
-
-        Raises InputError for limits less than `LEAST_TRAVEL_DEG` apart.
-        """
+        """Map with other limits for a joint; raises InputError for less than `LEAST_TRAVEL_DEG`."""
         least, most = (float(round(end)) for end in sorted(ends))
         if most - least < (travel := LEAST_TRAVEL_DEG * self.per_deg[joint]):
             raise InputError(
@@ -174,12 +167,7 @@ def joint_value(section: ServosSection, joint: int, key: str, default: Any) -> A
 def calibration_of(
     section: ServosSection, unit: str, least: Sequence[float], most: Sequence[float]
 ) -> dict[str, FloatArray]:
-    """Signs, offsets and limits of a section, by field of `RawMap`.
-
-    Args:
-        unit: of its limits, `us` or `counts`.
-        least: default lowest raw positions, (18,).
-        most: default highest raw positions, (18,).
+    """Signs, offsets and limits in `us` or `counts`, by field of `RawMap`; default limits are (18,).
 
     Raises InputError for limits that leave no travel.
     """

@@ -61,10 +61,7 @@ def default_servo_map() -> ServoMap:
 
 
 def servo_map_of(section: ServosSection) -> ServoMap:
-    """Servo map of a section: keys of a joint have priority over those of its kind and defaults.
-
-    Raises InputError for channels or limits that no board can have.
-    """
+    """Servo map of a section; raises InputError for channels or limits that no board can have."""
     channels = [joint_value(section, joint, "channel", joint + 1) for joint in range(N_JOINTS)]
     return ServoMap(
         channels=np.array(channels, dtype=np.int64),

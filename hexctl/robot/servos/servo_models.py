@@ -11,15 +11,12 @@ BAUD = Range(low=1200, high=4_500_000, whole=True, unit="baud")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServoType:
-    """A model of a bus servo.
+    """A model of a bus servo; its number is None if the servo does not report it.
 
     Attributes:
-        driver: `dynamixel`, `feetech` or `lx16a`.
-        number: model number that the servo reports, or None.
         protocol: version of the driver's protocol, 1 or 2.
         counts: of a full turn.
-        least: lowest count of its travel.
-        most: highest count of its travel.
+        least: lowest count of its travel, as is `most` the highest.
         centre: count at the middle of its travel.
     """
 

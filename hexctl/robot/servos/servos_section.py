@@ -55,10 +55,9 @@ def calibrated_keys(raw_map: RawMap, joint: int) -> dict[str, float | int]:
 
 
 def write_joint(path: Path, raw_map: RawMap, joint: int) -> None:
-    """Write sign, offset and limits of one joint, 0..17, into a robot file, atomically.
+    """Write sign, offset and limits of one joint, 0..17, into a robot file, atomically; comments stay.
 
-    Other keys and comments stay; only a section whose joints share keys by anchors loses its comments. Raises
-    InputError for a file that is not a valid robot file.
+    Only a section whose joints share keys by anchors loses its comments. Raises InputError.
     """
     place, name, keys = path.resolve(), JOINT_NAMES[joint], calibrated_keys(raw_map, joint)
     wanted, text = read_mapping(place), place.read_text(encoding="utf-8")
@@ -112,7 +111,6 @@ class _Dumper(yaml.SafeDumper):
 
 
 def _value(node: yaml.Node | None, name: str) -> yaml.Node | None:
-    """Value of a key of a mapping, or None."""
     pairs = node.value if isinstance(node, yaml.MappingNode) else []
     return next((value for key, value in pairs if key.value == name), None)
 
@@ -146,7 +144,6 @@ def _end_line(node: yaml.Node, lines: list[str]) -> int:
 
 
 def _edited(text: str, edits: Edits) -> str:
-    """Text with edits, which must not overlap."""
     for begin, end, new in sorted(edits, reverse=True):
         text = text[:begin] + new + text[end:]
     return text
