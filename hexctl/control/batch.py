@@ -327,7 +327,7 @@ class _Walks:
             self._true_positions[:, step] = self._batch.true_pose[0]
             self._end_done(running & self._controller.done(step, state))
             running &= step + 1 < self._ticks
-            # Ended robots are led until the batch ends; failures noticed after the end do not count.
+            # Ended robots are led until the batch ends; failures detected after the end do not count.
             for index in np.flatnonzero(asked & ~running).tolist():
                 self._noticed[index] = self._controller.noticed_failures(index)
             if not running.any():

@@ -36,9 +36,9 @@ def wiggle_yaw_rad(
 def wiggle_targets_rad(
     robot: Robot, times_s: FloatArray, start_rad: FloatArray | None = None, **motion: float
 ) -> FloatArray:
-    """Joint angles (T, 18) of a twist at times (T,) with the feet in place; start None is the stance.
+    """Joint angles (T, 18) of a twist at times (T,), as `wiggle_yaw_rad`, from the stance or `start_rad`.
 
-    `motion` is as for `wiggle_yaw_rad`. Raises ReachError or LimitError, naming leg and joint.
+    Raises ReachError or LimitError, naming leg and joint.
     """
     start_rad = robot.stance_angles_rad if start_rad is None else start_rad
     yaw_rad = wiggle_yaw_rad(times_s, **motion)
@@ -50,7 +50,7 @@ def wiggle_targets_rad(
 
 
 class BodyWiggle(Controller):
-    """Twists the body of a standing robot about its middle, with a soft start and end; None is the stance.
+    """Twists the body of a standing robot about its middle, from the stance or `start_rad`.
 
     Raises ReachError or LimitError, naming leg and joint, and InputError for a duration without a twist.
     """

@@ -54,10 +54,7 @@ class Controller(ABC):
 
     @abstractmethod
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
-        """Joint targets, leading shape + (18,), for a step counted in control periods from 0.
-
-        Called once per tick with rising steps; steps that the clock missed are skipped.
-        """
+        """Joint targets, leading shape + (18,), for a step in control periods; the clock may skip steps."""
 
     def done(self, step: int, state: RobotState) -> bool | BoolArray:
         """Whether the controller has ended at a step, asked after its targets were sent; leading shape."""
@@ -80,11 +77,7 @@ class Controller(ABC):
         return ()
 
     def stop(self, step: int) -> int:
-        """Begin a soft stop at a step; the number of steps that it takes, 0 without a soft stop.
-
-        During these steps targets are still requested. Without a soft stop the joints move evenly to the
-        stance.
-        """
+        """Begin a soft stop at a step; the number of further steps with targets, 0 without a soft stop."""
         return 0
 
 

@@ -134,10 +134,7 @@ class Guard(ServosWrapper):
         expiry_s: float = EXPIRY_S,
         tilt_of: Callable[[RobotState], FloatArray | None] = base_orientation,
     ) -> None:
-        """Guard servos; `expiry_s` limits the age of commands and states, and silence. Raises InputError.
-
-        `tilt_of` returns the orientation (4,) of a new state by which falls are detected, or None.
-        """
+        """Guard servos; `expiry_s` limits the age of commands and states, and silence. Raises InputError."""
         check_type(expiry_s, float, "expiry")
         if not 0 < expiry_s <= MAX_EXPIRY_S:
             raise InputError(f"expiry: got {expiry_s:g} s; allowed: above 0 up to {MAX_EXPIRY_S:g} s")
@@ -224,10 +221,7 @@ class Guard(ServosWrapper):
         return self._pass(targets)
 
     def write_while_timed_out(self, targets: JointTargets) -> JointTargets:
-        """Write, with the same limits, although commands have expired or servos are hot: to sit down.
-
-        Raises EStopError for any other stop, and otherwise what `write` raises.
-        """
+        """Write although commands have expired or servos are hot, to sit down; raises what `write` raises."""
         if self.stopped not in (None, "expired") and not self.hot:
             raise EStopError(f"stopped: {reason_in_words(self.stopped)}; the robot holds its pose")
         return self._pass(targets)

@@ -72,11 +72,7 @@ SERVO_TICKS = 50
 
 @dataclass(frozen=True, slots=True)
 class LegChange:
-    """A tick in which the set of failed legs changed.
-
-    Attributes:
-        by: `world` for real failures, `belief` for those the controller assumes.
-    """
+    """A tick in which the set of failed legs changed, in the `world` or in the controller's `belief`."""
 
     row: int
     by: str

@@ -81,10 +81,7 @@ def prepare(
     recorders: Recorders | Sequence[Recorder | TickLog] = (),
     stop_requested: StopRequested = never,
 ) -> WalkStart:
-    """Settle in the stance and turn the failed leg away; the start is the mean pose of the rest.
-
-    Raises what `run_controller` raises.
-    """
+    """Settle in the stance and turn the failed leg away; raises what `run_controller` raises."""
     return Preparation(servos, plan, Trace(), Recorders.of(recorders), stop_requested).run()
 
 

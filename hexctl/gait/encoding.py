@@ -42,10 +42,7 @@ def slots_from_code(code: int, failed_legs: Iterable[int] = ()) -> Slots:
 
 
 def code_from_slots(slots: Sequence[int], failed_legs: Iterable[int] = ()) -> int:
-    """Gait code of the slots of legs 1..6.
-
-    Raises InputError for slots that are not a permutation of 1..6, or if a failed leg does not keep its slot.
-    """
+    """Gait code of the slots of legs 1..6, a failed leg in its own; raises InputError."""
     check_permutation(slots)
     free = _free_legs(failed_legs)
     for leg in range(1, N_LEGS + 1):

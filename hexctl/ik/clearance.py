@@ -58,10 +58,7 @@ def nearness(gaps_m: FloatArray, depths: FloatArray) -> FloatArray:
 def segment_distance_m(
     start: FloatArray, end: FloatArray, other_start: FloatArray, other_end: FloatArray
 ) -> FloatArray:
-    """Minimum distance between segments, shape of the broadcast points less the last axis of 3.
-
-    Source: Ericson, Real-Time Collision Detection, 2005, section 5.1.9.
-    """
+    """Minimum distance between segments (Ericson, Real-Time Collision Detection, 2005, section 5.1.9)."""
     along, other = end - start, other_end - other_start
     between = start - other_start
     a, e = _dot(along, along), _dot(other, other)

@@ -107,10 +107,7 @@ TOLERANCE_RAD = 1e-9
 
 
 def solve_legs_within_limits(robot: Robot, feet_body: FloatArray) -> FloatArray:
-    """Joint angles, leading shape + (18,), of feet in the body frame, within reach and joint ranges.
-
-    Raises ReachError or LimitError with the first leg and joint, the value and what is allowed.
-    """
+    """Joint angles, leading shape + (18,), of feet; raises ReachError or LimitError, naming leg and joint."""
     solution = solve_legs(robot, feet_body)
     if not solution.reachable.all():
         raise ReachError(_reach_message(robot, feet_body, int(np.argwhere(~solution.reachable)[0][-1])))

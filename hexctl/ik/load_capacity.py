@@ -29,10 +29,7 @@ TINY = 1e-12
 def load_capacity(
     robot: Robot, joint_positions_rad: FloatArray, standing: BoolArray, *, friction: float
 ) -> FloatArray:
-    """Multiples of its weight that a robot carries, leading shape; below 1 it sinks, 0 if it tips over.
-
-    Standing feet are leading shape + (6,), with sliding friction mu.
-    """
+    """Multiples of its weight that a robot carries, leading shape; below 1 it sinks, 0 if it tips over."""
     points = link_points_body(robot, joint_positions_rad)
     forces = np.where(standing, _leg_capacity_n(robot, joint_positions_rad, points, friction), 0.0)
     feet, centre = points[..., -1, :2], centre_of_mass_of(robot, points)[..., :2]

@@ -102,7 +102,7 @@ def static_load(robot: Robot, joint_targets_rad: FloatArray) -> StaticLoad:
 def lean_and_forces(
     robot: Robot, joint_targets_rad: FloatArray, carries: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Slopes, lower ahead and on the left, ... + (2,), and foot forces in N, ... + (6,), if some legs carry.
+    """Slopes of the body, lower ahead and on the left, (..., 2), and foot forces in N, (..., 6).
 
     To first order: the geometry is that of the targets, and links have no weight.
     """

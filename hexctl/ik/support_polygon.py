@@ -86,10 +86,7 @@ def to_world(points_body: FloatArray, position_world: FloatArray, quaternion_wor
 
 
 def carried(feet: FloatArray, standing: BoolArray, point: FloatArray) -> BoolArray:
-    """Whether a point is within the convex hull of the feet on the floor; faster than `support`.
-
-    No two neighbouring directions to the feet may be half a turn or more apart.
-    """
+    """Whether a point is within the convex hull of the standing feet; faster than `support`."""
     toward = feet - point[..., np.newaxis, :]
     angles = np.arctan2(toward[..., 1], toward[..., 0])
     # A foot in the air takes the direction of one on the floor, which leaves the gaps unchanged.

@@ -26,10 +26,7 @@ class BodyTwist:
         self._poses: deque[tuple[float, FloatArray, FloatArray]] = deque()
 
     def of(self, at_s: float, position_world: FloatArray, quaternion_world: FloatArray) -> FloatArray:
-        """Velocity in m/s and angular velocity in rad/s in the body's frame, (6,), of poses (3,) and (4,).
-
-        Zeros for the first pose, and after a gap.
-        """
+        """Velocity in m/s and angular velocity in rad/s in the body's frame, (6,); 0 after a gap."""
         poses = self._poses
         if poses and not 0 <= at_s - poses[-1][0] <= MOST_S:
             poses.clear()
@@ -47,10 +44,7 @@ class BodyTwist:
 def body_twists(
     times_s: FloatArray, positions_world: FloatArray, quaternions_world: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Velocities and angular velocities (N, 3) in m/s and rad/s of poses at ascending times (N,).
-
-    By central differences of positions (N, 3) and quaternions (w, x, y, z), (N, 4), of any signs.
-    """
+    """Velocities and angular velocities (N, 3) in m/s and rad/s, by central differences of N poses."""
     q = quaternions_world.copy()
     flips = np.cumprod(np.where((q[1:] * q[:-1]).sum(axis=-1) < 0, -1.0, 1.0))
     q[1:] *= flips[:, np.newaxis]

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 BROKEN_KINDS = ("locked", "limp", "stuck", "weak", "missing")
 
-#: A leg that failed in a way that the controller does not know.
+#: A failure of which the controller knows only the leg.
 UNKNOWN = "unknown"
 
 FAILURE_KINDS = (*BROKEN_KINDS, UNKNOWN)
@@ -269,10 +269,7 @@ WEAK_SHARES = (0.05, 0.6)
 
 
 def drawn_failure(robot: "Robot", failure: Failure | None, seed: int) -> Failure | None:
-    """The failure that a simulation with a seed applies: the one given, or a random one if it is `unknown`.
-
-    All kinds are equally likely. A jammed joint is any of the three, near its angle in the stance.
-    """
+    """The failure that a simulation applies: the one given, or a random one if it is `unknown`."""
     if failure is None or failure.kind != UNKNOWN:
         return failure
     # A separate stream from those of bumps, joint offsets, noise and lost commands.

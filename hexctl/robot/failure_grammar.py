@@ -53,10 +53,7 @@ class ReadFailures(NamedTuple):
 
 
 def read_failures(asked: AskedFailures, failed_legs: AskedLegs = None) -> ReadFailures:
-    """Failures of texts and values, such as `5:limp,2:locked@8`; raises InputError for anything else.
-
-    Further legs in `failed_legs` are locked.
-    """
+    """Failures of texts and values, such as `5:limp,2:locked@8`, and locked legs; raises InputError."""
     values = tuple(_each_value(asked))
     failures = [value for value in values if isinstance(value, Failure)]
     legs = [one.leg for one in failures]

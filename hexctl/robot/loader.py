@@ -69,10 +69,7 @@ class RobotFile:
 
 
 def load_robot_file(name_or_path: str | Path = "ant") -> RobotFile:
-    """Robot file of a shipped name (`ant`, `phantomx`, `jethexa` ...) or of a path.
-
-    Raises InputError with file, key, value and what is allowed.
-    """
+    """Robot file of a shipped name (`ant`, `phantomx`, `jethexa` ...) or of a path; raises InputError."""
     path = find_config("robots", name_or_path)
     content = validate(RobotSchema, read_mapping(path), path)
     try:

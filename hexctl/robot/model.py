@@ -92,10 +92,7 @@ class Robot(ArrayFields):
 
     @cached_property
     def fingerprint(self) -> str:
-        """SHA-256 of the description: equal for two robots exactly if their descriptions are.
-
-        A field that has a default counts with its name, and only if it differs from the default.
-        """
+        """SHA-256 of the description, equal for equal ones; fields at their defaults do not count."""
         digest = hashlib.sha256()
         for name, value in changed_fields(self):
             digest.update(value.tobytes() if isinstance(value, np.ndarray) else _text(value).encode())
@@ -260,10 +257,7 @@ def leg_reach_m(femur: Vector2, tibia: Vector2) -> tuple[float, float]:
 
 
 def stance_angles(coxa: Vector2, femur: Vector2, tibia: Vector2, foot: Vector2) -> tuple[float, float]:
-    """Femur and tibia angle in rad that put the foot at (outward, up) from the coxa axis, knee up.
-
-    The scalar form of `hexctl.ik.legs.solve_legs`. Raises InputError for a foot out of reach.
-    """
+    """Femur and tibia angle in rad, knee up, of a foot (outward, up); raises InputError."""
     outward, up = foot[0] - coxa[0], foot[1] - coxa[1]
     distance = math.hypot(outward, up)
     least, most = leg_reach_m(femur, tibia)

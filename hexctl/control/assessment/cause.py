@@ -85,8 +85,7 @@ class Symptoms:
     """Servo and foot symptoms of a walk after its soft start.
 
     Attributes:
-        saturated: time share of stance legs with femur or tibia beyond the torque limit, error >= limit /
-            stiffness.
+        saturated: time share of stance legs with a femur or tibia error >= torque limit / stiffness.
         tracking_error: RMS joint error over the RMS motion of the targets.
         slip: speed of stance feet over the floor, as a share of the ideal walking speed.
     """

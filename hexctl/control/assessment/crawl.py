@@ -178,7 +178,7 @@ def _in_reach(robot: Robot, gait: Gait, heading_rad: float) -> BoolArray:
 
 @lru_cache(maxsize=64)
 def _reach(robot: Robot, gait: Gait, heading_rad: float) -> BoolArray:
-    turning = [(1 - gait.swing_share) / 2, (1 + gait.swing_share) / 2]  # where strokes are longest
+    turning = [(1 - gait.swing_share) / 2, (1 + gait.swing_share) / 2]  # phases of the longest strokes
     points = np.concatenate([turning, np.arange(REACH_POINTS) / REACH_POINTS])
     u = np.broadcast_to(points[:, np.newaxis], (len(points), N_LEGS))
     stroke_m = -gait.amplitude * robot.size_m * np.array([math.cos(heading_rad), math.sin(heading_rad)])

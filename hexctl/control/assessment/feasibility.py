@@ -79,11 +79,7 @@ def gait_demand(robot: Robot, gait: Gait, motions: Sequence[Motion]) -> GaitDema
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotCheck:
-    """Feasibility of a gait on the robot of a file, servo pulses included.
-
-    Attributes:
-        driver: None for a servo board.
-    """
+    """Feasibility of a gait on the robot of a file; driver None is a servo board."""
 
     robot: Robot
     gait: Gait

@@ -44,9 +44,8 @@ class LegSet:
     """Verdict on a set of legs that carry nothing.
 
     Attributes:
-        margin: smallest static margin of the most stable gait in the worst direction, as a share of the
-            stance radius; -inf if fewer than two feet stand at some time.
-        crawl: whether that gait is a crawl.
+        margin: smallest static margin in the worst direction, as a share of the stance radius; may be -inf.
+        crawl: whether the most stable gait is a crawl.
         verdict: `walks`, a code that leans by `CODE_LEAN` at most; `crawls`, a crawl that leans by
             `CRAWL_LEAN` at most; `doubtful`, one that leans by more; `no gait`, fewer than four legs.
     """

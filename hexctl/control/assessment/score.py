@@ -46,12 +46,9 @@ def score(
     noticed: tuple[NoticedFailure, ...] = (),
     controller: str | None = None,
 ) -> TrialResult:
-    """Result of a walk from base positions (T, 3) and orientations (T, 4).
+    """Result of a walk from base positions (T, 3) and orientations (T, 4); NaN or None if unknown.
 
-    Args:
-        status: how the walk ended; `ok` may become `no_progress`.
-        samples: for the cause of a walk without progress.
-        true_positions_world: of a simulated robot, (T, 3); NaN or None if unknown.
+    The status `ok` may become `no_progress`, with a cause from the samples.
     """
     shown_world = positions_world
     positions_world = _without_frozen(positions_world, np.stack(plane(positions_world), axis=-1), duration_s)

@@ -23,7 +23,7 @@ from hexctl.types import N_LEGS, BoolArray, FloatArray
 #: between two foot events.
 PHASES = 48
 
-#: Rounding of directions, so that a robot that stands a little turned chooses the same gait.
+#: Rounding of directions: a robot that stands a little turned must choose the same gait.
 DIRECTION_STEP_RAD = math.radians(15.0)
 
 #: Body raise that lifts a locked, non-trailing foot off the floor, as a fraction of the robot's size. `ant`,
@@ -128,10 +128,7 @@ def check_tucked(robot: Robot, plan: TrialPlan) -> None:
 
 
 def slots_by_stability(robot: Robot, *, heading_rad: float, failure: Failures = None) -> list[Slots]:
-    """Slots of all gaits, largest margin first, ties by the mean margin, then by code.
-
-    An intact robot's leg 1 is pinned, because shifted slots walk alike.
-    """
+    """Slots of all gaits, largest margin first, then mean margin and code; intact leg 1 is pinned."""
     pinned = tuple(sorted(one.leg for one in each_failure(failure))) or (1,)
     slots = [slots_from_code(code, pinned) for code in range(1, code_count(pinned) + 1)]
     margins_m = static_margins_m(robot, slots, heading_rad=_rounded_rad(heading_rad), failure=failure)

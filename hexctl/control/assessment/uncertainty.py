@@ -43,10 +43,7 @@ CODES = (5, 16, 29, 41, 54, 66, 79, 92, 103, 116)
 
 
 def uncertainty_of_walks(trials: Sequence[SimTrial]) -> SimulationUncertainty:
-    """Uncertainty of walks of one duration, each walked seven times; fallen robots are left out.
-
-    Raises InputError for several durations, for a time step that cannot be halved, and if no walk is left.
-    """
+    """Uncertainty of walks of one duration, each walked seven times; raises InputError for other walks."""
     duration_s = _duration_s(trials)
     least_s = min(trial.world.time_step_s for trial in trials)
     if least_s / 2 < LEAST_STEP_S:
@@ -123,10 +120,7 @@ def simulation_uncertainty(
     duration_s: float = 30.0,
     codes: Sequence[int] = CODES,
 ) -> SimulationUncertainty:
-    """Uncertainty of a robot's walks, measured over gaits and two failed legs; world None is flat.
-
-    Raises InputError as `uncertainty_of_walks` does, ReachError or LimitError for a robot that cannot walk.
-    """
+    """Uncertainty of a robot's walks in a world; None is flat. Raises InputError for other walks."""
     model, place = as_robot(robot), as_world(world)
     trials = [_placed(model, place, leg, code, duration_s) for leg in LEGS for code in codes]
     return uncertainty_of_walks(trials)

@@ -161,10 +161,7 @@ def _flat_like(world: World) -> World:
 def keep_uncertainty(
     robot: Robot, world: World, found: SimulationUncertainty, *, folder: Path | str = "runs", how: str = ""
 ) -> Path:
-    """Keep a measurement in the folder of sessions, unless a better one is there; path of its file.
-
-    Raises InputError for a file that is damaged or cannot be written.
-    """
+    """Keep a measurement in the folder of sessions, unless it has a better one; raises InputError."""
     path = Path(folder) / UNCERTAINTIES
     kept = _entries(path)
     same = [entry for entry in kept if entry.is_for(robot, world, found.duration_s)]

@@ -46,7 +46,7 @@ STILL_LIMP = "torque is off and stays off until hexctl run or serve switches it 
 class BackdrivenCalibration:
     """Asks the operator to pose legs and joints by hand, reads them, and saves each finished joint.
 
-    It never writes to the guard. `stop_requested` is polled at every tick; True ends the calibration.
+    It never writes to the guard; a requested stop ends it.
     """
 
     def __init__(
@@ -114,10 +114,7 @@ class BackdrivenCalibration:
             return {joint: float(raw[joint]) for joint in joints}
 
     def _find_ends(self, joint: int, reference: float | None) -> bool:
-        """Set limits from both ends of the travel, and the sign from their order; False to try again.
-
-        If an end is skipped, the limits stay, and a movement shows the sign.
-        """
+        """Set limits from both ends, and the sign from their order or a movement; False to try again."""
         kind = JOINT_KINDS[joint % JOINTS_PER_LEG]
         up, down = SEEN[kind]
         low = self._read(joint, f"  move it {down}, as far as it may go, and hold it. Enter, skip:")

@@ -31,11 +31,10 @@ _JOINT = re.compile(r"(?:leg)?([1-6])[ _:]?(coxa|femur|tibia|c|f|t)")
 
 @dataclass(slots=True)
 class Identification:
-    """Servos whose joints are known; ids and models by the name of the joint.
+    """Servos whose joints are known; `model` is of servos that do not report it.
 
     Attributes:
         output: file for the section `servos`, or None; a draft next to it keeps what is known so far.
-        model: model of servos that do not report it, or None.
     """
 
     driver: str
@@ -130,8 +129,8 @@ def identify_servos(
 ) -> None:
     """Wiggle the servos with some ids one after the other, and ask which joint each moves.
 
-    Servos that are known, or cannot be moved, are left out. `consent` moves them without asking.
-    `stop_requested` is polled. Raises RobotFaultError for a port that cannot be opened, or is lost.
+    Known servos, and those that cannot be moved, are left out; with `consent` they move without asking.
+    Raises RobotFaultError for a port that cannot be opened, or is lost.
     """
     left = [servo_id for servo_id in ids if servo_id not in known.ids.values()]
     operator.tell(INTRODUCTION)

@@ -63,10 +63,7 @@ class ServoTrial:
 
 @contextmanager
 def held(servo: Servo) -> Iterator[float]:
-    """Hold a servo softly at its position in counts, which is yielded; restore its torque afterwards.
-
-    Raises RobotFaultError for a servo that does not answer, does not obey, or must not be moved.
-    """
+    """Hold a servo softly at a count, which is yielded, and restore its torque; raises RobotFaultError."""
     name = f"the servo with id {servo.servo_id}"
     if refusal := servo.settings().refusal:
         raise RobotFaultError(f"{name}: {refusal}")
@@ -104,10 +101,7 @@ def _within_limits(servo: Servo, here: float) -> float:
 
 
 def wiggle(servo: Servo, *, clock: Clock | None = None) -> float:
-    """Move a servo to one side and back; the movement in degrees.
-
-    Raises RobotFaultError as `held` does, and for a servo without room on either side.
-    """
+    """Move a servo to one side and back; the movement in degrees. Raises RobotFaultError."""
     with held(servo) as start:
         sweep = _Sweep(servo, clock or WallClock())
         end = _ends(servo, start, WIGGLE_DEG)[0]
@@ -119,10 +113,7 @@ def wiggle(servo: Servo, *, clock: Clock | None = None) -> float:
 
 
 def try_servo(servo: Servo, *, clock: Clock | None = None) -> ServoTrial:
-    """Move a servo to both sides of its position and back, and measure its response.
-
-    Raises RobotFaultError as `held` does, and for a servo without room on either side.
-    """
+    """Move a servo to both sides and back, and measure its response; raises RobotFaultError."""
     before = servo.look()
     with held(servo) as start:
         sweep = _Sweep(servo, clock or WallClock())

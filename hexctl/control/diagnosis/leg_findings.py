@@ -81,10 +81,9 @@ class LegFinding:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Diagnosis:
-    """Result of a standing test.
+    """Result of a standing test; the source of evidence is one of `SOURCES`.
 
     Attributes:
-        source: of the evidence, one of `SOURCES`; `none` if nothing could be measured.
         notes: for the operator: probes that were stopped or left out, and what is unknown.
         unfinished: whether the test ended before any joint had moved far enough.
     """

@@ -66,11 +66,7 @@ class Decision:
 
 
 class VelocitySource:
-    """One source of an arbiter; made by `Arbiter.source`. A command without expiry holds until the next one.
-
-    Attributes:
-        forgets: number of calls of `forget`; what was held or latched before is void.
-    """
+    """One source of an arbiter; `forgets` counts calls of `forget`, which void held and latched input."""
 
     def __init__(self, name: str, now_s: Callable[[], float], expiry_s: float | None) -> None:
         self.name = name

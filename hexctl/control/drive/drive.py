@@ -130,10 +130,7 @@ class Drive:
         self._stack.__exit__(kind, error, trace)
 
     def reset(self) -> RobotState:
-        """Stand up and come to rest in the stance, without a command; the state then.
-
-        A simulation restarts at its initial pose. A stop is cleared. Raises what `step` raises.
-        """
+        """Stand up and come to rest in the stance; clears a stop. Raises what `step` raises."""
         self._connected  # noqa: B018  raises
         guard = self._guard
         if guard.simulation is not None:

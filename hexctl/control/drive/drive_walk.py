@@ -38,11 +38,7 @@ Wanted = Callable[[], FloatArray]
 
 
 class DriveWalk(VelocityWalk):
-    """Walks with the velocity that `wanted` returns within the limits, and stands while it is zero.
-
-    Attributes:
-        offsets_m: of the feet from their places, (6, 2).
-    """
+    """Walks with the velocity that `wanted` returns, stands while it is 0; foot offsets are (6, 2) in m."""
 
     def __init__(self, start: WalkStart, wanted: Wanted) -> None:
         check_type(start, WalkStart, "start", "a WalkStart")
@@ -81,7 +77,7 @@ class DriveWalk(VelocityWalk):
         self.glide_to(self.suited([gait]))
 
     def stop(self, step: int) -> int:
-        """Come to a stand, whatever is commanded, within the steps of a soft stop."""
+        """Come to a stand within the steps of a soft stop, and ignore commands."""
         self._halted = True
         return soft_stop_steps(self._period_s)
 

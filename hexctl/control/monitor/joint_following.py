@@ -150,10 +150,7 @@ class JointFollowing:
 
 
 class Overload:
-    """Servos at their torque limit, (18,), tick by tick, whose joints need not follow.
-
-    The limit is the maximum torque of the same joint in other legs; a jammed joint soon exceeds it.
-    """
+    """Servos at the maximum torque of other legs, (18,), tick by tick, whose joints need not follow."""
 
     def __init__(self, cycles: FloatArray, limits_nm: FloatArray) -> None:
         self._cycles, self._much_nm = cycles, MUCH * limits_nm

@@ -28,7 +28,7 @@ from hexctl.types import (
 #: Rho of a failed joint, and the multiple of the robot's usual rho that is added.
 LEAST_RHO, TIMES_USUAL = 0.2, 2.5
 
-#: Missing share of load of a failed leg, the multiple of the most that another leg missed lately that is
+#: Missing share of load of a failed leg, the multiple of the recent maximum of another leg that is
 #: added, and the maximum of this threshold.
 LEAST_MISSING, TIMES_MISSING, MOST_MISSING = 0.6, 0.6, 0.99
 
@@ -265,7 +265,7 @@ class LegMonitor:
         return replace(state, joint_positions_rad=np.where(wild, self._before_rad, measured_rad))
 
     def _listen(self, stale: BoolArray | None) -> None:
-        """Count how long legs have had a silent servo; other evidence of them is void meanwhile."""
+        """Count how long legs have had a silent servo; other evidence of them is then void."""
         if stale is None:
             if np.count_nonzero(self._silent_s):
                 self._silent_s[...], self._ratios[_SILENCE] = 0.0, 0.0

@@ -29,7 +29,7 @@ from hexctl.robot.failure import ON_TRIAL, Failure, NoticedFailure
 from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState, leg_slice
 
 #: Cycles after a detection when the kind of failure is evaluated again; the second time, after the targets of
-#: all joints have moved, only to tell locked legs from stuck joints.
+#: all joints have moved, only to distinguish locked legs from stuck joints.
 KIND_AFTER_CYCLES, LOCKED_AFTER_CYCLES = 0.4, 1.5
 
 #: Trial in cycles of a missing leg that was put down: by then missing load is detected.
@@ -200,7 +200,7 @@ class MonitoredWalk(Controller):
         self._glide(responses)
 
     def _end_trials(self, index: int, suspicion: Suspicion) -> list[Suspicion]:
-        """End the trials of other legs, as missing again: their load is learned anew now."""
+        """End the trials of other legs, as missing again: their load is learned again."""
         self._trials.pop((index, suspicion.leg), None)
         ended = [leg for each, leg in self._trials if each == index]
         again = []

@@ -39,7 +39,7 @@ class LegMotion(ArrayFields):
     latest_ticks: int
 
     def dead(self, none_nm: FloatArray) -> BoolArray | None:
-        """Which joints lately gave less torque than `none_nm`, (3,); None if not measured."""
+        """Which joints recently gave less torque than `none_nm`, (3,); None if not measured."""
         if not np.isfinite(self.torques_nm[0]).all():
             return None
         dead: BoolArray = np.abs(self.torques_nm[: self.latest_ticks]).max(axis=0) < none_nm
@@ -58,7 +58,7 @@ class LegMotion(ArrayFields):
 
 
 class RecentMotion:
-    """Recent motion of all joints, of a leading shape; `cycles` of one tick likewise."""
+    """Recent motion of all joints; `cycles` of one tick have the leading shape."""
 
     def __init__(self, shape: tuple[int, ...], cycles: FloatArray) -> None:
         self._cycle_ticks = 1 / cycles

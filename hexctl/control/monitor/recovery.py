@@ -56,10 +56,7 @@ class Response:
 
 
 class RecoveryPolicy(ABC):
-    """Decides how walks respond to failed legs; serves any number of walks.
-
-    Custom policies are subclasses with a constructor without arguments, named `package.module:Class`.
-    """
+    """Decides how walks respond to failed legs; custom subclasses have a constructor without arguments."""
 
     def prepare(self, robot: Robot, plan: TrialPlan, heading_body_rad: float) -> None:  # noqa: B027
         """Compute before the walk what takes too long in a tick; the heading is in the body frame."""

@@ -146,11 +146,9 @@ class Situation:
     """Walks of candidates with some failures in one direction of travel.
 
     Attributes:
-        heading_deg: direction of travel in the body frame.
         candidates: the most stable gait first.
-        speeds: along the line, as a share of the commanded speed, (candidates, walks); NaN for a walk that
-            fell. Columns are worlds, the same in all situations.
-        costs: of transport, likewise, NaN if unknown.
+        speeds: along the line, as a share of the commanded speed, (candidates, worlds); NaN for a fall.
+        costs: of transport, (candidates, worlds); NaN if unknown.
     """
 
     failed: FailedParts

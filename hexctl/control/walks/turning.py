@@ -1,4 +1,4 @@
-"""Self-rotation: turn in place until the failed leg points where it disturbs least."""
+"""Self-rotation: turn in place until the failed leg disturbs least."""
 
 import math
 from collections.abc import Callable

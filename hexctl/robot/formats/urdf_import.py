@@ -52,8 +52,8 @@ def import_urdf(
 ) -> ImportedRobot:
     """Make a robot file of a URDF with six legs of three hinges.
 
-    Legs are recognised by the geometry of their joints, and numbered counter-clockwise from the front left.
-    Fixed joints are merged. Missing values are typical ones, and listed under `unknown`.
+    Legs are recognised by their geometry, and numbered counter-clockwise from the front left. Missing values
+    are typical ones, and listed under `unknown`.
 
     Args:
         path: the URDF; expand a xacro first.

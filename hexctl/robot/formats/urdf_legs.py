@@ -13,7 +13,7 @@ from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_LEGS, ArrayFields, Float
 AXIS_TOLERANCE_RAD = math.radians(3.0)
 #: Shorter coxae do not show the direction of a leg.
 SHORTEST_COXA_M = 0.005
-#: Tolerance of a foot beside the plane of its leg, and of differences between legs.
+#: Tolerance of a foot next to the plane of its leg, and of differences between legs.
 PLANE_TOLERANCE_M, LEG_TOLERANCE_M = 0.006, 0.006
 
 
@@ -46,8 +46,6 @@ class UrdfLeg(ArrayFields):
 
 def find_legs(tree: UrdfTree, facing: FloatArray, foot_m: FloatArray | None) -> list[UrdfLeg]:
     """Legs of a robot, counter-clockwise from the front left, or from the one that points ahead.
-
-    A leg is a chain of three hinges from the root: the first vertical, the others parallel and level.
 
     Args:
         facing: transform from the frame of the root to that of the body, x forward and z up, (4, 4).

@@ -167,10 +167,7 @@ def joint_value(section: ServosSection, joint: int, key: str, default: Any) -> A
 def calibration_of(
     section: ServosSection, unit: str, least: Sequence[float], most: Sequence[float]
 ) -> dict[str, FloatArray]:
-    """Signs, offsets and limits in `us` or `counts`, by field of `RawMap`; default limits are (18,).
-
-    Raises InputError for limits that leave no travel.
-    """
+    """Signs, offsets and limits in `us` or `counts`, by field of `RawMap`; raises InputError."""
     keys = LIMIT_KEYS[unit]
     columns = {"signs": ("sign", [1.0] * N_JOINTS), "offsets_deg": ("offset_deg", [0.0] * N_JOINTS)} | {
         "least": (keys[0], least),

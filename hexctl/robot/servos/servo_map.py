@@ -19,10 +19,9 @@ DEFAULT_MIN_US, DEFAULT_MAX_US = 500, 2500
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ServoMap(RawMap):
-    """Conversion between joint angles and pulses of channels; raw positions are pulses in us.
+    """Conversion between joint angles and pulses in us of channels 1..18, each once.
 
     Attributes:
-        channels: of each joint, (18,), 1..18, each once.
         low_battery_v: voltage below which the robot reports a fault, or None.
     """
 

@@ -55,9 +55,9 @@ def calibrated_keys(raw_map: RawMap, joint: int) -> dict[str, float | int]:
 
 
 def write_joint(path: Path, raw_map: RawMap, joint: int) -> None:
-    """Write sign, offset and limits of one joint, 0..17, into a robot file, atomically; comments stay.
+    """Write sign, offset and limits of one joint, 0..17, into a robot file, atomically.
 
-    Only a section whose joints share keys by anchors loses its comments. Raises InputError.
+    Comments stay, except in a section whose joints share keys by anchors. Raises InputError.
     """
     place, name, keys = path.resolve(), JOINT_NAMES[joint], calibrated_keys(raw_map, joint)
     wanted, text = read_mapping(place), place.read_text(encoding="utf-8")
