@@ -173,7 +173,6 @@ def run_sim_trials(
 
 
 def _groups(trials: Sequence[SimTrial], *, mixed: bool) -> Iterator[list[list[int]]]:
-    """Indices of trials that walk together, by their starts."""
     starts: dict[tuple[object, ...], list[int]] = {}
     for index, trial in enumerate(trials):
         starts.setdefault(trial.shared_start(), []).append(index)
@@ -235,7 +234,6 @@ class _Ready:
 
 
 def _start_together(starts: Sequence[WalkStart]) -> WalkStart:
-    """Starts of several simulations as one, with a turn and a frame for each walk."""
     if len(starts) == 1:
         return starts[0]
     counts = [len(start.plans) for start in starts]
@@ -334,7 +332,6 @@ class _Walks:
                 return
 
     def _end_done(self, done: BoolArray) -> None:
-        """End the walks that their controller ends, with the reason if it stops one early."""
         if not done.any():
             return
         self._batch.running &= ~done
@@ -377,7 +374,6 @@ class _Walks:
         self._end(self._batch.running & (self._leaning_ticks >= FALL_TICKS), "fell")
 
     def _refuse(self, wanted_rad: FloatArray) -> None:
-        """End the walks with targets that are not finite, as a guard would."""
         if math.isfinite(np.add.reduce(wanted_rad, axis=None)):
             return
         for index in np.flatnonzero(self._batch.running).tolist():

@@ -300,7 +300,6 @@ class Guard(ServosWrapper):
         self.standstill = self.clock.standing_still() or self.standstill
 
     def _forget(self) -> None:
-        """Reset commands, pose and fall detection, as before the first command."""
         self._accepted_rad = self._accepted_at_s = self._baseline_rad = None
         self._seen_at_s = {}
         self.positions.forget()
@@ -323,7 +322,6 @@ class Guard(ServosWrapper):
         return state if believed else replace(state, base_position_world=None)
 
     def _check(self, targets: JointTargets, now_s: float) -> None:
-        """Refuse targets that cannot be limited."""
         try:
             check_targets(targets)
             age_s = now_s - targets.stamp_s
@@ -352,13 +350,11 @@ class Guard(ServosWrapper):
             self.stop("expired")
 
     def _watch_temperatures(self, temperatures_c: FloatArray) -> None:
-        """Latch a stop for a servo that is about to switch itself off."""
         hottest = int(np.argmax(np.nan_to_num(temperatures_c, nan=-np.inf)))
         if temperatures_c[hottest] >= TOO_HOT_C:
             self.stop(f"{HOT}: {JOINT_NAMES[hottest].replace('_', ' ')} {temperatures_c[hottest]:.0f} C")
 
     def _watch_pose(self, state: RobotState, now_s: float) -> None:
-        """Latch a stop for a fall, and for a pose that is not finite or has been lost."""
         orientation, tilt, lost = state.base_quaternion_world, self._tilt_of(state), False
         for part, value in (
             ("position", state.base_position_world),

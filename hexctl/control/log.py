@@ -319,8 +319,6 @@ class Recorders:
 
 @dataclass(slots=True)
 class _Active:
-    """A recorder without failure, its block size, and the number of rows it has seen."""
-
     recorder: Recorder
     block_ticks: int
     done: int

@@ -223,7 +223,6 @@ class Preparation:
         return pose
 
     def _stand_after(self, controller: Controller) -> "_RestingPose":
-        """Run a controller, stand, and measure the pose at rest."""
         self._phases.run(controller)
         self._stand(PAUSE_S)
         pose = self._resting_pose(PAUSE_S)
@@ -248,7 +247,6 @@ class Preparation:
         self._phases.run(Stand(self._servos.robot, self._servos.accepted_rad(), moving, ticks - moving))
 
     def _resting_pose(self, duration_s: float) -> "_RestingPose":
-        """The pose over the resting half of a stand that has just ended."""
         rest = slice(max(0, len(self._trace) - ticks_of(self._servos, duration_s) // 2 - 1), None)
         return _RestingPose.of(self._trace.positions_world[rest], self._trace.quaternions_world[rest])
 
@@ -263,7 +261,6 @@ class _RestingPose(ArrayFields):
 
     @classmethod
     def of(cls, positions_world: FloatArray, quaternions_world: FloatArray) -> "_RestingPose":
-        """The mean of known positions of (T, 3) and orientations of (T, 4)."""
         positions = positions_world[np.isfinite(positions_world[:, 0])]
         position = positions.mean(axis=0) if len(positions) else np.full(3, np.nan)
         yaws = yaw_rad(quaternions_world[np.isfinite(quaternions_world[:, 0])])

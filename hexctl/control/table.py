@@ -23,8 +23,7 @@ _LOG = logging.getLogger(__name__)
 #: Preferred folder of the file, because `/tmp` may be memory; else the default of temporary files.
 FOLDER = "/var/tmp"  # noqa: S108  the file has no name
 
-#: Rows per chunk. Writing a chunk delays a tick: 0.2 ms for the 190 kB of a log, measured on one core of a
-#: server into the page cache.
+#: Rows per chunk. Writing one delays a tick by 0.2 ms for the 190 kB of a log (one server core, page cache).
 CHUNK_ROWS = 256
 
 #: Chunks in memory: more than a recording that lags has not read yet.
@@ -51,7 +50,6 @@ class Table:
     """Rows of columns, with only the newest in memory, or all if no disk has room."""
 
     def __init__(self, columns: Sequence[Column], *, chunk_rows: int = CHUNK_ROWS) -> None:
-        """Begin without rows."""
         self._types = {column.name: np.dtype((column.kind, column.shape)) for column in columns}
         self._chunk_rows, self._chunk_bytes = chunk_rows, 0
         #: Offset of each column in a chunk of the file, in bytes.
@@ -107,21 +105,18 @@ class Table:
         return arrays
 
     def _grow(self) -> None:
-        """Write the oldest chunk in memory to the file, and allocate another."""
         leaving = len(self._chunks) - KEPT_CHUNKS
         if leaving >= 0 and self._on_disk:
             self._write(leaving)
         self._chunks.append(self._empty())
 
     def _empty(self) -> dict[str, Any]:
-        """A chunk without values: an array per column."""
         arrays = {name: np.empty(self._chunk_rows, kind) for name, kind in self._types.items()}
         for rows in arrays.values():
             rows.fill(np.nan if rows.dtype == float else 0)
         return arrays
 
     def _write(self, chunk: int) -> None:
-        """Move a chunk from memory to the file, if the disk takes all of it."""
         if (arrays := self._chunks[chunk]) is None:
             return
         try:
@@ -136,7 +131,6 @@ class Table:
             self._on_disk = False
 
     def _copy(self, name: str, chunk: int, first: int, rows: Any) -> None:
-        """Fill an array with rows of a chunk, from its row `first` on."""
         if (arrays := self._chunks[chunk]) is not None:
             rows[:] = arrays[name][first : first + len(rows)]
         elif self._file is not None:
@@ -148,7 +142,6 @@ class ServoRows:
     """Readings of single servos and their rows in a log; iterating gives (row, readings)."""
 
     def __init__(self, readings: Iterable[tuple[int, ServoReadings]] = ()) -> None:
-        """Begin with rows and readings."""
         self._rows = array("q")
         columns = [Column(name, (N_JOINTS,)) for name in NUMBERS]
         self._numbers = Table(columns, chunk_rows=CHUNK_READINGS)

@@ -53,8 +53,7 @@ LOOK_TICKS = 50
 #: Allowed stop requests, for messages.
 STOP_REQUESTED = "a function without arguments that says whether to stop"
 
-#: Called every `LOOK_TICKS` of a walk with the trace so far; True, or the reason in a word, ends the walk as
-#: `cut_short`.
+#: Called every `LOOK_TICKS` with the trace so far; True or a reason ends the walk as `cut_short`.
 ShouldStop = Callable[[Trace], bool | str]
 
 #: Called with the path so far, (T, 2); True ends the walk.
@@ -275,8 +274,6 @@ class _Trial:
 
 
 class _SoftStop(Controller):
-    """A controller that has been stopped, up to the last step of its soft stop."""
-
     def __init__(self, walk: Controller, last_step: int) -> None:
         self._walk, self._last_step = walk, last_step
 

@@ -143,8 +143,7 @@ def half_amplitude_turn_rate_rad_s(robot: Robot, gait: Gait) -> float:
     return gait.strokes_per_cycle * gait.pace_hz * 0.5 * gait.amplitude * robot.size_m / robot.stance_radius_m
 
 
-#: Name of the most stable gait of a robot, direction and failure
-#: (`hexctl.control.assessment.static_stability`).
+#: Name of the most stable gait of a robot, direction and failure (`static_stability`).
 AUTO = "auto"
 
 #: Name of the best gait by a prior; with a colon and a session, of its best walk.

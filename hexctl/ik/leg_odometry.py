@@ -24,8 +24,7 @@ from hexctl.robot.model import Robot
 from hexctl.robot.rotations import levelled
 from hexctl.types import JOINTS_PER_LEG, N_LEGS, ArrayFields, BoolArray, FloatArray
 
-#: A foot this far above the standing plane has e^-1 of the full weight, as a share of the stance radius: 2.5
-#: mm of `ant`.
+#: A foot this far above the standing plane has e^-1 of its weight, as a share of the stance radius.
 NEAR_FLOOR = 0.01
 
 #: Slip speed of a foot with half its weight, as a share of the stance radius per s.

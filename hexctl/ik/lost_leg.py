@@ -69,7 +69,6 @@ class LostLegWatch:
             self._judge()
 
     def _calculate(self, known: Collection[int]) -> None:
-        """Motions between the states since the last call, for no leg and each leg left out."""
         times_s = np.array([at_s for at_s, _ in self._heard])
         joints_rad = np.array([joints for _, joints in self._heard])
         lost = [known, *((*known, leg) for leg in range(1, N_LEGS + 1))]
@@ -81,7 +80,6 @@ class LostLegWatch:
         self._heard = self._heard[-1:]
 
     def _judge(self) -> None:
-        """Detect the leg whose path fits much better than that of the current assumption."""
         first_s, last_s = self._times_s[[0, -1]].tolist()
         while self._poses and self._poses[0][0] < first_s:
             self._poses.popleft()

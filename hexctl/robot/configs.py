@@ -116,7 +116,6 @@ def is_family(content: Mapping[str, Any]) -> bool:
 
 
 def _listed(kind: str) -> str:
-    """Shipped names for messages, families of worlds last, as `transfer:N`."""
     names = config_names(kind)
     families = [name for name in names if is_family(read_mapping(config_root() / kind / f"{name}.yaml"))]
     return ", ".join([*(name for name in names if name not in families), *(f"{name}:N" for name in families)])
@@ -190,7 +189,6 @@ def keys_of(schema: Any) -> Mapping[str, Any] | None:
 
 
 def _keys_beside(schema: type, location: Location) -> Sequence[str]:
-    """Allowed keys next to the last key of a location."""
     here: Any = schema
     for part in location[:-1]:
         fields: Mapping[str, Any] = here.__pydantic_fields__

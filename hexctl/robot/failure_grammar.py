@@ -67,7 +67,6 @@ def read_failures(asked: AskedFailures, failed_legs: AskedLegs = None) -> ReadFa
 
 
 def _each_value(asked: AskedFailures) -> Iterable[Failure | FailureEvent]:
-    """Values, texts split at their commas."""
     what, allowed = argument("failure"), f"a Failure, text {FORMS}, or several"
     several = () if asked is None else (asked,) if isinstance(asked, str | Failure | FailureEvent) else asked
     check_type(several, (tuple, list), what, allowed)

@@ -56,7 +56,6 @@ class RobotFile:
         return tuple(path for path in self.content.unknown if not self._calibrated(path.split(".")))
 
     def _calibrated(self, path: list[str]) -> bool:
-        """Whether a path is a key of a joint kind's servos that all its joints have."""
         if len(path) != 3 or path[0] != "servos" or path[1] not in JOINT_KINDS:
             return False
         joints = [getattr(self.content.servos, name) for name in JOINT_NAMES if name.endswith(path[1])]

@@ -61,7 +61,6 @@ def _different(values: tuple[int, int]) -> tuple[int, int]:
 
 
 def _pair(value: object) -> object:
-    """One number for both boards, or two of them."""
     return (value, value) if isinstance(value, int | float) else value
 
 
@@ -396,7 +395,6 @@ def _check_key(schema: type, path: str) -> None:
 
 
 def _section_in(annotation: Any) -> type | None:
-    """The section that a type is, or may hold; None for a plain value."""
     if isinstance(annotation, type) and keys_of(annotation) is not None:
         return annotation
     return next((found for part in get_args(annotation) if (found := _section_in(part))), None)

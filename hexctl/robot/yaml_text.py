@@ -29,7 +29,6 @@ class _Loader(yaml.SafeLoader):
     """Plain YAML: no application tags, no key twice."""
 
     def get_single_node(self) -> yaml.Node | None:
-        """The text as a tree, whose size is checked before it is built."""
         node: yaml.Node | None = super().get_single_node()
         if node is not None:
             _check_size(node)

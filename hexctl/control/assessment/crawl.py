@@ -35,8 +35,7 @@ from hexctl.types import JOINTS_PER_LEG, N_LEGS, BoolArray, FloatArray
 #: Part of a cycle that a foot is in the air on four legs; scaled by 4/n on n legs.
 CRAWL_SWING = 0.22
 
-#: A code is preferred to a crawl while its centre of mass leans out of the support by at most this share of
-#: the stance radius: it is faster, and codes for two opposite lost legs lean by 0.03 to 0.06.
+#: Maximum lean of a code, as a share of the stance radius; codes for opposite lost legs lean by 0.03 to 0.06.
 CODE_LEAN = 0.1
 
 #: Candidate shifts of the body: lengths as shares of the stance radius, and the number of directions.

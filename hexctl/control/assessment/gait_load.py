@@ -20,12 +20,10 @@ from hexctl.types import N_LEGS, ArrayFields, FloatArray
 LOAD_POINTS = 60
 CLEARANCE_POINTS = 120
 
-#: Share of its torque above which a servo needs pauses, or it overheats. Vendors rate the continuous torque
-#: lower: Robotis at 20 % of the stall torque.
+#: Share of its torque above which a servo needs pauses. Robotis rates 20 % of the stall torque as continuous.
 CONTINUOUS_SHARE = 0.35
 
-#: Share of the step height below which a foot drags: 0.4 to 0.6 mm on the shipped robots. It only affects the
-#: wording of a warning.
+#: Share of the step height below which a foot drags, 0.4 to 0.6 mm on shipped robots; only for a warning.
 LEAST_LIFT = 0.02
 
 #: Overlap as a share of both radii above which two legs would cross.

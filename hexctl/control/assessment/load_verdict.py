@@ -20,8 +20,7 @@ MOST_DUTY = 0.6
 #: 0.76: the median over the cycle ignores the best poses, and the swing feet that it sinks onto.
 LEAST_CAPACITY = 0.7
 
-#: Multiple of its weight above which torque does not slow a robot. Below it servos saturate, because legs in
-#: motion do not share the weight optimally.
+#: Multiple of its weight above which torque does not slow a robot.
 GOOD_CAPACITY = 3.0
 
 #: Maximum share of the cycle in which a robot may tip and still walk.

@@ -18,8 +18,7 @@ from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import BoolArray, FloatArray
 
-#: A walk with less than this share of the ideal distance made no progress; walks shorter than the soft start
-#: are not judged.
+#: A walk of the soft start or longer with less than this share of the ideal distance made no progress.
 PROGRESS_FLOOR = 0.5
 
 #: A walk has an end if the position is known in one of this many last ticks.

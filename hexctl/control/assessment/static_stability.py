@@ -19,8 +19,8 @@ from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad
 from hexctl.types import N_LEGS, BoolArray, FloatArray
 
-#: Phases of the cycle at which the margin is evaluated: at the ends and between of the twelve intervals
-#: between two foot events.
+#: Phases of the cycle at which the margin is evaluated, twice per interval between foot events and at its
+#: ends.
 PHASES = 48
 
 #: Rounding of directions: a robot that stands a little turned must choose the same gait.

@@ -1,8 +1,4 @@
-"""Measured uncertainties of the simulation, kept in files and looked up by robot, world and duration.
-
-Values of the shipped robots come with hexctl, those of `hexctl check --physics` are in the folder of
-sessions.
-"""
+"""Measured uncertainties of the simulation, shipped or kept in files, by robot, world and duration."""
 
 import math
 from dataclasses import asdict, dataclass, replace
@@ -154,7 +150,6 @@ def known_uncertainty(
 
 
 def _flat_like(world: World) -> World:
-    """The flat world with the computation of another one."""
     return World().model_copy(update={name: getattr(world, name) for name in COMPUTATION})
 
 

@@ -140,7 +140,6 @@ class BackdrivenCalibration:
         return True
 
     def _find_sign(self, joint: int, reference: float | None, up: str) -> bool:
-        """Set the sign by one movement; False to try again."""
         before = self._read(joint, "  its direction: hold it anywhere in its travel. Enter, skip:")
         after = None if before is None else self._read(joint, f"  move it {up}, 10 deg or more. Enter, skip:")
         if before is None or after is None:
@@ -243,7 +242,6 @@ def described_pose(robot: Robot, pose_deg: tuple[float, ...]) -> tuple[str, str,
 
 
 def _slope(rises_deg: float) -> str:
-    """Slope of a line in words, by its angle above the outward direction."""
     rises_deg = (rises_deg + 180) % 360 - 180
     if abs(rises_deg) < 0.5:
         return "is level"

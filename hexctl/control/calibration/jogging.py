@@ -225,7 +225,6 @@ class JoggedCalibration:
 
 
 def _by_deg(answer: str) -> float | None:
-    """The movement that an answer asks for, or None for any other answer."""
     if answer in STEPS_DEG:
         return STEPS_DEG[answer]
     try:

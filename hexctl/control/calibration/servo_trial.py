@@ -171,7 +171,6 @@ class _Sweep:
     _longest: float = 0.0
 
     def move(self, begin: float, end: float, speed_deg_s: float) -> None:
-        """Move the goal from one count to another at a speed."""
         duration_s = abs(end - begin) / (speed_deg_s * self.servo.type.counts_per_deg)
         began_s = self.clock.tick().time_s
         seen: list[tuple[float, float, float]] = []  # time, position, goal

@@ -106,7 +106,6 @@ def probe_targets_rad(robot: Robot, probe: Probe, period_s: float) -> FloatArray
 
 
 def _targets(robot: Robot, probe: Probe, tau: FloatArray, scale: float) -> FloatArray:
-    """Targets at the shares tau of a motion's time, amplitudes scaled."""
     stance = robot.stance_angles_rad
     if probe.kind == "sway":
         # A circle through the centre with two dips, and a soft start and stop.
@@ -285,7 +284,6 @@ class StandingTest(Controller):
         return not self._paths and (self._path is None or step - self._begun_at >= len(self._path) - 1)
 
     def _begin(self, step: int) -> None:
-        """Begin the next probe that is safe."""
         now = len(self.observed)
         while self._paths:
             probe, path = self._paths.pop(0)
@@ -305,7 +303,6 @@ class StandingTest(Controller):
             section.stop = len(self.observed)
 
     def _take_back(self, step: int, why: str) -> None:
-        """Put down the legs that the probe has raised."""
         section = self.observed.sections[-1]
         section.stopped, section.stop = why, len(self.observed)
         share = (np.arange(self._return_steps) + 1)[:, np.newaxis] / self._return_steps

@@ -328,7 +328,6 @@ class Drive:
 
 
 def _check_alone(robot: object, backend: str | None, options: Mapping[str, Any]) -> None:
-    """Raise InputError for a robot, a backend or its options that were given with servos."""
     given = [name for name, value in {"robot": robot, "backend": backend}.items() if value is not None]
     if given or options:
         raise InputError(
@@ -337,8 +336,6 @@ def _check_alone(robot: object, backend: str | None, options: Mapping[str, Any])
 
 
 class _EventNotes:
-    """Notes commands, failures of legs and news of the controller in the log."""
-
     def __init__(self, drive: Drive) -> None:
         self._drive = drive
         self._told: dict[str, str] = {}
@@ -355,7 +352,6 @@ class _EventNotes:
             recorders.log.note(texts)
 
     def _changed(self) -> list[str]:
-        """Differences of commands and mode to the tick before."""
         drive, before = self._drive, self._told
         gait = ",".join(map(str, drive.gait.slots))
         self._told = {

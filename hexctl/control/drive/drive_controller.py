@@ -165,7 +165,6 @@ class DriveController(Controller):
         return targets_rad
 
     def _corrected(self, step: int, state: RobotState) -> FloatArray:
-        """The velocity for the walk, with slip corrected, (3,)."""
         wanted = self._wanted()
         dt_s = (step - self._held_step) * self._period_s
         self._held_step = step
@@ -174,7 +173,6 @@ class DriveController(Controller):
         return self._hold.update(dt_s, state, wanted, self._walk.velocity_body, np.array(self.most))
 
     def _wanted(self) -> FloatArray:
-        """The commanded velocity within the limits, (3,)."""
         if self._sit_asked or self.decision.stopped is not None:
             return np.zeros(3)
         legs = [one.leg for one in self.believed_failures()]

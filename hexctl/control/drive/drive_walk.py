@@ -134,7 +134,6 @@ class DriveWalk(VelocityWalk):
         return np.asarray(velocity[2] * self._turning_m - velocity[:2])
 
     def _accelerate(self, dt_s: float, wanted: FloatArray, stepping: bool) -> None:
-        """Approach the commanded velocity as far as feet allow, and lift or lower them."""
         lifted = self._lifted + (dt_s / LIFT_S if stepping else -dt_s / HALT_S)
         self._lifted = float(np.clip(lifted, 0.0, 1.0))
         full_m_s = self._most_change * FULL_SPEED_S

@@ -68,7 +68,6 @@ class VelocityHold:
         return np.asarray(wanted + self.correction)
 
     def _measured(self, dt_s: float, state: RobotState) -> tuple[float | None, FloatArray | None]:
-        """Yaw and position (2,); None if not measured or frozen."""
         quaternion, position = state.base_quaternion_world, state.base_position_world
         yaw: float | None = None
         if quaternion is not None and np.isfinite(quaternion).all():
@@ -82,7 +81,6 @@ class VelocityHold:
         return yaw, None if stands else position[:2].copy()
 
     def _turn(self, dt_s: float, yaw: float, rate_rad_s: float) -> None:
-        """Move the reference yaw, and compare it with the measured one."""
         turned = 0.0 if self._yaw_rad is None else wrapped_rad(yaw - self._yaw_rad)
         if self._yaw_rad is None or abs(turned) > JUMP_RAD:
             self._turned_rad = 0.0

@@ -46,7 +46,6 @@ class VelocityLimits(ArrayFields):
         return np.asarray(velocity / max(1.0, share))
 
     def _speed_m_s(self, heading_rad: float, rows: Sequence[int]) -> float:
-        """Maximum speed along a direction, interpolated."""
         speeds = self.speeds_m_s[rows].min(axis=0)
         return float(np.interp(heading_rad % math.tau, [*DIRECTIONS_RAD, math.tau], [*speeds, speeds[0]]))
 

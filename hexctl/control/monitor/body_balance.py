@@ -55,8 +55,7 @@ LAST_CYCLE_RATE, HABIT_RATE = 24.0, 1.5
 #: Standard deviations of sensors and model: of the lean in rad, and of a contact.
 LEAN_RAD, CONTACT = math.radians(0.05), 0.15
 
-#: Weight of the variance on this floor relative to these, its time constant in cycles, and the cycles before
-#: learning begins.
+#: Weight of the variance on this floor, its time constant and the start of learning in cycles.
 FLOOR_TIMES, FLOOR_CYCLES, FLOOR_AFTER = 2.0, 5.0, 1.0
 
 #: Limits of the size of a failure relative to its signature.
@@ -68,8 +67,7 @@ LEAST_ENERGY = 1e-9
 #: Threshold on an even floor, and its increase with the variance of the lean, per rad^2.
 LEAST_EVIDENCE, FOR_VARIANCE = 12.0, 800.0 / math.radians(1.0) ** 2
 
-#: Initial variance of the lean, and the delay of its use in cycles: a failure must not raise its own
-#: threshold.
+#: Initial variance of the lean, and the delay in cycles that keeps a failure from raising its own threshold.
 FIRST_VARIANCE, FLOOR_DELAY_CYCLES = math.radians(0.25) ** 2, 1.5
 
 #: Variance of the lean at which other evidence counts half.
@@ -212,7 +210,6 @@ class BodyBalance:
         return seen
 
     def _look_at_all(self) -> None:
-        """Compare the deviation from the habit with all signatures."""
         last, usual, count = self._habit.values
         unusual = last - usual
         self._learn_floor(np.add.reduce(unusual * unusual, axis=-1) / PARTS)
@@ -244,7 +241,6 @@ class BodyBalance:
         return np.asarray(self._before[places])[..., np.newaxis]
 
     def _learn_floor(self, power: FloatArray) -> None:
-        """Update the variances of lean and contacts from their mean squares over a cycle."""
         self._known_cycles = self._known_cycles + self._look_cycles
         if self._some_paused:
             self._paused = self._silent | (self._paused & (self._known_cycles[..., 0] < KNOWN_AFTER_CYCLES))

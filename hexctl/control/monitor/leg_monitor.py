@@ -28,8 +28,7 @@ from hexctl.types import (
 #: Rho of a failed joint, and the multiple of the robot's usual rho that is added.
 LEAST_RHO, TIMES_USUAL = 0.2, 2.5
 
-#: Missing share of load of a failed leg, the multiple of the recent maximum of another leg that is
-#: added, and the maximum of this threshold.
+#: Missing share of load of a failed leg, the added multiple of other legs' maximum, and the limit of the sum.
 LEAST_MISSING, TIMES_MISSING, MOST_MISSING = 0.6, 0.6, 0.99
 
 #: Idle cycles of a joint without power, and the multiple of the most of another leg that is added.
@@ -39,8 +38,7 @@ LEAST_IDLE, TIMES_IDLE = 0.14, 1.0
 #: raise its own threshold), and the initial rho.
 USUAL_CYCLES, OWN_CYCLES, FIRST_RHO = 1.5, 3.0, 0.8
 
-#: Time constant in cycles with which the most that other legs missed is forgotten, and initial values of
-#: missing load and idle cycles.
+#: Time constant in cycles of other legs' maximum, and initial values of missing load and idle cycles.
 MOST_CYCLES, FIRST_MISSING, FIRST_IDLE = 6.0, 0.6, 0.1
 
 #: If this many legs lag at the same time, the robot is overloaded: the multiple of the smallest rho of them
@@ -62,8 +60,7 @@ UNTOLD = ("balance", "silence")
 #: A leg has failed if its servo is silent for this much longer than usual; if `MANY` legs are, it is the bus.
 SILENT_S = 0.5
 
-#: A jump of a reading by this multiple of a joint's maximum step plus this angle is an outlier, for at most
-#: so many in a row.
+#: A jump by this multiple of a joint's maximum step plus this angle is an outlier, at most so often in a row.
 WILD_TIMES, WILD_RAD, MOST_WILD = 3.0, 0.1, 2
 
 #: Rows of evidence that are compared with usual values here; the balance does so itself.
@@ -169,12 +166,11 @@ class LegMonitor:
         state = self._without_wild(state)
         torques_nm = state.joint_torques_nm
         if torques_nm is not None:
-            # A sum is finite only if every term is, and is cheaper than checking each term; for one robot
-            # also without NumPy.
+            # A sum is finite only if every term is, and cheaper than checking each; for one robot without
+            # NumPy.
             one = torques_nm.ndim == 1
             total_nm = sum(torques_nm.tolist()) if one else np.add.reduce(torques_nm, axis=None)
-            # Servos do not all lose power at the same time and keep their positions: torques are not
-            # reported.
+            # Servos do not all lose power and keep their positions: torques are not reported.
             if not math.isfinite(total_nm) or (total_nm == 0 and not torques_nm.any()):
                 state = replace(state, joint_torques_nm=None)
         if (stale := state.stale_joints) is not None:
@@ -277,7 +273,6 @@ class LegMonitor:
         self._ratios[_SILENCE] = few * self._silent_s / SILENT_S
 
     def _learn_usual(self) -> None:
-        """Update the usual rho of other legs and of each itself, and what other legs miss."""
         rho = self._evidence[0] * self._watched
         self._usual_rho += self._usual_shares * (rho - self._usual_rho)
         self._learn_overload()
@@ -298,7 +293,6 @@ class LegMonitor:
         self._threshold[0] += TIMES_MANY * self._rho_of_many
 
     def _count_alarms(self) -> None:
-        """Count the consecutive ticks of each suspicion, and accept those that last."""
         over = self.ratio > self._alarm
         before, self._suspected = self._suspected, bool(np.count_nonzero(over))
         if not (before or self._suspected):
@@ -311,7 +305,6 @@ class LegMonitor:
             self._accept()
 
     def _accept(self) -> None:
-        """Mark the new legs as failed, and raise thresholds while the gait changes."""
         self.failed = self.failed | self.new
         changed = np.logical_or.reduce(self.new, axis=-1, keepdims=True)
         self._threshold_then = np.where(changed, self._threshold, self._threshold_then)

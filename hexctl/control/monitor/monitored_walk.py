@@ -219,12 +219,10 @@ class MonitoredWalk(Controller):
         self._try_later(index, suspicion)
 
     def _settle_later(self, index: int, place: int, cycles: float) -> None:
-        """Evaluate the kind of failure again, `cycles` after the detection."""
         due = self.noticed[index][place].suspicion.step + round(cycles * self._cycle_steps(index))
         self._unsettled.append((due, index, place, cycles))
 
     def _try_later(self, index: int, suspicion: Suspicion) -> None:
-        """Probe a leg now and then to see whether it is intact again."""
         key = index, suspicion.leg
         self._probes[key] = LegProbe(
             suspicion.step,
@@ -246,7 +244,6 @@ class MonitoredWalk(Controller):
             self.walk.glide_to(gaits, changes if self._start.batch_shape else None)
 
     def _try_legs(self, step: int, state: RobotState) -> None:
-        """Move the legs whose probe is due, and use those again that follow."""
         if not isinstance(self.walk, VelocityWalk):
             return
         offsets_m = np.zeros((*self._start.batch_shape, N_LEGS, 3))
@@ -303,7 +300,6 @@ class MonitoredWalk(Controller):
         self._reconsider(index, place)
 
     def _reconsider(self, index: int, place: int) -> None:
-        """Apply the policy to the corrected kind of failure, if that gives another gait."""
         if not isinstance(self.walk, VelocityWalk):
             return
         response = self._answer(index, self._failures[index])
@@ -319,7 +315,6 @@ class MonitoredWalk(Controller):
         self._glide({index: response})
 
     def _suited(self, gaits: list[Gait]) -> list[Gait]:
-        """Gaits of a planned change, adapted to the failed legs."""
         suited = []
         for index, gait in enumerate(gaits):
             self._plans[index] = replace(self._plans[index], gait=gait)

@@ -133,7 +133,6 @@ class GlideToStableGait(RecoveryPolicy):
     def _faster(
         self, robot: Robot, plan: TrialPlan, heading_body_rad: float, failures: Sequence[Failure]
     ) -> Response | None:
-        """A gait that is faster than the most stable one by the repertoire, or None."""
         repertoire = self._covering(robot, plan)
         choice = None if repertoire is None else repertoire.choice(failures, heading_body_rad)
         if choice is None or choice.candidate.name == SAFEST:
@@ -148,7 +147,6 @@ class GlideToStableGait(RecoveryPolicy):
 
     @staticmethod
     def _gait_without(robot: Robot, plan: TrialPlan, heading_body_rad: float, legs: Sequence[int]) -> Gait:
-        """Gait without some legs and the failed ones of the plan, the body a little up."""
         posture = plan.gait.posture
         raised = replace(posture, body_raise=posture.body_raise or STAND_UP)
         lost = tuple(sorted({*plan.failed_legs, *legs}))

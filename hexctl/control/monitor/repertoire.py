@@ -25,8 +25,7 @@ from hexctl.types import N_LEGS, FloatArray
 #: A repertoire covers gaits with pace, amplitude and height within this share of its own.
 NEAR = 0.15
 
-#: A better candidate exceeds the most stable one by at least this share of the commanded speed, and by this
-#: many standard errors over the worlds.
+#: Minimum gain of a better candidate, as a share of the commanded speed, and in standard errors.
 LEAST_GAIN, ERRORS = 0.02, 2.0
 
 #: Names of two candidates: the most stable gait, and that of the intact robot.

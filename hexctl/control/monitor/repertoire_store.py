@@ -121,5 +121,4 @@ def find_repertoire(robot: Robot, plan: TrialPlan, folder: Path | str = "runs") 
 
 @lru_cache(maxsize=8)
 def _loaded(path: Path, _modified_ns: int) -> Repertoire:
-    """Repertoire of a file, cached until the file changes."""
     return load_repertoire(path)

@@ -34,8 +34,8 @@ FROZEN_AFTER_S = 4.0
 #: With room for rounding: sums and products of control periods are judged alike.
 LONGEST_SAME_S = FROZEN_AFTER_S + 1e-6
 
-#: A change between two measurements that no walking robot makes. It is accepted once it is within this bound,
-#: which grows by half of itself in a second.
+#: A change that no walking robot makes. The bound grows by half of itself in a second, to accept a lasting
+#: one.
 JUMP_M = 0.25
 JUMP_RAD = math.radians(30.0)
 JUMP_GROWTH_PER_S = 0.5
@@ -249,7 +249,6 @@ class CourseHold:
         self._begin(deviation_m, error_rad - math.tau * np.rint(error_rad / math.tau))
 
     def _begin(self, deviation_m: FloatArray, error_rad: FloatArray) -> None:
-        """Begin at a deviation and a yaw error, without a learned drift."""
         self._aside, self._yaw = Measured(deviation_m, JUMP_M), Measured(error_rad, JUMP_RAD)
         # The mean deviation begins at 0: the course then turns to the line smoothly.
         self._deviation_m, self._error_rad = np.zeros(self._shape)[()], error_rad
@@ -286,7 +285,6 @@ class CourseHold:
         return self.velocity_body
 
     def _average(self) -> None:
-        """Update the means of deviation and yaw error; each stays if nothing is measured."""
         aside, yaw, share = self._aside, self._yaw, self._share
         self._deviation_m = self._deviation_m + aside.fresh * share * (aside.value - self._deviation_m)
         self._error_rad = self._error_rad + yaw.fresh * share * (yaw.value - self._error_rad)

@@ -30,15 +30,14 @@ TIMEOUT_FACTOR = 4.0
 #: Initial estimate of the made share of the commanded rate.
 USUAL_SHARE = 0.85
 
-#: Prior for small steps: made share of the angle and additional turn, their spread between robots, and the
-#: noise from step to step.
+#: Prior for small steps: made share and additional turn, their spread between robots, and the noise of a
+#: step.
 USUAL_STEP = np.array([0.65, 0.0])
 STEP_SPREAD = np.array([0.15, math.radians(0.1)])
 STEP_NOISE_RAD = math.radians(0.02)
 LEAST_SHARE = 0.2
 
-#: If a step over the first angle turns less than this share of the expectation, unknown friction swallowed
-#: `LOST_PART` of it.
+#: If a step over this angle turns less than `LOST_SHARE` of it, friction swallowed `LOST_PART`.
 SMALLEST_STEP_RAD = math.radians(0.1)
 LOST_SHARE = 0.15
 LOST_PART = 0.9
@@ -229,7 +228,6 @@ class TurnSteps:
         self._weighted += row * (turned_rad / STEP_NOISE_RAD)
 
     def _estimate(self) -> list[float]:
-        """Share, and besides in rad, from the steps so far."""
         estimate: list[float] = np.linalg.solve(self._precision, self._weighted).tolist()
         return estimate
 

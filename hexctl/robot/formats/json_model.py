@@ -39,7 +39,6 @@ def robot_from_json(text: str) -> Robot:
 
 
 def _content(part: Any) -> dict[str, Any]:
-    """Fields of a robot or a part of it that are not at their defaults."""
     content: dict[str, Any] = {}
     for name, value in changed_fields(part):
         if isinstance(value, np.ndarray):

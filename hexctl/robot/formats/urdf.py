@@ -79,8 +79,7 @@ def _add_link(root: Element, robot: Robot, joint: int) -> None:
     middle = (capsule.end_m[0] / 2, 0.0, capsule.end_m[1] / 2)
     ball = add(_shape(link, "visual", (0.0, 0.0, 0.0), 0.0, kind), "sphere")
     ball.set("radius", number(capsule.radius_m))
-    # Neighbours overlap at their joints, and coxae touch the trunk: only links that may reach the floor
-    # collide.
+    # Neighbours overlap at their joints, and coxae touch the trunk: only links near the floor collide.
     for use in ("visual", "collision") if kind != "coxa" else ("visual",):
         cylinder = add(_shape(link, use, middle, capsule.tilt_rad, kind), "cylinder")
         cylinder.set("radius", number(capsule.radius_m))

@@ -19,8 +19,7 @@ from hexctl.types import JOINT_KINDS, FloatArray
 #: The robot's front in the frame of the root, and the turn about z to x.
 FORWARD = {"x": 0.0, "y": -math.pi / 2, "-x": math.pi, "-y": math.pi / 2}
 
-# Replacements for missing or implausible numbers, which are listed as unknown: a typical servo of robots of
-# this size.
+# Listed as unknown, and used for missing or implausible numbers: a typical servo of robots of this size.
 USUAL_MASS_KG = {"body": 1.0, "coxa": 0.03, "femur": 0.07, "tibia": 0.08}
 USUAL_TORQUE_NM, USUAL_SPEED_DEG_S, USUAL_RANGE_DEG = 1.5, 200.0, 90.0
 USUAL_HEIGHT_M, USUAL_RADIUS_M, USUAL_FOOT_M = 0.05, 0.010, 0.008
@@ -120,7 +119,6 @@ class _Import:
         return ImportedRobot(text, unknown, tuple(self._notes))
 
     def _header(self, source: str) -> list[str]:
-        """Comments: the file's joint names, in brackets if the sign differs."""
         lines = [f"From {source}. Joints there, and in brackets those that count the other way:"]
         for number, leg in enumerate(self._legs, start=1):
             names = [
@@ -209,7 +207,6 @@ class _Import:
         return link
 
     def _radius_m(self, index: int) -> float:
-        """Half the thickness of a link's cylinder, within bounds."""
         shapes = self._tree.links[self._legs[0].joints[index].child].shapes
         radii_m = [shape.size_m[0] for shape in shapes if shape.kind == "cylinder"]
         length_m = float(np.linalg.norm(self._vectors_m[index]))
@@ -224,7 +221,6 @@ class _Import:
         return _short(min(spheres[-1].size_m[0], 0.03))
 
     def _joint(self, index: int) -> dict[str, Any]:
-        """Common limits of all six joints of a kind, with hexctl's signs."""
         kind = JOINT_KINDS[index]
         low_deg, high_deg = self._range_deg(index)
         torques_nm = [leg.joints[index].torque_nm for leg in self._legs]

@@ -60,7 +60,6 @@ def find_legs(tree: UrdfTree, facing: FloatArray, foot_m: FloatArray | None) -> 
 
 
 def _chains(tree: UrdfTree) -> list[tuple[UrdfJoint, ...]]:
-    """Six chains of three hinges without a common hinge."""
     found: dict[tuple[str, ...], tuple[UrdfJoint, ...]] = {}
     for link in tree.links:
         if link not in tree.children:

@@ -79,7 +79,6 @@ def pulses_of(section: ServosSection) -> dict[str, FloatArray]:
 
 
 def _clash(channels: IntArray) -> str:
-    """Names of joints with the same channel, or else the channels, for a message."""
     for channel in range(1, N_JOINTS + 1):
         sharing = [name for name, own in zip(JOINT_NAMES, channels, strict=True) if own == channel]
         if len(sharing) > 1:

@@ -116,7 +116,6 @@ def _value(node: yaml.Node | None, name: str) -> yaml.Node | None:
 
 
 def _added(text: str, mapping: yaml.MappingNode, entry: str) -> tuple[int, int, str]:
-    """Edit that adds an entry at the end of a mapping."""
     if mapping.flow_style:
         at = mapping.end_mark.index - 1
         within = text[mapping.start_mark.index + 1 : at].rstrip()
