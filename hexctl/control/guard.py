@@ -221,7 +221,7 @@ class Guard(ServosWrapper):
         return self._pass(targets)
 
     def write_while_timed_out(self, targets: JointTargets) -> JointTargets:
-        """Write although commands have expired or servos are hot, to sit down; raises what `write` raises."""
+        """Write as `write` does, but also with expired commands or hot servos: to sit down."""
         if self.stopped not in (None, "expired") and not self.hot:
             raise EStopError(f"stopped: {reason_in_words(self.stopped)}; the robot holds its pose")
         return self._pass(targets)

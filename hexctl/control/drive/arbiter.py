@@ -33,7 +33,7 @@ COMMAND_EXPIRY_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Velocity:
-    """A velocity of the body in its own frame, counter-clockwise; raises InputError unless finite."""
+    """Forward, left and counter-clockwise velocity in the body frame; raises InputError unless finite."""
 
     forward_m_s: float = 0.0
     left_m_s: float = 0.0
