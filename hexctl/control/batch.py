@@ -1,4 +1,4 @@
-"""Batches of simulated trials on all cores; each equals the same trial run alone, to the last bit."""
+"""Batches of simulated trials on all cores; each equals a single run of the same trial, to the last bit."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -43,7 +43,7 @@ from hexctl.robot.failure import Failure, FailureEvent, NoticedFailure, check_fu
 from hexctl.robot.model import Robot
 from hexctl.types import BoolArray, FloatArray, JointTargets, RobotState, as_joint_angles
 
-#: Trials that begin apart are stepped together up to this number, which spreads the cost of a tick well.
+#: Trials from different starts are stepped together up to this number, which shares the cost of a tick.
 MOST_TOGETHER = 64
 
 
@@ -54,14 +54,11 @@ class SimTrial:
     Robot and world may be given by name or path. Raises InputError for what is not allowed.
 
     Attributes:
-        robot: who walks.
-        plan: what the robot does, and what its controller was told.
+        plan: what the robot does, and the failures its controller knows.
         failure: the leg that the simulation breaks, or None.
-        world: where.
-        seed: of the simulation.
         facing_rad: yaw in which the robot is put down; the plan's heading counts from there.
         events: failures that come during the walk, and legs that heal.
-        further_failures: other legs that the simulation breaks besides `failure`.
+        further_failures: other legs that the simulation breaks.
     """
 
     robot: Robot
@@ -110,16 +107,13 @@ class SimTrial:
         )
 
     def put_down_turned(self, miss_rad: float = 0.0) -> "SimTrial":
-        """The same trial, the robot put down as its self-rotation would leave it, instead of turning.
-
-        `miss_rad` is the yaw by which that self-rotation would have turned too far.
-        """
+        """The same trial with the robot put down as its self-rotation would leave it, `miss_rad` too far."""
         turn_rad = turn_needed_rad(self.robot, self.plan) + miss_rad
         plan = replace(self.plan, self_rotation="none", heading_rad=self.plan.heading_rad - turn_rad)
         return replace(self, plan=plan, facing_rad=self.facing_rad + turn_rad)
 
     def shared_start(self) -> tuple[object, ...]:
-        """Key that trials must have in common to walk from one state, with one kind of walk."""
+        """Key of trials that walk from one state, with one kind of walk."""
         plan = self.plan
         start = (self.facing_rad, plan.heading_rad, plan.self_rotation, plan.turn_rad, plan.settle_s)
         told = (plan.belief, plan.further_failures)
@@ -127,7 +121,7 @@ class SimTrial:
         return (self.world, self.seed, *broken, *told, start, *self.shared_walk())
 
     def shared_walk(self) -> tuple[object, ...]:
-        """Key that trials must have in common to be led by one controller."""
+        """Key of trials that one controller can lead."""
         plan, world = self.plan, self.world
         changes = tuple(change.at_s for change in plan.changes)
         ticks = (world.time_step_s, world.latency_steps)
@@ -135,7 +129,7 @@ class SimTrial:
 
 
 def run_sim_trial(trial: SimTrial, make_controller: BatchController = planned_walk) -> TrialResult:
-    """Result of one simulated trial, run alone."""
+    """Result of one simulated trial."""
     check_type(trial, SimTrial, "trial", "a SimTrial")
     with trial.servos() as servos:
         return run_trial(Guard(servos), trial.plan, make_controller, soft_stop=False)
@@ -148,23 +142,20 @@ def run_sim_trials(
     *,
     apart: bool = False,
 ) -> list[TrialResult]:
-    """Results of many simulated trials, in their order: each as if run alone, to the last bit.
+    """Results of many simulated trials in their order, each as in a single run to the last bit.
 
     Trials that begin alike (robot, world, seed, failure, heading, turn) settle and turn once, and walk
-    together. So do trials of one robot that hold the same and begin apart, up to `MOST_TOGETHER` of them,
-    each in its own world, where the controller can lead them.
+    together.
 
     Args:
-        trials: what to walk.
         threads: threads that simulate; 0 uses all cores.
-        make_controller: makes the controller of each group, for states and targets of leading shape (n,), or
-            is a function of step and such a state that returns joint angles. Trials of one group then begin
-            alike, but for `apart`.
-        apart: whether the controller leads trials that begin apart, as the plans' own walks do: turn and
-            frame of its `WalkStart` then have the leading shape (n,).
+        make_controller: of each group, for states and targets of leading shape (n,); or a function of step
+            and such a state that returns joint angles.
+        apart: whether the controller leads trials from different starts; turn and frame of its `WalkStart`
+            then have the leading shape (n,).
 
-    Raises ReachError or LimitError for a walk that the legs cannot make, before any trial runs; InputError
-    for targets of another shape than (n, 18).
+    Raises ReachError or LimitError before any trial runs; InputError for targets of another shape than (n,
+    18).
     """
     check_type(trials, Sequence, "trials", "a sequence of SimTrials")
     check_type(threads, int, "threads", "a whole number, 0 for all cores")
@@ -182,7 +173,6 @@ def run_sim_trials(
 
 
 def _groups(trials: Sequence[SimTrial], *, mixed: bool) -> Iterator[list[list[int]]]:
-    """Indices of trials that walk together, by their starts."""
     starts: dict[tuple[object, ...], list[int]] = {}
     for index, trial in enumerate(trials):
         starts.setdefault(trial.shared_start(), []).append(index)
@@ -205,7 +195,7 @@ def _groups(trials: Sequence[SimTrial], *, mixed: bool) -> Iterator[list[list[in
 def _run_group(
     starts: Sequence[Sequence[SimTrial]], threads: int, make_controller: BatchController
 ) -> list[TrialResult]:
-    """Run trials, start by start, each of which they share; their results likewise."""
+    """Results of the trials of each start, in order; trials of one start share its preparation."""
     results: dict[int, list[TrialResult]] = {}
     with ExitStack() as stack:
         ready: dict[tuple[object, ...], dict[int, _Ready]] = {}
@@ -231,7 +221,6 @@ def _run_group(
 
 
 def _status_of(error: HexctlError) -> str:
-    """Status of trials that could not set out."""
     if isinstance(error, SimulationDivergedError):
         return "diverged"
     return "aborted" if isinstance(error, RobotFaultError) else "fell"
@@ -239,15 +228,12 @@ def _status_of(error: HexctlError) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Ready:
-    """A simulation that stands ready for the walks of some plans."""
-
     guard: Guard
     servos: SimServos
     start: WalkStart
 
 
 def _start_together(starts: Sequence[WalkStart]) -> WalkStart:
-    """Starts of several simulations as one, with a turn and a frame for each walk."""
     if len(starts) == 1:
         return starts[0]
     counts = [len(start.plans) for start in starts]
@@ -287,10 +273,7 @@ def _never_walked(robot: Robot, plan: TrialPlan, status: str, controller: str | 
 
 
 class _Walks:
-    """The walks of a group, from their start lines to their ends.
-
-    Each tick is the tick of `hexctl.control.loop`, for all robots together.
-    """
+    """The walks of a group; each tick equals that of `hexctl.control.loop`, for all robots together."""
 
     def __init__(self, ready: Sequence[_Ready], make_controller: BatchController, threads: int) -> None:
         counts = [len(one.start.plans) for one in ready]
@@ -317,7 +300,6 @@ class _Walks:
         self._true_positions = np.full((n, self._ticks.max(), 3), np.nan)
 
     def run(self) -> None:
-        """Walk until every trial is over."""
         running = self._batch.running
         for step in range(int(self._ticks.max())):
             before = running.copy()
@@ -343,14 +325,13 @@ class _Walks:
             self._true_positions[:, step] = self._batch.true_pose[0]
             self._end_done(running & self._controller.done(step, state))
             running &= step + 1 < self._ticks
-            # Robots that have ended are led until the last of the batch has; what is noticed then is nothing.
+            # Ended robots are led until the batch ends; failures detected after the end do not count.
             for index in np.flatnonzero(asked & ~running).tolist():
                 self._noticed[index] = self._controller.noticed_failures(index)
             if not running.any():
                 return
 
     def _end_done(self, done: BoolArray) -> None:
-        """End the walks that their controller ends, and say why it stops one before its time."""
         if not done.any():
             return
         self._batch.running &= ~done
@@ -359,7 +340,6 @@ class _Walks:
                 self._status[index], self._stopped[index] = "aborted", why
 
     def results(self) -> list[TrialResult]:
-        """Result of each walk."""
         return [
             score(
                 start.robot,
@@ -386,7 +366,6 @@ class _Walks:
         ]
 
     def _watch(self, state: RobotState) -> None:
-        """End the walks of robots that have fallen."""
         quaternion = state.base_quaternion_world
         if quaternion is None:
             return
@@ -395,7 +374,6 @@ class _Walks:
         self._end(self._batch.running & (self._leaning_ticks >= FALL_TICKS), "fell")
 
     def _refuse(self, wanted_rad: FloatArray) -> None:
-        """End the walks whose targets a guard refuses: those that are not finite."""
         if math.isfinite(np.add.reduce(wanted_rad, axis=None)):
             return
         for index in np.flatnonzero(self._batch.running).tolist():

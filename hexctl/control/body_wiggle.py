@@ -1,4 +1,4 @@
-"""A standing robot twists to and fro about its middle, its feet in place: a motion that a camera can time."""
+"""Body twist of a standing robot about its middle, feet in place: a motion that a camera can time."""
 
 import math
 
@@ -10,12 +10,12 @@ from hexctl.ik.legs import foot_positions_body, solve_legs_within_limits
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray, RobotState
 
-#: How far, how fast and how long a robot twists.
+#: Defaults of a twist.
 AMPLITUDE_RAD = math.radians(5.0)
 FREQUENCY_HZ = 0.7
 DURATION_S = 4.0
 
-#: The twist grows and dies away in this part of its duration each.
+#: Share of the duration in which the twist fades in, and out.
 FADING = 0.2
 
 
@@ -26,10 +26,7 @@ def wiggle_yaw_rad(
     frequency_hz: float = FREQUENCY_HZ,
     duration_s: float = DURATION_S,
 ) -> FloatArray:
-    """Yaw of the body over time since the beginning, in the shape of the times; 0 before and afterwards.
-
-    A sine within an envelope of raised cosines: yaw and its rate begin and end at 0.
-    """
+    """Yaw at times, in their shape: a sine within raised cosines, 0 before and afterwards."""
     share = np.clip(np.asarray(times_s, dtype=float) / duration_s, 0.0, 1.0)
     edge = np.minimum(np.minimum(share, 1 - share) / FADING, 1.0)
     envelope = (1 - np.cos(np.pi * edge)) / 2
@@ -39,38 +36,23 @@ def wiggle_yaw_rad(
 def wiggle_targets_rad(
     robot: Robot, times_s: FloatArray, start_rad: FloatArray | None = None, **motion: float
 ) -> FloatArray:
-    """Joint angles of a twist over times (T,), with the feet in place, (T, 18).
+    """Joint angles (T, 18) of a twist at times (T,), as `wiggle_yaw_rad`, from the stance or `start_rad`.
 
-    Args:
-        robot: who twists.
-        times_s: since the beginning.
-        start_rad: joint angles in which it stands, (18,); the stance unless given.
-        motion: `amplitude_rad`, `frequency_hz` and `duration_s`, as for `wiggle_yaw_rad`.
-
-    Raises ReachError or LimitError, naming leg and joint, for a twist that the legs cannot make.
+    Raises ReachError or LimitError, naming leg and joint.
     """
     start_rad = robot.stance_angles_rad if start_rad is None else start_rad
     yaw_rad = wiggle_yaw_rad(times_s, **motion)
     cos, sin, zero = np.cos(yaw_rad), np.sin(yaw_rad), np.zeros_like(yaw_rad)
     one = np.ones_like(yaw_rad)
     back = np.stack([cos, -sin, zero, sin, cos, zero, zero, zero, one], axis=-1).reshape(-1, 3, 3)
-    # Row vectors: a foot that stays is turned back in the frame of a body that turns.
+    # Row vectors: a fixed foot rotates backwards in the frame of the body.
     return solve_legs_within_limits(robot, foot_positions_body(robot, start_rad) @ back)
 
 
 class BodyWiggle(Controller):
-    """Twists the body of a standing robot to and fro about its middle, softly begun and ended.
+    """Twists the body of a standing robot about its middle, from the stance or `start_rad`.
 
-    Args:
-        robot: who twists.
-        start_rad: joint angles in which it stands, (18,).
-        period_s: control period.
-        amplitude_rad: to each side.
-        frequency_hz: twists per second.
-        duration_s: of the whole.
-
-    Raises ReachError or LimitError, naming leg and joint, for a twist that the legs cannot make, and
-    InputError for a duration without a twist.
+    Raises ReachError or LimitError, naming leg and joint, and InputError for a duration without a twist.
     """
 
     def __init__(
@@ -98,7 +80,7 @@ class BodyWiggle(Controller):
         )
 
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
-        """Joint angles at a step, (18,); where it began, after the end."""
+        """Joint angles at a step, (18,); the start pose after the end."""
         return np.asarray(self._targets_rad[min(step, len(self._targets_rad) - 1)])
 
     def done(self, step: int, state: RobotState) -> bool:

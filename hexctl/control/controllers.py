@@ -1,4 +1,4 @@
-"""Controllers: from step and state to joint targets, for one robot or a batch of them."""
+"""Controllers: from step and state to joint targets, for one robot or a batch of robots."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -21,10 +21,10 @@ from hexctl.robot.failure import Failure, NoticedFailure
 from hexctl.robot.model import Robot
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState, leg_slice
 
-#: Ticks planned together: long enough to spread numpy's cost, short enough to start without delay.
+#: Ticks planned together: enough to spread numpy's cost, few enough to start without delay.
 LOOK_AHEAD_TICKS = 128
 
-#: Points of the gait cycle in which a walk is checked before its first step.
+#: Points of the gait cycle at which a walk is checked before its first step.
 CHECKED_POINTS = 120
 
 
@@ -33,22 +33,17 @@ HeldLegs = tuple[int, ...] | tuple[tuple[int, ...], ...]
 
 
 class Controller(ABC):
-    """Joint targets for each step since it took over, from time and the robot's state.
+    """Joint targets for each step, from time and the robot's state.
 
-    One robot or many are the same code: in a batch of n, the arrays of the state and the targets have the
-    leading shape (n,), alone they have none. So `targets_rad` is written elementwise over robots, with `...`
-    in its indices.
+    In a batch of n robots the arrays of state and targets have the leading shape (n,), otherwise none.
+    `targets_rad` is therefore written elementwise over robots, with `...` in its indices.
 
     Attributes:
-        hold: what it holds by feedback, one of `hexctl.control.trial_plan.HOLDS` but `auto`; results and
-            recordings say so.
-        velocity_body: the velocity that it walks with now, where that may change: forward and left in m/s,
-            turn in rad/s, leading shape + (3,); None for others.
-        limited_steps: steps so far in which it asked for more speed than its strokes allow, leading shape.
-        leg_phases: normalised times of the legs in the last step, leading shape + (6,); None for motions
-            without a cycle.
-        leg_suspicion: evidence against each leg in the last step, an alarm at 1, leading shape + (6,); None
-            while legs are not watched.
+        hold: what it holds by feedback, one of `hexctl.control.trial_plan.HOLDS` except `auto`.
+        velocity_body: forward and left in m/s, turn in rad/s, leading shape + (3,); None if constant.
+        limited_steps: steps so far in which the commanded speed exceeded the strokes, leading shape.
+        leg_phases: normalised times of the legs in the last step, leading shape + (6,); None without a cycle.
+        leg_suspicion: evidence against each leg, an alarm at 1, leading shape + (6,); None without a monitor.
     """
 
     hold: str = "none"
@@ -59,41 +54,30 @@ class Controller(ABC):
 
     @abstractmethod
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
-        """Joint targets, leading shape + (18,), for a step counted in control periods from 0.
-
-        Called once per tick with rising steps; points that the clock missed are left out.
-        """
+        """Joint targets, leading shape + (18,), for a step in control periods; the clock may skip steps."""
 
     def done(self, step: int, state: RobotState) -> bool | BoolArray:
         """Whether the controller has ended at a step, asked after its targets were sent; leading shape."""
         return False
 
     def why_stopped(self, index: int = 0) -> str | None:
-        """Why it has ended a walk before its time, in few words, of one robot of a batch; None for not."""
+        """Why it ended the walk of a robot of a batch early, in few words, or None."""
         return None
 
     def noticed_failures(self, index: int = 0) -> tuple[NoticedFailure, ...]:
-        """Failures that it noticed so far, of one robot of a batch."""
+        """Failures that it detected so far, of one robot of a batch."""
         return ()
 
     def believed_failures(self, index: int = 0) -> tuple[Failure, ...] | None:
-        """Failures that it takes for granted now, by leg, told or noticed; None where legs are not watched.
-
-        Args:
-            index: of the robot in its batch.
-        """
+        """Failures that it assumes now, given or detected, by leg; None if legs are not monitored."""
         return None
 
     def news(self) -> Sequence[str]:
-        """What happened since this was asked last, in lines for a recording."""
+        """Events since the last call, in lines for a recording."""
         return ()
 
     def stop(self, step: int) -> int:
-        """Begin a soft stop at a step; the number of steps that it takes, 0 for a controller without one.
-
-        For so many steps, targets are then asked for, whatever `done` says. Without a soft stop the trial
-        moves the joints evenly to the stance.
-        """
+        """Begin a soft stop at a step; the number of further steps with targets, 0 without a soft stop."""
         return 0
 
 
@@ -103,15 +87,7 @@ def soft_stop_steps(period_s: float) -> int:
 
 
 class Stand(Controller):
-    """Moves the joints evenly from where they are to the nominal stance, and rests there.
-
-    Args:
-        robot: whose stance.
-        start_rad: where the joints are, (18,).
-        steps: how long the motion takes.
-        rest_steps: how long the robot then rests before the controller is done.
-        end_rad: another pose than the stance, (18,).
-    """
+    """Moves the joints evenly from angles (18,) to the stance, or to `end_rad`, and rests there."""
 
     def __init__(
         self,
@@ -129,7 +105,7 @@ class Stand(Controller):
         self._last_step = steps + rest_steps - 1
 
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
-        """Pose on the way from the start to the end, then the end."""
+        """Interpolated pose between start and end, then the end."""
         if step >= self._steps:
             return self._end_rad
         share = step / self._steps
@@ -141,17 +117,7 @@ class Stand(Controller):
 
 
 class Walk(Controller):
-    """Walks with a gait and a constant motion until told to stop, then comes softly to a stand.
-
-    Its feet follow from time alone, so `LOOK_AHEAD_TICKS` steps are planned together.
-
-    Args:
-        robot: who walks.
-        gaits: the gait, or n of them for a batch of n robots.
-        motions: the motion, or n of them.
-        period_s: control period.
-        held_legs: legs that keep their stance pose; or those of each of the n robots.
-    """
+    """Walks with a gait and a constant motion until stopped; n gaits and motions for a batch of n robots."""
 
     def __init__(
         self,
@@ -221,7 +187,7 @@ class Walk(Controller):
 
 
 def held_joints(held_legs: HeldLegs) -> BoolArray | None:
-    """Joints of held legs, (18,), or (n, 18) for those of n robots; None where no leg is held."""
+    """Joints of held legs, (18,), or (n, 18) for those of n robots; None if no leg is held."""
     rows = [legs if isinstance(legs, tuple) else (legs,) for legs in held_legs]
     if not any(rows):
         return None
@@ -235,14 +201,7 @@ def held_joints(held_legs: HeldLegs) -> BoolArray | None:
 def joints_of_feet(
     robot: Robot, feet_body: FloatArray, held_legs: HeldLegs | BoolArray | None = None
 ) -> FloatArray:
-    """Joint angles, leading shape + (18,), with held legs in their stance pose.
-
-    Args:
-        robot: geometry.
-        feet_body: leading shape + (6, 3) in m.
-        held_legs: of the robot, or of each of n, whose feet are (n, 6, 3); or their joints, as `held_joints`
-            has them, broadcast against the joint angles.
-    """
+    """Joint angles (18,) of feet (6, 3) in m, leading shapes before; held legs are in their stance."""
     joints_rad = solve_legs(robot, feet_body).joint_positions_rad
     held = held_joints(held_legs) if isinstance(held_legs, tuple) else held_legs
     return joints_rad if held is None else np.where(held, robot.stance_angles_rad, joints_rad)
@@ -254,12 +213,11 @@ def check_walk(robot: Robot, gait: Gait, motion: Motion) -> None:
     solve_legs_within_limits(robot, gait_feet_body(robot, gait, motion, cycle_s))
 
 
-#: How long sitting down takes.
 SITTING_S = 2.0
 
 
 def sitting_angles_rad(robot: Robot) -> FloatArray:
-    """Joint angles, (18,), that bring the body as low as the legs can, the feet where they are."""
+    """Joint angles, (18,), that lower the body as far as the legs can, the feet in place."""
     lift_m = robot.standing_height_m - robot.body.size_m[2] / 2
     for share in np.linspace(1.0, 0.0, 21).tolist():
         feet_body = robot.stance_feet_body + np.array([0.0, 0.0, share * lift_m])

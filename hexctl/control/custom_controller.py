@@ -1,4 +1,4 @@
-"""Custom controllers: a `Controller`, what makes one, or a plain function of step and state."""
+"""Custom controllers: a `Controller`, a factory of one, or a plain function of step and state."""
 
 import inspect
 from collections.abc import Callable
@@ -16,14 +16,14 @@ from hexctl.types import FloatArray, RobotState, as_joint_angles
 #: 18 joint angles in rad for a step and the robot's state.
 StepFunction = Callable[[int, RobotState], ArrayLike]
 
-#: Makes the controller of a walk, once the robot stands ready: a class that takes a `WalkStart` is one.
+#: Makes the controller of a walk once the robot stands: also a class that takes a `WalkStart`.
 MakeController = Callable[[WalkStart], Controller | StepFunction]
 
-#: What leads walks that are made when their robots stand ready, and what leads the walk of one robot.
+#: Custom controllers of a batch, which are made per walk, and of one robot.
 BatchController = MakeController | StepFunction
 CustomController = Controller | BatchController
 
-#: What a custom controller may be, for messages.
+#: Allowed custom controllers, for messages.
 CONTROLLERS = (
     "a Controller, or a function or class that makes one of a WalkStart, "
     "or a function of step and state that returns 18 joint angles"
@@ -31,19 +31,13 @@ CONTROLLERS = (
 
 
 class FunctionController(Controller):
-    """Walks by a function of step and state.
-
-    Args:
-        function: returns 18 joint angles in rad. In a batch of n robots it is given states with the leading
-            shape (n,), and may return angles for each robot, (n, 18), or the same for all.
-        batch_shape: leading shape of the states, as in `WalkStart`.
-    """
+    """Walks by a function of step and state that returns 18 joint angles in rad; in a batch also (n, 18)."""
 
     def __init__(self, function: StepFunction, batch_shape: tuple[int, ...] = ()) -> None:
         self._function, self._batch_shape = function, batch_shape
 
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
-        """What the function returns, leading shape + (18,)."""
+        """The result of the function, leading shape + (18,)."""
         angles_rad = as_joint_angles(self._function(step, state), "controller")
         if angles_rad.ndim == 1 and self._batch_shape:
             return np.tile(angles_rad, (*self._batch_shape, 1))
@@ -51,16 +45,13 @@ class FunctionController(Controller):
 
 
 def check_controller(controller: object) -> None:
-    """Raise WrongTypeError for what cannot be a custom controller; None is none."""
+    """Raise WrongTypeError for anything but a custom controller or None."""
     if not isinstance(controller, Controller | None) and _argument_count(controller) is None:
         check_type(controller, Controller, "controller", CONTROLLERS)
 
 
 def made_controller(controller: CustomController, start: WalkStart) -> Controller:
-    """The controller given, the one made for a robot that stands ready, or a function as a controller.
-
-    Raises WrongTypeError for anything else.
-    """
+    """A controller, one made by a factory, or a function as a controller; raises WrongTypeError."""
     made: Any = controller
     if not isinstance(made, Controller) and _argument_count(made) == 1:
         made = made(start)
@@ -72,10 +63,7 @@ def made_controller(controller: CustomController, start: WalkStart) -> Controlle
 
 
 def controller_name(controller: object) -> str | None:
-    """Name of a custom controller in results and recordings: of its function or class.
-
-    None for the walk of a plan, which the functions of hexctl make.
-    """
+    """Name of a custom controller's function or class, for results; None for the functions of hexctl."""
     if controller is None:
         return None
     if isinstance(controller, partial):
@@ -87,10 +75,7 @@ def controller_name(controller: object) -> str | None:
 
 
 def _argument_count(function: object) -> int | None:
-    """How many positional arguments a function takes, 1 or 2; None for anything else.
-
-    One that takes both counts as 1, and so does a built-in function whose arguments Python does not know.
-    """
+    """Positional arguments of a function, 1 or 2, or None; 1 if both fit or the signature is unknown."""
     if not callable(function):
         return None
     try:

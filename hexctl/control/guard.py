@@ -1,7 +1,7 @@
-"""The guard: every command to a servo passes it. It wraps a LegServos and is itself one.
+"""The guard: every command to a servo passes it. It wraps a LegServos and is one itself.
 
-It is on by default, its stops are latched, and it has no "off": a stop stays until `clear` is called. The
-limits are plain array mathematics, shared with batches of simulated robots.
+It cannot be switched off, and its stops are latched until `clear`. Its limits are array functions, shared
+with batches of simulated robots.
 """
 
 import math
@@ -35,13 +35,7 @@ FALL_TICKS = 10
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepLimits(ArrayFields):
-    """Joint ranges and the greatest step of one control period.
-
-    Attributes:
-        lower_rad: (18,).
-        upper_rad: (18,).
-        max_step_rad: joint speed limit times the period, (18,).
-    """
+    """Joint ranges, (18,), and the maximum step of one control period, (18,)."""
 
     lower_rad: FloatArray
     upper_rad: FloatArray
@@ -53,18 +47,11 @@ class StepLimits(ArrayFields):
         return cls(robot.joint_lower_rad, robot.joint_upper_rad, robot.joint_max_speed_rad_s * period_s)
 
     def apply(self, wanted_rad: FloatArray, accepted_rad: FloatArray) -> FloatArray:
-        """Targets nearest to the wanted ones that range and speed allow.
-
-        Speed goes first: a joint found outside its range comes back to it no faster than it may turn.
-
-        Args:
-            wanted_rad: leading shape + (18,).
-            accepted_rad: the last accepted targets, same shape; the step is taken from there.
-        """
+        """Nearest targets, leading shape + (18,), within speed and, with lower priority, range."""
         return self.stepped(np.minimum(np.maximum(wanted_rad, self.lower_rad), self.upper_rad), accepted_rad)
 
     def stepped(self, wanted_rad: FloatArray, accepted_rad: FloatArray) -> FloatArray:
-        """Targets nearest to the wanted ones that speed alone allows; arguments as of `apply`."""
+        """Nearest targets within speed; arguments as of `apply`."""
         slowest, fastest = accepted_rad - self.max_step_rad, accepted_rad + self.max_step_rad
         return np.minimum(np.maximum(wanted_rad, slowest), fastest)
 
@@ -76,39 +63,32 @@ def leaning(base_quaternion_world: FloatArray) -> BoolArray:
 
 
 def base_orientation(state: RobotState) -> FloatArray | None:
-    """Orientation (4,) of the base in a state, or None: falls are judged by it."""
+    """Orientation (4,) of the base in a state, or None: used to detect falls."""
     return state.base_quaternion_world
 
 
-#: A command older than this is not obeyed, silence longer than this freezes the robot, and a state older
-#: than this stops it.
+#: Older commands are refused, longer silence freezes the robot, and an older state stops it.
 EXPIRY_S = 0.2
 
-#: A pose that a robot has measured may stay away for this long: steering continues with what it knows.
+#: Maximum gap in the measured pose; meanwhile steering continues without it.
 POSE_EXPIRY_S = 5.0
 
-#: No link needs a longer expiry.
+#: Maximum expiry of any link.
 MAX_EXPIRY_S = 1.0
 
-#: Targets that changed by more than this, in the control period of the last command, are of a motion.
+#: Targets that changed by more than this in the last control period belong to a motion.
 MOVES_RAD = 0.001
 
-#: A servo this hot stops the robot: most switch off at 70 to 80 degrees Celsius. How such a stop begins.
+#: A servo this hot stops the robot (most switch off at 70 to 80 C), and the prefix of that stop.
 TOO_HOT_C, HOT = 68.0, "hot"
 
-#: A time this near before a control period, as a share of one, is rounding and belongs to it.
+#: Rounding of a time to a control period, as a share of one.
 ROUNDING = 1e-6
 
 
 @dataclass(slots=True)
 class GuardCounters:
-    """What the guard did so far, in commands.
-
-    Attributes:
-        accepted: passed, changed or not.
-        clipped: passed after a position or a speed limit changed them.
-        refused: not passed: not finite, wrong shape, too old or from the future, or stopped.
-    """
+    """Numbers of commands; clipped ones were passed after a limit changed them."""
 
     accepted: int = 0
     clipped: int = 0
@@ -116,7 +96,7 @@ class GuardCounters:
 
 
 class _OSErrorsAre:
-    """Context in which an OSError of the servos becomes a RobotFaultError that begins with a text."""
+    """Context that turns an OSError of the servos into a RobotFaultError that begins with a text."""
 
     def __init__(self, text: str) -> None:
         self._text = text
@@ -139,13 +119,12 @@ class Guard(ServosWrapper):
     """Limits, freshness, fall detection and a latched stop around any LegServos.
 
     Attributes:
-        counters: what passed and what did not.
-        stopped: why the robot is stopped, or None: `fell`; `fault`, with what the robot says of it; `state`
-            (not finite or too old), `pose lost` (for longer than `POSE_EXPIRY_S`); `expired` (no command
-            came); the reason that the robot's own guard gives; or the reason given to `stop`.
-        leaning_ticks: for how many ticks the body has leant too far.
-        positions: judges the positions; in the state one that is not believed is None.
-        standstill: why the guard stopped or refused for lateness where it was this program's own, or None.
+        stopped: why the robot is stopped, or None: `fell`; `fault`, with the robot's report; `state` (not
+            finite or too old); `pose lost` (longer than `POSE_EXPIRY_S`); `expired` (no command); the reason
+            of the robot's own guard; or the reason given to `stop`.
+        leaning_ticks: consecutive ticks in which the body leans too far.
+        positions: plausibility check; a state with an implausible position reports None.
+        standstill: this program's own delay that caused a stop or refusal, or None.
     """
 
     def __init__(
@@ -155,15 +134,7 @@ class Guard(ServosWrapper):
         expiry_s: float = EXPIRY_S,
         tilt_of: Callable[[RobotState], FloatArray | None] = base_orientation,
     ) -> None:
-        """Guard servos.
-
-        Args:
-            servos: behind the guard.
-            expiry_s: greatest age of commands and states, in s, and how long a controller may be silent.
-            tilt_of: orientation (4,) of a state that was just read by which falls are judged, or None.
-
-        Raises InputError for an expiry that is not allowed.
-        """
+        """Guard servos; `expiry_s` limits the age of commands and states, and silence. Raises InputError."""
         check_type(expiry_s, float, "expiry")
         if not 0 < expiry_s <= MAX_EXPIRY_S:
             raise InputError(f"expiry: got {expiry_s:g} s; allowed: above 0 up to {MAX_EXPIRY_S:g} s")
@@ -191,7 +162,7 @@ class Guard(ServosWrapper):
 
     @property
     def in_motion(self) -> bool:
-        """Whether a command is due, and the last one moved a joint: silence now breaks off a motion."""
+        """Whether a command is due and the last one moved a joint: silence now interrupts a motion."""
         accepted_rad, baseline_rad = self._accepted_rad, self._baseline_rad
         if not self.expects_commands or accepted_rad is None or baseline_rad is None:
             return False
@@ -199,14 +170,11 @@ class Guard(ServosWrapper):
 
     @property
     def hot(self) -> bool:
-        """Whether the stop is for hot servos, which holding heats further: the robot should sit down."""
+        """Whether the stop is for hot servos: the robot should sit down to cool them."""
         return self.stopped is not None and self.stopped.startswith(HOT)
 
     def accepted_rad(self) -> FloatArray:
-        """Last accepted targets, or joint positions before the first command, (18,).
-
-        Raises RobotFaultError when the robot does not know where its joints are.
-        """
+        """Last accepted targets, (18,), initially the joint positions; raises RobotFaultError."""
         if self._accepted_rad is None:
             positions = self._read().joint_positions_rad
             if not np.isfinite(positions).all():
@@ -215,48 +183,36 @@ class Guard(ServosWrapper):
         return self._accepted_rad
 
     def connect(self) -> None:
-        """Connect the servos behind the guard.
-
-        Raises RobotFaultError when they cannot be reached.
-        """
+        """Connect the servos behind the guard; raises RobotFaultError if they cannot be reached."""
         with _UNREACHABLE:
             self.wrapped.connect()
 
     def close(self) -> None:
-        """Close the servos behind the guard; a stop stays latched.
-
-        Raises RobotFaultError when their link fails at that.
-        """
+        """Close the servos behind the guard; a stop stays latched. Raises RobotFaultError."""
         self._forget()
         with _LINK_FAILED:
             self.wrapped.close()
 
     def read(self) -> RobotState:
-        """Newest state; latches a stop when the robot has fallen, is at fault or gets no commands.
-
-        Raises RobotFaultError when the robot has gone.
-        """
+        """Newest state; latches a stop for a fall, a fault, or missing commands. Raises RobotFaultError."""
         state = self._read()
-        if self.stopped in (None, "expired") or self.hot:  # anything graver outweighs these
+        if self.stopped in (None, "expired") or self.hot:  # graver reasons outweigh these
             self._watch(state)
         return state
 
     def peek(self) -> RobotState:
-        """State of the servos as it is, without the checks of `read`: for reports between two ticks.
-
-        Raises RobotFaultError when the robot has gone.
-        """
+        """Newest state without the checks of `read`, between two ticks. Raises RobotFaultError."""
         return self._read()
 
     def write(self, targets: JointTargets) -> JointTargets:
-        """Pass targets on, limited in position and speed, and return what was really sent.
+        """Pass targets on, limited in position and speed, and return the targets sent.
 
-        A step is measured from the target that was in force when the control period began: a jump is slewed
-        at the joints' own speed, and many commands within a period move no further than one, each and all
-        together.
+        A step is measured from the target at the beginning of the control period: jumps are slewed at joint
+        speed, and several commands within a period together move no further than one.
+
         Raises EStopError while stopped, CommandRefusedError for targets that are not finite, too old or from
-        the future; then nothing is sent and the last accepted targets stay in force. Raises RobotFaultError
-        when the robot has gone.
+        the future: nothing is sent then, and the last accepted targets stay in force. Raises RobotFaultError
+        when the link fails.
         """
         if self.stopped is not None:
             self.counters.refused += 1
@@ -265,18 +221,15 @@ class Guard(ServosWrapper):
         return self._pass(targets)
 
     def write_while_timed_out(self, targets: JointTargets) -> JointTargets:
-        """Write although commands have expired or servos are hot, with the same limits: how it sits down.
-
-        Raises EStopError for any other stop, and otherwise what `write` raises.
-        """
+        """Write as `write` does, but also with expired commands or hot servos: to sit down."""
         if self.stopped not in (None, "expired") and not self.hot:
             raise EStopError(f"stopped: {reason_in_words(self.stopped)}; the robot holds its pose")
         return self._pass(targets)
 
     def stop(self, reason: str) -> None:
-        """Latch a stop; the servos hold the last accepted targets. Others outweigh silence and heat.
+        """Latch a stop; the servos hold the last accepted targets. Thread-safe.
 
-        May be called from any thread.
+        Any reason replaces a stop for silence; any reason but silence and heat replaces one for heat.
         """
         if reason in ("expired", "state"):
             self._note_standstill()
@@ -287,21 +240,18 @@ class Guard(ServosWrapper):
                 self.stopped = reason
 
     def clear(self) -> None:
-        """Let the robot move again, from where its joints are now; silence counts from the next command."""
+        """Let the robot move again, from its current joint angles; silence counts from the next command."""
         with self._latch:
             self.stopped = None
         self._forget()
 
     def forget_pose(self) -> None:
-        """Expect no position and no orientation until the next ones: they come from another source now.
-
-        The orientation by which falls are judged is still expected.
-        """
+        """Expect no position and orientation until the next ones; falls are still detected."""
         self._seen_at_s = {part: at_s for part, at_s in self._seen_at_s.items() if part == "tilt"}
         self.positions.forget()
 
     def lift_silence(self) -> bool:
-        """Clear a stop for silence, and no other, not even one that comes at this moment; return whether."""
+        """Clear a stop for silence, and no other, also in a race; return whether the robot may move."""
         with self._latch:
             if self.stopped not in (None, "expired"):
                 return False
@@ -310,10 +260,7 @@ class Guard(ServosWrapper):
         return True
 
     def disable_torque(self) -> bool:
-        """Let the joints go limp, where the servos can; False where they cannot.
-
-        Raises RobotFaultError when the robot has gone.
-        """
+        """Let the joints go limp; False if the servos cannot. Raises RobotFaultError when the link fails."""
         with _LINK_FAILED:
             limp = super().disable_torque()
         if limp:
@@ -321,13 +268,10 @@ class Guard(ServosWrapper):
         return limp
 
     def pause_watchdog(self) -> None:
-        """Expect no command until the next one, as between two trials; a stop stays latched.
-
-        Raises RobotFaultError when the robot has gone.
-        """
+        """Expect no command until the next one; a stop stays latched. Raises RobotFaultError."""
         self._accepted_at_s = None
         now_s = self.clock.now_s
-        # A pose that was known stays so, but its age counts from here.
+        # A known pose stays expected, but its age counts from here.
         self._seen_at_s = dict.fromkeys(self._seen_at_s, now_s)
         self.positions.forget()
         with _LINK_FAILED:
@@ -335,12 +279,11 @@ class Guard(ServosWrapper):
         self.clock.pause()
 
     def _pass(self, targets: JointTargets) -> JointTargets:
-        """Limit targets and send them on."""
         now_s = self.clock.now_s
         self._check(targets, now_s)
         allowed_rad = self._limits.apply(targets.joint_positions_rad, self._baseline(now_s))
         if self._accepted_rad is not None and self._accepted_rad is not self._baseline_rad:
-            # One more within a period: from the last one to this, it is a step like any other.
+            # Another command within a period: from the last one, it is a step like any other.
             allowed_rad = self._limits.stepped(allowed_rad, self._accepted_rad)
         sent = targets
         if allowed_rad.tolist() != targets.joint_positions_rad.tolist():
@@ -354,11 +297,9 @@ class Guard(ServosWrapper):
         return sent
 
     def _note_standstill(self) -> None:
-        """Note where silence is this program's own."""
         self.standstill = self.clock.standing_still() or self.standstill
 
     def _forget(self) -> None:
-        """Know of no command, no pose and no fall, as before the first one."""
         self._accepted_rad = self._accepted_at_s = self._baseline_rad = None
         self._seen_at_s = {}
         self.positions.forget()
@@ -381,7 +322,6 @@ class Guard(ServosWrapper):
         return state if believed else replace(state, base_position_world=None)
 
     def _check(self, targets: JointTargets, now_s: float) -> None:
-        """Refuse what must not even be limited."""
         try:
             check_targets(targets)
             age_s = now_s - targets.stamp_s
@@ -395,7 +335,7 @@ class Guard(ServosWrapper):
             raise
 
     def _watch(self, state: RobotState) -> None:
-        """Latch a stop for a fall, a fault, a state that says nothing, or a silent controller."""
+        """Latch a stop for a fall, a fault, a state without information, or a silent controller."""
         now_s = self.clock.now_s
         self._watch_pose(state, now_s)
         if not (all_finite(state.joint_positions_rad) and state.age_s <= self._expiry_s):
@@ -410,13 +350,11 @@ class Guard(ServosWrapper):
             self.stop("expired")
 
     def _watch_temperatures(self, temperatures_c: FloatArray) -> None:
-        """Latch a stop for a servo that is about to switch itself off."""
         hottest = int(np.argmax(np.nan_to_num(temperatures_c, nan=-np.inf)))
         if temperatures_c[hottest] >= TOO_HOT_C:
             self.stop(f"{HOT}: {JOINT_NAMES[hottest].replace('_', ' ')} {temperatures_c[hottest]:.0f} C")
 
     def _watch_pose(self, state: RobotState, now_s: float) -> None:
-        """Latch a stop for a fall, and for a pose that is not finite or has been lost."""
         orientation, tilt, lost = state.base_quaternion_world, self._tilt_of(state), False
         for part, value in (
             ("position", state.base_position_world),

@@ -15,12 +15,11 @@ from hexctl.errors import InputError, MissingExtraError, check_type
 from hexctl.robot.failure import Failure
 from hexctl.types import JOINT_NAMES, N_JOINTS, N_LEGS, FloatArray, JointTargets, RobotState
 
-#: Legs in names of columns.
 LEG_NAMES = tuple(f"leg{leg}" for leg in range(1, N_LEGS + 1))
 
 
 def joint_fields(what: str, unit: str) -> tuple[str, ...]:
-    """Names of a value of all 18 joints in data frames, such as `measured_leg1_coxa_rad`."""
+    """Data frame columns of a value of all 18 joints, such as `measured_leg1_coxa_rad`."""
     return tuple(f"{what}_{joint}_{unit}" for joint in JOINT_NAMES)
 
 
@@ -32,7 +31,7 @@ def _vector(name: str, fields: Sequence[str], unit: str, meaning: str, kind: typ
     return Column(name, (len(fields),), unit, meaning, kind, tuple(fields))
 
 
-#: The columns of a log, in the order of data frames: what is logged, drawn, exported and sent to a viewer.
+#: The columns of a log, in the order of data frames.
 COLUMNS: tuple[Column, ...] = (
     Column("time_s", unit="s", meaning="time of the tick, on the clock of the servos"),
     Column("phase", meaning="index in `hexctl.control.trace.PHASES`", kind=int),
@@ -59,29 +58,21 @@ COLUMNS: tuple[Column, ...] = (
     Column("work_s", unit="s", meaning="how long its work took"),
 )
 
-#: Their names.
 COLUMN_NAMES = tuple(column.name for column in COLUMNS)
 
-#: Ticks of a block in a walk that runs ahead of time: a second.
+#: Ticks of a block in a simulated walk: one second.
 BLOCK_TICKS = 50
 
-#: Ticks of a block in a walk that keeps time: the work of a second is then spread over its ticks.
+#: Ticks of a block in a real-time walk: the work of a second is spread over its ticks.
 PACED_BLOCK_TICKS = 1
 
-#: Ticks between two readings of single servos that are kept: a second.
+#: Ticks between two recorded readings of single servos: one second.
 SERVO_TICKS = 50
 
 
 @dataclass(frozen=True, slots=True)
 class LegChange:
-    """A tick in which legs were found to have failed, or to be whole again.
-
-    Attributes:
-        row: of the log. What the world does, it did since the row before.
-        by: `world`, what is broken, or `belief`, what the controller takes for broken.
-        before: failures until then, by leg.
-        failures: failures from then on, by leg.
-    """
+    """A tick in which the set of failed legs changed, in the `world` or in the controller's `belief`."""
 
     row: int
     by: str
@@ -90,33 +81,25 @@ class LegChange:
 
     @property
     def differences(self) -> list[tuple[int, Failure | None]]:
-        """Legs that changed, 1..6, and how they have failed now; None for one that is whole again."""
+        """Legs that changed, 1..6, and their failures now; None for an intact leg."""
         before, now = ({one.leg: one for one in failures} for failures in (self.before, self.failures))
         return [(leg, now.get(leg)) for leg in sorted({*before, *now}) if before.get(leg) != now.get(leg)]
 
 
 class TickLog:
-    """Rows of all ticks of a trial so far; those of the last minutes are in memory.
+    """Rows of all ticks of a trial so far; the last minutes are in memory.
 
-    `log[name]` gives a column of `COLUMNS` for all T ticks, (T,) or (T, width), and `to_frame` a table of
-    pandas.
-
-    What is not known is NaN: a pose or torques that the robot does not measure, a velocity in a walk that is
-    not steered, evidence in a walk that does not watch its legs. Given to `run_trial` as a recorder, a log is
-    filled tick by tick.
+    `log[name]` is a column of `COLUMNS` for all T ticks, (T,) or (T, width); unknown values are NaN. Given to
+    `run_trial` as a recorder, a log is filled tick by tick.
 
     Attributes:
-        controller: walks the next ticks, where it is known.
-        phase: the part of the trial that the next ticks belong to, one of `PHASES`.
+        phase: of the next ticks, one of `PHASES`.
         frame: the trial frame, from the start of the walk on.
-        pose_known: whether the last tick came with a base position.
+        pose_known: whether the last tick had a base position.
         posed_from: the first row with a base position, None before any.
-        contacts_known: whether the last tick came with foot contacts.
-        walked_ticks: how many ticks belong to the walk.
         walk_from: the first row of the walk, None before it.
-        notes: rows at which something happened, and what.
-        leg_changes: which legs have failed, by the world and by the controller's belief, where that changed.
-        servo_rows: what single servos reported, once a second, and the rows of those ticks.
+        notes: rows and texts of events.
+        servo_rows: rows and reports of single servos, once a second.
     """
 
     def __init__(self) -> None:
@@ -138,7 +121,7 @@ class TickLog:
         return len(self._rows)
 
     def __getitem__(self, name: str) -> Any:
-        """All rows of a column; raises KeyError with the names that there are."""
+        """All rows of a column; raises KeyError with the allowed names."""
         if name not in COLUMN_NAMES:
             raise KeyError(f"{name}; allowed: {', '.join(COLUMN_NAMES)}")
         return self._rows.rows(name, 0, len(self))
@@ -152,10 +135,10 @@ class TickLog:
         """The log as a `pandas.DataFrame`, a row per tick.
 
         Columns have the names of exported CSV and Parquet files: `time_s` since the first tick, `walk_s`
-        since the walk began (0 before it), `phase` in words, and for each joint `commanded_leg1_coxa_rad`
-        (sent), `measured_..._rad` and `torque_..._nm`. Body and legs have `base_x_m`, `base_qw`,
-        `contact_leg1`, `suspicion_leg1` and `commanded_forward_m_s`. Further columns are `wanted_..._rad`,
-        what the controller returned before the guard, `late_s` and `work_s`. What is not known is NaN.
+        since the walk began (0 before), `phase` in words, `commanded_leg1_coxa_rad` (sent),
+        `measured_..._rad`, `torque_..._nm`, `wanted_..._rad` (before the guard), `base_x_m`, `base_qw`,
+        `contact_leg1`, `suspicion_leg1`, `commanded_forward_m_s`, `late_s` and `work_s`. Unknown values are
+        NaN.
 
         Raises MissingExtraError without pandas (extra `data`).
         """
@@ -209,16 +192,11 @@ class TickLog:
             self.walked_ticks += 1
 
     def note(self, texts: Sequence[str]) -> None:
-        """Note what happened in the tick that is recorded next."""
+        """Note events of the tick that is recorded next."""
         self.notes += [(len(self), text) for text in texts]
 
     def note_failures(self, by: str, failures: tuple[Failure, ...] | None) -> None:
-        """Note which legs have failed in the tick that is recorded next, if that has changed.
-
-        Args:
-            by: `world` or `belief`, as in `LegChange`.
-            failures: by leg; None where nothing is known of them.
-        """
+        """Note a change of the failed legs in `world` or `belief` at the next tick; None is unknown."""
         if failures is not None and failures != self._failures_by.get(by):
             before = self._failures_by.get(by, ())
             self._failures_by[by] = failures
@@ -241,7 +219,7 @@ class TickLog:
         self.walked_ticks += walked.size
 
     def took(self, work_s: float) -> None:
-        """Set how long the work of the last tick took, its recording included."""
+        """Set the duration of the last tick's work, recording included."""
         columns, row = self._rows.last()
         columns["work_s"][row] = work_s
 
@@ -253,15 +231,11 @@ class TickLog:
 
 @runtime_checkable
 class Recorder(Protocol):
-    """Takes the ticks of a trial in blocks.
-
-    Attributes:
-        block_ticks: ticks between two calls, or None to leave it to the trial's pace.
-    """
+    """Takes the ticks of a trial in blocks."""
 
     @property
     def block_ticks(self) -> int | None:
-        """Ticks between two calls."""
+        """Ticks between two calls, or None to leave it to the trial's pace."""
 
     def write_block(self, log: TickLog, start: int, stop: int) -> None:
         """Take rows [start, stop) of the log; blocks come in order and without gaps."""
@@ -269,27 +243,17 @@ class Recorder(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RecorderFailure:
-    """A recorder that raised, and what it raised. It was left out from then on."""
+    """A recorder that raised, and its error; it gets no further ticks."""
 
     recorder: Recorder
     error: Exception
 
 
 class Recorders:
-    """The recorders of one trial. Each fails alone: it neither silences another nor stops the robot.
-
-    Attributes:
-        log: the rows that the recorders are given.
-        failures: the recorders that raised, in the order in which they did.
-    """
+    """The recorders of one trial. A failed one affects neither the others nor the robot."""
 
     def __init__(self, *recorders: "Recorder | TickLog", block_ticks: int = BLOCK_TICKS) -> None:
-        """Take recorders and at most one log of the caller's own.
-
-        Args:
-            recorders: what is told of the ticks; a `TickLog` keeps them all.
-            block_ticks: ticks of a block for recorders that leave it open.
-        """
+        """Take recorders, at most one `TickLog` to fill, and the default size of a block."""
         for recorder in recorders:
             check_type(recorder, (TickLog, Recorder), "recorders", "TickLogs and Recorders")
         logs = [recorder for recorder in recorders if isinstance(recorder, TickLog)]
@@ -306,32 +270,32 @@ class Recorders:
 
     @classmethod
     def of(cls, recorders: "Recorders | Sequence[Recorder | TickLog]") -> "Recorders | None":
-        """The recorders given; None without any, so that no rows are kept unread."""
+        """The recorders given, or None without any."""
         if isinstance(recorders, Recorders):
             return recorders
         check_type(recorders, Sequence, "recorders", "a sequence of recorders, or Recorders")
         return cls(*recorders) if recorders else None
 
     def begin_phase(self, phase: str, frame: TrialFrame | None) -> None:
-        """Count the next ticks to a phase; the frame is known from the walk on."""
+        """Assign the next ticks to a phase; the frame is known from the walk on."""
         self.log.phase, self.log.frame = phase, frame
 
     def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
-        """Append a tick to the log, and hand on the blocks that are full."""
+        """Append a tick to the log, and pass full blocks on."""
         self.log.record(tick, state, wanted_rad, sent)
         if len(self.log) >= self._due_at:
             self._hand_on(whole_blocks=True)
 
     def took(self, work_s: float) -> None:
-        """Set how long the work of the last tick took."""
+        """Set the duration of the last tick's work."""
         self.log.took(work_s)
 
     def flush(self) -> None:
-        """Hand on what each recorder has not seen yet."""
+        """Pass on what each recorder has not seen yet."""
         self._hand_on(whole_blocks=False)
 
     def error_of(self, recorder: "Recorder | None") -> Exception | None:
-        """What a recorder raised, or None."""
+        """The error of a recorder, or None."""
         return next((failure.error for failure in self.failures if failure.recorder is recorder), None)
 
     def _hand_on(self, *, whole_blocks: bool) -> None:
@@ -355,20 +319,13 @@ class Recorders:
 
 @dataclass(slots=True)
 class _Active:
-    """A recorder that still works, its block size, and the rows that it has seen."""
-
     recorder: Recorder
     block_ticks: int
     done: int
 
 
 def frame_columns(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Columns (T,) of a data frame by name, in the order of `COLUMNS`.
-
-    Args:
-        values: columns of a log by name, as far as the data frame has them, and `walk_s`: the time since the
-            walk began. Foot contacts that are left out are NaN.
-    """
+    """Columns (T,) of a data frame by name, in the order of `COLUMNS`; missing foot contacts become NaN."""
     unknown = {"foot_contacts": np.full((len(values["time_s"]), N_LEGS), np.nan)}
     frame: dict[str, Any] = {}
     for column in COLUMNS:

@@ -1,4 +1,4 @@
-"""The tick: read, think, guard, write, record."""
+"""The control loop: read, compute, guard, write, record."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -11,16 +11,16 @@ from hexctl.types import FloatArray, JointTargets, RobotState, as_joint_angles
 
 
 class TickObserver(Protocol):
-    """Sees every tick of a loop. It runs within the tick and must neither wait nor raise."""
+    """Sees every tick of a loop. It runs within the tick and must neither block nor raise."""
 
     def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
-        """Take one tick: the state read, what the controller wanted, what was sent."""
+        """Take one tick: the state read, the controller's targets, and the targets sent."""
 
     def took(self, work_s: float) -> None:
-        """Take how long the work of the last tick took, its observers included."""
+        """Take the duration of the last tick's work, observers included."""
 
 
-#: Asked after each write with step and state; True ends the loop.
+#: Called after each write with step and state; True ends the loop.
 Until = Callable[[int, RobotState], bool]
 
 
@@ -32,17 +32,11 @@ def run_controller(
     until: Until | None = None,
     first_step: int = 0,
 ) -> tuple[int, RobotState]:
-    """Run a controller on the servos until it is done; the last step and state.
+    """Run a controller on connected servos, at their clock, until it is done; the last step and state.
 
-    Args:
-        servos: guarded, connected servos; their clock sets the pace.
-        controller: gives the targets for steps, ticks since it took over.
-        observers: see every tick.
-        until: ends the loop early.
-        first_step: number of the first step, for a controller that continues.
-
-    Raises EStopError when the guard stops the robot, CommandRefusedError when a target came too late, and
-    RobotFaultError when the robot or the simulation fails, InputError for other targets than 18 joint angles.
+    `until` ends the loop early. A controller that continues has another first step. Raises EStopError when
+    the guard stops the robot, CommandRefusedError when a target came too late, RobotFaultError when the robot
+    or the simulation fails, InputError for other targets than 18 joint angles.
     """
     tick = servos.clock.tick()
     zero_index = tick.index - first_step
@@ -57,10 +51,7 @@ def run_controller(
 def run_step(
     servos: Guard, controller: Controller, tick: Tick, step: int, observers: Sequence[TickObserver] = ()
 ) -> RobotState:
-    """One step of a controller at a tick that has begun; the state that it was given.
-
-    Raises what `run_controller` raises.
-    """
+    """One step of a controller at a tick; its state. Raises what `run_controller` raises."""
     began_s = time.perf_counter()
     state = servos.read()
     wanted_rad = as_joint_angles(controller.targets_rad(step, state), "controller", leading_shape=())

@@ -1,4 +1,4 @@
-"""From where a robot stands to the start of its walk: settling, the self-rotation, the trial frame."""
+"""Preparation of a walk: settling, the self-rotation, the trial frame."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -40,15 +40,10 @@ class WalkStart:
     """A robot, or a batch of n robots, that stands ready to walk.
 
     Attributes:
-        robot: who walks.
-        plans: what each of them shall do; one plan alone, n in a batch.
-        batch_shape: () alone, (n,) in a batch: the leading shape of states and targets.
-        period_s: control period.
-        turned_rad: how far the body has turned since the trial began.
-        frame: the trial frame, or None where the robot knows no pose.
-
-    Where `run_sim_trials` lets robots walk together that stand apart, which it does with the plans' own walks
-    alone, `turned_rad` and the fields of the frame have the leading shape (n,).
+        plans: a single plan, or n in a batch.
+        batch_shape: () for one robot, (n,) in a batch: the leading shape of states and targets.
+        turned_rad: turn since the trial began, (n,) for different starts, as the fields of the frame.
+        frame: None if the robot knows no pose.
     """
 
     robot: Robot
@@ -60,7 +55,7 @@ class WalkStart:
 
     @property
     def motions(self) -> list[Motion]:
-        """Motion of each plan, in the frame of its body."""
+        """Motion of each plan in the body frame."""
         turned_rad = np.broadcast_to(self.turned_rad, len(self.plans)).tolist()
         return [plan.motion(turned) for plan, turned in zip(self.plans, turned_rad, strict=True)]
 
@@ -71,12 +66,12 @@ class WalkStart:
         return each if self.batch_shape else each[0]
 
 
-#: Asked every tick; True ends the trial.
+#: Called every tick; True ends the trial.
 StopRequested = Callable[[], bool]
 
 
 def never() -> bool:
-    """No stop is requested."""
+    """Request no stop."""
     return False
 
 
@@ -86,22 +81,16 @@ def prepare(
     recorders: Recorders | Sequence[Recorder | TickLog] = (),
     stop_requested: StopRequested = never,
 ) -> WalkStart:
-    """Settle in the stance and turn the failed leg away; the robot at the start of its walk.
-
-    Position and yaw are the means over the rest before the walk, so that noise of the sensors does not bend
-    the line of travel. Raises what `run_controller` raises.
-    """
+    """Settle in the stance and turn the failed leg away; raises what `run_controller` raises."""
     return Preparation(servos, plan, Trace(), Recorders.of(recorders), stop_requested).run()
 
 
 def ticks_of(servos: LegServos, duration_s: float) -> int:
-    """A duration in whole control periods, at least one."""
+    """A duration in complete control periods, at least one."""
     return max(1, math.ceil(duration_s / servos.clock.period_s - 1e-9))
 
 
 class _TraceObserver:
-    """Adds every tick to the trial's trace."""
-
     def __init__(self, trace: Trace, servos: LegServos) -> None:
         self._trace, self._simulation = trace, servos.simulation
 
@@ -110,12 +99,10 @@ class _TraceObserver:
         self._trace.add(tick.time_s, state, None if pose is None else pose[0])
 
     def took(self, work_s: float) -> None:
-        """Nothing: a trace keeps no durations."""
+        """Do nothing: a trace keeps no durations."""
 
 
 class _NewsObserver:
-    """Notes in the log what happens to the robot's legs and what its controller notices."""
-
     def __init__(self, log: TickLog, servos: LegServos, controller: Controller) -> None:
         self._log, self._servos, self._controller = log, servos, controller
 
@@ -126,18 +113,18 @@ class _NewsObserver:
             self._log.note(texts)
 
     def took(self, work_s: float) -> None:
-        """Nothing: notes keep no durations."""
+        """Do nothing: notes keep no durations."""
 
 
 class WalkRows(Protocol):
-    """What a trial keeps of the ticks of its walk, beside the trace."""
+    """Keeps values of the ticks of a walk, in addition to the trace."""
 
     def add(self, state: RobotState, commanded_rad: FloatArray) -> None:
         """Take the next tick: the state, and the targets sent after it."""
 
 
 class RowObserver:
-    """Adds every tick of the walk to what is kept of it."""
+    """Adds every tick of the walk to `WalkRows`."""
 
     def __init__(self, rows: WalkRows) -> None:
         self._rows = rows
@@ -147,7 +134,7 @@ class RowObserver:
         self._rows.add(state, sent.joint_positions_rad)
 
     def took(self, work_s: float) -> None:
-        """Nothing: rows keep no durations."""
+        """Do nothing: rows keep no durations."""
 
 
 class Phases:
@@ -160,7 +147,7 @@ class Phases:
             self._observers.append(recorders)
 
     def begin(self, phase: str) -> None:
-        """Count the next ticks to a phase, in the trace and in every recording."""
+        """Assign the next ticks to a phase, in the trace and in every recording."""
         self.trace.begin_phase(phase)
         if self._recorders is not None:
             self._recorders.begin_phase(phase, self.trace.frame)
@@ -197,7 +184,7 @@ class Preparation:
         self._trace = trace
 
     def run(self) -> WalkStart:
-        """Settle, turn if need be, and lay the trial frame."""
+        """Settle, turn if necessary, and set the trial frame."""
         plan, robot = self._plan, self._servos.robot
         self._phases.begin("settle")
         self._stand(plan.settle_s)
@@ -212,16 +199,13 @@ class Preparation:
         return self._start(wrapped_rad(pose.yaw_rad - first.yaw_rad), frame)
 
     def _frame_without_yaw(self, pose: "_RestingPose") -> TrialFrame | None:
-        """The frame of a robot that knows its position alone, for a walk that holds its line.
-
-        It is believed to face along the x axis of its world.
-        """
+        """The frame of a robot without yaw for a held line: it is assumed to face along the x axis."""
         if self._plan.hold not in ("auto", "line") or not pose.position_known:
             return None
         return TrialFrame(pose.position_world, self._plan.heading_rad, 0.0)
 
     def _turn(self, turn_rad: float, first: "_RestingPose") -> "_RestingPose":
-        """Turn in place, then in small steps to the goal; the pose in which the robot stands then."""
+        """Turn in place, then in small steps to the goal; the resting pose then."""
         robot, plan, period_s = self._servos.robot, self._plan, self._servos.clock.period_s
         pose, steps = first, TurnSteps(swallowed_rad(robot))
         if abs(turn_rad) > SMALL_TURN_RAD:
@@ -239,7 +223,6 @@ class Preparation:
         return pose
 
     def _stand_after(self, controller: Controller) -> "_RestingPose":
-        """Run a controller, stand, and measure the pose at rest."""
         self._phases.run(controller)
         self._stand(PAUSE_S)
         pose = self._resting_pose(PAUSE_S)
@@ -258,20 +241,19 @@ class Preparation:
         )
 
     def _stand(self, duration_s: float) -> None:
-        """Come to the stance in the first half of a duration and rest in it for the second."""
+        """Move to the stance in the first half of a duration, and rest in the second."""
         ticks = ticks_of(self._servos, duration_s)
         moving = ticks // 2
         self._phases.run(Stand(self._servos.robot, self._servos.accepted_rad(), moving, ticks - moving))
 
     def _resting_pose(self, duration_s: float) -> "_RestingPose":
-        """The pose over the resting half of a stand that has just ended."""
         rest = slice(max(0, len(self._trace) - ticks_of(self._servos, duration_s) // 2 - 1), None)
         return _RestingPose.of(self._trace.positions_world[rest], self._trace.quaternions_world[rest])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _RestingPose(ArrayFields):
-    """Mean pose of a robot at rest: position (3,), yaw and its standard error; NaN where unknown."""
+    """Mean pose of a robot at rest: position (3,), yaw and its standard error; NaN if unknown."""
 
     position_world: FloatArray
     yaw_rad: float
@@ -279,7 +261,6 @@ class _RestingPose(ArrayFields):
 
     @classmethod
     def of(cls, positions_world: FloatArray, quaternions_world: FloatArray) -> "_RestingPose":
-        """The mean of positions (T, 3) and orientations (T, 4), those that are known."""
         positions = positions_world[np.isfinite(positions_world[:, 0])]
         position = positions.mean(axis=0) if len(positions) else np.full(3, np.nan)
         yaws = yaw_rad(quaternions_world[np.isfinite(quaternions_world[:, 0])])
@@ -291,10 +272,8 @@ class _RestingPose(ArrayFields):
 
     @property
     def position_known(self) -> bool:
-        """Whether a position was measured."""
         return math.isfinite(self.position_world[0])
 
     @property
     def yaw_known(self) -> bool:
-        """Whether a yaw was measured."""
         return math.isfinite(self.yaw_rad)

@@ -1,10 +1,6 @@
-"""What a guard's reasons to stop mean, in words for people.
+"""Explanations of a guard's reasons to stop, for messages; programs compare the reason itself."""
 
-The reason itself (`state`, `expired`, `fault: low battery`) is what programs compare, in results, statuses
-and on the wire; only messages carry the words.
-"""
-
-#: By the reason, or by what stands before its colon.
+#: By the reason, or by the text before its colon.
 MEANINGS = {
     "state": "what the robot measures came too late or was not a number",
     "expired": "no command came in time",
@@ -16,9 +12,6 @@ MEANINGS = {
 
 
 def reason_in_words(reason: str) -> str:
-    """A reason to stop with its meaning: `state (what the robot measures came too late ...)`.
-
-    A reason of others, and one that says by itself what happened, stays as it is.
-    """
+    """A reason to stop with its explanation in brackets, if it has one."""
     meaning = MEANINGS.get(reason.partition(":")[0])
     return reason if meaning is None else f"{reason} ({meaning})"

@@ -1,11 +1,7 @@
-"""Tables that grow, of ticks and of readings of servos: the newest rows in memory, older ones on disk.
+"""Growing tables of ticks and servo readings: the newest rows in memory, older ones on disk.
 
-An hour of ticks takes 150 MB, and a robot's own computer has a few hundred. Older rows are therefore written
-to a file without a name, on a disk if there is one (`/var/tmp`, because `/tmp` may be memory). It vanishes
-with the process.
-
-The file is written and read by calls, not mapped: a disk that is full or fails then raises an error. With a
-mapping it would end the process.
+An hour of ticks takes 150 MB, too much for a robot's computer. Older rows go to a nameless file that vanishes
+with the process. It is not mapped: an error of the disk would then end the process.
 """
 
 import logging
@@ -24,17 +20,15 @@ from hexctl.types import N_JOINTS, ServoReadings
 
 _LOG = logging.getLogger(__name__)
 
-#: Where the file is if possible; otherwise where temporary files usually are.
+#: Preferred folder of the file, because `/tmp` may be memory; else the default of temporary files.
 FOLDER = "/var/tmp"  # noqa: S108  the file has no name
 
-#: Rows that a table allocates, and later writes to the file, at a time. A tick waits for that: 0.2 ms for the
-#: 190 kB of a log, measured on one core of a server and into the memory in which the kernel collects writes.
+#: Rows per chunk. Writing one delays a tick by 0.2 ms for the 190 kB of a log (one server core, page cache).
 CHUNK_ROWS = 256
 
-#: Chunks that stay in memory: more than a recording that is behind has not read yet.
+#: Chunks in memory: more than a recording that lags has not read yet.
 KEPT_CHUNKS = 16
 
-#: Attributes of `ServoReadings` that are arrays.
 NUMBERS = ("ages_s", "efforts", "currents_a", "voltages_v", "temperatures_c")
 
 #: Readings of one chunk: half a minute at one reading a second.
@@ -42,16 +36,7 @@ CHUNK_READINGS = 32
 
 
 class Column(NamedTuple):
-    """A column of a table. Unknown values are NaN, 0 or False.
-
-    Attributes:
-        name: of the column.
-        shape: of one row, () for a number.
-        unit: of its values, empty without one.
-        meaning: what the values are.
-        kind: type of the values.
-        fields: names of its numbers in a data frame; empty if the column is a single number of that name.
-    """
+    """A column of a table; the shape of a number is (), and unknown values are NaN, 0 or False."""
 
     name: str
     shape: tuple[int, ...] = ()
@@ -62,22 +47,18 @@ class Column(NamedTuple):
 
 
 class Table:
-    """Rows of columns, of which only the newest are in memory.
-
-    If no disk has room for further rows, they stay in memory, with a warning.
-    """
+    """Rows of columns, with only the newest in memory, or all if no disk has room."""
 
     def __init__(self, columns: Sequence[Column], *, chunk_rows: int = CHUNK_ROWS) -> None:
-        """Begin without rows."""
         self._types = {column.name: np.dtype((column.kind, column.shape)) for column in columns}
         self._chunk_rows, self._chunk_bytes = chunk_rows, 0
-        #: Where the rows of each column begin in a chunk of the file, in bytes.
+        #: Offset of each column in a chunk of the file, in bytes.
         self._starts: dict[str, int] = {}
         for name, kind in self._types.items():
             self._starts[name] = self._chunk_bytes
             self._chunk_bytes += chunk_rows * kind.itemsize
         self._length = 0
-        #: Rows that were allocated together, an array per column; None once they are in the file.
+        #: An array per column; None once the chunk is in the file.
         self._chunks: list[dict[str, Any] | None] = []
         self._file: IO[bytes] | None = None
         self._on_disk = True
@@ -86,11 +67,7 @@ class Table:
         return self._length
 
     def append(self, rows: int = 1) -> tuple[dict[str, Any], int, int]:
-        """Allocate rows to be filled in.
-
-        Returns the arrays of a chunk, the index of the first new row in them, and how many rows there are: as
-        many of those wanted as fit into the chunk.
-        """
+        """Allocate rows: the arrays of a chunk, the first new row, and how many of the rows fit."""
         row = self._length % self._chunk_rows
         if row == 0:
             self._grow()
@@ -103,10 +80,7 @@ class Table:
         return self._newest(), (self._length - 1) % self._chunk_rows
 
     def rows(self, name: str, start: int, stop: int) -> Any:
-        """Rows [start, stop) of a column; those of a single chunk in memory are not copied.
-
-        Raises OSError if the disk does not return older rows.
-        """
+        """Rows [start, stop) of a column, not copied if in a single chunk in memory. Raises OSError."""
         size, stop = self._chunk_rows, min(stop, self._length)
         chunks = range(start // size, -(-stop // size))
         if len(chunks) == 1 and (arrays := self._chunks[chunks[0]]) is not None:
@@ -118,7 +92,6 @@ class Table:
         return rows
 
     def __getstate__(self) -> dict[str, Any]:
-        """Everything, for a copy that is in memory."""
         size = self._chunk_rows
         copies = [self._empty() for _ in self._chunks]
         for chunk, arrays in enumerate(copies):
@@ -132,21 +105,18 @@ class Table:
         return arrays
 
     def _grow(self) -> None:
-        """Write the oldest chunk in memory to the file, and allocate another."""
         leaving = len(self._chunks) - KEPT_CHUNKS
         if leaving >= 0 and self._on_disk:
             self._write(leaving)
         self._chunks.append(self._empty())
 
     def _empty(self) -> dict[str, Any]:
-        """A chunk without values: an array per column."""
         arrays = {name: np.empty(self._chunk_rows, kind) for name, kind in self._types.items()}
         for rows in arrays.values():
             rows.fill(np.nan if rows.dtype == float else 0)
         return arrays
 
     def _write(self, chunk: int) -> None:
-        """Move a chunk from memory to the file, if the disk takes all of it."""
         if (arrays := self._chunks[chunk]) is None:
             return
         try:
@@ -161,7 +131,6 @@ class Table:
             self._on_disk = False
 
     def _copy(self, name: str, chunk: int, first: int, rows: Any) -> None:
-        """Fill an array with rows of a chunk, from its row `first` on."""
         if (arrays := self._chunks[chunk]) is not None:
             rows[:] = arrays[name][first : first + len(rows)]
         elif self._file is not None:
@@ -170,17 +139,13 @@ class Table:
 
 
 class ServoRows:
-    """Readings of single servos and the rows of a log that they belong to, in the order of rows.
-
-    An hour of them takes 8 MB, of which the last minutes are in memory. Iterating gives (row, readings).
-    """
+    """Readings of single servos and their rows in a log; iterating gives (row, readings)."""
 
     def __init__(self, readings: Iterable[tuple[int, ServoReadings]] = ()) -> None:
-        """Begin with rows and what was reported at them."""
         self._rows = array("q")
         columns = [Column(name, (N_JOINTS,)) for name in NUMBERS]
         self._numbers = Table(columns, chunk_rows=CHUNK_READINGS)
-        #: Complaints, and the index of the first reading with them: they hardly ever change.
+        #: Complaints, and the index of the first reading with them: they rarely change.
         self._complaints: list[tuple[int, tuple[str, ...]]] = []
         for reading in readings:
             self.append(reading)
@@ -192,7 +157,7 @@ class ServoRows:
         return (one for index in range(len(self)) for one in self._readings(index, index + 1))
 
     def append(self, reading: tuple[int, ServoReadings]) -> None:
-        """Add what was reported at a row, which comes after all others."""
+        """Add the reading at a row after all others."""
         row, servos = reading
         if not self._complaints or self._complaints[-1][1] != servos.errors:
             self._complaints.append((len(self), servos.errors))
@@ -206,7 +171,6 @@ class ServoRows:
         return self._readings(bisect_left(self._rows, start), bisect_left(self._rows, stop))
 
     def _readings(self, first: int, end: int) -> list[tuple[int, ServoReadings]]:
-        """Rows and readings with these indices."""
         if first >= end:
             return []
         values = {name: self._numbers.rows(name, first, end) for name in NUMBERS}
@@ -227,7 +191,6 @@ class ServoRows:
 
 
 def _check_size(done: int, wanted: int, error: int) -> None:
-    """Raise an OSError if fewer bytes were written or read than wanted."""
     if done < wanted:
         raise OSError(error, os.strerror(error))
 

@@ -1,4 +1,4 @@
-"""The trace of a trial: where its base was at every tick, and the frame in which its walk is scored."""
+"""The trace of a trial: base poses at every tick, and the frame in which the walk is scored."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ import numpy as np
 from hexctl.control.table import Column, Table
 from hexctl.types import ArrayFields, FloatArray, RobotState
 
-#: The phases of a trial, in their order.
+#: The phases of a trial, in order.
 PHASES = ("settle", "turn", "walk", "stop")
 
 COLUMNS: tuple[Column, ...] = (
@@ -23,9 +23,8 @@ class TrialFrame(ArrayFields):
     """Frame of a trial, fixed at the start of its walk: origin there, x along the commanded heading.
 
     Attributes:
-        origin_world: start of the walk, (3,) in m; NaN where the robot knows no position.
-        heading_rad: direction of travel in the world.
-        yaw_rad: yaw of the body at the start; taken as 0 where the robot knows no yaw.
+        origin_world: (3,) in m; NaN if the robot knows no position.
+        yaw_rad: yaw of the body at the start; 0 if unknown.
     """
 
     origin_world: FloatArray
@@ -42,14 +41,7 @@ class TrialFrame(ArrayFields):
 
 
 class Trace:
-    """Base poses of a trial so far, tick by tick: all that the trial itself remembers of its ticks.
-
-    Those of the last minutes are in memory.
-    Positions and orientations are NaN where the robot did not know them.
-
-    Attributes:
-        frame: the trial frame, from the start of the walk on.
-    """
+    """Base poses of a trial so far, NaN if unknown; the frame is known from the walk on."""
 
     def __init__(self) -> None:
         self.frame: TrialFrame | None = None
@@ -60,7 +52,7 @@ class Trace:
         return len(self._rows)
 
     def begin_phase(self, phase: str) -> None:
-        """Count the next ticks to a phase of `PHASES`."""
+        """Assign the next ticks to a phase of `PHASES`."""
         self._starts.setdefault(phase, len(self))
 
     def add(self, time_s: float, state: RobotState, true_position_world: FloatArray | None = None) -> None:
@@ -75,7 +67,7 @@ class Trace:
             columns["true_position_world"][row] = true_position_world
 
     def rows(self, phase: str) -> slice:
-        """Rows of a phase; empty where it has not begun."""
+        """Rows of a phase, or none."""
         if phase not in self._starts:
             return slice(0, 0)
         start = self._starts[phase]
@@ -99,7 +91,7 @@ class Trace:
 
     @property
     def true_positions_world(self) -> FloatArray:
-        """True base positions of all ticks, (T, 3) in m; NaN where the robot is not simulated."""
+        """True base positions of all ticks, (T, 3) in m; NaN if not simulated."""
         return self._all("true_position_world")
 
     @property

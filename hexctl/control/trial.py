@@ -47,30 +47,26 @@ from hexctl.errors import (
 from hexctl.robot.failure import NoticedFailure
 from hexctl.types import FloatArray, RobotState
 
-#: Ticks between two looks at a walk that may end early.
+#: Ticks between two calls of `should_stop`.
 LOOK_TICKS = 50
 
-#: What a stop request may be, for messages.
+#: Allowed stop requests, for messages.
 STOP_REQUESTED = "a function without arguments that says whether to stop"
 
-#: Asked every `LOOK_TICKS` of a walk with the trace so far; True, or the reason in a word, ends the walk
-#: early, as `cut_short`.
+#: Called every `LOOK_TICKS` with the trace so far; True or a reason ends the walk as `cut_short`.
 ShouldStop = Callable[[Trace], bool | str]
 
-#: Judges a walk by its path so far, (T, 2); True when it has shown enough.
+#: Called with the path so far, (T, 2); True ends the walk.
 Enough = Callable[[FloatArray], bool]
 
 
 def stop_when(enough: Enough | None) -> ShouldStop | None:
-    """Early stopping by the path alone; None for None."""
+    """Early stopping by only the path; None for None."""
     return None if enough is None else lambda trace: enough(trace.path_m)
 
 
 def planned_walk(start: WalkStart) -> Walk | VelocityWalk:
-    """The walk of the plans: steered where they hold something, else open loop with constant motion.
-
-    Plans that walk together hold the same, and change their gaits at the same times.
-    """
+    """The walk of the plans: steered if they hold something, else open loop with constant motion."""
     hold = held(start.plans[0], start.frame)
     if hold != "none":
         return SteeredWalk(start, hold=hold)
@@ -100,28 +96,23 @@ def run_trial(
 ) -> TrialResult:
     """Run a plan on connected servos and return the result.
 
-    A fall, a latched stop, a diverged simulation or a requested stop is a status of the result; so is
-    `cut_short`, when `should_stop` ends the walk. A stop that is requested from the start commands nothing: a
-    limp robot stays limp. Where the clock waits for the time, this thread has
-    real-time priority meanwhile, if it may.
+    A fall, a latched stop, a diverged simulation or a requested stop is a status of the result. A stop that
+    is requested from the start commands nothing: a limp robot stays limp. With a real-time clock this thread
+    has real-time priority, if permitted.
 
     Args:
-        servos: guarded, connected servos; a simulation without a guard is put behind one for this trial.
-        plan: what the robot shall do.
-        controller: walks instead of the plan's own walk; a controller, what makes one of a `WalkStart`, or a
-            function of step and state that returns 18 joint angles. The `done` of a controller may end the
-            walk. The result has its name.
-        recorders: take the ticks in blocks, each failing alone. Given as `Recorders`, failures stay there;
-            otherwise each is a warning.
-        stop_requested: asked before the first tick and at every tick; True ends the trial as `aborted`.
-        should_stop: asked every `LOOK_TICKS` of the walk.
-        soft_stop: False leaves out the stop after the walk, which is never scored.
+        servos: guarded, connected servos; a simulation may come without a guard.
+        plan: the failures it knows may differ from those of a simulation.
+        controller: walks instead of the plan's own walk; a controller, a factory of one for a `WalkStart`, or
+            a function of step and state that returns 18 joint angles. Its `done` may end the walk.
+        recorders: take the ticks in blocks; failures are warnings, or are kept by `Recorders`.
+        stop_requested: called before and at every tick; True ends the trial as `aborted`.
+        should_stop: called every `LOOK_TICKS` of the walk.
+        soft_stop: False omits the stop after the walk, which is never scored.
 
-    What a simulation breaks may differ from what the plan's controller was told.
-
-    Raises WrongTypeError for an argument of another type, InputError for a robot without a guard, ReachError
-    or LimitError for a walk that the legs cannot make, all before anything moves; InputError for a controller
-    that returns other than 18 joint angles; RobotFaultError when the robot has gone.
+    Raises, before anything moves, WrongTypeError for an argument of another type, InputError for a robot
+    without a guard, ReachError or LimitError for a walk that the legs cannot make. Later InputError for a
+    controller that returns other than 18 joint angles, RobotFaultError when the link fails.
     """
     check_type(servos, LegServos, "servos", "connected LegServos, as Guard(SimServos('ant')) gives")
     check_type(plan, TrialPlan, "plan", "a TrialPlan")
@@ -138,7 +129,7 @@ def run_trial(
     try:
         with realtime_priority() if guard.clock.waits else nullcontext():
             trial.run(soft_stop=soft_stop)
-        # What comes now takes its time, and silence must not be taken for a failure.
+        # What follows takes time, and silence must not count as a failure.
         guard.pause_watchdog()
     finally:
         if kept is not None:
@@ -152,7 +143,7 @@ def run_trial(
 def _guarded(servos: LegServos) -> Guard:
     """The guard given, or a new one around a simulation.
 
-    Raises InputError for other servos: a stop is latched in the guard, which therefore outlives the trial.
+    Raises InputError for other servos: a stop is latched in the guard, which must outlive the trial.
     """
     if isinstance(servos, Guard):
         return servos
@@ -165,18 +156,7 @@ def _guarded(servos: LegServos) -> Guard:
 
 
 class _Trial:
-    """A trial on its way: how far it went, and why no further.
-
-    Attributes:
-        trace: what it remembers of its ticks.
-        status: `ok` once the whole duration was walked.
-        stopped: why it was aborted, if it was.
-        turned_rad: how far the self-rotation turned.
-        clipped_ticks: ticks of the walk in which the guard changed the targets.
-        hold: what the controller held.
-        limited_ticks: ticks of the walk in which it was slower than asked for.
-        noticed: failures that the controller noticed.
-    """
+    """A trial in progress; the status is `ok` once the full duration was walked."""
 
     def __init__(
         self,
@@ -199,10 +179,9 @@ class _Trial:
         self._samples, self._effort = WalkSamples(ticks_of(servos, plan.duration_s)), WalkEffort()
 
     def run(self, *, soft_stop: bool) -> None:
-        """Settle, turn, walk and stop."""
         servos, trace, recorders = self._servos, self.trace, self._recorders
         try:
-            # The first command would power up a robot that lies limp.
+            # The first command would power up a limp robot.
             if not self._stop_requested():
                 start = Preparation(servos, self._plan, trace, recorders, self._stop_requested).run()
                 self.turned_rad = start.turned_rad
@@ -218,7 +197,6 @@ class _Trial:
             self.stopped = servos.stopped or "requested"
 
     def result(self) -> TrialResult:
-        """The result of the walk so far."""
         trace, plan = self.trace, self._plan
         rows = trace.rows("walk")
         return score(
@@ -266,7 +244,7 @@ class _Trial:
             self._stop_softly(phases, walk, step + 1)
 
     def _until(self) -> Until:
-        """What ends the walk before its controller does; sets the status."""
+        """The condition that ends the walk before its controller does; sets the status."""
         last = ticks_of(self._servos, self._plan.duration_s) - 1
         looks = 0
 
@@ -285,7 +263,7 @@ class _Trial:
         return over
 
     def _stop_softly(self, phases: Phases, walk: Controller, step: int) -> None:
-        """Bring the robot to a stand from a step on; what goes wrong now no longer changes the walk."""
+        """Stop the robot softly from a step on; errors no longer change the result."""
         phases.begin("stop")
         with suppress(EStopError, CommandRefusedError, SimulationDivergedError):
             if steps := walk.stop(step):
@@ -296,8 +274,6 @@ class _Trial:
 
 
 class _SoftStop(Controller):
-    """A controller that has been stopped, up to its last step: one that was done has strides to end too."""
-
     def __init__(self, walk: Controller, last_step: int) -> None:
         self._walk, self._last_step = walk, last_step
 
@@ -305,11 +281,11 @@ class _SoftStop(Controller):
         return self._walk.targets_rad(step, state)
 
     def done(self, step: int, state: RobotState) -> bool:
-        self._walk.done(step, state)  # it may follow the state there, as `Turn` does
+        self._walk.done(step, state)  # it may update itself there, as `Turn` does
         return step >= self._last_step
 
 
 def _span_s(times_s: FloatArray, period_s: float) -> float:
-    """The time that ticks span, points that the clock skipped included."""
+    """The time that ticks span, including those that the clock skipped."""
     ticks = round((times_s[-1] - times_s[0]) / period_s) + 1 if times_s.size else 0
     return ticks * period_s

@@ -13,10 +13,9 @@ from hexctl.robot.failure import UNKNOWN, Failure, check_further, each_failure
 SelfRotation = Literal["rear", "front", "none"]
 SELF_ROTATIONS = get_args(SelfRotation)
 
-#: How messages name it.
 _THEN = argument("then")
 
-#: What a walk holds by feedback: its line, its heading alone, nothing; `auto`: the best the robot allows.
+#: What a walk holds by feedback; `auto` is the best that the robot allows.
 Hold = Literal["auto", "line", "heading", "none"]
 HOLDS = get_args(Hold)
 
@@ -26,29 +25,23 @@ HEADING_DEG = Range(degrees=True)
 
 TURN_DEG_S = Range(low=-360, high=360, unit="deg/s", degrees=True)
 
-#: Where callers ask for the self-rotation that suits a walk.
+#: Asks for the self-rotation that suits a walk.
 AUTO_ROTATION: Final = "auto"
 AskedRotation = Literal["auto", "rear", "front", "none"]
 
-#: A course that is further off than this is not trimmed: the robot is not walking ahead.
+#: A larger course error is not trimmed: the robot is not walking ahead.
 TRIM_DEG = Range(low=-45, high=45, degrees=True)
 MAX_TRIM_RAD = math.radians(TRIM_DEG.high)
 
-#: A walk that curves by more than this, 120 degrees in 30 s, is not trimmed either.
+#: A larger curve, 120 degrees in 30 s, is not trimmed either.
 MAX_TURN_TRIM_RAD_S = math.radians(4.0)
 
 
 def suited_rotation(self_rotation: str, hold: str, *, chosen_gait: bool) -> str:
-    """Self-rotation that suits a walk where `auto` is asked for, else the one that is asked for.
+    """The self-rotation asked for, or for `auto` the one that suits a walk.
 
-    A walk that holds its line with a gait chosen for the failed leg is as fast without a turn. The others
-    turn the leg to the rear: with the yaw alone that halves the deviation, a gait made for six legs is faster
-    with the leg there, and the paper does so.
-
-    Args:
-        self_rotation: one of `SELF_ROTATIONS`, or `auto`.
-        hold: what the walk will hold, one of `HOLDS`; `auto` counts as `line`.
-        chosen_gait: whether the gait is chosen for the failed leg, as `--gait auto` is.
+    A turn gains no speed with a held line and a gait chosen for the failed leg. Otherwise the leg turns to
+    the rear, as in the paper: with only the yaw that halves the deviation, and gaits for six legs are faster.
     """
     if self_rotation != AUTO_ROTATION:
         return self_rotation
@@ -57,12 +50,7 @@ def suited_rotation(self_rotation: str, hold: str, *, chosen_gait: bool) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GaitChange:
-    """A change of gait in stride.
-
-    Attributes:
-        gait: the gait from then on.
-        at_s: when it begins, seconds since the walk began.
-    """
+    """A change of gait in stride, `at_s` after the walk began."""
 
     gait: Gait
     at_s: float
@@ -79,24 +67,21 @@ class TrialPlan:
     """Settle, turn a failed leg away, walk, stop.
 
     Attributes:
-        gait: how to walk.
-        heading_rad: direction of travel, from where the body points when the trial begins.
+        heading_rad: direction of travel, from the initial direction of the body.
         travel: 1 to travel, 0 to stay on the spot.
         turn_rate_rad_s: commanded yaw rate during the walk.
-        duration_s: how long to walk, the soft start included and the soft stop not.
-        belief: the failure that the controller was told of, or None; a leg that is `locked`, or failed in
-            an `unknown` way, is held in its stance pose. What a simulation breaks is given to the simulation.
+        duration_s: of the walk, with the soft start, without the soft stop.
+        belief: the failure that the controller knows, or None; `locked` and `unknown` legs are held in their
+            stance pose. A simulation gets its own failures.
         self_rotation: where the failed leg points during the walk: `rear`, `front` or `none` (as it is).
-        turn_rad: how far to turn before the walk, overriding `self_rotation`; None to follow it.
+        turn_rad: turn before the walk, instead of `self_rotation`; None to follow it.
         settle_s: time to reach the stance and come to rest.
-        hold: what the walk holds, one of `HOLDS`; with `none` it is open loop, as in the paper.
+        hold: one of `HOLDS`; `none` is open loop, as in the paper.
         changes: of the gait, in stride, ascending in time.
-        trim_rad: under the hold `heading`, by how much the course is turned against what the yaw says,
-            counter-clockwise; it takes out a bias that was measured in a walk before.
-        turn_trim_rad_s: in open loop, a turn that goes with the walk and takes out a curve that was measured
-            in a walk before, counter-clockwise; the line stays straight. None for a walk that is not trimmed.
-        further_failures: those of other legs that the controller was told of besides `belief`, by leg. With
-            more failed legs than one there is no self-rotation but `turn_rad`.
+        trim_rad: counter-clockwise correction of the course under the hold `heading`, from an earlier walk.
+        turn_trim_rad_s: in open loop, a counter-clockwise turn that removes the curve of an earlier walk;
+            None for a walk that is not trimmed.
+        further_failures: of other legs that the controller knows, by leg; only `turn_rad` turns then.
     """
 
     gait: Gait
@@ -146,7 +131,7 @@ class TrialPlan:
         self.motion(0.0)
 
     def _check_turn_trim(self) -> None:
-        """Raise InputError for a trim of a walk that has no line in open loop, or one that is too large."""
+        """Raise InputError for a large trim, and for one of a walk that is not straight in open loop."""
         trim_rad_s = self.turn_trim_rad_s
         check_type(trim_rad_s, (float, type(None)), "plan.turn_trim_rad_s", "a rate in rad/s, or None")
         if trim_rad_s is None:
@@ -172,17 +157,17 @@ class TrialPlan:
 
     @property
     def straight(self) -> bool:
-        """Whether the walk goes along a line, so that there is something to hold."""
+        """Whether the walk is along a line."""
         return self.travel > 0 and self.turn_rate_rad_s == 0
 
     @property
     def failures(self) -> tuple[Failure, ...]:
-        """All failures that the controller was told of, by leg."""
+        """All failures that the controller knows, by leg."""
         return each_failure((*each_failure(self.belief), *self.further_failures))
 
     @property
     def failed_legs(self) -> tuple[int, ...]:
-        """The failed legs, ascending, in the form of `GaitSpace`."""
+        """The failed legs, ascending."""
         return tuple(one.leg for one in self.failures)
 
     @property

@@ -11,22 +11,18 @@ from hexctl.errors import InputError, MissingExtraError
 from hexctl.robot.failure import NoticedFailure
 from hexctl.types import ArrayFields, FloatArray
 
-#: `ok` is the only valid outcome; the others rank behind every valid trial.
+#: Only `ok` is valid; the others rank behind every valid trial.
 STATUSES = ("ok", "fell", "diverged", "no_progress", "cut_short", "aborted")
 
-#: Fields of a result that say how it walked, not where to.
+#: Fields on the quality of a walk.
 QUALITIES = ("energy_j", "cost_of_transport", "tilt_deg", "steadiness")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Deviation(ArrayFields):
-    """Distance from the line of travel in m.
+    """Distance from the line of travel in m, absolute except `signed`, which is positive to the left.
 
-    Attributes:
-        final: at the end, absolute (the paper's F).
-        mean: mean of the absolute deviation over the walk; NaN where only the end was measured.
-        max: greatest absolute deviation; NaN likewise.
-        signed: at the end, positive to the left.
+    `final` (the paper's F) and `signed` are at the end; mean and max are NaN if only the end was measured.
     """
 
     final: float
@@ -40,7 +36,7 @@ class Deviation(ArrayFields):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, float | None]) -> "Deviation | None":
-        """Inverse of `to_dict`; None where the end is not known."""
+        """Inverse of `to_dict`; None if the end is not known."""
         if data["signed"] is None:
             return None
         values = {name: math.nan if value is None else float(value) for name, value in data.items()}
@@ -49,51 +45,39 @@ class Deviation(ArrayFields):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class TrialResult(ArrayFields):
-    """The outcome of one trial; distances are None where the robot knows no pose or never set out.
+    """The outcome of one trial; distances are None if the robot knows no pose or never started.
 
     Attributes:
-        status: one of `STATUSES`. A walk that shows one and the same position from its start on has made
-            `no_progress`, with distances that are None: the robot stands, or its sensor is dead.
-        stopped: why an aborted trial was stopped: `requested`, or what the guard says; why one was cut short,
-            where it was not for what it showed; None otherwise.
-        duration_s: how long it walked.
-        turned_rad: how far the self-rotation before the walk turned.
+        status: one of `STATUSES`. A constant position from the start on is `no_progress`: the robot stands,
+            or its sensor is dead.
+        stopped: why it was aborted (`requested`, or the guard's reason) or cut short; None otherwise.
+        turned_rad: turn by the self-rotation before the walk.
         distance_m: progress along the heading.
         ideal_distance_m: 1.5 * A * pace * duration.
-        deviation: from the line of travel.
-        yaw_change_rad: how far the body turned during the walk, counter-clockwise, whole turns counted.
+        yaw_change_rad: turn during the walk, counter-clockwise, with full turns.
         clipped_ticks: ticks in which the guard changed the targets.
-        path_m: progress and signed deviation at each tick of the walk, (T, 2); NaN where not measured.
-        cause: the likely cause of `no_progress`, one of `hexctl.control.assessment.cause.CAUSES`; None for
-            any other status, and where none stands out or joints and feet are not measured.
-        turn_miss_rad: how much further than its goal the self-rotation turned, counter-clockwise; None
-            without one, and where the robot knows no yaw. A degree is worth 8 to 14 cm after 30 s.
+        path_m: progress and signed deviation at each tick of the walk, (T, 2); NaN if not measured.
+        cause: likely cause of `no_progress`, of `hexctl.control.assessment.cause.CAUSES`, or None.
+        turn_miss_rad: overshoot of the self-rotation, counter-clockwise; None without one or without a yaw. A
+            degree adds 8 to 14 cm after 30 s.
         hold: what the walk held by feedback: `line`, `heading` or `none`.
-        hold_caveat: why it held less than its plan wanted, in words; None where it did not.
-        hold_lost_s: how long what it holds by was not measured, in gaps of more than a second; a value that
-            froze for more than 4 s was not, and has no part in any other number of the result. What a sensor
-            showed wrongly otherwise does not count.
-        limited_ticks: ticks in which a steered walk asked for more speed than its strokes allow, and was
-            scaled down.
-        true_deviation: from the same line by where a simulated robot really was, which its sensors may not
-            have told; None for a real robot.
-        true_path_m: the same as `path_m` by where it really was, (T, 2); None for a real robot, and for a
-            result that was read. It counts in no comparison.
-        energy_j: mechanical work of the joints' actuators over the walk, without what they brake; None where
-            the robot does not tell its torques.
-        cost_of_transport: that work per weight and metre of progress, without unit; None likewise, without
-            progress, and for a turn in place and an arc.
-        tilt_deg: lean of the body after the soft start, root mean square; None where its orientation is not
-            known.
-        steadiness: by how much the velocity of the body differs from its mean after the soft start, root mean
-            square in m/s, so that smaller is steadier; None where its position is not known.
-        trim_rad: course correction with which it held its heading, counter-clockwise; None where it held
-            something else, or nothing.
-        turn_trim_rad_s: turn that went with it in open loop to take out its curve, counter-clockwise; None
-            where it was not trimmed.
-        noticed: failures that the controller noticed on the way.
-        controller: name of the custom controller that walked; None for the walk of the plan itself. It counts
-            in no comparison.
+        hold_caveat: why it held less than its plan asked for, in words, or None.
+        hold_lost_s: total gaps of more than a second in the measurement that it holds by. Values frozen for
+            more than 4 s count as gaps, and are excluded from all other numbers.
+        limited_ticks: ticks in which a steered walk was slowed down to its maximum strokes.
+        true_deviation: by the true positions of a simulated robot; None for a real one.
+        true_path_m: `path_m` by true positions, (T, 2); None for a real robot and a result from a file. Not
+            compared.
+        energy_j: positive mechanical work of the joints over the walk; None without torques.
+        cost_of_transport: energy per weight and metre of progress, without unit; None also without progress,
+            and for turns and arcs.
+        tilt_deg: RMS lean of the body after the soft start; None without orientations.
+        steadiness: RMS deviation of the body's velocity from its mean after the soft start, in m/s; smaller
+            is steadier; None without positions.
+        trim_rad: counter-clockwise course correction of a held heading, or None.
+        turn_trim_rad_s: counter-clockwise turn that removed a curve in open loop, or None.
+        noticed: failures that the controller detected.
+        controller: name of a custom controller, or None. Not compared.
     """
 
     status: str
@@ -129,10 +113,7 @@ class TrialResult(ArrayFields):
         return self.status == "ok" and self.deviation is not None
 
     def to_dict(self, *, path: bool = False) -> dict[str, Any]:
-        """The outcome as plain JSON values, angles in degrees; with `path`, the path as well.
-
-        There is a `controller` only if a custom one walked.
-        """
+        """JSON values, angles in degrees; `controller` only for a custom one, the path if asked for."""
         unknown = {"final": None, "mean": None, "max": None, "signed": None}
         yaw_change = self.yaw_change_rad
         data: dict[str, Any] = {
@@ -165,10 +146,7 @@ class TrialResult(ArrayFields):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> "TrialResult":
-        """Inverse of `to_dict`, angles up to rounding; a path that was left out is empty.
-
-        Raises InputError for anything else.
-        """
+        """Inverse of `to_dict`, angles up to rounding; raises InputError for anything else."""
         try:
             path, true_deviation_m = data.get("path_m") or np.zeros((0, 2)), data["true_deviation_m"]
             return cls(
@@ -201,13 +179,7 @@ class TrialResult(ArrayFields):
             ) from error
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the path seen from above, the line of travel from left to right; the axes drawn in.
-
-        Args:
-            ax: matplotlib axes, or None for those of a new figure.
-
-        Raises MissingExtraError without matplotlib.
-        """
+        """Draw the path from above in axes, or a new figure; raises MissingExtraError."""
         ax = path_axes(ax)
         (line,) = ax.plot(self.path_m[:, 0], self.path_m[:, 1], label=repr(self))
         if len(self.path_m):
@@ -228,10 +200,7 @@ class TrialResult(ArrayFields):
 
 
 def path_axes(ax: Any = None) -> Any:
-    """Matplotlib axes for paths seen from above, with the line of travel: those given, or of a new figure.
-
-    Raises MissingExtraError without matplotlib.
-    """
+    """Matplotlib axes for paths from above, with the line of travel; raises MissingExtraError."""
     try:
         import matplotlib.pyplot as plt
     except ModuleNotFoundError as error:

@@ -1,4 +1,4 @@
-"""Options of a walk that several commands have."""
+"""Walk options that several commands share."""
 
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
@@ -10,7 +10,7 @@ from hexctl.options import RARE, Typed
 
 @dataclass(frozen=True, kw_only=True)
 class WalkOptions:
-    """How a robot steps and turns; what is None is the robot's own."""
+    """How a robot steps and turns; None takes the robot's value."""
 
     PANEL: ClassVar = "Walk"
 

@@ -1,13 +1,12 @@
 """The factorial encoding: a bijection between gait codes 1..n! and the phase slots of the legs.
 
-Paper, section 2. A gait gives leg i a phase slot g_i, 1..6. The code is the lexicographic rank of the slots
-(g_1, ..., g_6), counted from 1. With the Lehmer digits c_i, the number of free slots below g_i that no
-earlier leg has taken,
+Paper, section 2. A gait gives leg i a phase slot g_i, 1..6. The code is the lexicographic rank of the slots,
+counted from 1. With the Lehmer digits c_i, the number of free slots below g_i,
 
     code = 1 + sum over the walking legs i = 1..n of c_i * (n - i)!
 
-so 1 is the identity and n! the reversed order. A failed leg k keeps slot k, and the rank runs over the
-arrangements of the n other legs: 120 for one failed leg, 24 for two, 6 for three.
+A failed leg k keeps slot k, and the rank counts the arrangements of the n other legs: 120 for one failed leg,
+24 for two, 6 for three.
 """
 
 import math
@@ -17,7 +16,6 @@ from collections.abc import Iterable, Sequence
 from hexctl.errors import InputError, argument, check_type
 from hexctl.types import N_LEGS
 
-#: How messages name it.
 _GAIT = argument("gait")
 Slots = tuple[int, ...]
 
@@ -28,10 +26,7 @@ def code_count(failed_legs: Iterable[int] = ()) -> int:
 
 
 def slots_from_code(code: int, failed_legs: Iterable[int] = ()) -> Slots:
-    """Slots of legs 1..6 of a gait code.
-
-    Raises InputError for a code outside 1..n!.
-    """
+    """Slots of legs 1..6 of a gait code; raises InputError for a code outside 1..n!."""
     free = _free_legs(failed_legs)
     count = math.factorial(len(free))
     check_type(code, int, _GAIT, f"a whole number, 1..{count}")
@@ -47,11 +42,7 @@ def slots_from_code(code: int, failed_legs: Iterable[int] = ()) -> Slots:
 
 
 def code_from_slots(slots: Sequence[int], failed_legs: Iterable[int] = ()) -> int:
-    """Gait code of the slots of legs 1..6.
-
-    Raises InputError for slots that are not a permutation of 1..6, or in which a failed leg does not keep
-    its own slot.
-    """
+    """Gait code of the slots of legs 1..6, a failed leg in its own; raises InputError."""
     check_permutation(slots)
     free = _free_legs(failed_legs)
     for leg in range(1, N_LEGS + 1):
@@ -67,10 +58,7 @@ def code_from_slots(slots: Sequence[int], failed_legs: Iterable[int] = ()) -> in
 
 
 def as_slots(slots: Iterable[int]) -> Slots:
-    """Slots as a tuple of plain whole numbers, from any sequence of them.
-
-    Raises WrongTypeError for text, and for anything that does not hold whole numbers.
-    """
+    """Slots as a tuple of plain whole numbers; raises WrongTypeError for text and other content."""
     allowed = f"{N_LEGS} whole numbers, each 1..{N_LEGS}"
     if isinstance(slots, str):
         check_type(slots, tuple, _GAIT, allowed)
@@ -89,7 +77,6 @@ def check_permutation(slots: Sequence[int]) -> None:
 
 
 def _free_legs(failed_legs: Iterable[int]) -> tuple[int, ...]:
-    """Legs that have not failed, ascending."""
     check_type(failed_legs, Iterable, "failed legs", f"legs, each 1..{N_LEGS}, such as (5,)")
     failed = set(failed_legs)
     if not failed <= set(range(1, N_LEGS + 1)):

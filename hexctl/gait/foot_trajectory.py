@@ -4,8 +4,8 @@ Foot i is at its stance position plus an offset (Eq. 1, 2), with m_i along the d
 
     p_i = p_i^o + (m_i(u) cos theta, m_i(u) sin theta, h_i(u))
 
-u is the foot's own normalised time (Eq. 5). In the swing, u in [1/3, 2/3), the foot moves through the air
-against its direction in the stance. At the start and the stop of a walk, m and h are scaled by a ramp.
+u is the foot's own normalised time (Eq. 5), and u in [1/3, 2/3) the swing. A ramp scales m and h at the start
+and the stop of a walk.
 """
 
 from collections.abc import Sequence
@@ -21,25 +21,20 @@ from hexctl.types import N_LEGS, ArrayFields, BoolArray, FloatArray
 
 SWING_START, SWING_TOP, SWING_END = 1 / 3, 1 / 2, 2 / 3
 
-# Constants of the curves. NumPy calculates with arrays faster than with numbers, to the same bits.
+# Constants of the curves. NumPy computes faster with arrays than with numbers, to the same bits.
 _SLOPE, _SWING_SLOPE, _LIFT_SLOPE = np.array(1.5), np.array(3.0), np.array(6.0)
 _BACK, _ZERO, _ONE = np.array(-0.5), np.array(0.0), np.array(1.0)
 _TOP, _END = np.array(SWING_TOP), np.array(SWING_END)
 
 
 def phase_in_cycle(cycles: ArrayLike, slots: ArrayLike) -> FloatArray:
-    """Normalised time of each leg in [0, 1), u = mod(t + (g_i - 1) / 6, 1) (paper, Eq. 5).
-
-    Args:
-        cycles: t, gait cycles since the start; broadcasts against the slots.
-        slots: g_i, the phase slot of each leg, 1..6.
-    """
+    """Normalised time of each leg in [0, 1), u = mod(t + (g_i - 1) / 6, 1), of slots g_i (paper, Eq. 5)."""
     return part_of_cycle(np.asarray(cycles) + (np.asarray(slots) - 1) / 6)
 
 
 def part_of_cycle(cycles: FloatArray) -> FloatArray:
-    """What times in cycles have of a cycle, in [0, 1)."""
-    # mod of a tiny negative rounds to 1.0 itself, which is the start of the cycle: hence the second one.
+    """Fractional part of times in cycles, in [0, 1)."""
+    # mod of a tiny negative rounds to 1.0, which is the start of the cycle: hence the second one.
     part: FloatArray = np.mod(np.mod(cycles, _ONE), _ONE)
     return part
 
@@ -47,9 +42,8 @@ def part_of_cycle(cycles: FloatArray) -> FloatArray:
 def stroke_offset(u: FloatArray, swing_share: FloatArray | None = None) -> FloatArray:
     """Offset in the plane as a fraction of the amplitude, m / A in [-1/2, 1/2] (paper, Eq. 3).
 
-    3u/2 in [0, 1/3), 1/2 - 3 (u - 1/3) in [1/3, 2/3), -1/2 (1 - 3 (u - 2/3)) in [2/3, 1). With another swing
-    share s than a third, the swing is from (1 - s) / 2 to (1 + s) / 2, and the slopes are 1 / (1 - s) and
-    -1 / s.
+    3u/2 in [0, 1/3), 1/2 - 3 (u - 1/3) in [1/3, 2/3), -1/2 (1 - 3 (u - 2/3)) in [2/3, 1). A swing share s
+    other than a third swings from (1 - s) / 2 to (1 + s) / 2, with slopes 1 / (1 - s) and -1 / s.
     """
     if swing_share is not None:
         standing = 1 - swing_share
@@ -90,12 +84,7 @@ RAMP_DURATION_S = 1 / RAMP_RATE_PER_S
 
 
 def ramp(time_s: ArrayLike, stop_s: float | None = None) -> FloatArray:
-    """Factor of amplitude and height, in [0, 1], at times since the start of a walk: soft start and stop.
-
-    Args:
-        time_s: any shape; before the start (negative) the factor is 0.
-        stop_s: when the stop began, or None while walking on.
-    """
+    """Factor of amplitude and height, in [0, 1], at times since the start of a walk: soft start and stop."""
     rising = np.asarray(time_s) * RAMP_RATE_PER_S
     if stop_s is None:
         return np.minimum(np.maximum(rising, 0.0), 1.0)
@@ -106,9 +95,8 @@ def ramp(time_s: ArrayLike, stop_s: float | None = None) -> FloatArray:
 def stroke_vectors_m(robot: Robot, gait: Gait, motion: Motion) -> FloatArray:
     """Strokes of the feet in the stance, as vectors in the body frame, (6, 2) in m.
 
-    In Eq. 2 as printed a foot on the floor moves toward +theta, and the body toward -theta. In hexctl theta
-    is where the body goes, so the foot moves against it. A turn at rate omega adds a stroke at right angles
-    to the foot's position (x, y), in proportion to its distance from the vertical axis:
+    In Eq. 2 as printed a stance foot moves toward +theta; in hexctl the body does, and the foot moves against
+    it. A turn at rate omega adds a stroke at right angles to the foot's position (x, y):
 
         stroke = -A (cos theta, sin theta) + omega / ((3/2) f) (y, -x)
     """
@@ -121,7 +109,7 @@ def stroke_vectors_m(robot: Robot, gait: Gait, motion: Motion) -> FloatArray:
     )
 
 
-#: How high a tucked foot is above its place in the stance, as a fraction of the robot's size.
+#: Height of a tucked foot above its place in the stance, as a fraction of the robot's size.
 TUCK_HEIGHT = 0.04
 
 
@@ -130,14 +118,13 @@ class StepPattern(ArrayFields):
     """Gaits as arrays, for one walk or n computed together: the leading shape is () or (n,).
 
     Attributes:
-        phases: by how much of a cycle each leg is ahead, `Gait.leg_phases`, leading shape + (6,).
+        phases: lead of each leg in cycles, `Gait.leg_phases`, leading shape + (6,).
         pace_hz: leading shape.
         amplitude_m: leading shape.
         height_m: step heights, leading shape + (1,).
-        posture_m: from the stance position of each foot to that of the posture, leading shape + (6, 3); None
-            where all are the stance.
-        stepping: 1 for legs that step and 0 for tucked ones, leading shape + (6,); None where all step.
-        swing_share: leading shape + (1,); None where all are a third.
+        posture_m: of the feet relative to the stance, leading shape + (6, 3); None if all are the stance.
+        stepping: 1 for legs that step and 0 for tucked ones, leading shape + (6,); None if all step.
+        swing_share: leading shape + (1,); None if all are a third.
     """
 
     phases: FloatArray
@@ -179,7 +166,7 @@ class StepPattern(ArrayFields):
 
 
 def posture_offsets_m(robot: Robot, posture: Posture) -> FloatArray:
-    """From the stance positions of the feet to those of a posture, in the body frame, (6, 3) in m."""
+    """Offsets of the feet of a posture from the stance, in the body frame, (6, 3) in m."""
     offsets = np.zeros((N_LEGS, 3))
     offsets[:, :2] -= np.array(posture.shift) * robot.size_m
     offsets[:, 2] -= posture.body_raise * robot.size_m
@@ -195,14 +182,9 @@ def _stepping(posture: Posture) -> list[float]:
 def feet_at_phases(
     robot: Robot, pattern: StepPattern, u: FloatArray, strokes: FloatArray, envelope: FloatArray | float
 ) -> FloatArray:
-    """Foot positions at normalised times, shape of u + (3,) in m.
+    """Foot positions at normalised times u (..., 6), shape of u + (3,) in m; the rest broadcasts against u.
 
-    Args:
-        robot: its stance gives the initial positions p_i^o.
-        pattern: of the gaits; its arrays broadcast against u.
-        u: normalised time of each foot, (..., 6).
-        strokes: in the body frame, broadcast against u, + (2,) in m.
-        envelope: factor of strokes, heights and posture, 0 to 1, broadcast against u.
+    `strokes` are in the body frame, + (2,) in m; `envelope`, 0 to 1, scales strokes, heights and posture.
     """
     stroke, lift = stroke_offset(u, pattern.swing_share), lift_offset(u, pattern.swing_share)
     if pattern.stepping is not None:
@@ -221,15 +203,7 @@ def feet_at_phases(
 def gait_feet_body(
     robot: Robot, gait: Gait, motion: Motion, time_s: ArrayLike, stop_s: float | None = None
 ) -> FloatArray:
-    """Foot positions at times since the start of a walk (paper, Eq. 1), time shape + (6, 3) in m.
-
-    Args:
-        robot: its stance gives the initial positions p_i^o.
-        gait: slots, pace, amplitude and height.
-        motion: travel and turn, in the body frame.
-        time_s: seconds since the walk began, any shape.
-        stop_s: when a soft stop began, or None while walking on.
-    """
+    """Foot positions at times since the start of a walk (paper, Eq. 1), time shape + (6, 3) in m."""
     return feet_of_walks(
         robot,
         StepPattern.of(robot, gait),
@@ -247,14 +221,9 @@ def feet_of_walks(
     time_s: FloatArray,
     stop_s: float | None = None,
 ) -> FloatArray:
-    """Foot positions of several walks at the same times, walks shape + time shape + (6, 3) in m.
+    """Foot positions of walks at the same times, walks shape + time shape + (6, 3) in m.
 
-    Args:
-        robot: its stance gives the initial positions p_i^o.
-        pattern: of the gaits; its leading shape is the walks shape.
-        stroke_vectors: stance strokes in the body frame, walks shape + (6, 2) in m.
-        time_s: seconds since the walks began, any shape.
-        stop_s: when a soft stop began, or None while walking on.
+    Strokes are walks shape + (6, 2) in m in the stance and the body frame.
     """
     walks = np.shape(pattern.pace_hz)
     times = (1,) * len(walks) + time_s.shape + (1,)

@@ -20,10 +20,9 @@ from hexctl.robot.model import Robot
 from hexctl.typed_names import known_name, nearest
 from hexctl.types import N_LEGS
 
-#: How messages name it.
 _GAIT = argument("gait")
 
-#: Amplitudes per cycle at the speed of the stance: a foot on the floor covers one in two thirds of a cycle.
+#: Amplitudes per cycle at the stance speed: a stance foot covers one in two thirds of a cycle.
 STROKES_PER_CYCLE = 1.5
 
 PACE_HZ = Range(low=0, high=10, above=True, unit="Hz")
@@ -31,10 +30,9 @@ PACE_HZ = Range(low=0, high=10, above=True, unit="Hz")
 #: Length and height of a step, as fractions of the robot's size.
 STEP = Range(low=0, high=1, above=True, unit="of the robot's size")
 
-#: Part of a cycle that a foot is in the air, in the paper.
+#: The paper's share of a cycle that a foot is in the air.
 SWING_SHARE = 1 / 3
 
-#: Range of the swing share.
 SWING = Range(low=0.1, high=0.5)
 
 
@@ -47,11 +45,10 @@ class Gait:
         pace_hz: gait cycles per second, above 0 up to 10.
         amplitude: step amplitude A as a fraction of the robot's size E.
         height: step height H as a fraction of the robot's size E.
-        posture: how the body stands over its feet.
-        swing_share: part of a cycle that a foot is in the air, 0.1 to 0.5; a third in the paper, less in a
-            crawl, half in a tripod without a moment on six feet.
-        phases: by how much of a cycle each leg is ahead, 0..1 without 1; None is (g_i - 1) / 6 of its slot,
-            as in the paper. The quarter phases of a crawl on four legs lie between slots.
+        swing_share: share of a cycle that a foot is in the air, 0.1 to 0.5; a third in the paper, less in a
+            crawl.
+        phases: lead of each leg in cycles, 0..1 without 1; None is (g_i - 1) / 6 of its slot, as in the
+            paper. A crawl on four legs has quarter phases.
     """
 
     slots: Slots
@@ -74,7 +71,6 @@ class Gait:
         self._check_phases()
 
     def _check_phases(self) -> None:
-        """Raise InputError unless the phases are six parts of a cycle, or follow the slots."""
         if self.phases is None:
             return
         allowed = f"{N_LEGS} parts of a cycle, each 0 up to 1 without 1, or None"
@@ -87,7 +83,7 @@ class Gait:
 
     @property
     def leg_phases(self) -> tuple[float, ...]:
-        """By how much of a cycle each leg is ahead, (6,): the phases, or (g_i - 1) / 6 of Eq. 5."""
+        """Lead of each leg in cycles, (6,): the phases, or (g_i - 1) / 6 of Eq. 5."""
         return tuple((slot - 1) / N_LEGS for slot in self.slots) if self.phases is None else self.phases
 
     @property
@@ -111,7 +107,7 @@ class Motion:
     """Commanded motion in the body frame: travel along a heading, a turn, or both blended.
 
     Attributes:
-        heading_rad: direction of travel in the body frame, counter-clockwise from forward.
+        heading_rad: direction of travel, counter-clockwise from forward.
         travel: 1 to travel with the full amplitude, 0 to stay on the spot.
         turn_rate_rad_s: commanded yaw rate, counter-clockwise positive.
     """
@@ -133,10 +129,7 @@ class Motion:
 
 
 def ideal_speed_m_s(robot: Robot, gait: Gait, motion: Motion) -> float:
-    """Travel speed without slip, v = (3/2) A f, from the slope of the stance in Eq. 3 and the pace f.
-
-    With a swing share s it is A f / (1 - s).
-    """
+    """Travel speed without slip (Eq. 3): (3/2) A f, with a swing share s A f / (1 - s)."""
     return gait.strokes_per_cycle * gait.amplitude * robot.size_m * gait.pace_hz * motion.travel
 
 
@@ -150,17 +143,16 @@ def half_amplitude_turn_rate_rad_s(robot: Robot, gait: Gait) -> float:
     return gait.strokes_per_cycle * gait.pace_hz * 0.5 * gait.amplitude * robot.size_m / robot.stance_radius_m
 
 
-#: Name of the gait that stands safest: which one that is depends on robot, direction and failure
-#: (`hexctl.control.assessment.static_stability`).
+#: Name of the most stable gait of a robot, direction and failure (`static_stability`).
 AUTO = "auto"
 
 #: Name of the best gait by a prior; with a colon and a session, of its best walk.
 BEST = "best"
 
-#: Gait of a walk that names none. It is the fastest that keeps three feet on the floor.
+#: Default gait: the fastest that keeps three feet on the floor.
 DEFAULT_GAIT = "tripod"
 
-#: A leg swings when u = 1/3, so swings follow one another in descending slot order.
+#: A leg swings when u = 1/3: swings follow each other in descending slot order.
 NAMED_SLOTS: dict[str, Slots] = {
     # default of the paper's demo model
     "demo": (1, 4, 2, 6, 3, 5),
@@ -183,16 +175,13 @@ def make_gait(
     failed_legs: Iterable[int] = (),
     besides: Sequence[str] = (),
 ) -> Gait:
-    """A gait by name, code or slots, with the robot's own pace, amplitude and height where none is given.
+    """A gait by name, code or slots, with the robot's pace, amplitude and height by default.
 
     Args:
-        robot: gives the default pace, amplitude and height.
         gait: name (`"tripod"`), code (`57`, `"57"`) or slots (`(5, 1, 2, 4, 3, 6)`, `"5,1,2,4,3,6"`).
-        pace_hz: gait cycles per second.
-        amplitude: step amplitude as a fraction of the robot's size.
-        height: step height as a fraction of the robot's size.
+        amplitude: step amplitude as a fraction of the robot's size, as is the height.
         failed_legs: a code counts among the arrangements of the other legs.
-        besides: names that the caller takes as well, such as `auto`, for the message.
+        besides: further names that the caller allows, such as `auto`, for the message.
 
     Raises InputError for anything else, and for a gait that `Gait` refuses.
     """
@@ -207,7 +196,7 @@ def make_gait(
 
 
 def gait_text(text: str) -> str:
-    """A gait as hexctl writes it; slots of a gait with a name, which results print too, are that gait."""
+    """Canonical text of a gait; slots of a named gait become its name."""
     if "," in text:
         slots = "".join(text.split())
         named = [name for name, one in NAMED_SLOTS.items() if ",".join(map(str, one)) == slots]
@@ -225,8 +214,7 @@ def parse_slots(
 ) -> Slots:
     """Slots of a name (`tripod`), a code (`57`) or a list (`5,1,2,4,3,6`), as text or as numbers.
 
-    A code counts among the arrangements of the legs that still walk. Raises InputError for anything else,
-    with the names that the caller takes besides.
+    A code counts among the arrangements of the walking legs. Raises InputError for anything else.
     """
     if isinstance(gait, str):
         return _slots_of_text(gait, failed_legs, besides)

@@ -1,4 +1,4 @@
-"""How a body stands over its feet while it walks."""
+"""Posture of the body over its feet while it walks."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -7,23 +7,22 @@ from hexctl.errors import InputError, argument, check_type
 from hexctl.options import Range
 from hexctl.types import N_LEGS
 
-#: How messages name it.
 _STANCE_SHIFT = argument("stance_shift")
 _TUCKED_LEGS = argument("tucked_legs")
 
-#: How far the body is raised or shifted, as fractions of the robot's size.
+#: Limits of raise and shift, as fractions of the robot's size.
 POSTURE = Range(low=-0.2, high=0.2, unit="of the robot's size")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Posture:
-    """How the body stands over its feet while it walks; as in the paper unless something is given.
+    """Posture of the body over its feet while it walks; by default as in the paper.
 
     Attributes:
-        body_raise: how much higher the body is than in the stance, as a fraction of the robot's size E. Legs
-            that are held in their stance pose leave the floor with it.
-        shift: how far the body stands forward and to the left over its feet, as fractions of E.
-        tucked_legs: legs that are held up in the air, and neither step nor carry.
+        body_raise: above the stance, as a fraction of the robot's size E; legs held in their stance pose
+            leave the floor with it.
+        shift: of the body over its feet, forward and left, as fractions of E.
+        tucked_legs: legs held up in the air, which neither step nor carry.
     """
 
     body_raise: float = 0.0

@@ -1,4 +1,4 @@
-"""Clearance between neighbouring legs: the least gap between their links and feet as capsules and spheres."""
+"""Clearance between neighbouring legs: the minimum gap between links and feet as capsules and spheres."""
 
 from dataclasses import dataclass
 
@@ -17,14 +17,12 @@ POINT_M2 = 1e-18
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LegClearance(ArrayFields):
-    """Gaps between each leg and the next one, leg 1 and 2 first, leg 6 and 1 last.
+    """Gaps between each leg and the next one, leg 1 and 2 first, leg 6 and 1 last; leading shape + (6,).
 
     Attributes:
-        nearest: indices in `PARTS` of the nearest two parts, leading shape + (6, 2): those that overlap
-            deepest, as a share of the sum of their radii, or the least gap where none do.
-        gaps_m: gap between these two, negative where they overlap, leading shape + (6,).
-        depths: the share by which they overlap: 0 where there is a gap, 1 where their axes meet, leading
-            shape + (6,).
+        gaps_m: gap between the nearest two parts, negative if they overlap.
+        depths: their overlap as a share of the sum of their radii, 1 if their axes meet.
+        nearest: their indices in `PARTS`: deepest overlap, or else smallest gap, leading shape + (6, 2).
     """
 
     gaps_m: FloatArray
@@ -33,12 +31,7 @@ class LegClearance(ArrayFields):
 
 
 def leg_clearance(robot: Robot, joint_positions_rad: FloatArray) -> LegClearance:
-    """Gaps between neighbouring legs.
-
-    Args:
-        robot: geometry and radii.
-        joint_positions_rad: leading shape + (18,).
-    """
+    """Gaps between neighbouring legs at joint angles of leading shape + (18,)."""
     points = link_points_body(robot, joint_positions_rad)  # (..., 6, 4, 3)
     starts, ends = points, np.concatenate([points[..., 1:, :], points[..., -1:, :]], axis=-2)
     radii = np.append(robot.link_radii_m, robot.foot_radius_m)
@@ -58,18 +51,14 @@ def leg_clearance(robot: Robot, joint_positions_rad: FloatArray) -> LegClearance
 
 
 def nearness(gaps_m: FloatArray, depths: FloatArray) -> FloatArray:
-    """Order of pairs, the nearest least: by depth where they overlap, by gap where they do not."""
+    """Sort key of pairs, the nearest first: by depth if they overlap, else by gap."""
     return np.where(depths > 0, -depths, gaps_m)
 
 
 def segment_distance_m(
     start: FloatArray, end: FloatArray, other_start: FloatArray, other_end: FloatArray
 ) -> FloatArray:
-    """Least distance between segments, shape of the broadcast points less the last axis of 3.
-
-    The nearest points of two lines, brought back into the segments one after the other (Ericson, Real-Time
-    Collision Detection, 2005, section 5.1.9).
-    """
+    """Minimum distance between segments (Ericson, Real-Time Collision Detection, 2005, section 5.1.9)."""
     along, other = end - start, other_end - other_start
     between = start - other_start
     a, e = _dot(along, along), _dot(other, other)

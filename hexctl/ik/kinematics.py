@@ -7,7 +7,7 @@ from hexctl.ik.legs import foot_positions_body, solve_legs_within_limits
 from hexctl.robot.model import Robot
 from hexctl.types import N_LEGS, FloatArray, as_joint_angles, as_numbers, check_finite
 
-#: What the functions here take as a robot, for messages.
+#: Required type of a robot, for messages.
 _A_ROBOT = "a Robot, as load_robot('ant') gives"
 
 

@@ -1,4 +1,4 @@
-"""Leg odometry as states come: which of them tell a motion, and which leg carries nothing."""
+"""Leg odometry for incoming states, with detection of a leg that carries nothing."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -10,22 +10,18 @@ from hexctl.ik.lost_leg import LostLegWatch
 from hexctl.robot.model import Robot
 from hexctl.types import ArrayFields, BoolArray, FloatArray
 
-#: States this far apart or farther tell no motion of the legs: a gait's cycle may have passed meanwhile.
+#: Maximum time between two states: a gait's cycle may have passed in a longer gap.
 GAP_S = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LegStep(ArrayFields):
-    """How a body moved between two states, by its legs.
+    """Motion of a body between two states, by its legs.
 
     Attributes:
-        from_s: time of the first.
-        to_s: time of the second.
-        motion: in the frame of the body at the first, (3,): forward and left in m, counter-clockwise in rad;
-            None after a gap.
-        height_m: of the body frame's origin above the floor, at the second.
-        rise_m: by how much it is higher than at the first.
-        up_body: which way is up at the second, in the body frame, (3,).
+        motion: in the first body frame, (3,): forward and left in m, counter-clockwise; None after a gap.
+        height_m: of the body frame's origin above the floor, at the second state.
+        up_body: the vertical at the second state, in the body frame, (3,).
     """
 
     from_s: float
@@ -37,14 +33,7 @@ class LegStep(ArrayFields):
 
 
 class LegOdometer:
-    """Leg odometry as joint angles come, with the same result as `leg_motions`.
-
-    Args:
-        robot: geometry and masses.
-
-    Attributes:
-        told: legs 1..6 that are known to be missing; may change at any time.
-    """
+    """Leg odometry for incoming joint angles, as `leg_motions`; `told` are known missing legs 1..6."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
@@ -54,22 +43,13 @@ class LegOdometer:
 
     @property
     def lost_legs(self) -> tuple[int, ...]:
-        """Legs 1..6 on which nothing stands: those that are known, and the one that was noticed."""
+        """Legs 1..6 that carry nothing: those that are known, and the one that was detected."""
         return tuple(sorted({*self.told, *self._watch.lost_legs}))
 
     def update(
         self, at_s: float, joint_positions_rad: FloatArray, foot_contacts: BoolArray | None = None
     ) -> LegStep | None:
-        """How the body moved since the state before.
-
-        None for the first state, for one that is no later than the one before, and for angles that are not
-        finite.
-
-        Args:
-            at_s: of the measurement.
-            joint_positions_rad: (18,).
-            foot_contacts: (6,), where they are known.
-        """
+        """Motion since the state before; None for the first state, an old one, and NaN angles."""
         last = self._last
         late = last is not None and at_s <= last[0]
         if late or not np.isfinite(joint_positions_rad).all():
@@ -92,10 +72,5 @@ class LegOdometer:
         return LegStep(before_s, at_s, motion, after_m, after_m - before_m, moved.up_body[1])
 
     def see(self, at_s: float, pose: FloatArray) -> None:
-        """Take in where the body was seen, by which a leg that carries nothing is noticed.
-
-        Args:
-            at_s: when, on the clock of the states; up to a second ago.
-            pose: x and y in m and yaw in rad, (3,), in any frame that stays.
-        """
+        """Take a pose, x and y in m and yaw in rad, up to a second old, to detect a lost leg."""
         self._watch.see(at_s, pose, self.told)

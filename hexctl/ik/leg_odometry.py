@@ -1,16 +1,13 @@
-"""Leg odometry: how a body moves over the floor, and how it stands, by the angles of its joints alone.
+"""Leg odometry: the motion of a body over the floor, and its stance, from only its joint angles.
 
-A robot rests on three feet or more, which stay where they are. Which ones follows from geometry: of the
-planes through three feet that have no foot below them, the robot stands on the one whose three feet are
-around its centre of mass. Feet near that plane before and after a step tell how the body moved meanwhile,
+Of the planes through three feet without a foot below, the robot stands on the one whose feet surround its
+centre of mass. Feet near that plane before and after a step give the motion,
 
     a_i = R(yaw) b_i + shift
 
-with a_i and b_i the places of foot i before and after, in the levelled frame of the body: the planar least
-squares of Umeyama (1991), with weights that leave out a foot that disagrees with the others.
-
-A foot is a sphere that rolls. While its shin tilts outward by an angle, its centre moves inward by the radius
-times that angle, so what stays in place is not the centre.
+with a_i and b_i the positions of foot i before and after, in the levelled body frame: planar least squares
+(Umeyama, 1991), with weights against outliers. A foot is a sphere that rolls: while its shin tilts outward by
+an angle, its centre moves inward by the radius times that angle.
 """
 
 from collections.abc import Collection
@@ -27,23 +24,22 @@ from hexctl.robot.model import Robot
 from hexctl.robot.rotations import levelled
 from hexctl.types import JOINTS_PER_LEG, N_LEGS, ArrayFields, BoolArray, FloatArray
 
-#: A foot this far over the plane that the robot stands on has e^-1 of the weight of one on it, as a share of
-#: the stance's radius: 2.5 mm of `ant`.
+#: A foot this far above the standing plane has e^-1 of its weight, as a share of the stance radius.
 NEAR_FLOOR = 0.01
 
-#: A foot that moves over the floor this fast has half its weight, as a share of the stance's radius per s.
+#: Slip speed of a foot with half its weight, as a share of the stance radius per s.
 SLIPPING_PER_S = 0.15
 
-#: States are taken to be this far apart at least: times that jitter must not let every foot slip.
+#: Minimum time between states for the slip speed: timing jitter must not make every foot slip.
 LEAST_S = 0.01
 
-#: Rounds in which feet that disagree lose their weight.
+#: Iterations of the weights.
 ROUNDS = 4
 
-#: Feet of legs that are gone are taken to be this high, in m.
+#: Assumed height of the feet of missing legs, in m.
 GONE_M = 1e3
 
-#: Feet that count for nothing keep this weight, so that the sum is never 0.
+#: Minimum weight, for a sum above 0.
 LEAST_WEIGHT = 1e-9
 
 #: Points of the floor as complex numbers: forward + i left, in m.
@@ -54,13 +50,13 @@ _TRIPLES = np.array(list(combinations(range(N_LEGS), 3)))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Standing(ArrayFields):
-    """How a robot stands on its feet, by joint angles of any leading shape.
+    """Stance of a robot, by joint angles of any leading shape.
 
     Attributes:
         feet_body: centres of the feet in the body frame, leading shape + (6, 3) in m.
-        above_m: of the feet over the plane that the robot stands on, leading shape + (6,).
+        above_m: of the feet over the standing plane, leading shape + (6,).
         height_m: of the body frame's origin above the floor, leading shape.
-        up_body: which way is up, a unit vector in the body frame, leading shape + (3,).
+        up_body: the vertical, a unit vector in the body frame, leading shape + (3,).
     """
 
     feet_body: FloatArray
@@ -71,14 +67,13 @@ class Standing(ArrayFields):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LegMotions(ArrayFields):
-    """How a body moved between T moments, by its legs.
+    """Motion of a body between T moments, by its legs.
 
     Attributes:
-        motions: from each moment to the next in the frame of the first of the two, (T - 1, 3): forward and
-            left in m, counter-clockwise in rad.
-        slip_m: root mean square of how far the feet that stood moved over the floor meanwhile, (T - 1,).
+        motions: in the frame of the first moment, (T - 1, 3): forward and left in m, counter-clockwise.
+        slip_m: RMS slip of the standing feet, (T - 1,).
         height_m: of the body frame's origin above the floor, (T,).
-        up_body: which way is up, in the body frame, (T, 3).
+        up_body: the vertical in the body frame, (T, 3).
     """
 
     motions: FloatArray
@@ -88,13 +83,7 @@ class LegMotions(ArrayFields):
 
 
 def standing(robot: Robot, joint_positions_rad: FloatArray, lost_legs: Collection[int] = ()) -> Standing:
-    """How a robot stands.
-
-    Args:
-        robot: geometry and masses.
-        joint_positions_rad: leading shape + (18,), measured or commanded.
-        lost_legs: legs 1..6 that are missing: nothing stands on them.
-    """
+    """Stance of a robot at joint angles of leading shape + (18,), without the missing legs 1..6."""
     points = link_points_body(robot, joint_positions_rad)
     feet = points[..., -1, :].copy()
     feet[..., [leg - 1 for leg in lost_legs], 2] += GONE_M
@@ -110,16 +99,9 @@ def leg_motions(
     foot_contacts: BoolArray | None = None,
     lost_legs: Collection[int] = (),
 ) -> LegMotions:
-    """How the body moved, by joint angles over time.
+    """Motion of the body from joint angles (T, 18) at ascending times (T,), T of 2 or more.
 
-    Args:
-        robot: geometry and masses.
-        times_s: ascending, (T,) with T of 2 or more.
-        joint_positions_rad: (T, 18), measured or commanded.
-        foot_contacts: which feet touch the floor, (T, 6), where it is known; otherwise geometry tells.
-        lost_legs: legs 1..6 that are missing.
-
-    Raises InputError for shapes that do not fit, or times that do not ascend.
+    Foot contacts are (T, 6), or derived from geometry. Raises InputError for shapes that do not fit.
     """
     times_s = np.asarray(times_s, dtype=float)
     if times_s.ndim != 1 or len(times_s) < 2 or not (np.diff(times_s) > 0).all():
@@ -131,7 +113,7 @@ def leg_motions(
     if foot_contacts is not None:
         near = np.where(stands.above_m < GONE_M / 2, foot_contacts, 0.0)
     weights = near[:-1] * near[1:] + LEAST_WEIGHT
-    # One lean for both: where the feet that carry change, the plane tilts at once, and no body does.
+    # A common lean: when the supporting feet change, the plane tilts in one step, unlike a body.
     up, feet = stands.up_body[1:] + stands.up_body[:-1], stands.feet_body
     before, after = _along(feet[:-1], up), _along(feet[1:], up) + _rolled(robot, joint_positions_rad)
     slipping_m = SLIPPING_PER_S * robot.stance_radius_m * np.maximum(np.diff(times_s), LEAST_S)[:, np.newaxis]
@@ -145,9 +127,9 @@ def _fit(
     standing_weights: FloatArray,
     slipping_m: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Motions (N, 3) that bring feet (N, 6) back to where they were, and what is left, (N,).
+    """Motions (N, 3) that map feet (N, 6) back to their positions before, and the residuals, (N,).
 
-    The weights are those of Cauchy: a foot that is off by `slipping_m` has half of its own.
+    Cauchy weights: a foot that is off by `slipping_m` has half of its own.
     """
     weights = standing_weights
     for _ in range(ROUNDS):
@@ -166,7 +148,7 @@ def _fit(
 
 
 def _rolled(robot: Robot, joints_rad: FloatArray) -> ComplexArray:
-    """What feet roll outward between moments in the body frame, (T - 1, 6)."""
+    """Outward roll of the feet between moments in the body frame, (T - 1, 6)."""
     angles = joints_rad.reshape(-1, N_LEGS, JOINTS_PER_LEG)
     tilted_rad = np.diff(angles[..., 1] + angles[..., 2], axis=0)
     outward = np.exp(1j * (robot.mount_yaws_rad + angles[1:, :, 0]))
@@ -174,10 +156,7 @@ def _rolled(robot: Robot, joints_rad: FloatArray) -> ComplexArray:
 
 
 def _floor_plane(feet: FloatArray, centre: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Normal of the plane that feet (..., 6, 3) carry a centre of mass on, and its distance along that.
-
-    Where no three feet are around the centre, as in a robot that falls, it is the plane that comes nearest.
-    """
+    """Normal of the plane that feet (..., 6, 3) carry a centre of mass on, or nearly, and its distance."""
     a, b, c = (feet[..., _TRIPLES[:, corner], :] for corner in range(3))
     across = np.cross(b - a, c - a)
     sense = np.where(across[..., 2] < 0, -1.0, 1.0)
@@ -199,6 +178,6 @@ def _floor_plane(feet: FloatArray, centre: FloatArray) -> tuple[FloatArray, Floa
 
 
 def _along(feet: FloatArray, up: FloatArray) -> ComplexArray:
-    """Feet (..., 6, 3) along the floor, where `up` is upright."""
+    """Feet (..., 6, 3) along the floor, with `up` vertical."""
     flat = levelled(feet, up)
     return np.asarray(flat[..., 0] + 1j * flat[..., 1])

@@ -1,8 +1,7 @@
 """Forward and inverse kinematics of the six legs, and their limits; vectorised over any leading axes.
 
-Leg plane: x outward from the coxa axis, z up. Femur and tibia are links with a slope of their own at joint
-angle zero; a positive joint angle lifts. Of the two solutions of the inverse kinematics, the one with the
-knee up is taken.
+Leg plane: x outward from the coxa axis, z up; positive joint angles lift. The inverse kinematics returns the
+solution with the knee up.
 """
 
 import math
@@ -24,9 +23,9 @@ class LegAngles(ArrayFields):
     """A solution of the inverse kinematics.
 
     Attributes:
-        joint_positions_rad: leading shape + (18,). Finite also where a foot is out of reach: there the leg
-            stretches, or folds, as far as it can toward the foot.
-        reachable: which feet are within reach, leading shape + (6,), whatever the joint ranges.
+        joint_positions_rad: leading shape + (18,); toward a foot out of reach the leg stretches or folds as
+            far as it can.
+        reachable: which feet are within reach, leading shape + (6,), without the joint ranges.
     """
 
     joint_positions_rad: FloatArray
@@ -34,12 +33,7 @@ class LegAngles(ArrayFields):
 
 
 def link_points_body(robot: Robot, joint_positions_rad: FloatArray) -> FloatArray:
-    """Coxa axis, femur joint, knee and foot of each leg in the body frame, leading shape + (6, 4, 3) in m.
-
-    Args:
-        robot: geometry.
-        joint_positions_rad: leading shape + (18,).
-    """
+    """Coxa axis, femur joint, knee and foot of each leg in the body frame, leading shape + (6, 4, 3) in m."""
     angles = _per_leg(joint_positions_rad)
     yaw = robot.mount_yaws_rad + angles[..., 0]
     slopes = np.stack([np.zeros_like(yaw), angles[..., 1], angles[..., 1] + angles[..., 2]], axis=-1)
@@ -60,7 +54,7 @@ def foot_positions_body(robot: Robot, joint_positions_rad: FloatArray) -> FloatA
 
 
 def solve_legs(robot: Robot, feet_body: FloatArray) -> LegAngles:
-    """Joint angles that put the feet at positions in the body frame.
+    """Joint angles that put the feet at positions in the body frame, leading shape + (6, 3) in m.
 
     The coxa points at the foot. In the leg plane, femur joint, knee and foot are a triangle with the sides f
     (femur), t (tibia) and d (femur joint to foot, at a slope of delta); by the law of cosines the links have
@@ -70,10 +64,6 @@ def solve_legs(robot: Robot, feet_body: FloatArray) -> LegAngles:
         tibia = femur + arccos((f^2 + t^2 - d^2) / (2 f t)) - pi
 
     The joint angles are these slopes less the links' slopes at angle zero.
-
-    Args:
-        robot: geometry.
-        feet_body: leading shape + (6, 3) in m.
     """
     leg = robot.leg_triangle
     from_mount = feet_body - robot.mount_positions_body
@@ -98,18 +88,16 @@ def solve_legs(robot: Robot, feet_body: FloatArray) -> LegAngles:
 
 
 def _cosine(value: FloatArray) -> FloatArray:
-    """The value within [-1, 1]; `np.clip` does the same and takes three times as long."""
+    """The value within [-1, 1]; `np.clip` takes three times as long."""
     cosine: FloatArray = np.minimum(np.maximum(value, _LEAST_COSINE), _MOST_COSINE)
     return cosine
 
 
 def _per_leg(joint_positions_rad: FloatArray) -> FloatArray:
-    """Joint angles by leg, leading shape + (18,) to leading shape + (6, 3)."""
     return joint_positions_rad.reshape(*joint_positions_rad.shape[:-1], N_LEGS, JOINTS_PER_LEG)
 
 
 def _wrapped(angle_rad: FloatArray) -> FloatArray:
-    """Equal angles in [-pi, pi]."""
     wrapped: FloatArray = angle_rad - _TURN * np.rint(angle_rad / _TURN)
     return wrapped
 
@@ -119,10 +107,7 @@ TOLERANCE_RAD = 1e-9
 
 
 def solve_legs_within_limits(robot: Robot, feet_body: FloatArray) -> FloatArray:
-    """Joint angles, leading shape + (18,), of feet in the body frame that every leg can reach.
-
-    Raises ReachError or LimitError that names the first leg and joint, the value and what is allowed.
-    """
+    """Joint angles, leading shape + (18,), of feet; raises ReachError or LimitError, naming leg and joint."""
     solution = solve_legs(robot, feet_body)
     if not solution.reachable.all():
         raise ReachError(_reach_message(robot, feet_body, int(np.argwhere(~solution.reachable)[0][-1])))
@@ -153,7 +138,6 @@ def range_excess_rad(robot: Robot, joint_positions_rad: FloatArray) -> FloatArra
 
 
 def _reach_message(robot: Robot, feet_body: FloatArray, leg_index: int) -> str:
-    """Message with the distance of a leg's worst foot from its femur joint, and the allowed distances."""
     coxa, femur, tibia = (tuple(vector) for vector in robot.link_vectors_m.tolist())
     from_mount = feet_body[..., leg_index, :].reshape(-1, 3) - robot.mount_positions_body[leg_index]
     distance = np.hypot(np.hypot(from_mount[:, 0], from_mount[:, 1]) - coxa[0], from_mount[:, 2] - coxa[1])

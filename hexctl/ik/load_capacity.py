@@ -1,14 +1,13 @@
 """Load capacity: how many times its own weight a robot carries on some of its feet, as a limit analysis.
 
-A servo at its torque limit yields, and the weight goes to the legs that have torque left; so a robot stands
-as long as any distribution of forces on its feet balances the weight within all limits. Two steps:
+A servo at its torque limit yields, and the weight moves to legs with torque left. The robot stands as long as
+any distribution of foot forces balances the weight within all limits. Two steps:
 
 - The most that leg i carries, F_i: the largest upward force f with an outward force h, |h| <= mu f, for
   which femur and tibia hold |g_j - f r_j + h z_j| <= torque limit + dry friction (r_j outward, z_j up from
-  the joint to the foot, g_j the links' own weight). Outward forces of opposite legs balance one another and
-  cost nothing.
-- The weight W at the centre of mass falls about some line through two feet first. By the duality of linear
-  programming the capacity is the least over these lines, with d the distances from the line:
+  the joint to the foot, g_j the links' own weight). Outward forces of opposite legs balance each other.
+- The weight W at the centre of mass first falls about some line through two feet. By the duality of linear
+  programming the capacity is the minimum over these lines, with d the distances from the line:
 
       sum over feet on its side of F_k d_k / (W d_centre).
 """
@@ -30,14 +29,7 @@ TINY = 1e-12
 def load_capacity(
     robot: Robot, joint_positions_rad: FloatArray, standing: BoolArray, *, friction: float
 ) -> FloatArray:
-    """Multiples of its weight that a robot carries, leading shape; below 1 it sinks, 0 where it tips over.
-
-    Args:
-        robot: geometry, masses and torque limits.
-        joint_positions_rad: leading shape + (18,).
-        standing: which feet are on the floor, leading shape + (6,).
-        friction: sliding friction mu of the feet, by which they hold outward forces.
-    """
+    """Multiples of its weight that a robot carries, leading shape; below 1 it sinks, 0 if it tips over."""
     points = link_points_body(robot, joint_positions_rad)
     forces = np.where(standing, _leg_capacity_n(robot, joint_positions_rad, points, friction), 0.0)
     feet, centre = points[..., -1, :2], centre_of_mass_of(robot, points)[..., :2]

@@ -1,10 +1,8 @@
-"""Which leg of a walking robot carries nothing, though its joints move: by where the body was seen to go.
+"""Detection of a leg that carries nothing in a walk, by the measured path of the body.
 
-Joint angles alone do not tell that a leg is missing: servos that hold their angles are where they should be,
-whatever they carry. But with a leg that carries nothing the body tips onto feet in swing, and goes another
-way than its legs say. So the way is calculated for each leg left out, and for none; the one that fits what
-was seen far better than the one believed is believed from then on. It serves odometry, and is no diagnosis:
-the leg whose absence fits best need not be the one that is gone.
+Joint angles do not show a missing leg. But the body then tips onto swing feet and moves differently than its
+legs predict. The path is predicted for each leg left out, and for none; a much better fit replaces the
+current assumption. It serves odometry, and is no diagnosis: the best-fitting leg may not be the missing one.
 """
 
 from collections import deque
@@ -16,36 +14,27 @@ from hexctl.ik.leg_odometry import leg_motions
 from hexctl.robot.model import Robot
 from hexctl.types import N_LEGS, FloatArray
 
-#: Ways are compared over this time: two cycles of a gait or more, which differ in both halves.
+#: Time of a comparison: two cycles of a gait or more, which differ in both halves.
 WINDOW_S = 3.0
 
-#: They are compared this often.
+#: Interval of the comparisons.
 JUDGED_S = 1.0
 
-#: Weight of the newest comparison in the mean of all.
+#: Weight of the newest comparison in the running mean.
 NEWEST = 0.4
 
-#: Comparisons before any leg is believed to carry nothing.
+#: Comparisons before the first detection.
 LEAST_COMPARED = 2
 
 #: Poses that a comparison needs.
 LEAST_POSES = 10
 
-#: Another leg is believed where it leaves less than this share of the misfit, and by this much less in m.
+#: A better fit has less than this share of the misfit, and is smaller by this much in m.
 BETTER_SHARE, BETTER_M = 0.65, 0.003
 
 
 class LostLegWatch:
-    """Watches the legs of one robot. All times are on one clock.
-
-    One leg at a time is noticed, besides those that are known.
-
-    Args:
-        robot: geometry and masses.
-
-    Attributes:
-        lost_legs: legs 1..6 that were noticed to carry nothing: one or none.
-    """
+    """Detects at most one lost leg, in addition to known ones. All times are on one clock."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
@@ -58,25 +47,19 @@ class LostLegWatch:
         self._compared = 0
 
     def restart(self) -> None:
-        """Forget the way until now, as after a gap; what was noticed stays."""
+        """Forget the path until now, as after a gap; a detection stays."""
         self._heard.clear()
         self._poses.clear()
         self._times_s, self._motions = np.empty(0), np.empty((1 + N_LEGS, 0, 3))
 
     def listen(self, at_s: float, joint_positions_rad: FloatArray) -> None:
-        """Take in a state of the legs, (18,), later than the one before."""
+        """Take a state of the legs, (18,), later than the one before."""
         self._heard.append((at_s, joint_positions_rad))
-        if at_s - self._heard[0][0] > WINDOW_S:  # nothing was seen meanwhile
+        if at_s - self._heard[0][0] > WINDOW_S:  # no pose was measured meanwhile
             self.restart()
 
     def see(self, at_s: float, pose: FloatArray, known: Collection[int] = ()) -> None:
-        """Take in where the body was seen, and judge once a second.
-
-        Args:
-            at_s: when.
-            pose: x and y in m and yaw in rad, (3,), in any frame that stays.
-            known: legs 1..6 that are known to carry nothing.
-        """
+        """Take a pose, x and y in m and yaw in rad in any constant frame, and compare once a second."""
         if not self._heard:
             return
         self._poses.append((at_s, np.asarray(pose, dtype=float)))
@@ -86,19 +69,17 @@ class LostLegWatch:
             self._judge()
 
     def _calculate(self, known: Collection[int]) -> None:
-        """Motions between the states heard since the last time, for no leg and each leg left out."""
         times_s = np.array([at_s for at_s, _ in self._heard])
         joints_rad = np.array([joints for _, joints in self._heard])
         lost = [known, *((*known, leg) for leg in range(1, N_LEGS + 1))]
         new = np.stack([leg_motions(self._robot, times_s, joints_rad, None, legs).motions for legs in lost])
         kept = self._times_s > times_s[-1] - WINDOW_S
-        # Each motion beside the time of its end.
+        # Each motion with the time of its end.
         self._times_s = np.concatenate([self._times_s[kept], times_s[1:]])
         self._motions = np.concatenate([self._motions[:, kept], new], axis=1)
         self._heard = self._heard[-1:]
 
     def _judge(self) -> None:
-        """Believe in the leg whose way fits far better than that of the one believed."""
         first_s, last_s = self._times_s[[0, -1]].tolist()
         while self._poses and self._poses[0][0] < first_s:
             self._poses.popleft()
@@ -117,10 +98,7 @@ class LostLegWatch:
             self.lost_legs = (best,) if best else ()
 
     def _misfit_m(self, motions: FloatArray, seen_s: FloatArray, poses: FloatArray) -> float:
-        """How far seen poses (N, 3) are from the way of motions (T, 3), laid over them: the median.
-
-        Medians, because some sightings are wild. A turn counts by what it moves the feet.
-        """
+        """Median, hence robust, distance of measured poses (N, 3) from an aligned path of motions (T, 3)."""
         yaw_rad = np.cumsum(motions[:, 2])
         before_rad = yaw_rad - motions[:, 2]
         way = np.cumsum((motions[:, 0] + 1j * motions[:, 1]) * np.exp(1j * before_rad))

@@ -1,15 +1,14 @@
-"""Statics of a robot that stands: weight on each foot, torque and deflection of each joint, sag of the body.
+"""Statics of a standing robot: weight on each foot, torque and deflection of each joint, sag of the body.
 
-Servos hold their targets as springs of stiffness k. A foot i that presses on the floor with f_i pushes each
-of its joints up by f_i r_j, where r_j is the horizontal distance from the joint to the foot, and the links'
-own weight pulls it down by g_j. (Dry friction, which may hold either way, is left out.) So a joint deflects
-from its target by
+Servos hold their targets as springs of stiffness k. The force f_i on foot i pushes each of its joints up by
+f_i r_j, with r_j the horizontal distance from joint to foot, and the links' weight pulls it down by g_j. Dry
+friction is omitted. A joint deflects by
 
     d_j = (f_i r_j - g_j) / k_j,    holding the torque -k_j d_j,
 
-and the foot yields by the sum of r_j d_j. Floor and feet slide without friction: every step sets the feet
-down unloaded, so that what a foot holds sideways is small and not known. A body pose, height and two tilts,
-remains; it is where all forces f_i >= 0 of feet on the floor balance the weight and its two moments.
+and the foot yields by the sum of r_j d_j. Feet slide without friction, because every step sets them down
+unloaded. The body pose, height and two tilts, is the one at which all forces f_i >= 0 balance the weight and
+its two moments.
 """
 
 from dataclasses import dataclass
@@ -26,27 +25,26 @@ GRAVITY_M_S2 = 9.81
 #: Passes over the geometry, each at the deflected pose of the one before.
 PASSES = 4
 
-#: Rounds in which feet may come to the floor or leave it.
+#: Maximum number of changes of the set of pressing feet.
 ROUNDS = 20
 
-#: Stiffness of a support that holds the body where fewer than three feet do: N/m upward, N m per unit of
-#: slope. It makes the equations regular; a leg has some 100 N/m, and a robot that rests on it has sunk by
-#: kilometres, so that nothing balances.
+#: Stiffness of a virtual support of the body for fewer than three pressing feet: N/m upward, N m per unit of
+#: slope. It makes the equations regular; on it a robot sinks by kilometres, and does not balance.
 SUPPORT = np.diag([1e-3, 1e-5, 1e-5])
 
-#: Part of a step of the body pose below which a foot does not move.
+#: Motion of a foot in a step of the body pose that counts as none.
 TINY_M = 1e-15
 
 #: Deflection beyond which the geometry of a pass is not trusted.
 MAX_DEFLECTION_RAD = 1.0
 
-#: Part of the weight that forces may be off by and still balance.
+#: Imbalance of the forces, as a share of the weight, that still counts as balanced.
 BALANCE = 0.01
 
-#: Least compliance of a leg, m/N: one whose foot is straight below its joints does not yield.
+#: Minimum compliance of a leg, m/N: a leg with the foot straight below its joints does not yield.
 LEAST_COMPLIANCE = 1e-9
 
-#: How many times its compliance a leg has that carries nothing.
+#: Factor of the compliance of a leg that carries nothing.
 CARRIES_NOTHING = 1e9
 
 
@@ -55,13 +53,13 @@ class StaticLoad(ArrayFields):
     """A robot at rest under its weight.
 
     Attributes:
-        torques_nm: what the servos hold, positive as their angles, leading shape + (18,).
+        torques_nm: held by the servos, positive as their angles, leading shape + (18,).
         deflections_rad: joint angles less their targets, leading shape + (18,).
         foot_forces_n: upward forces on the feet, leading shape + (6,).
-        foot_heights_m: heights of the feet over the floor, 0 for those on it, leading shape + (6,).
-        sag_m: how much lower the body frame is than on rigid servos, leading shape.
-        balanced: whether forces and weight balance, leading shape; a robot for which they do not tips over,
-            and the other values mean nothing.
+        foot_heights_m: over the floor, leading shape + (6,).
+        sag_m: of the body frame relative to rigid servos, leading shape.
+        balanced: whether forces and weight balance, leading shape; otherwise the robot tips over, and the
+            other values are invalid.
     """
 
     torques_nm: FloatArray
@@ -73,12 +71,7 @@ class StaticLoad(ArrayFields):
 
 
 def static_load(robot: Robot, joint_targets_rad: FloatArray) -> StaticLoad:
-    """Load of a robot on an even floor whose servos hold targets, whatever torque that takes.
-
-    Args:
-        robot: geometry, masses and the servos' stiffness.
-        joint_targets_rad: leading shape + (18,).
-    """
+    """Load of a robot on an even floor whose servos hold targets, leading shape + (18,), at any torque."""
     stiffness = robot.stiffness_nm_per_rad.reshape(N_LEGS, JOINTS_PER_LEG)
     targets = joint_targets_rad.reshape(*joint_targets_rad.shape[:-1], N_LEGS, JOINTS_PER_LEG)
     joints, level_m = targets, np.zeros(targets.shape[:-2])
@@ -109,18 +102,9 @@ def static_load(robot: Robot, joint_targets_rad: FloatArray) -> StaticLoad:
 def lean_and_forces(
     robot: Robot, joint_targets_rad: FloatArray, carries: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Lean of a robot on an even floor, and forces on its feet, where some legs carry nothing.
+    """Slopes of the body, lower ahead and on the left, (..., 2), and foot forces in N, (..., 6).
 
-    To first order: the geometry is that of the targets, and links pull no joint down.
-
-    Args:
-        robot: geometry, masses and the servos' stiffness.
-        joint_targets_rad: leading shape + (18,).
-        carries: legs that carry, leading shape + (6,).
-
-    Returns:
-        How much lower it is ahead and on the left, slopes, leading shape + (2,), and forces in N, leading
-        shape + (6,).
+    To first order: the geometry is that of the targets, and links have no weight.
     """
     stiffness = robot.stiffness_nm_per_rad.reshape(N_LEGS, JOINTS_PER_LEG)
     points = link_points_body(robot, joint_targets_rad)
@@ -136,7 +120,6 @@ def lean_and_forces(
 
 
 def _balanced(robot: Robot, feet: FloatArray, forces: FloatArray, centre: FloatArray) -> BoolArray:
-    """Whether upward forces at feet balance the weight and its moments, within a hundredth."""
     levers = feet - centre[..., np.newaxis, :2]
     moments = np.abs((forces[..., np.newaxis] * levers).sum(axis=-2)).max(axis=-1)
     weight_n = GRAVITY_M_S2 * robot.mass_kg
@@ -147,8 +130,8 @@ def _balanced(robot: Robot, feet: FloatArray, forces: FloatArray, centre: FloatA
 def arms_m(robot: Robot, points: FloatArray, joints: FloatArray) -> FloatArray:
     """Distances outward in the leg plane from each joint to link centres and foot, (..., 6, 4, 3).
 
-    Row l of the four is the centre of mass of link l, the last row the foot. A coxa turns about the vertical
-    and has none; a joint has none to the links before it.
+    Row l of the four is the centre of mass of link l, the last row the foot. Coxae have none; a joint has
+    none to the links before it.
     """
     azimuth = (robot.mount_yaws_rad + joints[..., 0])[..., np.newaxis]
 
@@ -178,8 +161,8 @@ def _balance(
 ) -> tuple[FloatArray, FloatArray]:
     """Body pose (..., 3) and foot forces (..., 6) that carry a mass; Newton's method over which feet press.
 
-    The energy of the legs as springs under a plate is convex, so the feet that press are unique. Full steps
-    may go round between two sets of feet; with the least energy along each step no set comes back.
+    The energy of springs under a plate is convex: the set of pressing feet is unique. Full steps may cycle
+    between two sets; a line search does not.
     """
     weight_n = GRAVITY_M_S2 * mass_kg
     columns = np.concatenate([np.ones_like(feet[..., :1]), feet], axis=-1)  # (..., 6, 3)
@@ -212,7 +195,7 @@ class _Plate:
     load: FloatArray
 
     def gaps_m(self, body: FloatArray) -> FloatArray:
-        """Heights of unloaded feet over the floor (..., 6), negative where a foot presses."""
+        """Heights of unloaded feet over the floor (..., 6), negative if a foot presses."""
         return np.asarray(np.einsum("...ia,...a->...i", self.columns, body) + self.rest_m)
 
     def rest(self, pressing: BoolArray) -> FloatArray:
@@ -225,8 +208,8 @@ class _Plate:
     def least(self, body: FloatArray, step: FloatArray) -> FloatArray:
         """Share 0..1 of a step with the least energy, leading shape.
 
-        The slope of the energy along the step grows, on a line between the shares at which a foot comes to
-        the floor or leaves it.
+        The slope of the energy along the step is piecewise linear, with a bend at each foot that meets or
+        leaves the floor.
         """
         start = self.gaps_m(body)
         change = np.einsum("...ia,...a->...i", self.columns, step)

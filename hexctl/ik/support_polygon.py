@@ -1,7 +1,7 @@
 """Static stability: the centre of mass, the support polygon, and the margin between them.
 
-A pose is stable while the centre of mass, projected to the floor, lies within the convex hull of the feet
-that are on it (paper, figure on the concept of stability). Everything is vectorised over any leading axes.
+A pose is stable while the projected centre of mass lies within the convex hull of the feet on the floor
+(paper, figure on the concept of stability). Everything is vectorised over any leading axes.
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from hexctl.ik.legs import link_points_body
 from hexctl.robot.model import Robot
 from hexctl.types import JOINTS_PER_LEG, ArrayFields, BoolArray, FloatArray
 
-#: Feet nearer to one another than this are one corner.
+#: Feet nearer to each other than this are one corner.
 SAME_PLACE_M = 1e-6
 
 
@@ -21,9 +21,9 @@ class Support(ArrayFields):
     """A support polygon, seen from above, and the stability margin of a point.
 
     Attributes:
-        corners: counter-clockwise, leading shape + (6, 2) in m; the last one is repeated until there are six.
-        margin_m: distance of the point from the nearest side, negative outside, leading shape; -inf where
-            fewer than two feet are on the floor.
+        corners: counter-clockwise, leading shape + (6, 2) in m; the last one is repeated up to six.
+        margin_m: distance of the point from the nearest side, negative outside, leading shape; -inf with
+            fewer than two feet on the floor.
     """
 
     corners: FloatArray
@@ -31,38 +31,19 @@ class Support(ArrayFields):
 
 
 def centre_of_mass_body(robot: Robot, joint_positions_rad: FloatArray) -> FloatArray:
-    """Centre of mass of the robot in the body frame, leading shape + (3,) in m.
-
-    Args:
-        robot: geometry and masses.
-        joint_positions_rad: leading shape + (18,).
-    """
+    """Centre of mass of the robot in the body frame, leading shape + (3,) in m, at angles + (18,)."""
     return centre_of_mass_of(robot, link_points_body(robot, joint_positions_rad))
 
 
 def centre_of_mass_of(robot: Robot, link_points: FloatArray) -> FloatArray:
-    """Centre of mass of a robot whose links begin and end at points, leading shape + (3,) in m.
-
-    What a world adds to the robot, such as a payload, does not count.
-
-    Args:
-        robot: masses and where they are.
-        link_points: what `link_points_body` returns, leading shape + (6, 4, 3) in m.
-    """
+    """Centre of mass of a robot, without payload, leading shape + (3,) in m; points of `link_points_body`."""
     links = np.einsum("...lkc,k->...c", link_centres_of(robot, link_points), robot.link_masses_kg)
     trunk = robot.body.mass_kg * np.asarray(robot.body.com_m)
     return np.asarray((links + trunk) / robot.mass_kg)
 
 
 def link_centres_of(robot: Robot, link_points: FloatArray) -> FloatArray:
-    """Centres of mass of links that begin and end at points, leading shape + (6, 3, 3) in m.
-
-    That of a link without one of its own is in the middle of its solid.
-
-    Args:
-        robot: geometry.
-        link_points: what `link_points_body` returns, leading shape + (6, 4, 3) in m.
-    """
+    """Centres of mass of links, ... + (6, 3, 3) in m, from the points of `link_points_body`."""
     starts, along = link_points[..., :-1, :], np.diff(link_points, axis=-2)
     if robot.link_coms_m is None:
         return np.asarray(starts + (0.5 * solid_shares(robot))[:, np.newaxis] * along)
@@ -79,18 +60,13 @@ def link_centres_of(robot: Robot, link_points: FloatArray) -> FloatArray:
 
 
 def solid_shares(robot: Robot) -> FloatArray:
-    """Part of each link's length that is solid, (3,): that of the tibia ends where the foot begins."""
+    """Solid share of each link's length, (3,): that of the tibia ends at the foot."""
     length = float(np.hypot(*robot.link_vectors_m[-1]))
     return np.array([1.0, 1.0, max(0.5, 1 - robot.foot_radius_m / length)])
 
 
 def foot_heights_body(robot: Robot, joint_positions_rad: FloatArray) -> FloatArray:
-    """Heights of the centres of the feet in the body frame, leading shape + (6,) in m.
-
-    Args:
-        robot: geometry.
-        joint_positions_rad: leading shape + (18,).
-    """
+    """Heights of the centres of the feet in the body frame, leading shape + (6,) in m."""
     femur, knee = joint_positions_rad[..., 1::JOINTS_PER_LEG], joint_positions_rad[..., 2::JOINTS_PER_LEG]
     (_, hip_up), (femur_out, femur_up), (tibia_out, tibia_up) = robot.link_vectors_m
     tibia = femur + knee
@@ -100,14 +76,9 @@ def foot_heights_body(robot: Robot, joint_positions_rad: FloatArray) -> FloatArr
 
 
 def to_world(points_body: FloatArray, position_world: FloatArray, quaternion_world: FloatArray) -> FloatArray:
-    """Points of the body frame in the world frame, leading shape + (N, 3) in m.
+    """Points of the body frame, leading shape + (N, 3) in m, in the world frame.
 
-    With the quaternion (w, q): p_world = position + p + 2 w (q x p) + 2 q x (q x p).
-
-    Args:
-        points_body: leading shape + (N, 3).
-        position_world: origin of the body frame, leading shape + (3,).
-        quaternion_world: its orientation (w, x, y, z), leading shape + (4,).
+    With the quaternion (w, q), leading shape + (4,): p_world = position + p + 2 w (q x p) + 2 q x (q x p).
     """
     w, axis = quaternion_world[..., np.newaxis, :1], quaternion_world[..., np.newaxis, 1:]
     twice = 2 * np.cross(axis, points_body)
@@ -115,14 +86,10 @@ def to_world(points_body: FloatArray, position_world: FloatArray, quaternion_wor
 
 
 def carried(feet: FloatArray, standing: BoolArray, point: FloatArray) -> BoolArray:
-    """Whether a point is within the convex hull of the feet on the floor, leading shape.
-
-    It is if no two neighbouring directions to the feet are half a turn or more apart. Takes the arguments of
-    `support`, and is faster where the margin is not needed.
-    """
+    """Whether a point is within the convex hull of the standing feet; faster than `support`."""
     toward = feet - point[..., np.newaxis, :]
     angles = np.arctan2(toward[..., 1], toward[..., 0])
-    # A foot in the air counts as being where one on the floor is, which leaves the gaps as they are.
+    # A foot in the air takes the direction of one on the floor, which leaves the gaps unchanged.
     first = np.where(standing, angles, np.pi).min(axis=-1, keepdims=True)
     angles = np.sort(np.where(standing, angles, first), axis=-1)
     gaps = np.diff(angles, axis=-1, append=angles[..., :1] + 2 * np.pi)
@@ -132,11 +99,9 @@ def carried(feet: FloatArray, standing: BoolArray, point: FloatArray) -> BoolArr
 def support(feet: FloatArray, standing: BoolArray, point: FloatArray) -> Support:
     """Convex hull of the feet on the floor and the margin of a point, all seen from above.
 
-    A side of the hull is a line between two feet that has all others on its left.
-
     Args:
         feet: leading shape + (6, 2) in m.
-        standing: which of them are on the floor, leading shape + (6,).
+        standing: which feet are on the floor, leading shape + (6,).
         point: the projected centre of gravity, leading shape + (2,).
     """
     outer, sides, lengths = _sides(feet, standing)
@@ -147,15 +112,7 @@ def support(feet: FloatArray, standing: BoolArray, point: FloatArray) -> Support
 
 
 def margins_at_m(feet: FloatArray, standing: BoolArray, points: FloatArray) -> FloatArray:
-    """Stability margins of several points over the same feet, points shape + leading shape.
-
-    What `support` gives for each of them, several times as fast.
-
-    Args:
-        feet: leading shape + (6, 2) in m.
-        standing: which of them are on the floor, leading shape + (6,).
-        points: (points, 2) in m.
-    """
+    """Stability margins of points (points, 2) over the same feet, faster than by `support`."""
     outer, sides, lengths = _sides(feet, standing)
     lengths = np.maximum(lengths, SAME_PLACE_M)
     # The distance of a point from a side is linear in it: from the origin, less the point along the normal.
@@ -184,7 +141,7 @@ def _sides(feet: FloatArray, standing: BoolArray) -> tuple[BoolArray, FloatArray
 
 
 def _corners(feet: FloatArray, standing: BoolArray, outer: BoolArray) -> FloatArray:
-    """Feet at which the sides begin, in order around their middle; with no side, every foot on the floor."""
+    """Feet at which the sides begin, in order around their middle; without a side, all standing feet."""
     corner = outer.any(axis=-1)
     corner = np.where(corner.any(axis=-1, keepdims=True), corner, standing)
     count = corner.sum(axis=-1, keepdims=True)
@@ -197,5 +154,5 @@ def _corners(feet: FloatArray, standing: BoolArray, outer: BoolArray) -> FloatAr
 
 
 def _cross(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Z component of cross products in the plane, positive where the second vector is on the left."""
+    """Z component of cross products in the plane, positive if the second vector is on the left."""
     return np.asarray(first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0])

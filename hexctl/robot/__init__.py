@@ -1,1 +1,1 @@
-"""Robot descriptions: robot files, the model made from them, servo maps, meshes, failures."""
+"""Robot descriptions: robot files, their models, servo maps, meshes, failures."""

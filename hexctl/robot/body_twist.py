@@ -1,10 +1,8 @@
-"""Velocity of a body in its own frame, from its poses as they come, and from all of a recording.
+"""Velocity of a body in its own frame, from successive poses or from a recording.
 
 With the position p and the orientation q, R(q)^T turns a vector of the world into the frame of the body:
 
     v = R(q)^T dp/dt,    omega = 2 vec(q* dq/dt)
-
-Both are means between two poses while they come, and central differences of a recording.
 """
 
 import math
@@ -14,30 +12,21 @@ import numpy as np
 
 from hexctl.types import FloatArray
 
-#: Velocities are averaged over this time: the difference of two poses a tick apart is mostly noise.
+#: Averaging time: the difference of two poses a tick apart is mostly noise.
 AVERAGED_S = 0.1
 
-#: Poses further apart than this belong to two motions.
+#: Maximum gap between two poses of a motion.
 MOST_S = 0.5
 
 
 class BodyTwist:
-    """Velocity and angular velocity of a body from the poses of the last `AVERAGED_S`.
-
-    v = R(q)^T (p - p_before) / dt,    omega = log(q_before^-1 q) / dt
-    """
+    """Velocity of a body: v = R(q)^T (p - p_before) / dt, omega = log(q_before^-1 q) / dt."""
 
     def __init__(self) -> None:
         self._poses: deque[tuple[float, FloatArray, FloatArray]] = deque()
 
     def of(self, at_s: float, position_world: FloatArray, quaternion_world: FloatArray) -> FloatArray:
-        """Velocity (x, y, z) in m/s and angular velocity (x, y, z) in rad/s in the body's frame, (6,).
-
-        Args:
-            at_s: time of the pose; zeros are returned for the first one, and after a gap.
-            position_world: (3,) in m.
-            quaternion_world: (w, x, y, z), (4,).
-        """
+        """Velocity in m/s and angular velocity in rad/s in the body's frame, (6,); 0 after a gap."""
         poses = self._poses
         if poses and not 0 <= at_s - poses[-1][0] <= MOST_S:
             poses.clear()
@@ -55,13 +44,7 @@ class BodyTwist:
 def body_twists(
     times_s: FloatArray, positions_world: FloatArray, quaternions_world: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Velocities (N, 3) in m/s and angular velocities (N, 3) in rad/s, by central differences.
-
-    Args:
-        times_s: of the poses, ascending, (N,) with N of 2 or more.
-        positions_world: (N, 3) in m.
-        quaternions_world: (w, x, y, z), (N, 4); their signs may change.
-    """
+    """Velocities and angular velocities (N, 3) in m/s and rad/s, by central differences of N poses."""
     q = quaternions_world.copy()
     flips = np.cumprod(np.where((q[1:] * q[:-1]).sum(axis=-1) < 0, -1.0, 1.0))
     q[1:] *= flips[:, np.newaxis]
@@ -87,7 +70,7 @@ def _turned_back(quaternion: FloatArray, vector: FloatArray) -> tuple[float, flo
 
 
 def _turn_between(before: FloatArray, now: FloatArray) -> tuple[float, float, float]:
-    """Rotation vector that turns one orientation into another, in the frame of the body."""
+    """Rotation vector between two orientations, in the frame of the body."""
     w0, x0, y0, z0 = before.tolist()
     w1, x1, y1, z1 = now.tolist()
     w = w0 * w1 + x0 * x1 + y0 * y1 + z0 * z1

@@ -1,4 +1,4 @@
-"""Configuration files: found by shipped name or path, read as one mapping, refused in one line."""
+"""Configuration files: found by shipped name or path, and read as a mapping."""
 
 import math
 import os
@@ -18,16 +18,15 @@ SchemaT = TypeVar("SchemaT")
 
 
 def _not_a_switch(value: object) -> object:
-    """Refuse YAML's yes, no, on, off, true and false, which pydantic would take for 1 and 0."""
+    """Refuse YAML's yes, no, on, off, true and false, which pydantic would convert to 1 and 0."""
     if isinstance(value, bool):
         raise ValueError(f"got {value}; allowed: a number")
     return value
 
 
-#: Size of a configuration file; the shipped ones have some thousand.
+#: Maximum size of a configuration file; the shipped ones have some thousand bytes.
 MOST_BYTES = 500_000
 
-#: A number of a configuration file.
 Number = Annotated[float, BeforeValidator(_not_a_switch)]
 
 
@@ -44,10 +43,7 @@ def config_names(kind: str) -> list[str]:
 
 
 def find_config(kind: str, name_or_path: str | Path) -> Path:
-    """File of a shipped name, in any case and spelling, or of a path: anything with a suffix or a slash.
-
-    Raises InputError that lists the shipped names when there is no such file.
-    """
+    """File of a shipped name, in any spelling, or of a path; raises InputError with the shipped names."""
     check_type(name_or_path, (str, os.PathLike), kind[:-1], "a shipped name or the path of a YAML file")
     text = str(name_or_path)
     if Path(text).suffix or "/" in text:
@@ -66,10 +62,7 @@ def find_config(kind: str, name_or_path: str | Path) -> Path:
 
 
 def shipped_text(kind: str, name_or_path: str | Path) -> str:
-    """A shipped name in the spelling of its file, with the number of a member behind it; a path as it is.
-
-    `Randomized:07` is `randomised:7`: what is stored under one name is found under one name.
-    """
+    """Canonical spelling of a shipped name: `Randomized:07` is `randomised:7`; a path as it is."""
     text = str(name_or_path)
     name, colon, number = text.rpartition(":") if ":" in text else (text, "", "")
     known = known_name(name, config_names(kind)) if not ("/" in text or Path(text).suffix) else None
@@ -79,10 +72,7 @@ def shipped_text(kind: str, name_or_path: str | Path) -> str:
 
 
 def read_mapping(path: Path) -> dict[str, Any]:
-    """The YAML mapping of a file; an empty file is an empty mapping.
-
-    Raises InputError for a file that cannot be read, is not YAML, or is not a mapping.
-    """
+    """The YAML mapping of a file, empty for an empty file; raises InputError for anything else."""
     try:
         return mapping_of(read_file(path, MOST_BYTES), path)
     except OSError as error:
@@ -90,7 +80,7 @@ def read_mapping(path: Path) -> dict[str, Any]:
 
 
 def mapping_of(content: bytes, path: Path) -> dict[str, Any]:
-    """The YAML mapping that a file holds; raises what `read_mapping` raises, naming its path."""
+    """The YAML mapping of a file's content; raises what `read_mapping` raises, naming its path."""
     try:
         values = yaml_content(content.decode("utf-8"))
     except UnicodeDecodeError as error:
@@ -113,10 +103,7 @@ def file_says(path: Path, wanted: dict[str, Any]) -> bool:
 
 
 def validate(schema: type[SchemaT], content: dict[str, Any], path: Path) -> SchemaT:
-    """Content of a file as an instance of its schema, a model or a dataclass of pydantic.
-
-    Raises InputError with file, key, value and what is allowed, for the first problem.
-    """
+    """Content of a file as an instance of its schema; raises InputError for the first problem."""
     try:
         return TypeAdapter(schema).validate_python(content)
     except ValidationError as error:
@@ -124,12 +111,11 @@ def validate(schema: type[SchemaT], content: dict[str, Any], path: Path) -> Sche
 
 
 def is_family(content: Mapping[str, Any]) -> bool:
-    """Whether a world file holds a family, of which a walk takes one world by its number."""
+    """Whether the content of a world file is a family of numbered worlds."""
     return "ranges" in content
 
 
 def _listed(kind: str) -> str:
-    """Shipped names, families of worlds last and as they are typed: `transfer:N`."""
     names = config_names(kind)
     families = [name for name in names if is_family(read_mapping(config_root() / kind / f"{name}.yaml"))]
     return ", ".join([*(name for name in names if name not in families), *(f"{name}:N" for name in families)])
@@ -137,7 +123,7 @@ def _listed(kind: str) -> str:
 
 Location = tuple[int | str, ...]
 
-#: What is allowed, by pydantic's type of problem; `{name}` comes from the problem's context.
+#: Allowed values by pydantic's type of problem; `{name}` comes from the problem's context.
 ALLOWED = {
     "greater_than": "above {gt}",
     "greater_than_equal": "{ge} or more",
@@ -158,12 +144,12 @@ ALLOWED = {
 }
 
 
-#: Types of problem of a key that a model, or a dataclass, does not have.
+#: Problem types of an unknown key of a model or a dataclass.
 UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
 
 
 def first_problem(schema: type, error: ValidationError) -> str:
-    """First problem of a validation; an unknown key comes before the others, which may follow from it."""
+    """First problem of a validation; an unknown key comes first, because others may follow from it."""
     problems = error.errors(include_url=False)
     problem = min(problems, key=lambda problem: problem["type"] not in UNKNOWN_KEY)
     others = len(problems) - 1
@@ -198,12 +184,11 @@ def _dotted(location: Location) -> str:
 
 
 def keys_of(schema: Any) -> Mapping[str, Any] | None:
-    """Fields of a model or a dataclass of pydantic by name; None for any other type."""
+    """Fields of a pydantic model or dataclass by name; None for any other type."""
     return getattr(schema, "__pydantic_fields__", None)
 
 
 def _keys_beside(schema: type, location: Location) -> Sequence[str]:
-    """Keys that are allowed beside the last key of a location."""
     here: Any = schema
     for part in location[:-1]:
         fields: Mapping[str, Any] = here.__pydantic_fields__

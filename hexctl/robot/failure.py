@@ -1,7 +1,4 @@
-"""Failures of a leg: before a walk, during it, and as a controller notices them.
-
-`hexctl.robot.failure_grammar` reads them from text.
-"""
+"""Failures of a leg: before a walk, during it, and as a controller detects them."""
 
 import math
 from collections.abc import Collection, Mapping, Sequence
@@ -18,7 +15,7 @@ if TYPE_CHECKING:
 
 BROKEN_KINDS = ("locked", "limp", "stuck", "weak", "missing")
 
-#: A leg that failed in a way that the controller is not told.
+#: A failure of which the controller knows only the leg.
 UNKNOWN = "unknown"
 
 FAILURE_KINDS = (*BROKEN_KINDS, UNKNOWN)
@@ -26,20 +23,20 @@ FAILURE_KINDS = (*BROKEN_KINDS, UNKNOWN)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Failure:
-    """The failure of one leg: what a simulation breaks, and what a controller is told.
+    """The failure of one leg, in a simulation or as known to a controller.
 
     A `locked` leg holds its stance pose, on the floor. A `limp` one has no torque. A `stuck` one has one
-    joint jammed. A `weak` one has part of its torque. A `missing` one has neither contacts nor mass. Of an
-    `unknown` failure only the leg is known: a controller keeps that leg in its stance pose, whatever it does
-    there, and a simulation draws what breaks (`drawn_failure`).
+    joint jammed. A `weak` one has part of its torque. A `missing` one has neither contacts nor mass. A leg
+    with an `unknown` failure is kept in its stance pose, and a simulation draws what breaks
+    (`drawn_failure`).
 
     Attributes:
-        leg: number of the leg, 1..6.
+        leg: 1..6.
         kind: one of `FAILURE_KINDS`.
-        joint: `coxa`, `femur` or `tibia`, the joint that is stuck, or the only one that is limp or weak; None
-            for the coxa of a stuck leg, for all three of others.
-        angle_rad: the angle at which it is stuck; of no effect for other kinds.
-        torque_fraction: part of the torque that a weak leg has, 0..1; of no effect for other kinds.
+        joint: the stuck joint, or the only limp or weak one, of `coxa`, `femur` and `tibia`; None for the
+            coxa of a stuck leg, for all three of others.
+        angle_rad: of a stuck joint.
+        torque_fraction: remaining share of the torque of a weak leg, 0..1.
 
     Raises InputError for a value that is not allowed.
     """
@@ -57,7 +54,7 @@ class Failure:
 
     @property
     def joints(self) -> tuple[int, ...]:
-        """Indices of the joints that failed, in arrays of 18."""
+        """Indices of the failed joints, in arrays of 18."""
         first = JOINTS_PER_LEG * (self.leg - 1)
         return tuple(range(first, first + JOINTS_PER_LEG)) if self.joint is None else (self.joint_index,)
 
@@ -72,13 +69,13 @@ class Failure:
         _require(self.joint in (None, *JOINT_KINDS), "failed joint", self.joint, ", ".join(JOINT_KINDS))
         _require(math.isfinite(self.angle_rad), "stuck angle", self.angle_rad, "a finite angle")
         _require(0 <= self.torque_fraction <= 1, "weak torque fraction", self.torque_fraction, "0..1")
-        # A joint that means nothing for a kind does not make another failure of it.
+        # A joint that a kind does not use does not make it another failure.
         joint = (self.joint or JOINT_KINDS[0]) if self.kind == "stuck" else self.joint
         object.__setattr__(self, "joint", joint if self.kind in ("stuck", "limp", "weak") else None)
 
     @property
     def typed(self) -> str:
-        """Leg and failure as an option has them: `5:limp`."""
+        """Leg and failure as typed in an option: `5:limp`."""
         return f"{self.leg}:{self}"
 
     def __str__(self) -> str:
@@ -92,15 +89,14 @@ class Failure:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FailureEvent:
-    """A moment of a walk at which a leg fails, or is whole again: what the world does, told to no controller.
+    """A moment of a walk at which a leg of the world fails or heals; no controller knows it.
 
-    A joint that sticks then does so where it is: the angle of the failure is of no effect. A leg that locks
-    keeps the targets that it was sent last.
+    A joint jams where it is: the angle of the failure is ignored. A leg that locks keeps its last targets.
 
     Attributes:
         at_s: seconds since the walk began.
-        leg: number of the leg, 1..6.
-        failure: how it fails; None where it heals.
+        leg: 1..6.
+        failure: None if it heals.
 
     Raises InputError for a time below 0 or an `unknown` failure.
     """
@@ -130,22 +126,21 @@ class FailureEvent:
         return f"{self.leg}:{kind}@{self.at_s:.12g}"
 
 
-#: Kinds of a noticed failure whose leg only putting it down can tell to be whole again.
+#: Kinds of failures of legs that must be put down to show that they are intact.
 ON_TRIAL = ("missing", UNKNOWN)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoticedFailure:
-    """A failure that a controller noticed by itself, and what it did about it.
+    """A failure that a controller detected, and its response.
 
     Attributes:
         at_s: seconds since the walk began.
-        failure: leg, kind and joint, as it believes.
-        evidence: what it was noticed by: `following` (targets that joints do not follow), `support` (load
-            that a leg does not carry), `effort` (torque that a joint does not give), `balance` (how the
-            body leans and which feet touch) or `silence` (a servo that does not answer).
-        did: what it did, in few words.
-        healed: whether it noticed that the leg is whole again, or put down one that was missing to try it.
+        failure: leg, kind and joint, as it assumes.
+        evidence: `following` (joints do not follow targets), `support` (missing load), `effort` (missing
+            torque), `balance` (lean and contacts) or `silence` (a servo that does not answer).
+        did: the response, in few words.
+        healed: whether the leg was found intact, or a missing one was put down for a trial.
     """
 
     at_s: float
@@ -160,7 +155,7 @@ class NoticedFailure:
 
     @property
     def in_words(self) -> str:
-        """Leg, and how it fails or that it is whole again: `leg 5 limp`."""
+        """Leg, and how it failed or that it is intact again: `leg 5 limp`."""
         again = "put down again, on trial" if self.failure.kind in ON_TRIAL else "whole again"
         return f"leg {self.failure.leg} {again if self.healed else in_words(self.failure)}"
 
@@ -195,7 +190,7 @@ def in_words(failure: Failure) -> str:
 
 
 def in_words_with_share(failure: Failure) -> str:
-    """Kind and joint of a failure, and the torque that a weak leg or joint has left."""
+    """Kind and joint of a failure, and the remaining torque of a weak leg or joint."""
     share = f" ({failure.torque_fraction:g} of its torque)" if failure.kind == "weak" else ""
     return in_words(failure) + share
 
@@ -203,17 +198,17 @@ def in_words_with_share(failure: Failure) -> str:
 #: The failure of one leg, those of several, or None.
 Failures = Failure | Sequence[Failure] | None
 
-#: A robot walks with no more failed legs than this.
+#: Maximum number of failed legs of a walk.
 MOST_FAILED = 3
 
 
 def failure_text(*failures: Failure | None) -> str:
-    """Legs and failures as text, such as `leg 5 locked`; `none` where no leg failed."""
+    """Legs and failures as text, such as `leg 5 locked`; `none` without a failure."""
     return " and ".join(f"leg {one.leg} {one}" for one in failures if one is not None) or "none"
 
 
 def untold_note(broken: Failures, told: Failures) -> str | None:
-    """What an operator should know where a simulation breaks something else than its controller is told."""
+    """Note for the operator if the simulation breaks something else than the controller knows, or None."""
     breaks, tells = each_failure(broken), each_failure(told)
     if breaks == tells:
         return None
@@ -221,7 +216,7 @@ def untold_note(broken: Failures, told: Failures) -> str | None:
 
 
 def each_failure(failures: Failures) -> tuple[Failure, ...]:
-    """The failure of one leg, those of several, or none, as a tuple, by leg."""
+    """One failure, several or none as a tuple, by leg."""
     if failures is None:
         return ()
     if isinstance(failures, Failure):
@@ -230,7 +225,7 @@ def each_failure(failures: Failures) -> tuple[Failure, ...]:
 
 
 def check_further(failure: Failure | None, further: Sequence[Failure], what: str) -> None:
-    """Raise InputError for failures of legs besides a first one that are not of other legs, 3 in all."""
+    """Raise InputError for further failures without a first, of a leg twice, or of more than 3 legs."""
     check_type(further, (tuple, list), what, "Failures, as (Failure(leg=5),)")
     for one in further:
         check_type(one, Failure, what, "Failures, as (Failure(leg=5),)")
@@ -243,13 +238,7 @@ def check_further(failure: Failure | None, further: Sequence[Failure], what: str
 def check_healings(
     events: Sequence[FailureEvent], before: Sequence[FailureEvent] = (), failed_legs: Collection[int] = ()
 ) -> None:
-    """Raise InputError for a leg that heals while it is whole.
-
-    Args:
-        events: that are checked.
-        before: further events of the same walk, those of the world.
-        failed_legs: legs that have failed before the walk.
-    """
+    """Raise InputError for a leg that heals while it is intact, after the events before."""
     failed = set(failed_legs)
     for event in sorted((*before, *events), key=lambda one: one.at_s):
         if event.failure is not None:
@@ -272,21 +261,18 @@ def _require(holds: bool, what: str, got: object, allowed: str) -> None:
         raise InputError(f"{what}: got {got}; allowed: {allowed}")
 
 
-#: Standard deviation of the angle at which a joint of an unknown failure jams, about its angle in the stance.
+#: Standard deviation of the angle of a jammed joint of an unknown failure, about its stance angle.
 JAM_SPREAD_RAD = math.radians(20.0)
 
-#: Share of the torque that a weak leg of an unknown failure has.
+#: Range of the remaining torque of a weak leg of an unknown failure.
 WEAK_SHARES = (0.05, 0.6)
 
 
 def drawn_failure(robot: "Robot", failure: Failure | None, seed: int) -> Failure | None:
-    """The failure that a simulation with a seed applies: the one given, or one drawn where it is `unknown`.
-
-    Every kind is as likely as any other. A jammed joint is any of the three, near its angle in the stance.
-    """
+    """The failure that a simulation applies: the one given, or a random one if it is `unknown`."""
     if failure is None or failure.kind != UNKNOWN:
         return failure
-    # A stream of its own beside those of bumps, joint offsets, noise and lost commands.
+    # A separate stream from those of bumps, joint offsets, noise and lost commands.
     rng = np.random.default_rng([seed, 4, failure.leg])
     kind, joint = str(rng.choice(BROKEN_KINDS)), str(rng.choice(JOINT_KINDS))
     share = float(rng.uniform(*WEAK_SHARES))

@@ -1,6 +1,6 @@
 """Text of failures: `LEG:KIND[:DETAIL][@SECONDS]`, such as `5:limp`, `5:stuck:coxa:30` and `5:locked@8`.
 
-With `@SECONDS` the leg fails during a walk, without it before. A leg without a kind, `5`, is locked.
+With `@SECONDS` the leg fails during a walk, otherwise before. A leg without a kind, `5`, is locked.
 `LEG@SECONDS` is a leg that heals.
 """
 
@@ -20,22 +20,19 @@ from hexctl.robot.failure import (
 from hexctl.typed_names import known_name, nearest
 from hexctl.types import JOINT_KINDS, N_LEGS
 
-#: What the text of a failure looks like.
+#: Forms of texts, for messages: a failure, one that happens now, kinds, kinds while moving, a healing.
 FORMS = "LEG:KIND such as 5:limp, 5:stuck:coxa@8"
 
-#: What the text of a failure that comes now looks like.
 NOW_FORMS = "LEG:KIND such as 5:limp, 5:stuck:coxa"
 
-#: What the kind of a failure looks like.
 KINDS = "locked, limp[:JOINT], missing, weak[:JOINT][:FRACTION], stuck[:JOINT[:DEGREES]], unknown"
 
-#: Kinds of failures that come while a robot moves: a joint jams where it is, and what breaks is known.
+#: A joint jams where it is, and what breaks is known.
 COMING_KINDS = "locked, limp[:JOINT], missing, weak[:JOINT][:FRACTION], stuck:JOINT"
 
-#: What the text of a leg that heals looks like.
 HEALING_FORMS = "LEG@SECONDS such as 5@20"
 
-#: In place of legs that failed: a diagnosis finds them.
+#: In place of failed legs: a diagnosis finds them.
 AUTO_LEG = "auto"
 
 _LEGS = f"1..{N_LEGS}"
@@ -49,26 +46,14 @@ AskedLegs = int | str | Sequence[int] | None
 
 
 class ReadFailures(NamedTuple):
-    """Failures that were asked for.
-
-    Attributes:
-        failures: of legs that failed before the walk, by leg.
-        events: failures that come during the walk, in the order asked.
-    """
+    """Failures that were asked for: before the walk, by leg, and events during it, in the order given."""
 
     failures: tuple[Failure, ...]
     events: tuple[FailureEvent, ...]
 
 
 def read_failures(asked: AskedFailures, failed_legs: AskedLegs = None) -> ReadFailures:
-    """Failures of texts and values, such as `5:limp,2:locked@8`.
-
-    Args:
-        asked: the failures.
-        failed_legs: further legs that failed before the walk. One that has no failure in `asked` is locked.
-
-    Raises InputError for anything that is not allowed.
-    """
+    """Failures of texts and values, such as `5:limp,2:locked@8`, and locked legs; raises InputError."""
     values = tuple(_each_value(asked))
     failures = [value for value in values if isinstance(value, Failure)]
     legs = [one.leg for one in failures]
@@ -82,7 +67,6 @@ def read_failures(asked: AskedFailures, failed_legs: AskedLegs = None) -> ReadFa
 
 
 def _each_value(asked: AskedFailures) -> Iterable[Failure | FailureEvent]:
-    """Values of what was asked for, texts divided at their commas."""
     what, allowed = argument("failure"), f"a Failure, text {FORMS}, or several"
     several = () if asked is None else (asked,) if isinstance(asked, str | Failure | FailureEvent) else asked
     check_type(several, (tuple, list), what, allowed)
@@ -98,10 +82,7 @@ def _each_value(asked: AskedFailures) -> Iterable[Failure | FailureEvent]:
 
 
 def read_failures_before(asked: AskedFailures, failed_legs: AskedLegs, instead: str) -> tuple[Failure, ...]:
-    """Failures of texts and values where none may come later; `instead` says what is allowed for those.
-
-    Raises InputError for anything that is not allowed.
-    """
+    """Failures before a walk; raises InputError for others, with `instead` as what is allowed."""
     failures, events = read_failures(asked, failed_legs)
     if events:
         raise InputError(f"{argument('failure')}: got '{events[0]}'; allowed: {instead}")
@@ -128,7 +109,7 @@ def read_legs(asked: AskedLegs) -> tuple[int, ...]:
 
 
 def read_healings(asked: Sequence[str | FailureEvent]) -> tuple[FailureEvent, ...]:
-    """Events of legs that heal, of texts such as `5@20` and values; raises InputError for anything else."""
+    """Healing events of texts such as `5@20` and values; raises InputError for anything else."""
     what, allowed = argument("heal"), f"text {HEALING_FORMS}"
     check_type(asked, (tuple, list), what, f"a list of {allowed}")
     for one in asked:
@@ -158,29 +139,20 @@ def parse_legs(text: str, what: str = "") -> tuple[int, ...]:
 
 
 def parse_failure(text: str) -> Failure:
-    """Failure of a text such as `5:stuck:femur:30`, of a leg that failed before a walk.
-
-    Raises InputError for anything else.
-    """
+    """Failure before a walk, of a text such as `5:stuck:femur:30`; raises InputError for anything else."""
     leg, kind = _leg_and_kind(text, text, argument("failure"))
     return _of_kind(leg, kind, _refusal(text, argument("failure")), coming=False)
 
 
 def parse_failure_now(text: str) -> Failure:
-    """Failure of a text such as `5:stuck:femur`, of a leg that fails now: the joint jams where it is.
-
-    Raises InputError for anything else, such as an angle or `unknown`.
-    """
+    """Failure now, of a text without angle such as `5:stuck:femur`; raises InputError for anything else."""
     what = "LEG:KIND"
     leg, kind = _leg_and_kind(text, text, what, NOW_FORMS)
     return _of_kind(leg, kind, _refusal(text, what), coming=True)
 
 
 def parse_failure_event(text: str) -> FailureEvent:
-    """Event of a text such as `5:locked@8`: leg, kind as `parse_failure_now` has it, seconds.
-
-    Raises InputError for anything else.
-    """
+    """Event of a text such as `5:locked@8`, without angle; raises InputError for anything else."""
     what = argument("failure")
     before, at, time_text = text.rpartition("@")
     if not at:
@@ -191,10 +163,7 @@ def parse_failure_event(text: str) -> FailureEvent:
 
 
 def parse_healing(text: str) -> FailureEvent:
-    """Event of a text such as `5@20`: which leg heals, and when.
-
-    Raises InputError for anything else.
-    """
+    """Event of a text such as `5@20`, the leg and the time; raises InputError for anything else."""
     leg, at, time_text = text.partition("@")
     if not (at and _is_leg(leg)):
         raise InputError(f"{argument('heal')}: got {text!r}; allowed: {HEALING_FORMS}")
@@ -202,30 +171,23 @@ def parse_healing(text: str) -> FailureEvent:
 
 
 def parse_kind(leg: int, text: str) -> Failure:
-    """Failure of a leg, 1..6, by the text of its kind: `limp`, `weak:0.3`, `stuck:femur:30`.
-
-    Raises InputError for anything else.
-    """
+    """Failure of leg 1..6 of a text such as `limp`, `weak:0.3`, `stuck:femur:30`; raises InputError."""
     check_type(text, str, argument("failure"), KINDS)
     return _of_kind(leg, text, _refusal(text, argument("failure")), coming=False)
 
 
 def parse_coming_kind(leg: int, text: str) -> Failure:
-    """Failure of a leg, 1..6, that comes while a robot moves, by the text of its kind.
-
-    Raises InputError for anything else, such as an angle or `unknown`.
-    """
+    """Failure of leg 1..6 that happens while it moves, without angle and `unknown`; raises InputError."""
     check_type(text, str, argument("failure"), COMING_KINDS)
     return _of_kind(leg, text, _refusal(text, argument("failure")), coming=True)
 
 
 def _refusal(text: str, what: str) -> str:
-    """Beginning of the message about a text that is not allowed."""
     return f"{what}: got {text!r}; allowed: "
 
 
 def _is_leg(text: str) -> bool:
-    """Whether a text is the number of a leg, with spaces around it or none."""
+    """Whether a text is a leg's number, with or without spaces around it."""
     return text.strip(" ") in map(str, range(1, N_LEGS + 1))
 
 
@@ -240,14 +202,7 @@ def _leg_and_kind(part: str, text: str, what: str, forms: str = FORMS) -> tuple[
 
 
 def _of_kind(leg: int, text: str, refused: str, *, coming: bool) -> Failure:
-    """Failure of a leg by the text of its kind.
-
-    Args:
-        leg: number of the leg.
-        text: the kind with its details.
-        refused: beginning of the message about a text that is not allowed.
-        coming: whether the leg fails while it moves.
-    """
+    """Failure of a leg by the text of its kind; `refused` begins errors, `coming` is while it moves."""
     kind, *details = (_known(part) for part in text.split(":"))
     kinds = BROKEN_KINDS if coming else FAILURE_KINDS
     if kind not in kinds or len(details) > _MOST_DETAILS.get(kind, 0):
@@ -262,12 +217,11 @@ def _of_kind(leg: int, text: str, refused: str, *, coming: bool) -> Failure:
     return Failure(leg=leg, kind=kind, joint=details[0] if details else None)
 
 
-#: Details that the text of a kind has after it.
+#: Maximum number of details of a kind.
 _MOST_DETAILS = {"stuck": 2, "weak": 2, "limp": 1}
 
 
 def _weak(leg: int, details: list[str], refused: str) -> Failure:
-    """Weak leg, or joint, with a part of its torque."""
     joint = details.pop(0) if details and details[0] in JOINT_KINDS else None
     if not details:
         return Failure(leg=leg, kind="weak", joint=joint)
@@ -278,7 +232,7 @@ def _weak(leg: int, details: list[str], refused: str) -> Failure:
 
 
 def _stuck(leg: int, details: list[str], refused: str, *, coming: bool) -> Failure:
-    """Leg with a jammed joint: at an angle, or where it is while it moves."""
+    """Leg with a joint jammed at an angle, or where it is."""
     joint = details[0] if details else None
     if coming and len(details) != 1:
         where = "it jams where it is" if details else "a leg that keeps its pose is locked"
@@ -291,7 +245,7 @@ def _stuck(leg: int, details: list[str], refused: str, *, coming: bool) -> Failu
 
 
 def _known(part: str) -> str:
-    """A kind or a joint in any case and spelling as it is called here, anything else as it is."""
+    """A kind or a joint in canonical spelling, anything else as it is."""
     return known_name(part, (*FAILURE_KINDS, *JOINT_KINDS)) or part
 
 
@@ -303,7 +257,7 @@ def _number(text: str, refused: str) -> float:
 
 
 def _seconds(time_text: str, text: str, what: str) -> float:
-    """Seconds of a time in a whole text, 0 or more."""
+    """Seconds of a time, 0 or more; `text` is for the message."""
     seconds = _number(time_text, refused := _refusal(text, what))
     if not (math.isfinite(seconds) and seconds >= 0):
         raise InputError(f"{refused}0 s or more in place of {time_text!r}")

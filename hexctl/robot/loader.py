@@ -1,7 +1,4 @@
-"""Robot files: one YAML, parsed once, gives a frozen `Robot`, its servo map and its meshes.
-
-What is wrong with a file is told in one line: file, key, value got, what is allowed.
-"""
+"""Robot files: one YAML, parsed once, gives a frozen `Robot`, its servo map and its meshes."""
 
 import math
 from collections.abc import Sequence
@@ -27,16 +24,7 @@ from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS, FloatArray
 
 @dataclass(frozen=True)
 class RobotFile:
-    """A robot file, parsed once.
-
-    The servo map and the meshes are no part of the robot, and not every caller needs them: each is made,
-    and refused, when it is first asked for.
-
-    Attributes:
-        path: the YAML file.
-        robot: the robot that it describes.
-        content: what it says, key by key.
-    """
+    """A robot file; servo map and meshes are made, and checked, on first access."""
 
     path: Path
     robot: Robot
@@ -44,10 +32,7 @@ class RobotFile:
 
     @cached_property
     def servo_map(self) -> ServoMap:
-        """The servo map of the section `servos`, or the default where there is none.
-
-        Raises InputError for channels or limits that no board can have.
-        """
+        """The servo map of the section `servos`, or the default; raises InputError."""
         try:
             return servo_map_of(self.content.servos)
         except InputError as error:
@@ -55,10 +40,7 @@ class RobotFile:
 
     @cached_property
     def raw_map(self) -> RawMap:
-        """What raw positions of its servos mean: the map of the driver, else the servo map.
-
-        Raises InputError for ids, channels or limits that no servos can have.
-        """
+        """The map of raw positions of the driver, else the servo map; raises InputError."""
         section = self.content.servos
         made = bus_map_of if section.driver in BUS_DRIVERS else pwm_map_of
         if section.driver is None:
@@ -70,15 +52,10 @@ class RobotFile:
 
     @property
     def to_measure(self) -> tuple[str, ...]:
-        """Keys of the file that its owner has to measure: those under `unknown`.
-
-        A key of a joint kind, such as `servos.coxa.sign`, is known once all six joints have their own, as
-        after a calibration.
-        """
+        """Keys under `unknown` that no calibration has found for all six joints of their kind."""
         return tuple(path for path in self.content.unknown if not self._calibrated(path.split(".")))
 
     def _calibrated(self, path: list[str]) -> bool:
-        """Whether a path leads to a key of a joint kind's servos that each of its joints has."""
         if len(path) != 3 or path[0] != "servos" or path[1] not in JOINT_KINDS:
             return False
         joints = [getattr(self.content.servos, name) for name in JOINT_NAMES if name.endswith(path[1])]
@@ -86,18 +63,12 @@ class RobotFile:
 
     @cached_property
     def meshes(self) -> Meshes:
-        """The meshes of the section `meshes`, read from files whose names are relative to the robot file.
-
-        Raises InputError for a mesh that is missing or broken.
-        """
+        """The meshes of the section `meshes`; raises InputError for a missing or broken one."""
         return read_meshes(self.content.meshes, self.path)
 
 
 def load_robot_file(name_or_path: str | Path = "ant") -> RobotFile:
-    """Robot file of a shipped name (`ant`, `phantomx`, `jethexa` ...) or of a path.
-
-    Raises InputError that says file, key, value and what is allowed.
-    """
+    """Robot file of a shipped name (`ant`, `phantomx`, `jethexa` ...) or of a path; raises InputError."""
     path = find_config("robots", name_or_path)
     content = validate(RobotSchema, read_mapping(path), path)
     try:
@@ -107,7 +78,7 @@ def load_robot_file(name_or_path: str | Path = "ant") -> RobotFile:
 
 
 def robot_of_content(content: dict[str, Any], path: Path) -> Robot:
-    """Robot of what a robot file says, key by key; raises what `load_robot_file` raises of that file."""
+    """Robot of the content of a robot file; raises what `load_robot_file` raises."""
     try:
         return _build(validate(RobotSchema, content, path))
     except InputError as error:
@@ -121,17 +92,17 @@ def load_robot(name_or_path: str | Path = "ant") -> Robot:
 
 
 def load_servo_map(name_or_path: str | Path = "ant") -> ServoMap:
-    """Servo map of a robot file, by shipped name or path; raises what `RobotFile.servo_map` raises too."""
+    """Servo map of a robot file, by shipped name or path; also raises what `RobotFile.servo_map` raises."""
     return load_robot_file(name_or_path).servo_map
 
 
 def load_meshes(name_or_path: str | Path = "ant") -> Meshes:
-    """Meshes of a robot file, by shipped name or path; raises what `RobotFile.meshes` raises too."""
+    """Meshes of a robot file, by shipped name or path; also raises what `RobotFile.meshes` raises."""
     return load_robot_file(name_or_path).meshes
 
 
 def _build(schema: RobotSchema) -> Robot:
-    """Robot model of a valid file; InputError for geometry in which the robot cannot stand."""
+    """Robot model of a valid file; raises InputError if the robot cannot stand."""
     links, joints = schema.links.each, schema.joints.each
     positions = np.array([mount.place_m for mount in schema.mounts])
     yaws = np.array([mount.yaw_rad for mount in schema.mounts])
@@ -167,46 +138,43 @@ def _build(schema: RobotSchema) -> Robot:
 
 
 def _per_joint(values: list[float]) -> FloatArray:
-    """Values per joint kind, repeated for all six legs, (18,)."""
     return np.tile(np.array(values), N_LEGS)
 
 
 def _link_coms(links: Sequence[LinkSection]) -> FloatArray | None:
-    """Centres of mass of the links, (3, 2), or None where all are in the middle."""
+    """Centres of mass of the links, (3, 2), or None if all are in the middle."""
     if all(link.com_m is None for link in links):
         return None
     return np.array([np.array(link.end_m) / 2 if link.com_m is None else link.com_m for link in links])
 
 
 def _stiffness(schema: RobotSchema, joints: Sequence[JointSection]) -> FloatArray | None:
-    """Stiffness of each joint, (18,), or None where all have the servo's."""
+    """Stiffness of each joint, (18,), or None if all have the servo's."""
     own = [joint.stiffness_nm_per_rad for joint in joints]
     usual = schema.servo.stiffness_nm_per_rad
     return _per_joint([one or usual for one in own]) if any(own) else None
 
 
 def _dry_friction(joints: Sequence[JointSection]) -> FloatArray | None:
-    """Dry friction of each joint, (18,), or None without any."""
     friction = [joint.dry_friction_nm for joint in joints]
     return _per_joint(friction) if any(friction) else None
 
 
 def _no_load_speeds(joints: Sequence[JointSection]) -> FloatArray | None:
-    """Speed without load of each joint, (18,), or None where torque does not depend on speed."""
+    """Speed without load of each joint, (18,), or None if torque does not depend on speed."""
     given = [joint.no_load_speed_deg_s for joint in joints]
     known = [math.radians(speed) for speed in given if speed is not None]
     return _per_joint(known) if known else None
 
 
 def _stance_feet(schema: RobotSchema, positions: FloatArray, yaws: FloatArray) -> FloatArray:
-    """Nominal feet in the body frame, (6, 3), all at one height, whatever the heights of the mounts."""
+    """Nominal feet in the body frame, (6, 3), all at one height."""
     reach = schema.stance.outward_m
     x, y = positions[:, 0] + reach * np.cos(yaws), positions[:, 1] + reach * np.sin(yaws)
     return np.stack([x, y, np.full(N_LEGS, schema.stance.up_m)], axis=-1)
 
 
 def _stance_angles(schema: RobotSchema, positions: FloatArray) -> FloatArray:
-    """Joint angles of the nominal stance, (18,)."""
     coxa, femur, tibia = (link.end_m for link in schema.links.each)
     angles: list[float] = []
     for leg, mount_z in enumerate(positions[:, 2].tolist(), start=1):
@@ -219,7 +187,6 @@ def _stance_angles(schema: RobotSchema, positions: FloatArray) -> FloatArray:
 
 
 def _check_stance_limits(robot: Robot) -> None:
-    """Refuse a stance that needs a joint outside its range."""
     for index, name in enumerate(JOINT_NAMES):
         angle, low, high = (
             math.degrees(array[index])
@@ -230,7 +197,6 @@ def _check_stance_limits(robot: Robot) -> None:
 
 
 def _check_leg_order(robot: Robot) -> None:
-    """Refuse legs that are not in counter-clockwise order, once around."""
     gaps = np.diff(robot.leg_azimuths_rad, append=robot.leg_azimuths_rad[0]) % math.tau
     if not math.isclose(gaps.sum(), math.tau, rel_tol=1e-6):
         degrees = ", ".join(f"{azimuth:.0f}" for azimuth in np.degrees(robot.leg_azimuths_rad))
@@ -241,7 +207,6 @@ def _check_leg_order(robot: Robot) -> None:
 
 
 def _check_foot_spacing(robot: Robot) -> None:
-    """Refuse neighbouring feet that overlap."""
     spacing = np.linalg.norm(robot.stance_feet_body - np.roll(robot.stance_feet_body, -1, axis=0), axis=-1)
     leg = int(spacing.argmin()) + 1
     least = 2 * robot.foot_radius_m

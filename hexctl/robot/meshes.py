@@ -1,6 +1,6 @@
 """Meshes that a robot is drawn with in recordings: the section `meshes` of a robot file.
 
-They are not part of the `Robot`, so changing them leaves priors, sessions and links valid.
+They are not part of the `Robot`: changing them leaves priors, sessions and links valid.
 """
 
 import math
@@ -16,7 +16,7 @@ from hexctl.files import read_file
 from hexctl.robot.schema import MeshesSection, MeshSection
 from hexctl.types import JOINT_KINDS, ArrayFields, FloatArray
 
-#: Size of a mesh file; recordings hold all of it.
+#: Maximum size of a mesh file; recordings contain all of it.
 MOST_BYTES = 200_000_000
 
 #: Parts that can have a mesh.
@@ -27,15 +27,8 @@ PARTS = ("body", *JOINT_KINDS)
 class PartMesh(ArrayFields):
     """The mesh of the trunk or of one link of every leg, with its pose in that part's frame.
 
-    The trunk's frame is the body frame; a link's begins at its joint, x outward and z up at angle zero.
-
-    Attributes:
-        file: the file that it was read from.
-        content: the file's bytes.
-        media_type: their format, such as `model/stl`.
-        scale: metres per unit of the file.
-        position_m: origin of the mesh in the part's frame, (3,).
-        quaternion: its orientation there (w, x, y, z), (4,).
+    The trunk's frame is the body frame; a link's begins at its joint, x outward and z up at angle zero. The
+    scale is metres per unit of the file, the quaternion (w, x, y, z).
     """
 
     file: Path
@@ -56,10 +49,7 @@ Meshes = Mapping[str, PartMesh]
 
 
 def read_meshes(section: MeshesSection, robot_file: Path) -> Meshes:
-    """Meshes that a section of a robot file names; their files are relative to it.
-
-    Raises InputError that says file, key and what is wrong, for a mesh that is missing or broken.
-    """
+    """Meshes in a section of a robot file, relative to that file; raises InputError for broken ones."""
     parts = {part: getattr(section, part) for part in PARTS}
     return {part: _read(robot_file, part, mesh) for part, mesh in parts.items() if mesh is not None}
 
@@ -99,7 +89,6 @@ def _quaternion(roll: float, pitch: float, yaw: float) -> FloatArray:
     )
 
 
-#: Media types by file name suffix.
 MEDIA_TYPES = {".stl": "model/stl", ".obj": "model/obj", ".glb": "model/gltf-binary"}
 
 #: A binary STL: a header, the number of triangles, and as many records.
@@ -110,10 +99,7 @@ GLB_HEAD = struct.Struct("<4sII")
 
 
 def media_type(file: Path) -> str:
-    """Media type of a mesh file, by its suffix.
-
-    Raises InputError for an unknown suffix.
-    """
+    """Media type of a mesh file, by its suffix; raises InputError for an unknown one."""
     try:
         return MEDIA_TYPES[file.suffix.lower()]
     except KeyError:

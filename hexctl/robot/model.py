@@ -17,34 +17,27 @@ from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, ArrayFields, FloatArr
 class Robot(ArrayFields):
     """One hexapod. Body frame: x forward, y left, z up, origin at the height of the mounts' reference.
 
-    The six legs are alike and differ in their mounts. In the vertical plane of a leg, x points outward and
-    z up; each link is the vector to its end at joint angle zero. A positive coxa turns counter-clockwise
-    seen from above; positive femur and tibia lift the foot. Joint arrays are leg-major, shape (18,).
+    The six legs differ only in their mounts. In the vertical plane of a leg, x points outward and z up; each
+    link is the vector to its end at joint angle zero. A positive coxa turns counter-clockwise seen from
+    above; positive femur and tibia lift the foot. Joint arrays are leg-major, shape (18,).
 
     Attributes:
         name: short name, by which results, priors and the network identify the robot.
         size_m: the paper's size factor E; gait amplitude and height are fractions of it.
-        body: shape and mass of the trunk.
         mount_positions_body: coxa axes, (6, 3) in m.
         mount_yaws_rad: direction in which each leg points at coxa angle zero, (6,).
         link_vectors_m: coxa, femur, tibia at joint angle zero, (3, 2) as (outward, up).
         link_masses_kg: coxa, femur, tibia, (3,).
         link_radii_m: half thickness of the links, (3,).
         foot_radius_m: radius of the foot sphere whose centre is the end of the tibia.
-        joint_lower_rad: (18,).
-        joint_upper_rad: (18,).
-        joint_max_speed_rad_s: (18,).
-        joint_max_torque_nm: (18,).
         stance_feet_body: nominal foot positions, (6, 3) in m.
-        stance_angles_rad: joint angles that put the feet there, (18,).
-        servo: the simulated servos' stiffness and damping.
-        gait: default pace, amplitude and height.
+        stance_angles_rad: joint angles of the nominal stance, (18,).
         link_coms_m: centres of mass of coxa, femur and tibia from their joints, (3, 2) as (outward, up); None
             for the middles of the links.
         joint_stiffness_nm_per_rad: (18,), or None for the servo's in all joints.
         joint_dry_friction_nm: torque below which a joint does not turn, (18,), or None for none.
-        joint_no_load_speed_rad_s: speed at which no torque is left, (18,), or None where torque does not
-            depend on speed.
+        joint_no_load_speed_rad_s: speed at which no torque is left, (18,), or None if torque does not depend
+            on speed.
     """
 
     name: str
@@ -99,10 +92,7 @@ class Robot(ArrayFields):
 
     @cached_property
     def fingerprint(self) -> str:
-        """SHA-256 of the description: equal for two robots exactly if their descriptions are.
-
-        A field that has a default counts with its name, and only if it differs from the default.
-        """
+        """SHA-256 of the description, equal for equal ones; fields at their defaults do not count."""
         digest = hashlib.sha256()
         for name, value in changed_fields(self):
             digest.update(value.tobytes() if isinstance(value, np.ndarray) else _text(value).encode())
@@ -112,7 +102,7 @@ class Robot(ArrayFields):
 
     @cached_property
     def mass_kg(self) -> float:
-        """Mass of the whole robot in kg."""
+        """Mass of the complete robot in kg."""
         return self.body.mass_kg + N_LEGS * float(self.link_masses_kg.sum())
 
     @cached_property
@@ -129,14 +119,11 @@ class Robot(ArrayFields):
 
     @cached_property
     def back_emf_nm_s_per_rad(self) -> FloatArray:
-        """Torque that each joint's motor loses per speed, (18,): stall torque / no-load speed.
+        """Torque that each joint's motor loses per speed, (18,): stall torque / no-load speed, or 0.
 
         A direct-current motor at the share u of its voltage gives the torque
 
             stall * u - (stall / no_load) * speed,  -1 <= u <= 1
-
-        so what it can give falls linearly from the stall torque to 0 at the no-load speed. Zero for joints
-        whose torque does not depend on speed.
         """
         no_load_rad_s = self.joint_no_load_speed_rad_s
         return np.zeros(N_JOINTS) if no_load_rad_s is None else self.joint_max_torque_nm / no_load_rad_s
@@ -175,23 +162,15 @@ class Robot(ArrayFields):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LegTriangle(ArrayFields):
-    """What the triangle of femur joint, knee and foot has constant, f and t the lengths of femur and tibia.
+    """Constants of the triangle of femur joint, knee and foot, f and t the lengths of femur and tibia.
 
-    All are arrays of shape (), which numpy combines with small arrays in two thirds of the time that it takes
-    with plain numbers.
+    Arrays of shape () combine with small arrays in two thirds of the time of plain numbers.
 
     Attributes:
-        coxa_outward_m: from the coxa axis to the femur joint.
-        coxa_up_m: likewise.
-        least_m: least distance from femur joint to foot, |f - t|; above 0.
-        most_m: greatest one, f + t.
-        femur_square: f^2.
-        tibia_square: t^2.
+        least_m: minimum distance from femur joint to foot, |f - t|; above 0.
+        most_m: maximum distance, f + t.
         sum_of_squares: f^2 + t^2.
-        twice_femur: 2 f.
         twice_product: 2 f t.
-        femur_slope_rad: at joint angle zero.
-        tibia_slope_rad: likewise.
     """
 
     coxa_outward_m: FloatArray
@@ -228,7 +207,6 @@ class LegTriangle(ArrayFields):
         return cls(**{name: np.array(value) for name, value in values.items()})
 
 
-#: Shapes of a robot's arrays.
 _SHAPES = {
     "mount_positions_body": (N_LEGS, 3),
     "mount_yaws_rad": (N_LEGS,),
@@ -243,7 +221,7 @@ _SHAPES = {
     "stance_angles_rad": (N_JOINTS,),
 }
 
-#: Shapes of a robot's arrays that may be left out.
+#: Optional arrays.
 _OPTIONAL_SHAPES = {
     "link_coms_m": (JOINTS_PER_LEG, 2),
     "joint_stiffness_nm_per_rad": (N_JOINTS,),
@@ -253,7 +231,7 @@ _OPTIONAL_SHAPES = {
 
 
 def changed_fields(part: Any) -> list[tuple[str, Any]]:
-    """Names and values of the fields of a robot or a part of it, without those that are at their defaults."""
+    """Names and values of the fields of a robot or a part of it that are not at their defaults."""
     return [
         (field.name, getattr(part, field.name))
         for field in fields(part)
@@ -273,17 +251,13 @@ Vector2 = tuple[float, float]
 
 
 def leg_reach_m(femur: Vector2, tibia: Vector2) -> tuple[float, float]:
-    """Least and greatest distance in m of a foot from its femur joint."""
+    """Minimum and maximum distance in m of a foot from its femur joint."""
     femur_length, tibia_length = math.hypot(*femur), math.hypot(*tibia)
     return abs(femur_length - tibia_length), femur_length + tibia_length
 
 
 def stance_angles(coxa: Vector2, femur: Vector2, tibia: Vector2, foot: Vector2) -> tuple[float, float]:
-    """Femur and tibia angle in rad that put the foot at (outward, up) from the coxa axis, knee up.
-
-    The scalar form of `hexctl.ik.legs.solve_legs`, for the robot file: the law of cosines in the triangle
-    femur joint, knee, foot. Raises InputError for a foot out of reach.
-    """
+    """Femur and tibia angle in rad, knee up, of a foot (outward, up); raises InputError."""
     outward, up = foot[0] - coxa[0], foot[1] - coxa[1]
     distance = math.hypot(outward, up)
     least, most = leg_reach_m(femur, tibia)

@@ -1,4 +1,4 @@
-"""Classes and functions of the user, named as `package.module:name`: servos, optimizers, objectives."""
+"""Custom classes and functions, named as `package.module:name`: servos, optimizers, objectives."""
 
 import importlib
 import os
@@ -15,24 +15,17 @@ MadeT = TypeVar("MadeT")
 
 
 def module_here(name: str) -> ModuleType:
-    """Module of a dotted name; one in the working folder is found, as with `python -m`.
-
-    Raises the errors of the import.
-    """
+    """Module of a dotted name, also in the working folder; raises the errors of the import."""
     if os.getcwd() not in sys.path:
         sys.path.insert(0, os.getcwd())
     return importlib.import_module(name)
 
 
 def load_named(name: str, part: str) -> Any:
-    """What `package.module:name` names.
+    """The object that `package.module:name` names; `part` is its argument of `hexctl.Adaptation`.
 
-    Args:
-        name: module and attribute.
-        part: the argument of `hexctl.Adaptation` that takes such a thing as it is, for the message.
-
-    Raises the errors of the import, AttributeError for an attribute that the module lacks, ImportError for
-    one of a script that is not running, which is how a session stores what the script itself has defined.
+    Raises the errors of the import, AttributeError for a missing attribute, ImportError for an attribute of a
+    script that is not running, which is how a session stores objects of the script itself.
     """
     module_name, _, attribute = name.partition(":")
     module = module_here(module_name)
@@ -45,16 +38,7 @@ def load_named(name: str, part: str) -> Any:
 
 
 def made_of(name: str, named: Mapping[str, Callable[[], MadeT]], kind: type[MadeT], part: str) -> MadeT:
-    """What a name of `named` makes, or `package.module:Class` without arguments; an instance is itself.
-
-    Args:
-        name: of what is to be made.
-        named: what makes each of the shipped ones.
-        kind: class of which it must be.
-        part: the argument or option that takes such a name.
-
-    Raises InputError for anything else.
-    """
+    """An object of a name in `named`, or of `package.module:Class`, of a kind; raises InputError."""
     if name in named:
         return named[name]()
     what, allowed = argument(part), f"{', '.join(named)}, package.module:Class"

@@ -17,16 +17,13 @@ def yaw_rad(quaternion: FloatArray) -> FloatArray:
 
 
 def components(quaternion: FloatArray) -> tuple[FloatArray, ...]:
-    """The four components of quaternions, leading shape each: scalars, which are faster, of a single one."""
+    """The four components of quaternions, leading shape each; scalars, which are faster, for a single one."""
     w, x, y, z = quaternion[..., 0], quaternion[..., 1], quaternion[..., 2], quaternion[..., 3]
     return w[()], x[()], y[()], z[()]
 
 
 def cos_tilt(x: ComponentT, y: ComponentT) -> ComponentT:
-    """Cosine of the angle between the body's z axis and the vertical: 1 - 2 (x^2 + y^2).
-
-    x and y are components of the quaternion, plain numbers or arrays.
-    """
+    """Cosine of the angle between the body's z axis and the vertical: 1 - 2 (x^2 + y^2), of a quaternion."""
     return 1 - 2 * (x * x + y * y)
 
 
@@ -76,13 +73,7 @@ def turned(quaternion: FloatArray, vector: FloatArray) -> FloatArray:
 
 
 def levelled(points: FloatArray, up: FloatArray) -> FloatArray:
-    """Points after the shortest turn that brings a direction upright.
-
-    Args:
-        points: leading shape + (N, 3).
-        up: the direction, of any length but 0 and not straight down, in the frame of the points: leading
-            shape + (3,).
-    """
+    """Points (N, 3) after the shortest turn that makes a direction (3,), not straight down, vertical."""
     up = up / np.linalg.norm(up, axis=-1, keepdims=True)
     x, y, z = (up[..., axis, np.newaxis] for axis in range(3))
     # Rodrigues' formula for the turn from `up` to the z axis.

@@ -1,6 +1,6 @@
 """Schema of robot files. Lengths are in metres and angles in degrees, as the keys say.
 
-`Body`, `ServoModel` and `GaitDefaults` are sections of the file and parts of the `Robot` as well.
+`Body`, `ServoModel` and `GaitDefaults` are sections of the file and parts of the `Robot`.
 """
 
 import math
@@ -36,14 +36,12 @@ Fraction = Annotated[Number, Field(gt=0, le=1, allow_inf_nan=False)]
 
 
 def _checked_whole(value: float) -> int:
-    """Refuse fractions where only whole numbers have a meaning."""
     if value != int(value):
         raise ValueError(f"got {value:g}; allowed: a whole number")
     return int(value)
 
 
 def _direction(value: float) -> int:
-    """Refuse anything but the two directions of a servo."""
     if value not in (1, -1):
         raise ValueError(f"got {value:g}; allowed: 1 or -1")
     return int(value)
@@ -57,14 +55,12 @@ def _own_address(value: int) -> int:
 
 
 def _different(values: tuple[int, int]) -> tuple[int, int]:
-    """Refuse one address for two boards."""
     if values[0] == values[1]:
         raise ValueError(f"got {values[0]:#x} twice; allowed: an address of its own for each board")
     return values
 
 
 def _pair(value: object) -> object:
-    """One number for both boards, or two of them."""
     return (value, value) if isinstance(value, int | float) else value
 
 
@@ -76,9 +72,9 @@ Direction = Annotated[Number, AfterValidator(_direction)]
 ServoId = Annotated[Number, Field(ge=0, le=252, allow_inf_nan=False), AfterValidator(_checked_whole)]
 Count = Annotated[Number, Field(ge=0, le=65535, allow_inf_nan=False), AfterValidator(_checked_whole)]
 TouchInput = Annotated[Number, Field(ge=0, lt=N_LEGS, allow_inf_nan=False), AfterValidator(_checked_whole)]
-#: A number is the I2C bus of that number.
+#: A number is an I2C bus.
 Port = Annotated[str, BeforeValidator(lambda value: str(value) if type(value) is int else value)]
-#: An address of a PCA9685: six pins, but the one at which all answer.
+#: An address of a PCA9685, without the one at which all answer.
 I2cAddress = Annotated[
     Number,
     Field(ge=0x40, le=0x7F, allow_inf_nan=False),
@@ -123,7 +119,6 @@ def file_part(key: str) -> Callable[[type[PartT]], type[PartT]]:
 
 
 def _possible_inertia(moments: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Refuse moments of inertia that no rigid body can have."""
     if not all(moment < sum(moments) - moment for moment in moments):
         raise ValueError(
             f"got {', '.join(f'{moment:g}' for moment in moments)}; allowed: three moments above 0, each "
@@ -140,17 +135,15 @@ class Body:
     """The trunk: a box or an upright cylinder, centred on the body frame.
 
     Attributes:
-        shape: `box` or `cylinder`.
         size_m: length, width, height; a cylinder's diameter is its length.
-        mass_kg: its mass.
         com_m: centre of mass in the body frame.
-        inertia_kg_m2: moments of inertia about axes through the centre of mass that are parallel to the body
-            frame's; None for those of the shape with its mass spread evenly.
+        inertia_kg_m2: moments of inertia about axes through the centre of mass, parallel to the body frame;
+            None for those of the evenly filled shape.
 
     Raises InputError for a value that is not allowed.
     """
 
-    # A factory, because a fingerprint has every shape, and leaves out what is at a default.
+    # A factory, because a fingerprint has every shape, and leaves out defaults.
     shape: Literal["box", "cylinder"] = field(default_factory=lambda: "box")
     size_m: tuple[Length, Length, Length]
     mass_kg: Mass
@@ -159,10 +152,9 @@ class Body:
 
     @property
     def even_box_m(self) -> tuple[float, float, float] | None:
-        """Length, width and height of the evenly filled box that has the trunk's mass and inertia.
+        """Length, width and height of the evenly filled box with the trunk's mass and inertia, or None.
 
-        A box of sides a, b, c has I_x = m (b^2 + c^2) / 12 and so on, so a^2 = 6 (I_y + I_z - I_x) / m.
-        None where the inertia is that of the shape.
+        A box of sides a, b, c has I_x = m (b^2 + c^2) / 12 and so on: a^2 = 6 (I_y + I_z - I_x) / m.
         """
         if self.inertia_kg_m2 is None:
             return None
@@ -190,7 +182,7 @@ class MountSection(Section):
 
     @property
     def yaw_rad(self) -> float:
-        """Direction in which the leg points at coxa angle zero."""
+        """Direction of the leg at coxa angle zero."""
         return math.radians(self.azimuth_deg or 0.0 if self.yaw_deg is None else self.yaw_deg)
 
     @property
@@ -203,10 +195,7 @@ class MountSection(Section):
 
 
 class LinkSection(Section):
-    """One link: the vector to its end at joint angle zero, as outward and up in the leg's plane.
-
-    `com_m` is its centre of mass in the same form, its middle where left out.
-    """
+    """A link: the vector to its end, and its centre of mass, (outward, up) at joint angle zero."""
 
     end_m: tuple[Coordinate, Coordinate]
     mass_kg: Mass
@@ -235,11 +224,7 @@ class LinksSection(Section):
 
 
 class JointSection(Section):
-    """Range, speed and torque of one joint.
-
-    The rest may be left out: dry friction, the speed without load at which no torque is left, and a stiffness
-    other than the servo's.
-    """
+    """Range, speed and torque of one joint; None for the stiffness is the servo's."""
 
     min_deg: AngleDeg
     max_deg: AngleDeg
@@ -304,10 +289,7 @@ class StanceSection(Section):
 
 @file_part("servo")
 class ServoModel:
-    """Position control of the simulated servos: torque = stiffness * error - damping * speed.
-
-    The stiffness holds for joints that have none of their own.
-    """
+    """Position control of the simulated servos: torque = stiffness * error - damping * speed."""
 
     stiffness_nm_per_rad: Positive
     damping_nm_s_per_rad: Positive
@@ -324,7 +306,7 @@ class GaitDefaults:
 
 
 class KindServoSection(Section):
-    """Servos of one joint kind; a key that is left out keeps its default."""
+    """Servos of one joint kind; a missing key has its default."""
 
     sign: Direction | None = None
     offset_deg: AngleDeg | None = None
@@ -336,7 +318,7 @@ class KindServoSection(Section):
 
 
 class JointServoSection(KindServoSection):
-    """Servo of one joint; a key that is left out is as for its joint kind."""
+    """Servo of one joint; a missing key has the value of its joint kind."""
 
     channel: Channel | None = None
     id: ServoId | None = None
@@ -346,8 +328,8 @@ class JointServoSection(KindServoSection):
 class ServosSection(Section):
     """Servo map: pulse = centre_us + us_per_deg * (sign * angle + offset_deg).
 
-    Servos on a bus have a `driver`, a `model` and counts instead, and each joint an `id`. Boards of hobby
-    servos have pulses, a `driver` and as `id` the output of each joint.
+    Servos on a bus have a `driver`, a `model`, counts and an `id` of each joint. Boards of hobby servos have
+    a `driver`, pulses, and as `id` the output of each joint.
     """
 
     driver: Driver | None = None
@@ -393,7 +375,7 @@ class MeshSection(Section):
 
 
 class MeshesSection(Section):
-    """Meshes in recordings; a part that is left out is drawn as a solid."""
+    """Meshes in recordings; a part without one is drawn as a solid."""
 
     body: MeshSection | None = None
     coxa: MeshSection | None = None
@@ -402,7 +384,7 @@ class MeshesSection(Section):
 
 
 def _check_key(schema: type, path: str) -> None:
-    """Refuse a path such as `links.tibia.end_m` that leads to no key of a schema."""
+    """Refuse a path such as `links.tibia.end_m` that is no key of a schema."""
     place: type | None = schema
     for name in path.split("."):
         fields = keys_of(place) or {}
@@ -413,18 +395,13 @@ def _check_key(schema: type, path: str) -> None:
 
 
 def _section_in(annotation: Any) -> type | None:
-    """The section that a type is, or may hold; None for a plain value."""
     if isinstance(annotation, type) and keys_of(annotation) is not None:
         return annotation
     return next((found for part in get_args(annotation) if (found := _section_in(part))), None)
 
 
 class RobotSchema(Section):
-    """A whole robot file.
-
-    `unknown` names keys whose values are plausible but were not measured, such as `body.mass_kg`; a key of
-    `mounts` is that of all six.
-    """
+    """A complete robot file; `unknown` names keys whose values were not measured, such as `body.mass_kg`."""
 
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,39}$")]
     description: str = ""

@@ -1,4 +1,4 @@
-"""YAML of configuration files: plain, no key twice, and small once its aliases are followed."""
+"""YAML of configuration files: plain, without duplicate keys, limited in size."""
 
 from typing import Any
 
@@ -6,21 +6,17 @@ import yaml
 
 from hexctl.errors import shown
 
-#: Nodes of a file with those that aliases repeat: nested merges of a few lines stand for millions.
+#: Maximum number of nodes, aliases followed: nested merges of a few lines may stand for millions.
 MOST_NODES = 100_000
 
-#: Signs of a number. PyYAML computes numbers to base 60 and 16 however long they are.
+#: Maximum length of a number: PyYAML computes numbers to base 60 and 16 of any length.
 MOST_SIGNS = 50
 
 _NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 
 
 def yaml_content(text: str) -> Any:
-    """What a YAML text says.
-
-    Raises ValueError, with the place where it is known, for anything else than YAML, for a key that is given
-    twice, for a number of more than `MOST_SIGNS` signs, and for what is larger than `MOST_NODES`.
-    """
+    """The content of a YAML text; raises ValueError, also for duplicate keys and excessive size."""
     try:
         return yaml.load(text, Loader=_Loader)  # noqa: S506  a SafeLoader
     except RecursionError as error:
@@ -33,14 +29,13 @@ class _Loader(yaml.SafeLoader):
     """Plain YAML: no application tags, no key twice."""
 
     def get_single_node(self) -> yaml.Node | None:
-        """The text as a tree, whose size is checked before it is built."""
         node: yaml.Node | None = super().get_single_node()
         if node is not None:
             _check_size(node)
         return node
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:
-        """A value; PyYAML raises whatever comes for a scalar that is not of its tag."""
+        """A value; PyYAML raises various errors for a scalar that does not match its tag."""
         if node.tag in _NUMBERS and len(str(node.value)) > MOST_SIGNS:
             raise _refused(f"got a number of {len(node.value)} signs; allowed: up to {MOST_SIGNS}", node)
         try:
@@ -50,7 +45,6 @@ class _Loader(yaml.SafeLoader):
             raise _refused(f"got {shown(node.value)}, which is no {kind}", node) from error
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        """A mapping, in which no key is given twice."""
         seen: set[str] = set()
         for key, _ in node.value if isinstance(node, yaml.MappingNode) else ():
             if not isinstance(key, yaml.ScalarNode):
@@ -66,7 +60,7 @@ def _refused(problem: str, node: yaml.Node) -> yaml.constructor.ConstructorError
 
 
 def _check_size(root: yaml.Node) -> None:
-    """Refuse a tree that is larger than `MOST_NODES` with all aliases followed, or has itself as a part."""
+    """Refuse a tree beyond `MOST_NODES` with all aliases followed, or one that contains itself."""
     sizes: dict[int, int] = {}
 
     def size(node: yaml.Node) -> int:
@@ -87,7 +81,6 @@ def _check_size(root: yaml.Node) -> None:
 
 
 def _problem(error: Exception) -> str:
-    """Position and description of what is wrong."""
     mark = getattr(error, "problem_mark", None)
     if isinstance(error, yaml.MarkedYAMLError) and mark is not None:
         return f"line {mark.line + 1}, column {mark.column + 1}: {error.problem}"

@@ -1,1 +1,1 @@
-"""What robots and gaits are capable of: loads, margins and speeds, causes of bad walks, uncertainty."""
+"""Assessment of robots and gaits: loads, margins, speeds, causes of bad walks, uncertainty."""

@@ -1,4 +1,4 @@
-"""The likely cause of a walk without progress: saturated servos, sag or slip, from what the trial saw."""
+"""The likely cause of a walk without progress: saturated servos, sag or slip."""
 
 import math
 from dataclasses import dataclass
@@ -15,39 +15,32 @@ from hexctl.ik.support_polygon import foot_heights_body, to_world
 from hexctl.robot.model import Robot
 from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState
 
-#: Causes and what they mean, for people.
+#: Causes and their explanations for people.
 CAUSES = {
     "saturation": "servos at their torque limit",
     "sag": "joints stay far behind their targets: soft servos under the weight, or late commands",
     "slip": "feet slide over the floor",
 }
 
-#: Bounds of the symptoms. `python -m benchmarks --only check` draws 20 robots of each kind that make no
-#: progress, with a seed that had no part in the choice, and prints their symptoms (`check.causes`). Weak
-#: servos held more than their limit for 0.88 of the time or more, others for 0.06 at most; soft servos left
-#: 0.76 of the motion or more, slipping robots 0.33 at most; feet of slipping robots made 0.79 of the speed or
-#: more, those of the others 0.15 at most.
+#: Bounds of the symptoms. Of 20 robots of each kind without progress (`python -m benchmarks --only check`,
+#: `check.causes`), weak servos were saturated for 0.88 of the time or more, others for 0.06 at most. Tracking
+#: errors: soft servos 0.76 or more, slipping robots 0.33 at most. Slip: 0.79 or more, others 0.15 at most.
 MOST_SATURATED = 0.5
 MOST_TRACKING_ERROR = 0.42
 MOST_SLIP = 0.4
 
-#: Share of the step height below which a foot is meant to be on the floor.
+#: Below this share of the step height, a foot is meant to be on the floor.
 ON_THE_FLOOR = 0.1
 
-#: Ticks between two samples of a walk: no divisor of the usual gait cycles, so that all phases are seen.
+#: Ticks between two samples of a walk: no divisor of the usual gait cycles, to sample all phases.
 SAMPLE_TICKS = 7
 
-#: Most samples kept: those of the first minutes of a long walk.
+#: Maximum number of samples, those of the first minutes of a long walk.
 MAX_SAMPLES = 2000
 
 
 class WalkSamples:
-    """Joints, targets and contacts of a walk, one robot's or a batch's, every `SAMPLE_TICKS`.
-
-    Args:
-        ticks: most ticks of the walk.
-        batch_shape: () for one robot, (n,) for n.
-    """
+    """Joints, targets and contacts of a walk every `SAMPLE_TICKS`; batch shape () for one robot."""
 
     def __init__(self, ticks: int, batch_shape: tuple[int, ...] = ()) -> None:
         rows = min(MAX_SAMPLES, math.ceil(ticks / SAMPLE_TICKS))
@@ -58,7 +51,7 @@ class WalkSamples:
         self._complete = True
 
     def add(self, state: RobotState, commanded_rad: FloatArray) -> None:
-        """Take the next tick; the state before its targets."""
+        """Take the next tick: the state and the targets sent after it."""
         row, part = divmod(self._ticks, SAMPLE_TICKS)
         self._ticks += 1
         if part or row >= self._sent.shape[-2]:
@@ -71,7 +64,7 @@ class WalkSamples:
             self._contacts[..., row, :] = state.foot_contacts
 
     def of(self, ticks: int, index: tuple[int, ...] = ()) -> "Samples | None":
-        """Samples of the first ticks of one robot; None where its joints or feet are not measured."""
+        """Samples of the first ticks of one robot; None if its joints or feet are not measured."""
         rows = min(MAX_SAMPLES, math.ceil(ticks / SAMPLE_TICKS))
         if not self._complete or rows > self._rows:
             return None
@@ -89,13 +82,12 @@ class Samples:
 
 @dataclass(frozen=True, slots=True)
 class Symptoms:
-    """What a walk showed of its servos and feet, after its soft start.
+    """Servo and foot symptoms of a walk after its soft start.
 
     Attributes:
-        saturated: share of the time in which the femur or tibia of a leg on the floor is further from its
-            target than its torque limit can hold, error >= limit / stiffness.
-        tracking_error: error of all joints, rms, as a share of the motion of their targets.
-        slip: speed of feet on the floor over it, as a share of the speed of a walk without slip.
+        saturated: time share of stance legs with a femur or tibia error >= torque limit / stiffness.
+        tracking_error: RMS joint error over the RMS motion of the targets.
+        slip: speed of stance feet over the floor, as a share of the ideal walking speed.
     """
 
     saturated: float
@@ -104,7 +96,7 @@ class Symptoms:
 
     @property
     def cause(self) -> str | None:
-        """The likely cause of a walk without progress, one of `CAUSES`; None where nothing stands out."""
+        """The likely cause of a walk without progress, one of `CAUSES`, or None."""
         if self.saturated > MOST_SATURATED:
             return "saturation"
         if self.tracking_error > MOST_TRACKING_ERROR:
@@ -119,14 +111,9 @@ def symptoms(
     positions_world: FloatArray,
     quaternions_world: FloatArray,
 ) -> Symptoms | None:
-    """Symptoms of a walk; None for one that ended within a second of its soft start.
+    """Symptoms of a walk on its intact legs, from base positions (ticks, 3) and orientations (ticks, 4).
 
-    Args:
-        robot: the robot that walked.
-        plan: its gait and failed leg, which is left out.
-        samples: of the walk.
-        positions_world: base positions of the walk, (ticks, 3); NaN where they are not known.
-        quaternions_world: base orientations of the walk, (ticks, 4), likewise.
+    None if the walk ended within a second of its soft start. Unknown poses are NaN.
     """
     first = math.ceil(RAMP_DURATION_S / (SAMPLE_TICKS * PERIOD_S))
     measured, sent = samples.measured_rad[first:], samples.commanded_rad[first:]
@@ -154,10 +141,8 @@ def symptoms(
 
 
 def _by_leg(joints: Any) -> Any:
-    """Values of joints (T, 18) as (T, 6, 3)."""
     return joints.reshape(-1, N_LEGS, JOINTS_PER_LEG)
 
 
 def _mean(values: FloatArray | BoolArray, where: BoolArray) -> float:
-    """Mean of values at places; 0 without any."""
     return float(np.asarray(values, dtype=float)[where].mean()) if where.any() else 0.0

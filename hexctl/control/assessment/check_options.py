@@ -9,7 +9,7 @@ from hexctl.errors import argument
 from hexctl.gait.gait import DEFAULT_GAIT, gait_text
 from hexctl.options import RARE, Panel, Typed, check_fields, check_used
 
-#: Options that only a measurement of the simulation takes.
+#: Options that only a measurement of the simulation uses.
 OF_PHYSICS = ("world", "duration_s")
 
 FINDINGS, SIMULATION = Panel("Findings"), Panel("Simulation")
@@ -17,10 +17,7 @@ FINDINGS, SIMULATION = Panel("Findings"), Panel("Simulation")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckOptions(WalkOptions):
-    """What a check of a robot is asked for. Its fields are the options of `hexctl check`.
-
-    Raises InputError for a value that is not allowed, and for options that nothing would use.
-    """
+    """Options of a check of a robot; raises InputError for values and combinations that are not allowed."""
 
     PANEL: ClassVar = "Walk"
 

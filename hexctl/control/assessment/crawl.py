@@ -1,8 +1,7 @@
-"""The crawl: one foot in the air at a time, and the body shifted away from the legs that carry nothing.
+"""The crawl: one foot in the air at a time, and the body shifted away from the lost legs.
 
-With two legs lost the 24 codes have two of the others in the air for a part of the cycle, and unless the lost
-legs are opposite ones the robot tips then. A crawl on n legs has phases i/n and a swing share below 1/n. The
-order of the legs and the shift of the body over its feet are those of the largest static stability margin.
+Most of the 24 codes for two lost legs tip the robot. A crawl on n legs has phases i/n and a swing share below
+1/n. Leg order and body shift maximize the static stability margin.
 """
 
 import math
@@ -33,42 +32,31 @@ from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.types import JOINTS_PER_LEG, N_LEGS, BoolArray, FloatArray
 
-#: Part of a cycle that a foot is in the air, on four legs; on others the same part of the time there is.
+#: Part of a cycle that a foot is in the air on four legs; scaled by 4/n on n legs.
 CRAWL_SWING = 0.22
 
-#: A code is walked while its centre of mass leans out of the support by no more than this, as a share of the
-#: radius of the stance: it is faster than a crawl, and opposite legs leave codes that lean by 0.03 to 0.06.
+#: Maximum lean of a code, as a share of the stance radius; codes for opposite lost legs lean by 0.03 to 0.06.
 CODE_LEAN = 0.1
 
-#: Shifts of the body that are tried: lengths as shares of the radius of the stance, and directions.
+#: Candidate shifts of the body: lengths as shares of the stance radius, and the number of directions.
 SHIFT_LENGTHS = tuple(0.05 * step for step in range(1, 9))
 SHIFT_DIRECTIONS = 24
 
-#: Points of a cycle at which feet must be in reach, besides the ends of their strokes.
+#: Points of a cycle at which feet must be in reach, in addition to the ends of their strokes.
 REACH_POINTS = 24
 
 
 def gait_without(robot: Robot, gait: Gait, *, heading_rad: float, legs: tuple[int, ...]) -> Gait:
-    """The gait that stands safest while some legs carry nothing; worked out once in a process.
+    """The most stable gait with legs 1..6 carrying nothing and tucked, otherwise as `gait`.
 
-    Pace, amplitude, height and body raise are those of a gait, and the legs are tucked. Of one lost leg, and
-    of more where its lean is small (`CODE_LEAN`), it is the most stable code; else the most stable crawl.
-
-    Args:
-        robot: who walks.
-        gait: the gait that it walked, or would.
-        heading_rad: direction of travel in the body frame, rounded to `DIRECTION_STEP_RAD`.
-        legs: that carry nothing, besides those that the gait tucks already.
+    It is a code for one lost leg, or if the code leans by at most `CODE_LEAN`; otherwise a crawl.
     """
     lost = tuple(sorted({*legs, *gait.posture.tucked_legs}))
     return _gait_without(robot, _plain(gait, lost), round(heading_rad / DIRECTION_STEP_RAD), lost)
 
 
 def least_margin_m(robot: Robot, gait: Gait, *, heading_rad: float) -> float:
-    """Smallest static stability margin over the cycle of a gait in its posture, in m.
-
-    Tucked legs do not carry. -inf where fewer than two feet stand at some time.
-    """
+    """Smallest static stability margin over a gait cycle, in m; -inf with fewer than two standing feet."""
     feet, standing = feet_over_cycle(
         robot,
         np.array([gait.leg_phases]),
@@ -83,10 +71,7 @@ def least_margin_m(robot: Robot, gait: Gait, *, heading_rad: float) -> float:
 
 
 def auto_gait(robot: Robot, plan: TrialPlan, *, stand_up: bool = True) -> Gait:
-    """The gait `auto` of a plan: `stable_gait`, and with more than one failed leg `gait_without` them.
-
-    With `stand_up` the body then stands up by `STAND_UP`, where it is not raised or lowered already.
-    """
+    """`stable_gait` of a plan, or `gait_without` for several failed legs; `stand_up` raises a level body."""
     if not plan.further_failures:
         return stable_gait(robot, plan, stand_up=stand_up)
     posture = plan.gait.posture
@@ -98,7 +83,6 @@ def auto_gait(robot: Robot, plan: TrialPlan, *, stand_up: bool = True) -> Gait:
 
 
 def _plain(gait: Gait, lost: tuple[int, ...]) -> Gait:
-    """A gait without what is to be found; equal for gaits that differ in this only."""
     shift = gait.posture.shift if len(lost) < 2 else (0.0, 0.0)
     posture = Posture(body_raise=gait.posture.body_raise, shift=shift, tucked_legs=lost)
     return Gait(
@@ -125,10 +109,7 @@ def _gait_without(robot: Robot, gait: Gait, direction: int, lost: tuple[int, ...
 
 
 def crawl_on(robot: Robot, gait: Gait, *, heading_rad: float) -> Gait | None:
-    """The most stable crawl on the legs that a gait does not tuck; None where no shift is in reach.
-
-    Pace, amplitude, height and body raise are those of the gait.
-    """
+    """The most stable crawl on the untucked legs, otherwise like `gait`; None if no shift is in reach."""
     walking = [leg for leg in range(1, N_LEGS + 1) if leg not in gait.posture.tucked_legs]
     share = CRAWL_SWING * 4 / max(4, len(walking))
     shifts = _shifts(robot)
@@ -147,7 +128,7 @@ def crawl_on(robot: Robot, gait: Gait, *, heading_rad: float) -> Gait | None:
     centre = centre_of_mass_body(robot, robot.stance_angles_rad)[:2]
     margins_m = margins_at_m(feet, standing, centre + shifts)  # (shifts, orders, P)
     least_m, mean_m = margins_m.min(axis=-1), margins_m.mean(axis=-1)
-    # The largest smallest margin; of those the largest mean, then the shortest shift, then the first order.
+    # Largest smallest margin first; ties by the largest mean, the shortest shift, the first order.
     rank = np.lexsort((-np.round(mean_m / SAME_MARGIN_M).ravel(), -np.round(least_m / SAME_MARGIN_M).ravel()))
     shift, order = np.unravel_index(rank[0], least_m.shape)
     forward, left = (np.round(shifts[shift] / robot.size_m, 6) + 0.0).tolist()
@@ -161,7 +142,7 @@ def crawl_on(robot: Robot, gait: Gait, *, heading_rad: float) -> Gait | None:
 
 
 def _orders(walking: Sequence[int]) -> FloatArray:
-    """Phases of all crawls on some legs, i/n each, (orders, 6); those of the others are 0."""
+    """Phases of all crawls on the walking legs, i/n each, (orders, 6); 0 for other legs."""
     orders = [(walking[0], *rest) for rest in permutations(walking[1:])]
     phases = np.zeros((len(orders), N_LEGS))
     for row, order in zip(phases, orders, strict=True):
@@ -170,7 +151,7 @@ def _orders(walking: Sequence[int]) -> FloatArray:
 
 
 def _slots_of(phases: FloatArray, walking: Sequence[int]) -> Slots:
-    """Slots in which the walking legs swing in the same order, and the others have their own."""
+    """Slots in which the walking legs swing in the order of their phases."""
     slots = list(range(1, N_LEGS + 1))
     for slot, leg in zip(walking, sorted(walking, key=lambda leg: phases[leg - 1]), strict=True):
         slots[leg - 1] = slot
@@ -178,7 +159,7 @@ def _slots_of(phases: FloatArray, walking: Sequence[int]) -> Slots:
 
 
 def _shifts(robot: Robot) -> FloatArray:
-    """Shifts of the body over its feet that are tried, short ones first, (shifts, 2) in m."""
+    """Candidate shifts of the body, shortest first, (shifts, 2) in m."""
     angles = 2 * math.pi * np.arange(SHIFT_DIRECTIONS) / SHIFT_DIRECTIONS
     ways = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     lengths_m = robot.stance_radius_m * np.array(SHIFT_LENGTHS)
@@ -188,7 +169,7 @@ def _shifts(robot: Robot) -> FloatArray:
 
 
 def _in_reach(robot: Robot, gait: Gait, heading_rad: float) -> BoolArray:
-    """Whether the walking legs can make their full strokes at each of the shifts, (shifts,)."""
+    """Which shifts allow full strokes of the walking legs, (shifts,)."""
     walking = [leg - 1 for leg in range(1, N_LEGS + 1) if leg not in gait.posture.tucked_legs]
     posture = replace(gait.posture, shift=(0.0, 0.0), tucked_legs=())
     return np.asarray(_reach(robot, replace(gait, posture=posture), heading_rad)[:, walking].all(axis=-1))
@@ -196,8 +177,7 @@ def _in_reach(robot: Robot, gait: Gait, heading_rad: float) -> BoolArray:
 
 @lru_cache(maxsize=64)
 def _reach(robot: Robot, gait: Gait, heading_rad: float) -> BoolArray:
-    """Whether each leg can make its full strokes at each of the shifts, (shifts, 6)."""
-    turning = [(1 - gait.swing_share) / 2, (1 + gait.swing_share) / 2]  # where strokes are longest
+    turning = [(1 - gait.swing_share) / 2, (1 + gait.swing_share) / 2]  # phases of the longest strokes
     points = np.concatenate([turning, np.arange(REACH_POINTS) / REACH_POINTS])
     u = np.broadcast_to(points[:, np.newaxis], (len(points), N_LEGS))
     stroke_m = -gait.amplitude * robot.size_m * np.array([math.cos(heading_rad), math.sin(heading_rad)])

@@ -1,4 +1,4 @@
-"""Feasibility of a gait on a robot: ranges, reach, speeds, torques, sag, legs that touch, servo pulses."""
+"""Feasibility of a gait on a robot: ranges, reach, speeds, torques, sag, clearance, servo pulses."""
 
 import math
 from collections.abc import Sequence
@@ -22,24 +22,18 @@ from hexctl.types import JOINT_NAMES, ArrayFields, FloatArray
 #: Points of one gait cycle that are evaluated.
 POINTS = 720
 
-#: Headings of a check that names none: all round, every 15 degrees.
+#: Headings of a check without a heading: all round, every 15 degrees.
 HEADINGS_RAD = tuple(math.radians(degrees) for degrees in range(0, 360, 15))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GaitDemand(ArrayFields):
-    """The demand of a gait at full stride, the worst over motions and time.
+    """The demand of a gait at full stride, the worst over motions and time; joint arrays are (18,).
 
     Attributes:
-        lowest_rad: least joint angles, (18,).
-        highest_rad: greatest joint angles, (18,).
-        peak_speed_rad_s: greatest joint speeds, (18,).
-        unreachable_legs: legs 1..6 with a foot out of reach.
-        limits_exceeded: indices of joints that leave their range.
-        max_pace_hz: the greatest pace at which no joint exceeds its speed limit; None in a turn, whose stroke
-            grows as the pace shrinks.
+        limits_exceeded: indices 0..17 of joints that leave their range.
+        max_pace_hz: by the joint speed limits; None in a turn, whose stroke grows as the pace shrinks.
         speed_holds: whether no joint exceeds its speed limit at the gait's own pace.
-        least_foot_spacing_m: least distance between two neighbouring feet.
     """
 
     lowest_rad: FloatArray
@@ -85,18 +79,7 @@ def gait_demand(robot: Robot, gait: Gait, motions: Sequence[Motion]) -> GaitDema
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotCheck:
-    """Feasibility of a gait on the robot of a file, servo pulses included.
-
-    Attributes:
-        robot: the robot of the file.
-        gait: the gait that is checked.
-        demand: what the gait demands of the joints.
-        load: what the robot's weight demands of its servos, and how near its legs come.
-        servo_map: how joint angles become pulses or counts.
-        driver: of the servos, or None for a servo board.
-        to_measure: keys of the robot file whose values are not known.
-        mesh_parts: parts of the robot that are drawn with a mesh.
-    """
+    """Feasibility of a gait on the robot of a file; driver None is a servo board."""
 
     robot: Robot
     gait: Gait
@@ -119,12 +102,12 @@ class RobotCheck:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What keeps the robot from walking the gait, or may, one sentence each."""
+        """Obstacles and warnings of the load, one sentence each."""
         return (*self.verdict.obstacles, *self.verdict.warnings)
 
     @property
     def gait_fits_servos(self) -> bool:
-        """Whether no angle of the gait needs a pulse or a count beyond its servo's limits."""
+        """Whether all angles of the gait lie within the limits of the servos."""
         ends = (self.demand.lowest_rad, self.demand.highest_rad)
         return not any(bool(self.servo_map.outside(end).any()) for end in ends)
 
@@ -155,7 +138,6 @@ class RobotCheck:
         }
 
     def _joints(self) -> dict[str, dict[str, float]]:
-        """Needed and allowed angles and speeds of each joint, in degrees."""
         angles = {
             "lowest_deg": self.demand.lowest_rad,
             "highest_deg": self.demand.highest_rad,
@@ -178,7 +160,6 @@ class RobotCheck:
         }
 
     def _servos(self) -> dict[str, Any]:
-        """How the ranges of the joints and of the gait fit into the servos, in their unit."""
         beyond, fits = list(joints_beyond(self.servo_map, self.robot)), self.gait_fits_servos
         if self.servo_map.unit == "us":
             return {
@@ -212,16 +193,13 @@ def check_robot(
     amplitude: float | None = None,
     height: float | None = None,
 ) -> RobotCheck:
-    """Check whether a robot can walk a gait.
+    """Check whether a robot can walk a gait; None takes the robot's value.
 
     Args:
-        robot: name of a shipped robot, or a robot file.
-        gait: name, code or slots of the gait; `auto` is the one that stands safest.
-        heading_rad: direction of travel, counter-clockwise from forward; None checks all round.
-        turn_rate_rad_s: rate of turning; with it and no heading the robot turns in place.
-        pace_hz: gait cycles per second; None is the robot's.
-        amplitude: stride as a fraction of the robot's size; None is the robot's.
-        height: height of a step as a fraction of the robot's size; None is the robot's.
+        gait: name, code or slots; `auto` is the most stable one.
+        heading_rad: counter-clockwise from forward; None checks all round.
+        turn_rate_rad_s: without a heading the robot turns in place.
+        amplitude: stride as a fraction of the robot's size, as is the step height.
 
     Raises InputError for a robot file, mesh or gait that is not allowed.
     """

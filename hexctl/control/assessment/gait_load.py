@@ -1,4 +1,4 @@
-"""The load of a gait: static torques and sag under the robot's weight over its cycle, and legs that touch."""
+"""The load of a gait over its cycle: static torques, sag, and clearance between legs."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,45 +16,34 @@ from hexctl.ik.statics import static_load
 from hexctl.robot.model import Robot
 from hexctl.types import N_LEGS, ArrayFields, FloatArray
 
-#: Points of one gait cycle at which the weight is distributed, and at which legs are compared.
+#: Points of one gait cycle at which weight and clearance are evaluated.
 LOAD_POINTS = 60
 CLEARANCE_POINTS = 120
 
-#: Share of its torque above which a servo has to rest again, or it overheats. Vendors put the torque that a
-#: servo holds continuously lower: Robotis at 20 % of the stall torque.
+#: Share of its torque above which a servo needs pauses. Robotis rates 20 % of the stall torque as continuous.
 CONTINUOUS_SHARE = 0.35
 
-#: Share of the step height below which a foot drags: 0.4 to 0.6 mm on the shipped robots, about what is left
-#: out by a quasi-static load. A choice; no verdict but the wording of a warning depends on it.
+#: Share of the step height below which a foot drags, 0.4 to 0.6 mm on shipped robots; only for a warning.
 LEAST_LIFT = 0.02
 
-#: Depth of an overlap, as a share of both radii, from which the axes nearly meet: the legs would cross.
+#: Overlap as a share of both radii above which two legs would cross.
 CROSSING_DEPTH = 0.9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GaitLoad(ArrayFields):
-    """The load of a gait at full stride, quasi-static, the worst over its motions.
+    """The quasi-static load of a gait at full stride, the worst over its motions; joint arrays are (18,).
 
     Attributes:
-        torques_nm: greatest static torque of each joint over the cycle, (18,).
-        max_torques_nm: what its servos have, (18,).
-        duties: share of the cycle in which a joint needs more than `CONTINUOUS_SHARE` of its torque, (18,).
-        deflections_rad: greatest static deflection of each joint, (18,).
-        most_sag_m: how far the body frame sinks at most.
-        typical_sag_m: how far it sinks at the median over the cycle.
-        step_height_m: how high the gait lifts a foot.
-        lift_left: least share of the step height that a foot still rises over the floor; 0 where it drags.
-        dragging_legs: legs 1..6 whose feet do not leave the floor in some motion.
-        capacity: multiple of its weight that the robot carries at the median over the cycle, with forces
-            between the feet as helpful as friction allows.
-        tipping: share of the cycle in which its centre of mass lies outside all feet; torques and sag are
-            those of the rest.
-        nearest_legs: the two neighbouring legs that overlap deepest, as a share of both radii, or have the
-            least gap where none overlap.
+        duties: share of the cycle of each joint above `CONTINUOUS_SHARE` of its torque.
+        typical_sag_m: median sag of the body over the cycle.
+        lift_left: minimum remaining share of the step height; 0 if a foot drags.
+        capacity: multiple of its weight that the robot carries, the median over the cycle.
+        tipping: share of the cycle with the centre of mass outside all feet; excluded from torques and sag.
+        nearest_legs: the two neighbouring legs with the deepest overlap, or else the smallest gap.
         nearest_parts: their parts, of `hexctl.ik.clearance.PARTS`.
-        least_clearance_m: gap between these parts, negative where they overlap.
-        overlap: overlap of these parts as a share of both radii, 1 where their axes meet.
+        least_clearance_m: gap between these parts, negative if they overlap.
+        overlap: overlap of these parts as a share of both radii, 1 if their axes meet.
         crossing_share: share of the cycle in which the axes of two legs nearly meet.
         all_drag: whether in some motion no foot leaves the floor.
     """
@@ -83,7 +72,7 @@ class GaitLoad(ArrayFields):
         return self.overlap >= CROSSING_DEPTH
 
     def to_dict(self) -> dict[str, Any]:
-        """Figures of the whole robot as plain values; those of its joints are not among them."""
+        """JSON values of the robot, without those of single joints."""
         shares = self.torques_nm / self.max_torques_nm
         return {
             "static_torque_share": round(float(shares.max()), 4),
@@ -108,7 +97,7 @@ def gait_load(robot: Robot, gait: Gait, motions: Sequence[Motion]) -> GaitLoad:
     """Load of a gait, the worst over the motions."""
     feet, joints = _cycle(robot, gait, motions, LOAD_POINTS)
     load = static_load(robot, joints)
-    # A robot that tips over its standing feet comes down on one in the air, and often walks all the same.
+    # When a robot tips, it lands on a foot in the air, and often still walks.
     standing = (feet[..., 2] <= robot.stance_feet_body[:, 2] + 1e-9) | (load.foot_forces_n > 0)
     capacity = load_capacity(robot, joints, standing, friction=World().friction)
     steady = load.balanced
@@ -134,7 +123,6 @@ def gait_load(robot: Robot, gait: Gait, motions: Sequence[Motion]) -> GaitLoad:
 
 
 def _nearest(robot: Robot, joints: FloatArray) -> dict[str, Any]:
-    """Fields of a load on the nearest two legs."""
     near = leg_clearance(robot, joints)
     order = nearness(near.gaps_m, near.depths)
     place = np.unravel_index(int(order.argmin()), order.shape)
@@ -150,7 +138,7 @@ def _nearest(robot: Robot, joints: FloatArray) -> dict[str, Any]:
 
 
 def _cycle(robot: Robot, gait: Gait, motions: Sequence[Motion], count: int) -> tuple[FloatArray, FloatArray]:
-    """Feet (motions, count, 6, 3) and joints (motions, count, 18) in the middles of parts of a cycle."""
+    """Feet (motions, count, 6, 3) and joints (motions, count, 18) at the midpoints of `count` intervals."""
     time_s = RAMP_DURATION_S + (np.arange(count) + 0.5) / (count * gait.pace_hz)
     feet = np.stack([gait_feet_body(robot, gait, motion, time_s) for motion in motions])
     return feet, solve_legs(robot, feet).joint_positions_rad

@@ -1,4 +1,4 @@
-"""Which sets of legs a robot can lose and still walk, by the static margin, before anything moves."""
+"""Sets of legs that a robot can lose and still walk, by the static margin."""
 
 import math
 from collections.abc import Sequence
@@ -16,26 +16,26 @@ from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad
 from hexctl.types import N_LEGS
 
-#: A crawl leans out of its support by no more than this, as a share of the radius of the stance, where it is
-#: expected to walk: up to 0.40 (`ant`) limp and missing pairs did so at 0.6 of the speed, from 0.43
-#: (`phantomx`) and 0.57 (`pexod`) on at 0.4 and 0.3 (docs/gait.md).
+#: A crawl is expected to walk if it leans out of its support by at most this share of the stance radius. Limp
+#: and missing pairs made 0.6 of the speed up to 0.40 (`ant`), and 0.4 and 0.3 at 0.43 (`phantomx`) and 0.57
+#: (`pexod`), see docs/gait.md.
 CRAWL_LEAN = 0.42
 
-#: Limp neighbours, whose directions have a mean at least as long as this, drag where that is nearer to the
-#: direction of travel than this: pairs of `ant` then made 0.1 to 0.3 of the speed, and 0.6 otherwise.
+#: Limp neighbours drag if the mean of their unit vectors is at least this long, and this near to the
+#: direction of travel: such pairs of `ant` made 0.1 to 0.3 of the speed, other pairs 0.6.
 TOGETHER, AHEAD_RAD = 0.75, math.radians(45.0)
 
-#: Verdicts on a set of legs, from the safest on.
+#: Verdicts on a set of legs, best first.
 VERDICTS = ("walks", "crawls", "doubtful", "no gait")
 WALKS, CRAWLS, DOUBTFUL, NO_GAIT = VERDICTS
 
-#: Directions of travel in which sets are judged where none is asked for.
+#: Default directions of travel.
 DIRECTIONS_RAD = tuple(math.radians(degrees) for degrees in (0, 90, 180, 270))
 
-#: Sets are judged up to this number of lost legs; without four, two feet are left.
+#: Maximum number of lost legs that are judged: with four, two feet are left.
 MOST_JUDGED = 3
 
-#: Legs that may carry nothing: of the others three carry while one swings.
+#: Maximum number of legs that may carry nothing: of the others three carry while one swings.
 MOST_LOST = N_LEGS - 4
 
 
@@ -44,14 +44,10 @@ class LegSet:
     """Verdict on a set of legs that carry nothing.
 
     Attributes:
-        legs: ascending.
-        margin: smallest static stability margin over the cycle of the safest gait, as a share of the radius
-            of the stance, in the worst direction of travel; negative where the robot tips for a moment, -inf
-            where fewer than two feet stand at some time.
-        crawl: whether that gait is a crawl; in other directions it may be a code, or the other way round.
-        verdict: on that gait, one of `VERDICTS`. `walks`: a code that leans by `CODE_LEAN` at most.
-            `crawls`: a crawl that leans by `CRAWL_LEAN` at most. `doubtful`: a gait that leans by more.
-            `no gait`: fewer than four legs, so that two feet or fewer carry while one swings.
+        margin: smallest static margin in the worst direction, as a share of the stance radius; may be -inf.
+        crawl: whether the most stable gait is a crawl.
+        verdict: `walks`, a code that leans by `CODE_LEAN` at most; `crawls`, a crawl that leans by
+            `CRAWL_LEAN` at most; `doubtful`, one that leans by more; `no gait`, fewer than four legs.
     """
 
     legs: tuple[int, ...]
@@ -60,7 +56,7 @@ class LegSet:
     verdict: str
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON values; the margin is null where there is none."""
+        """JSON values; a margin of -inf is null."""
         margin = round(self.margin, 3) if math.isfinite(self.margin) else None
         return {"legs": list(self.legs), "margin": margin, "crawl": self.crawl, "verdict": self.verdict}
 
@@ -68,14 +64,7 @@ class LegSet:
 def leg_set(
     robot: Robot, gait: Gait, legs: Sequence[int], directions_rad: Sequence[float] = DIRECTIONS_RAD
 ) -> LegSet:
-    """Verdict on a set of legs, in the worst direction.
-
-    Args:
-        robot: who walks.
-        gait: its pace, amplitude, height and body raise, the body a little up without one.
-        legs: that carry nothing.
-        directions_rad: of travel in the body frame.
-    """
+    """Verdict on lost legs 1..6 in the worst direction; a level body is raised by `STAND_UP`."""
     posture = replace(gait.posture, body_raise=gait.posture.body_raise or STAND_UP)
     raised, lost = replace(gait, posture=posture), tuple(sorted(set(legs)))
     worst, crawl = math.inf, False
@@ -88,7 +77,7 @@ def leg_set(
 
 
 def doubt(found: LegSet) -> str | None:
-    """Why a robot that has lost a set of legs may not walk, in a sentence; None where it is expected to."""
+    """Why a robot may not walk without a set of legs, in a sentence; None if it is expected to walk."""
     if found.verdict in (WALKS, CRAWLS):
         return None
     without = f"without leg{'s' * (len(found.legs) > 1)} {', '.join(map(str, found.legs))}"
@@ -102,13 +91,7 @@ def doubt(found: LegSet) -> str | None:
 
 
 def drag(robot: Robot, failures: Sequence[Failure], heading_rad: float) -> str | None:
-    """That limp neighbours ahead drag on the floor, in a sentence; None where there are none.
-
-    Args:
-        robot: geometry.
-        failures: of all failed legs.
-        heading_rad: direction of travel in the body frame.
-    """
+    """Warning of limp neighbours ahead that drag on the floor, in a sentence, or None."""
     limp = [one.leg for one in failures if one.kind == "limp" and one.joint is None]
     if len(limp) < 2:
         return None
@@ -132,14 +115,13 @@ def _verdict(lost: int, margin: float, crawl: bool) -> str:
 
 
 def _most_lean(crawl: bool) -> float:
-    """By how much a crawl or a code may lean, as a share of the radius of the stance."""
     return CRAWL_LEAN if crawl else CODE_LEAN
 
 
 def leg_sets(
     robot: Robot, gait: Gait, directions_rad: Sequence[float] = DIRECTIONS_RAD, most: int = 2
 ) -> list[LegSet]:
-    """Verdicts on all sets of one leg up to `most`, `MOST_JUDGED` at most."""
+    """Verdicts on all sets of one leg up to `most`, at most `MOST_JUDGED`."""
     legs = range(1, N_LEGS + 1)
     counts = range(1, min(most, MOST_JUDGED) + 1)
     return [

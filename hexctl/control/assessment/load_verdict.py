@@ -1,7 +1,7 @@
-"""Verdict on the load of a gait: what keeps a robot from walking it, and what may.
+"""Verdict on the load of a gait: obstacles and warnings.
 
-Thresholds are judged by `python -m benchmarks --only check`, which simulates random robots and counts those
-that make half of their way, by verdict: `check.loads` for torque and sag, `check.legs` for crossing legs.
+Thresholds are from `python -m benchmarks --only check`, which counts random robots that made half of their
+distance: `check.loads` for torque and sag, `check.legs` for crossing legs.
 """
 
 from dataclasses import dataclass
@@ -11,49 +11,42 @@ import numpy as np
 from hexctl.control.assessment.gait_load import CONTINUOUS_SHARE, GaitLoad
 from hexctl.types import JOINT_NAMES
 
-#: Share of the cycle above the continuous torque from which a servo is called hot. Heat goes with the square
-#: of torque: 35 % of the stall torque for 60 % of the time is an rms of 27 % or more, where Robotis puts the
-#: continuous torque of its servos at 20 % (robotis.us/robotis-blog/torque-ratings).
+#: A servo is hot if it is above the continuous torque for more than this share of the cycle. Heat grows with
+#: the square of torque: 35 % of the stall torque for 60 % of the time is 27 % RMS or more; Robotis rates the
+#: continuous torque at 20 % (robotis.us/robotis-blog/torque-ratings).
 MOST_DUTY = 0.6
 
-#: A robot that carries less than this multiple of its weight sinks. In simulation robots walked, badly, down
-#: to 0.76, as the median over the cycle leaves out the best poses and the feet in the air that it sinks onto.
+#: A robot that carries less than this multiple of its weight sinks. Simulated robots walked badly down to
+#: 0.76: the median over the cycle ignores the best poses, and the swing feet that it sinks onto.
 LEAST_CAPACITY = 0.7
 
-#: Multiple of its weight from which torque is not what makes a robot slow: servos saturate below it, as legs
-#: in motion do not share the weight as well as they might.
+#: Multiple of its weight above which torque does not slow a robot.
 GOOD_CAPACITY = 3.0
 
-#: Share of the cycle in which a robot may tip over all its feet and still walk.
+#: Maximum share of the cycle in which a robot may tip and still walk.
 MOST_TIPPING = 0.5
 
-#: A body that sinks by this multiple of the step height lifts no foot; robots walked, badly, up to 1.1.
+#: A robot that sags by this multiple of the step height lifts no foot; robots walked badly up to 1.1.
 MOST_SAG = 1.25
 
-#: Share of the step height that is left to each foot on servos that are stiff enough.
+#: Share of the step height that remains for each foot on sufficiently stiff servos.
 GOOD_LIFT = 1 / 3
 
-#: Robots with legs that cross, simulated with solid legs: up to a share of the cycle in which they cross, how
-#: many made half of their way, of how many that do with legs that pass through one another.
+#: Robots with crossing legs, simulated with solid legs: up to a share of the cycle with crossing legs, how
+#: many made half of the distance, of how many that did with legs that pass through one another.
 CROSSING_WALKS = ((0.25, 18, 20), (1.0, 16, 20))
 
-#: Robots whose sag leaves a foot less than a third of its step, simulated for 30 s: how many made half of
-#: their way, of how many, where all feet drag, where some do, and where none does.
+#: Robots whose sag leaves a foot less than a third of its step, simulated for 30 s: how many made half of the
+#: distance, of how many, if all feet drag, some do, or none does.
 DRAGGING_WALKS, PARTLY_DRAGGING_WALKS, SOFT_WALKS = (2, 20), (12, 20), (17, 20)
 
-#: The same of robots that carry between the least and a good multiple of their weight.
+#: The same for robots that carry between `LEAST_CAPACITY` and `GOOD_CAPACITY` of their weight.
 WEAK_WALKS = (6, 20)
 
 
 @dataclass(frozen=True, slots=True)
 class LoadVerdict:
-    """Verdict on a load.
-
-    Attributes:
-        obstacles: why the robot does not walk the gait, one sentence each; empty where nothing is known.
-        warnings: what may keep the robot from walking it well, one sentence each.
-        doubtful: whether a warning names what kept some robots from walking in the simulation.
-    """
+    """Verdict on a load; obstacles forbid the gait, doubtful is what stopped some simulated robots."""
 
     obstacles: tuple[str, ...]
     warnings: tuple[str, ...]
@@ -114,7 +107,6 @@ def _weak(load: GaitLoad) -> str:
 
 
 def _soft(load: GaitLoad) -> str:
-    """Warning of a robot whose sag takes most of its step height."""
     if load.lift_left >= GOOD_LIFT or _too_soft(load):
         return ""
     count, legs = len(load.dragging_legs), ", ".join(str(leg) for leg in load.dragging_legs)
@@ -133,7 +125,6 @@ def _soft(load: GaitLoad) -> str:
 
 
 def _cross(load: GaitLoad) -> str:
-    """Warning of legs that would have to pass through one another."""
     if not load.crossing:
         return ""
     walked, of = next((walked, of) for most, walked, of in CROSSING_WALKS if load.crossing_share <= most)
@@ -153,7 +144,6 @@ def _nearest(load: GaitLoad) -> str:
 
 
 def _hot(load: GaitLoad) -> str:
-    """Warning of a servo with too little rest."""
     hot = int(load.duties.argmax())
     if load.duties[hot] <= MOST_DUTY:
         return ""

@@ -1,4 +1,4 @@
-"""The score of a walk: its result, from the poses that were measured on the way."""
+"""The score of a walk: its result, from the measured poses."""
 
 from dataclasses import replace
 
@@ -18,11 +18,10 @@ from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import BoolArray, FloatArray
 
-#: A walk with less than this share of the ideal distance made no progress; one that is over before the soft
-#: start is says nothing about it.
+#: A walk of the soft start or longer with less than this share of the ideal distance made no progress.
 PROGRESS_FLOOR = 0.5
 
-#: A walk has an end where the robot knew its position in one of this many last ticks.
+#: A walk has an end if the position is known in one of this many last ticks.
 END_TICKS = 50
 
 
@@ -46,26 +45,9 @@ def score(
     noticed: tuple[NoticedFailure, ...] = (),
     controller: str | None = None,
 ) -> TrialResult:
-    """Result of a walk.
+    """Result of a walk from base positions (T, 3) and orientations (T, 4); NaN or None if unknown.
 
-    Args:
-        robot: the robot that walked.
-        plan: the plan.
-        status: how the walk ended; a walk that is `ok` so far may still have made no progress.
-        stopped: why it was aborted, if it was.
-        duration_s: how long it walked.
-        turned_rad: how far the self-rotation turned.
-        clipped_ticks: ticks in which the guard changed the targets.
-        frame: the trial frame, None where the robot knows no pose or never set out.
-        positions_world: base positions of the walk, (T, 3).
-        quaternions_world: base orientations of the walk, (T, 4).
-        samples: of its joints and feet, which tell why a walk made no progress; None where not known.
-        hold: what the walk held by feedback.
-        limited_ticks: ticks in which it was slower than asked for.
-        true_positions_world: of a simulated robot, likewise; NaN or None where they are not known.
-        energy_j: mechanical work of its actuators; None where it is not known.
-        noticed: failures that its controller noticed.
-        controller: name of a custom controller, or None.
+    The status `ok` may become `no_progress`, with a cause from the samples.
     """
     shown_world = positions_world
     positions_world = _without_frozen(positions_world, np.stack(plane(positions_world), axis=-1), duration_s)
@@ -109,13 +91,13 @@ def score(
 
 
 def _is_frozen(shown_world: FloatArray, positions_world: FloatArray) -> bool:
-    """Whether all positions that were shown repeat one: the robot stands, or its sensor is dead."""
+    """Whether all known positions repeat one: the robot stands, or its sensor is dead."""
     shown, kept = (int(np.isfinite(rows[:, 0]).sum()) for rows in (shown_world, positions_world))
     return shown > 1 and kept == 1
 
 
 def _paths(frame: TrialFrame | None, positions_world: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Path in the trial frame, empty where none of it is known, and its known rows."""
+    """Path in the trial frame, empty if unknown, and its known rows."""
     path = frame.path(positions_world) if frame is not None else np.zeros((0, 2))
     known = path[np.isfinite(path[:, 0])]
     return path if len(known) else path[:0], known
@@ -124,7 +106,6 @@ def _paths(frame: TrialFrame | None, positions_world: FloatArray) -> tuple[Float
 def _lacks_progress(
     robot: Robot, plan: TrialPlan, duration_s: float, distance_m: float | None, *, never_moved: bool
 ) -> bool:
-    """Whether a straight walk that was long enough came nowhere."""
     if duration_s < RAMP_DURATION_S or not _goes_straight(plan):
         return False
     too_short = distance_m is not None and distance_m < progress_floor_m(robot, plan, duration_s)
@@ -140,7 +121,6 @@ def _cause(
     positions_world: FloatArray,
     quaternions_world: FloatArray,
 ) -> str | None:
-    """Likely cause of a walk without progress, or None."""
     if status != "no_progress" or samples is None:
         return None
     poses = (_briefly_filled(rows, duration_s) for rows in (positions_world, quaternions_world))
@@ -149,7 +129,7 @@ def _cause(
 
 
 def _without_frozen(rows: FloatArray, compared: FloatArray, duration_s: float) -> FloatArray:
-    """Rows (T, n) with NaN where what is compared of them, (T, m), repeats a value that froze."""
+    """Rows (T, n), with NaN at ticks in which `compared`, (T, m), repeats a frozen value."""
     frozen = frozen_rows(compared, duration_s / max(1, len(rows)))
     return np.where(frozen[:, np.newaxis], np.nan, rows) if frozen.any() else rows
 
@@ -157,7 +137,7 @@ def _without_frozen(rows: FloatArray, compared: FloatArray, duration_s: float) -
 def _hold_lost_s(
     hold: str, duration_s: float, positions_world: FloatArray, quaternions_world: FloatArray
 ) -> float:
-    """Time of the gaps in which what a walk holds by was not measured, those longer than `LOST_AFTER_S`."""
+    """Total time of the gaps over `LOST_AFTER_S` in the measurement that the hold needs."""
     by = {"line": positions_world, "heading": quaternions_world}.get(hold)
     if by is None or not len(by):
         return 0.0
@@ -165,7 +145,7 @@ def _hold_lost_s(
 
 
 def _lost(rows: FloatArray, duration_s: float) -> BoolArray:
-    """Which rows (T, n) of a duration are in a gap of more than `LOST_AFTER_S`, (T,)."""
+    """Which rows (T, n) are in a gap of more than `LOST_AFTER_S`, (T,)."""
     ends = np.flatnonzero(np.concatenate([[True], np.isfinite(rows[:, 0]), [True]])) - 1
     lost = np.zeros(len(rows), dtype=bool)
     for before, after in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True):
@@ -175,12 +155,11 @@ def _lost(rows: FloatArray, duration_s: float) -> BoolArray:
 
 
 def _briefly_filled(rows: FloatArray, duration_s: float) -> FloatArray:
-    """Rows (T, n) in which short dropouts have the value before; NaN in longer gaps."""
+    """Rows (T, n) with short gaps filled; NaN in longer gaps."""
     return np.where(_lost(rows, duration_s)[:, np.newaxis], np.nan, filled(rows))
 
 
 def _true_path_m(frame: TrialFrame | None, positions_world: FloatArray | None) -> FloatArray | None:
-    """Path by true positions, (T, 3); None where there are none."""
     if frame is None or positions_world is None or not len(positions_world):
         return None
     if not np.isfinite(positions_world).all():
@@ -191,7 +170,7 @@ def _true_path_m(frame: TrialFrame | None, positions_world: FloatArray | None) -
 
 
 def filled(rows: FloatArray) -> FloatArray:
-    """Rows (T, n) in which each unknown one is that before it, or the first known one."""
+    """Rows (T, n) with each unknown row filled by the row before, or by the first known one."""
     known = np.isfinite(rows[:, 0])
     if known.all() or not known.any():
         return rows
@@ -200,13 +179,12 @@ def filled(rows: FloatArray) -> FloatArray:
 
 
 def _turn_miss_rad(robot: Robot, plan: TrialPlan, turned_rad: float) -> float | None:
-    """How much further than its goal a self-rotation turned; None for a plan without one."""
     wanted_rad = turn_needed_rad(robot, plan)
     return wrapped_rad(turned_rad - wanted_rad) if abs(wanted_rad) > TURN_WITHIN_RAD else None
 
 
 def ideal_distance_m(robot: Robot, plan: TrialPlan, duration_s: float) -> float:
-    """Distance without slip in a duration, at the speed of each gait in its time."""
+    """Distance without slip, with the speed of each gait of the plan in its time."""
     distance_m, gait, since_s = 0.0, plan.gait, 0.0
     for change in plan.changes:
         until_s = min(change.at_s, duration_s)
@@ -225,13 +203,11 @@ def progress_floor_m(robot: Robot, plan: TrialPlan, duration_s: float) -> float:
 
 
 def _deviation(signed_m: FloatArray) -> Deviation:
-    """The four deviations of a walk, from its signed deviation at each tick."""
     off_m = np.abs(signed_m)
     return Deviation(float(off_m[-1]), float(off_m.mean()), float(off_m.max()), float(signed_m[-1]))
 
 
 def _yaw_change_rad(first_yaw_rad: float, quaternions_world: FloatArray) -> float | None:
-    """How far the body turned, whole turns counted; None where no orientation is known."""
     known = quaternions_world[np.isfinite(quaternions_world[:, 0])]
     if not len(known):
         return None
@@ -240,10 +216,9 @@ def _yaw_change_rad(first_yaw_rad: float, quaternions_world: FloatArray) -> floa
 
 
 def _goes_straight(plan: TrialPlan) -> bool:
-    """Whether a plan's distance along the heading says how well it went."""
     return plan.travel > 0 and plan.turn_rate_rad_s == 0
 
 
 def _ramped_duration_s(duration_s: float) -> float:
-    """Time at full stride that the soft start leaves of a duration of a ramp or more."""
+    """Equivalent time at full stride, for durations longer than the soft start."""
     return duration_s - RAMP_DURATION_S / 2

@@ -19,22 +19,20 @@ from hexctl.types import JOINTS_PER_LEG, N_LEGS, ArrayFields, BoolArray, FloatAr
 #: Directions of travel, counter-clockwise from forward.
 DIRECTIONS_RAD = tuple(math.radians(degrees) for degrees in range(0, 360, 45))
 
-#: Shares of the greatest stroke that are tried, and points of a cycle at which each is.
+#: Shares of the maximum stroke that are tried, and points of a cycle at which they are.
 SHARES = np.linspace(0.05, 1.0, 20)
 POINTS = 120
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class SpeedEnvelope(ArrayFields):
-    """Greatest speeds, of an intact robot in row 0 and without leg k in row k; 0 where no speed is possible.
+    """Maximum speeds of an intact robot in row 0 and without leg k in row k; 0 if none is possible.
 
     Attributes:
         directions_rad: of travel in the body frame, (D,).
-        speeds_m_s: at which every foot of a walking leg is in reach, every joint in its range, and no stroke
-            longer than steering allows, 1.2 amplitudes, (7, D); how fast joints turn is not part of it.
-        turn_rates_rad_s: of a turn in place, likewise, (7,).
-        margins_m: smallest static margin of the most stable gait there, negative where the robot leans on its
-            momentum for a moment, (7, D).
+        speeds_m_s: within reach, joint ranges and strokes up to 1.2 amplitudes, but not joint speeds, (7, D).
+        turn_rates_rad_s: of a turn in place, with the same limits, (7,).
+        margins_m: smallest static margin of the most stable gait, (7, D).
     """
 
     directions_rad: FloatArray
@@ -60,10 +58,7 @@ class SpeedEnvelope(ArrayFields):
 def speed_envelope(
     robot: Robot, gait: Gait, directions_rad: Sequence[float] = DIRECTIONS_RAD
 ) -> SpeedEnvelope:
-    """Envelope of a gait: what a velocity command may ask for.
-
-    A planned motion, as `hexctl run --turn`, has no bound on its strokes but the reach of the legs.
-    """
+    """Envelope of a gait for velocity commands; planned motions are limited only by the reach of the legs."""
     speeds_m_s, turn_rates_rad_s = speed_limits(robot, gait, directions_rad)
     failures = [None, *(Failure(leg=leg, kind="missing") for leg in range(1, N_LEGS + 1))]
     margins_m = np.array([[_margin_m(robot, one, heading) for heading in directions_rad] for one in failures])
@@ -82,16 +77,7 @@ def speed_limits(
     *,
     points: int = POINTS,
 ) -> tuple[FloatArray, FloatArray]:
-    """Greatest speeds in m/s, (7, D), and turn rates in rad/s, (7,), as in `SpeedEnvelope`.
-
-    The order of the legs does not matter for them.
-
-    Args:
-        robot: who walks.
-        gait: how.
-        directions_rad: of travel in the body frame, D of them.
-        points: of a cycle at which strokes are tried.
-    """
+    """Maximum speeds in m/s, (7, D), and turn rates in rad/s, (7,), as in `SpeedEnvelope`."""
     way = [_possible(robot, gait, Motion(heading_rad=one), points) for one in directions_rad]
     turn_rate_rad_s = 2 * half_amplitude_turn_rate_rad_s(robot, gait)
     turn = _possible(robot, gait, Motion(travel=0.0, turn_rate_rad_s=turn_rate_rad_s), points)
@@ -115,7 +101,7 @@ def _possible(robot: Robot, gait: Gait, motion: Motion, points: int) -> BoolArra
 
 
 def _greatest(possible: BoolArray) -> FloatArray:
-    """Greatest share at which all walking legs can: all six, and without each of them, (7,)."""
+    """Maximum share that is possible for all six legs, and without each of them, (7,)."""
     rows = [possible.all(axis=-1)]
     rows += [np.delete(possible, leg, axis=-1).all(axis=-1) for leg in range(N_LEGS)]
     # A share counts if every smaller one is possible too.
@@ -123,6 +109,5 @@ def _greatest(possible: BoolArray) -> FloatArray:
 
 
 def _margin_m(robot: Robot, failure: Failure | None, heading_rad: float) -> float:
-    """Smallest static margin of the most stable gait."""
     slots = most_stable_slots(robot, heading_rad=heading_rad, failure=failure)
     return float(static_margins_m(robot, [slots], heading_rad=heading_rad, failure=failure)[0, 0])

@@ -1,8 +1,4 @@
-"""The gait that stands safest: the code of the largest static stability margin over its cycle.
-
-It needs neither a trial nor a simulation: while a walk is steered, gaits differ in speed and tilt and hardly
-in where they end, and the margin tells which of them walk well with a leg failed.
-"""
+"""The most stable gait: the code with the largest static stability margin over its cycle."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -23,60 +19,47 @@ from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad
 from hexctl.types import N_LEGS, BoolArray, FloatArray
 
-#: Phases of the cycle at which the margin is taken: each of the twelve parts between two feet that land or
-#: leave, at its ends and between.
+#: Phases of the cycle at which the margin is evaluated, twice per interval between foot events and at its
+#: ends.
 PHASES = 48
 
-#: Directions are rounded to this, so that a robot that comes to stand a little turned chooses the same gait.
+#: Rounding of directions: a robot that stands a little turned must choose the same gait.
 DIRECTION_STEP_RAD = math.radians(15.0)
 
-#: How high a body stands up off a locked leg that does not trail, as a fraction of the robot's size: the foot
-#: leaves the floor, which it would brake on. Of `ant`, `phantomx` and `pexod` on their lines, legs 1 to 3 in
-#: three worlds each, 0.86, 0.68 and 0.80 of the ideal speed, and 0.75, 0.55 and 0.69 without; a leg that
-#: trails carries well, and standing up off it costs 0.05.
+#: Body raise that lifts a locked, non-trailing foot off the floor, as a fraction of the robot's size. `ant`,
+#: `phantomx` and `pexod` then made 0.86, 0.68 and 0.80 of the ideal speed, and 0.75, 0.55 and 0.69 without
+#: it. A trailing leg carries well: raising the body costs 0.05.
 STAND_UP = 0.012
 
-#: A leg whose foot is nearer to the direction opposite to travel than this trails.
+#: A leg trails if its foot is within this angle of the direction opposite to travel.
 TRAILING_RAD = math.radians(45.0)
 
-#: How the body stands in the gaits of a search: as in the stance, or as with the gait `auto`, up off a
-#: locked leg that does not trail.
+#: Postures of the gaits of a search: as in the stance, or raised off a locked leg that does not trail.
 POSTURES = ("stance", "auto")
 
 
 def usual_posture(hold: str) -> str:
-    """Posture of the walks of a search under a hold: `stance` in open loop, as in the paper, else `auto`.
+    """Posture of a search: `stance` in open loop, as in the paper, else `auto`.
 
-    Of all 120 gaits of `ant` on its line, legs 1 and 2 locked in two worlds each, the fastest walked 4.0,
-    4.3, 4.4 and 4.5 m in 30 s stood up, and 3.2, 4.1, 3.6 and 3.6 m without.
+    With `auto`, the fastest of 120 gaits of `ant` walked 4.0 to 4.5 m in 30 s; with `stance`, 3.2 to 4.1 m.
     """
     return "stance" if hold == "none" else "auto"
 
 
-#: Margins this near are the same, as of gaits that mirror one another.
+#: Margins within this are equal, such as those of mirrored gaits.
 SAME_MARGIN_M = 1e-6
 
 
 def static_margins_m(
     robot: Robot, slots: Sequence[Slots], *, heading_rad: float, failure: Failures = None
 ) -> FloatArray:
-    """Static stability margin of gaits over their cycle: smallest and mean, (gaits, 2) in m.
-
-    Feet move as commanded along full strokes, and the centre of mass is that of the stance. A failed leg
-    carries only if it is locked, on the floor then all the time.
-
-    Args:
-        robot: geometry and masses.
-        slots: of the gaits.
-        heading_rad: direction of travel in the body frame.
-        failure: of one leg, those of several, or None.
-    """
+    """Smallest and mean static margin of gaits over their cycle, (gaits, 2) in m; limp legs do not carry."""
     phases = (np.array(slots) - 1) / N_LEGS
     stances = {one.leg: one.kind == "locked" for one in each_failure(failure)}
     feet, standing = feet_over_cycle(robot, phases, heading_rad=heading_rad, stances=stances)
     centre = centre_of_mass_body(robot, robot.stance_angles_rad)[:2]
     margins_m = support(feet, standing, np.broadcast_to(centre, (*feet.shape[:-2], 2))).margin_m
-    # Fewer than two feet have no margin: as bad as the farthest foot is away.
+    # Fewer than two feet have no margin: use the distance of the farthest foot.
     margins_m = np.maximum(margins_m, -float(np.linalg.norm(robot.stance_feet_body[:, :2], axis=-1).max()))
     return np.stack([margins_m.min(axis=-1), margins_m.mean(axis=-1)], axis=-1)
 
@@ -90,17 +73,14 @@ def feet_over_cycle(
     amplitude: float | None = None,
     swing_share: float | None = None,
 ) -> tuple[FloatArray, BoolArray]:
-    """Places of the feet over a gait cycle, (gaits, P, 6, 2) in m, and which are on the floor, (gaits, P, 6).
+    """Foot positions over a gait cycle, (gaits, P, 6, 2) in m, and stance flags, (gaits, P, 6).
 
     Args:
-        robot: geometry.
-        phases: of the legs of each gait, (gaits, 6), as `Gait.leg_phases`.
-        heading_rad: direction of travel in the body frame.
+        phases: as `Gait.leg_phases`, (gaits, 6).
         stances: legs that stay in their stance, and whether they are on the floor there.
-        amplitude: of the strokes; None is the robot's.
-        swing_share: of the gaits; None is a third.
+        swing_share: None is a third.
     """
-    # Half a step between the corners of Eq. 3 and 4, where a foot both stands and swings.
+    # Half a step off the corners of Eq. 3 and 4, at which a foot both stands and swings.
     cycles = (np.arange(PHASES) + 0.5) / PHASES
     u = part_of_cycle(cycles[:, np.newaxis] + phases[:, np.newaxis, :])  # (gaits, P, 6)
     share = None if swing_share is None else np.array(swing_share)
@@ -115,10 +95,7 @@ def feet_over_cycle(
 
 
 def legs_that_stand(plan: TrialPlan) -> tuple[int, ...]:
-    """Legs that carry the robot of a plan while none of them swings, as far as one can hope.
-
-    Tucked legs do not, nor does one that is limp or missing, or held in its stance under a raised body.
-    """
+    """Legs expected to carry while none swings: not tucked, limp, missing, or held off the floor."""
     posture = plan.gait.posture
     lost = set(posture.tucked_legs)
     lost |= {one.leg for one in plan.failures if one.kind in ("limp", "missing") and one.joint is None}
@@ -128,10 +105,7 @@ def legs_that_stand(plan: TrialPlan) -> tuple[int, ...]:
 
 
 def standing_margin_m(robot: Robot, plan: TrialPlan) -> float:
-    """Static stability margin of the robot of a plan on `legs_that_stand`, in m; -inf with fewer than two.
-
-    The centre of mass is that of the stance.
-    """
+    """Static stability margin of a plan's robot on `legs_that_stand`, in m; -inf with fewer than two."""
     standing = np.isin(np.arange(1, N_LEGS + 1), legs_that_stand(plan))
     offsets_m = posture_offsets_m(robot, plan.gait.posture)[:, :2]
     offsets_m[[leg - 1 for leg in plan.held_legs]] = 0.0
@@ -154,14 +128,7 @@ def check_tucked(robot: Robot, plan: TrialPlan) -> None:
 
 
 def slots_by_stability(robot: Robot, *, heading_rad: float, failure: Failures = None) -> list[Slots]:
-    """Slots of all gaits, those with the largest margin first, ties by the mean margin, then by code.
-
-    Args:
-        robot: geometry and masses.
-        heading_rad: direction of travel in the body frame, rounded to `DIRECTION_STEP_RAD`.
-        failure: of one leg, whose gaits are the 120 codes with its slot pinned, or of two, with 24 codes;
-            None for an intact robot, whose leg 1 is pinned, as shifted slots walk alike.
-    """
+    """Slots of all gaits, largest margin first, then mean margin and code; intact leg 1 is pinned."""
     pinned = tuple(sorted(one.leg for one in each_failure(failure))) or (1,)
     slots = [slots_from_code(code, pinned) for code in range(1, code_count(pinned) + 1)]
     margins_m = static_margins_m(robot, slots, heading_rad=_rounded_rad(heading_rad), failure=failure)
@@ -175,25 +142,18 @@ def _rounded_rad(heading_rad: float) -> float:
 
 
 def most_stable_slots(robot: Robot, *, heading_rad: float, failure: Failures = None) -> Slots:
-    """Slots of the gait that `slots_by_stability` puts first."""
+    """The first slots of `slots_by_stability`."""
     return slots_by_stability(robot, heading_rad=heading_rad, failure=failure)[0]
 
 
 def stable_gait(robot: Robot, plan: TrialPlan, *, stand_up: bool = True) -> Gait:
-    """The most stable gait for the walk of a plan, once its self-rotation is done.
-
-    Pace, amplitude and height are those of the plan's gait, and so is its posture; with `stand_up` the body
-    stands up off a locked leg that does not trail, where it is not raised or lowered already.
-    """
+    """The most stable gait of a plan after its self-rotation, `stood_up` if asked for."""
     posture = stood_up(robot, plan) if stand_up else plan.gait.posture
     return replace(plan.gait, slots=stable_slots_of(robot, plan), posture=posture)
 
 
 def stood_up(robot: Robot, plan: TrialPlan) -> Posture:
-    """Posture of a plan's gait, stood up by `STAND_UP` off a locked leg that does not trail.
-
-    A body that is raised or lowered already stays so.
-    """
+    """Posture of a plan's gait; a level body stands up by `STAND_UP` off a locked leg that does not trail."""
     posture, failure = plan.gait.posture, plan.belief
     if posture.body_raise or failure is None or failure.kind != "locked":
         return posture
@@ -212,7 +172,7 @@ def in_posture(robot: Robot, plan: TrialPlan, posture: str) -> TrialPlan:
 
 
 def stable_slots_of(robot: Robot, plan: TrialPlan) -> Slots:
-    """Slots of the most stable gait for the walk of a plan, once its self-rotation is done."""
+    """Slots of the most stable gait for the walk of a plan, after its self-rotation."""
     return most_stable_slots(
         robot, heading_rad=plan.heading_rad - turn_needed_rad(robot, plan), failure=plan.belief
     )

@@ -1,7 +1,4 @@
-"""The simulation's own uncertainty, measured: how far walks end elsewhere when they are computed otherwise.
-
-`hexctl.control.assessment.uncertainty_store` keeps what was measured and looks it up, without a simulation.
-"""
+"""Measured uncertainty of the simulation: how far walks end elsewhere with another computation."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -27,30 +24,26 @@ from hexctl.types import FloatArray
 #: A looser tolerance of the solver: MuJoCo's own default.
 LOOSE_TOLERANCE = 1e-8
 
-#: By what the contact time is multiplied and divided: floor and feet a third softer or harder.
+#: Factor of the contact time: floor and feet a third softer or harder.
 CONTACT_FACTOR = 4 / 3
 
-#: Walks of these outcomes have no end.
+#: Outcomes of walks that have no end.
 ENDLESS = ("fell", "diverged")
 
 #: The smallest time step of a world.
 LEAST_STEP_S = 0.0005
 
-#: Number of bootstrap samples of an interval, and of walks below which there is none.
+#: Bootstrap samples of an interval, and the minimum number of walks for one.
 RESAMPLES = 4000
 LEAST_WALKS = 5
 
-#: Walks by which a robot's uncertainty is measured: ten gaits, with two failed legs that trail.
+#: Walks of a measurement: ten gaits, with each of two failed legs that trail.
 LEGS = (2, 5)
 CODES = (5, 16, 29, 41, 54, 66, 79, 92, 103, 116)
 
 
 def uncertainty_of_walks(trials: Sequence[SimTrial]) -> SimulationUncertainty:
-    """Uncertainty of walks of one duration, by walking each of them seven times.
-
-    Walks that have no end, because the robot fell, are left out. Raises InputError for walks of several
-    durations, for a time step that cannot be halved, and where no walk is left.
-    """
+    """Uncertainty of walks of one duration, each walked seven times; raises InputError for other walks."""
     duration_s = _duration_s(trials)
     least_s = min(trial.world.time_step_s for trial in trials)
     if least_s / 2 < LEAST_STEP_S:
@@ -74,13 +67,7 @@ def uncertainty_of_walks(trials: Sequence[SimTrial]) -> SimulationUncertainty:
 
 
 def _interval_m(step: FloatArray) -> tuple[float, float] | tuple[None, None]:
-    """95 % bootstrap interval of the RMS change by the time step, in m; None for a few walks.
-
-    By percentiles (Efron and Tibshirani, *An Introduction to the Bootstrap*, 1993, section 13.3).
-
-    Args:
-        step: changes of the ends with the time step halved, (walks,).
-    """
+    """95 % bootstrap interval of an RMS by percentiles (Efron and Tibshirani 1993, section 13.3)."""
     squares = step**2
     if len(squares) < LEAST_WALKS:
         return None, None
@@ -90,20 +77,19 @@ def _interval_m(step: FloatArray) -> tuple[float, float] | tuple[None, None]:
 
 
 def _confirmed_m(trials: Sequence[SimTrial]) -> float | None:
-    """RMS change of the ends of walks at the time step of a confirmation by half of it; None without ends."""
+    """RMS change of the ends if the time step of a confirmation is halved; None without ends."""
     at, finer = (_changed_ends_m(trials, change) for change in _FINER)
     moved = (finer - at)[np.isfinite(finer - at)]
     return _rms(moved) if len(moved) else None
 
 
 def _changed_ends_m(trials: Sequence[SimTrial], change: Callable[[World], dict[str, float]]) -> FloatArray:
-    """Signed deviations at the ends of walks whose worlds are changed."""
     return _ends_m(
         [replace(trial, world=trial.world.model_copy(update=change(trial.world))) for trial in trials]
     )
 
 
-#: What is changed of a world, in the order step, solver, softer, harder.
+#: Changes of a world, in the order step, solver, softer, harder.
 _CHANGES: tuple[Callable[[World], dict[str, float]], ...] = (
     lambda world: {"time_step_s": world.time_step_s / 2},
     lambda _: {"solver_tolerance": LOOSE_TOLERANCE},
@@ -112,7 +98,7 @@ _CHANGES: tuple[Callable[[World], dict[str, float]], ...] = (
 )
 
 
-#: What is changed of a world to confirm the end of a walk, and to see how far that end is off.
+#: Changes of a world that confirm the end of a walk, and measure the error of that end.
 _FINER: tuple[Callable[[World], dict[str, float]], ...] = (
     lambda _: {"time_step_s": CONFIRM_STEP_S},
     lambda _: {"time_step_s": CONFIRM_STEP_S / 2},
@@ -120,7 +106,6 @@ _FINER: tuple[Callable[[World], dict[str, float]], ...] = (
 
 
 def _duration_s(trials: Sequence[SimTrial]) -> float:
-    """The one duration of all walks; raises InputError without any, or for several durations."""
     durations_s = sorted({trial.plan.duration_s for trial in trials})
     if len(durations_s) != 1:
         got = ", ".join(f"{duration_s:g}" for duration_s in durations_s) + " s" if durations_s else "none"
@@ -135,23 +120,14 @@ def simulation_uncertainty(
     duration_s: float = 30.0,
     codes: Sequence[int] = CODES,
 ) -> SimulationUncertainty:
-    """Uncertainty of a robot's walks in a world, measured over some gaits and two failed legs.
-
-    Args:
-        robot: the robot, or the name or path of its file.
-        world: where, or its name or path; flat unless given.
-        duration_s: how long each walk takes.
-        codes: the gaits, ten unless given; the more, the surer the result, and the longer it takes.
-
-    Raises InputError as `uncertainty_of_walks` does, ReachError or LimitError for a robot that cannot walk.
-    """
+    """Uncertainty of a robot's walks in a world; None is flat. Raises InputError for other walks."""
     model, place = as_robot(robot), as_world(world)
     trials = [_placed(model, place, leg, code, duration_s) for leg in LEGS for code in codes]
     return uncertainty_of_walks(trials)
 
 
 def _placed(robot: Robot, world: World, leg: int, code: int, duration_s: float) -> SimTrial:
-    """A walk with a locked leg that trails, put down turned instead of turning first."""
+    """A walk with a locked leg that trails; the robot is put down turned."""
     failure = parse_kind(leg, MEASURED_FAILURE)
     gait = make_gait(robot, str(code), failed_legs=(leg,))
     plan = TrialPlan(gait=gait, belief=failure, duration_s=duration_s)
@@ -159,7 +135,6 @@ def _placed(robot: Robot, world: World, leg: int, code: int, duration_s: float) 
 
 
 def _ends_m(trials: Sequence[SimTrial]) -> FloatArray:
-    """Signed deviation at the end of each walk; NaN for one that has no end."""
     ended = [result.deviation if result.status not in ENDLESS else None for result in run_sim_trials(trials)]
     return np.array([np.nan if deviation is None else deviation.signed for deviation in ended])
 

@@ -1,4 +1,4 @@
-"""How a walk was, beside where it went: mechanical energy, cost of transport, lean and steadiness."""
+"""Quality of a walk: mechanical energy, cost of transport, lean and steadiness."""
 
 import math
 
@@ -10,7 +10,7 @@ from hexctl.ik.statics import GRAVITY_M_S2
 from hexctl.robot.model import Robot
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState
 
-#: Ticks that are summed together, so that a tick costs two copies.
+#: Ticks that are summed together: a tick then costs two copies.
 BLOCK_TICKS = 64
 
 #: Ticks of the soft start, in which speed and lean are not those of the gait.
@@ -21,19 +21,13 @@ VELOCITY_TICKS = 5
 
 
 class WalkEffort:
-    """Mechanical energy that the actuators of one robot, or of a batch, put into a walk.
+    """Mechanical energy that actuators put into walks, of batch shape () for one robot, (n,) for n.
 
-    The work of a control period is the torque over it times the turn of the joint, and what a joint brakes
-    does not count, as a servo does not feed it back:
+    Braking does not count, because servos do not feed it back:
 
         E = sum over periods k and joints of max(0, tau[k] * (q[k] - q[k-1]))
 
-    What a joint gives and takes back within one period is not seen. Torques and angles are those of the
-    states, with their age, noise and losses, so that a simulation counts as a robot does. A batch gives each
-    robot the same to the last bit as alone.
-
-    Args:
-        batch_shape: () for one robot, (n,) for n.
+    A batch equals single robots to the last bit.
     """
 
     def __init__(self, batch_shape: tuple[int, ...] = ()) -> None:
@@ -45,7 +39,7 @@ class WalkEffort:
         self._known = True
 
     def add(self, state: RobotState, commanded_rad: FloatArray, walking: BoolArray | None = None) -> None:
-        """Take the next tick; `walking` says which robots of a batch still walk, (n,)."""
+        """Take the next tick; `walking`, (n,), flags the robots of a batch that still walk."""
         if state.joint_torques_nm is None or not state.measured:
             self._known = False
             return
@@ -59,14 +53,14 @@ class WalkEffort:
             self._sum_up()
 
     def energy_j(self, index: tuple[int, ...] = ()) -> float | None:
-        """Energy of one robot so far; None where a state came without torques or measured angles."""
+        """Energy of one robot so far; None if a state came without torques or measured angles."""
         joints_j = self.joints_j
         energy_j = math.nan if joints_j is None else float(np.add.reduce(joints_j[index]))
         return energy_j if math.isfinite(energy_j) else None
 
     @property
     def joints_j(self) -> FloatArray | None:
-        """Energy of each joint so far, leading shape + (18,); None likewise, and without a tick."""
+        """Energy of each joint so far, leading shape + (18,), or None as above and without a tick."""
         if self._rows:
             self._sum_up()
         return self._work_j if self._known and self._rows else None
@@ -76,7 +70,7 @@ class WalkEffort:
         rows = self._rows
         torques_nm, angles_rad = self._torques_nm[:rows], self._angles_rad[:rows]
         work_j = torques_nm[1:] * (angles_rad[1:] - angles_rad[:-1])
-        counts = self._walking[1:rows] & ~(work_j <= 0)  # what is not known makes the sum unknown
+        counts = self._walking[1:rows] & ~(work_j <= 0)  # unknown values make the sum unknown
         self._work_j = self._work_j + np.add.reduce(np.where(counts, work_j, 0.0), axis=0)
         for each in (self._torques_nm, self._angles_rad, self._walking):
             each[0] = each[rows - 1]
@@ -84,11 +78,9 @@ class WalkEffort:
 
 
 def cost_of_transport(robot: Robot, energy_j: float | None, distance_m: float | None) -> float | None:
-    """Cost of transport E / (m g d): energy per weight and metre of progress, without unit.
+    """Cost of transport E / (m g d), without unit and payload; None without an energy or progress.
 
-    The mass is that of the robot file; what a robot carries is not told to it. None without an energy or
-    without progress. Lee and Harris (2018), https://doi.org/10.3389/frobt.2018.00111, compare it for animals
-    and robots.
+    Source: Lee and Harris (2018), https://doi.org/10.3389/frobt.2018.00111.
     """
     if energy_j is None or distance_m is None or distance_m <= 0:
         return None
@@ -96,13 +88,7 @@ def cost_of_transport(robot: Robot, energy_j: float | None, distance_m: float | 
 
 
 def lean_deg(quaternions_world: FloatArray) -> float | None:
-    """Angle between the body's vertical and the world's after the soft start, root mean square in degrees.
-
-    Args:
-        quaternions_world: base orientations (w, x, y, z) of the walk, (T, 4); unknown ones are NaN.
-
-    None where no orientation is known.
-    """
+    """RMS lean in degrees of orientations (w, x, y, z), (T, 4), after the soft start; None if all are NaN."""
     late = quaternions_world[RAMP_TICKS:]
     known = late[np.isfinite(late[:, 0])]
     if not len(known):
@@ -113,16 +99,10 @@ def lean_deg(quaternions_world: FloatArray) -> float | None:
 
 
 def unsteadiness_m_s(positions_world: FloatArray) -> float | None:
-    """Deviation of the velocity of the body from its mean after the soft start, root mean square in m/s.
+    """RMS deviation of the velocity of positions (T, 3) from its mean after the soft start, in m/s, or None.
 
-    Along, across and vertical together, each velocity taken over `VELOCITY_TICKS`. Half the mass times its
-    square is the mean kinetic energy that goes into swaying, which force platforms measure of animals:
-    Cavagna, Heglund and Taylor (1977), Am. J. Physiol. 233, R243-R261.
-
-    Args:
-        positions_world: base positions of the walk, (T, 3) in m; unknown ones are NaN.
-
-    None where too few positions are known.
+    It measures the mean kinetic energy of swaying: Cavagna, Heglund and Taylor (1977), Am. J. Physiol. 233,
+    R243-R261.
     """
     late = positions_world[RAMP_TICKS:]
     moved = late[VELOCITY_TICKS:] - late[:-VELOCITY_TICKS]

@@ -1,4 +1,4 @@
-"""Calibration of servos that tell where they are: without torque, their joints are moved by hand."""
+"""Calibration of servos with position feedback: torque is off, and the operator moves the joints by hand."""
 
 import math
 from collections.abc import Callable
@@ -23,16 +23,16 @@ from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, FloatArray
 #: Measurements of a joint that are averaged.
 READS = 8
 
-#: A joint whose measurements differ by more moves. Hands shake by about a third of that.
+#: A joint moves if its measurements differ by more; hands shake by about a third of that.
 STILL_DEG = 1.0
 
-#: How long a joint may take to be still, and be heard as often as it takes.
+#: How long to wait for a joint that is still and measured often enough.
 PATIENCE_S = 4.0
 
-#: A measurement that is this much newer is another one.
+#: A measurement that is newer by this counts as another one.
 AGAIN_S = 0.003
 
-#: A movement that says which way the counts go.
+#: Minimum movement that shows the direction of the counts.
 LEAST_MOVE_DEG = 5.0
 
 READY = (
@@ -44,14 +44,9 @@ STILL_LIMP = "torque is off and stays off until hexctl run or serve switches it 
 
 
 class BackdrivenCalibration:
-    """Asks the operator to pose legs and joints by hand, reads them, and saves each joint when it is done.
+    """Asks the operator to pose legs and joints by hand, reads them, and saves each finished joint.
 
-    Args:
-        guard: around connected servos; nothing is ever written to it.
-        servo_map: the servo map in use.
-        operator: moves the joints.
-        result: where joints are saved.
-        stop_requested: polled at every tick; True ends the calibration.
+    It never writes to the guard; a requested stop ends it.
     """
 
     def __init__(
@@ -81,7 +76,6 @@ class BackdrivenCalibration:
             pass
 
     def _calibrate(self, leg: int, joints: list[int]) -> None:
-        """Pose a leg once, then find direction and limits of its joints one after the other."""
         posed = self._pose(leg, joints)
         for joint in joints:
             reference = posed.get(joint)
@@ -96,7 +90,7 @@ class BackdrivenCalibration:
             self._result.save(joint, found)
 
     def _pose(self, leg: int, joints: list[int]) -> dict[int, float]:
-        """Offsets of the joints from a leg in its reference pose; raw positions there, empty if skipped."""
+        """Reference the joints in their leg's reference pose; their raw positions there, empty if skipped."""
         pose_deg = leg_pose_deg(self._guard.robot, leg)
         self._operator.tell(f"leg {leg + 1}: level the body and put the leg into this pose, as in a jig:")
         for text in described_pose(self._guard.robot, pose_deg):
@@ -120,10 +114,7 @@ class BackdrivenCalibration:
             return {joint: float(raw[joint]) for joint in joints}
 
     def _find_ends(self, joint: int, reference: float | None) -> bool:
-        """Limits from both ends of the travel, and the direction from which is which; False to try again.
-
-        An end that is skipped leaves the limits; the direction is then found by a movement.
-        """
+        """Set limits from both ends, and the sign from their order or a movement; False to try again."""
         kind = JOINT_KINDS[joint % JOINTS_PER_LEG]
         up, down = SEEN[kind]
         low = self._read(joint, f"  move it {down}, as far as it may go, and hold it. Enter, skip:")
@@ -149,7 +140,6 @@ class BackdrivenCalibration:
         return True
 
     def _find_sign(self, joint: int, reference: float | None, up: str) -> bool:
-        """Direction from one movement; False to try again."""
         before = self._read(joint, "  its direction: hold it anywhere in its travel. Enter, skip:")
         after = None if before is None else self._read(joint, f"  move it {up}, 10 deg or more. Enter, skip:")
         if before is None or after is None:
@@ -160,21 +150,19 @@ class BackdrivenCalibration:
         return True
 
     def _moved(self, joint: int, before: float, after: float) -> bool:
-        """Whether a joint has moved far enough to tell which way its counts go."""
         moved_deg = abs(after - before) / self._map.per_deg[joint]
         if moved_deg < LEAST_MOVE_DEG:
             self._operator.tell(f"  it moved by {moved_deg:.1f} deg; allowed: {LEAST_MOVE_DEG:g} or more")
         return bool(moved_deg >= LEAST_MOVE_DEG)
 
     def _turn(self, joint: int, *, rises: bool, reference: float) -> None:
-        """Give a joint the sign with which its angle rises with its counts or not, and keep one position."""
+        """Set the sign; the angle at the raw position `reference` stays the same."""
         if rises != (self._map.signs[joint] > 0):
             raw = self._map.centre.copy()
             raw[joint] = reference
             self._map = self._map.flipped(joint, math.degrees(self._map.angles_rad(raw)[joint]))
 
     def _read(self, joint: int, question: str) -> float | None:
-        """Raw position of a joint that is held still, or None if skipped."""
         while True:
             answer = self._ask(question)
             if answer == "skip":
@@ -185,9 +173,9 @@ class BackdrivenCalibration:
                 return float(raw[joint])
 
     def _still(self, joints: list[int]) -> FloatArray | None:
-        """Mean raw positions, (18,), over measurements of joints that do not move; None with the reason told.
+        """Mean raw positions, (18,), of joints that do not move; None after reporting the reason.
 
-        A joint counts again only when it was measured again: a bus asks some of its servos at a time.
+        A measurement counts once: a bus reads only some of its servos in a tick.
         """
         taken: dict[int, list[float]] = {joint: [] for joint in joints}
         measured_at_s = dict.fromkeys(joints, -math.inf)
@@ -209,7 +197,6 @@ class BackdrivenCalibration:
         return None
 
     def _moving(self, taken: dict[int, list[float]]) -> list[int]:
-        """Joints whose measurements differ."""
         per_deg = self._map.per_deg
         return [
             joint
@@ -218,10 +205,7 @@ class BackdrivenCalibration:
         ]
 
     def _tick(self) -> tuple[FloatArray, FloatArray]:
-        """Raw positions, (18,), and when they were measured, (18,), after one tick in which nothing is sent.
-
-        Raises EndedError once a stop is requested, RobotFaultError when the robot is at fault.
-        """
+        """Raw positions, (18,), and their times, (18,); raises EndedError or RobotFaultError."""
         if self._stop_requested():
             raise EndedError
         self._guard.clock.tick()
@@ -234,7 +218,6 @@ class BackdrivenCalibration:
         return self._read_map.raw(state.joint_positions_rad), self._guard.clock.now_s - ages_s
 
     def _ask(self, question: str) -> str:
-        """The operator's answer; meanwhile the servos are only read."""
         return ask(self._operator, question, self._tick)
 
 
@@ -246,7 +229,7 @@ def leg_pose_deg(robot: Robot, leg: int) -> tuple[float, ...]:
 
 
 def described_pose(robot: Robot, pose_deg: tuple[float, ...]) -> tuple[str, str, str]:
-    """What a leg in a pose looks like, a line per link: what a protractor or a level against it shows."""
+    """Description of a leg in a pose, a line per link, as seen with a protractor or a level."""
     _, femur, tibia = (math.degrees(math.atan2(up, out)) for out, up in robot.link_vectors_m.tolist())
     coxa_deg, femur_deg, tibia_deg = pose_deg
     aside = f"{abs(coxa_deg):g} deg {SEEN['coxa'][0 if coxa_deg > 0 else 1]} from " if coxa_deg else ""
@@ -259,7 +242,6 @@ def described_pose(robot: Robot, pose_deg: tuple[float, ...]) -> tuple[str, str,
 
 
 def _slope(rises_deg: float) -> str:
-    """How a line runs that rises outward by an angle."""
     rises_deg = (rises_deg + 180) % 360 - 180
     if abs(rises_deg) < 0.5:
         return "is level"

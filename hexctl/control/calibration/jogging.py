@@ -1,4 +1,4 @@
-"""Calibration of servos that do not tell where they are: each is moved by its motor, and judged by eye."""
+"""Calibration of servos without position feedback: motors move the joints, and the operator judges by eye."""
 
 import math
 from collections.abc import Callable
@@ -21,16 +21,16 @@ from hexctl.robot.model import Robot
 from hexctl.robot.servos.raw_map import RawMap, reference_deg
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, FloatArray, JointTargets
 
-#: Speed of a joint that is moved while an operator has fingers near it.
+#: Joint speed while an operator has fingers near it.
 SPEED_DEG_S = 20.0
 
-#: Distance from its target within which a joint has reached it.
+#: Distance within which a joint has reached its target.
 NEAR_DEG = 0.05
 
-#: How far a joint is moved to see in which direction it turns.
+#: Movement that shows in which direction a joint turns.
 NUDGE_DEG = 8.0
 
-#: Answers that move a joint, and by how much.
+#: Answers that move a joint.
 STEPS_DEG = {"+": 1.0, "-": -1.0, "++": 5.0, "--": -5.0}
 FARTHEST_DEG = 45.0
 
@@ -42,11 +42,7 @@ STEP_HELP = f"+ or - 1 deg, ++ or -- 5, a number of degrees up to {FARTHEST_DEG:
 
 
 class JointJogger:
-    """Holds every joint where it is and moves one at a time, slowly, always through the guard.
-
-    Attributes:
-        servos: the servos behind the guard.
-    """
+    """Holds all joints and moves one at a time, slowly, always through the guard."""
 
     def __init__(self, guard: Guard, servos: CalibratedServos, stop_requested: Callable[[], bool]) -> None:
         self._guard, self.servos = guard, servos
@@ -64,7 +60,7 @@ class JointJogger:
         return math.degrees(self._targets_rad[joint])
 
     def raw(self, joint: int) -> float:
-        """Raw position of a joint: the pulse or the count that its servo gets."""
+        """The pulse or count that the servo of a joint gets."""
         return float(self.servo_map.raw(self._targets_rad)[joint])
 
     def remap(self, servo_map: RawMap) -> None:
@@ -75,7 +71,7 @@ class JointJogger:
         self._guard.clear()
 
     def move(self, joint: int, to_deg: float) -> bool:
-        """Move one joint slowly; True once it is there, False where a limit is nearer."""
+        """Move one joint slowly; True once it is there, False if a limit is nearer."""
         step_deg = SPEED_DEG_S * self._guard.clock.period_s
         while True:
             before_deg = self.angle_deg(joint)
@@ -88,10 +84,7 @@ class JointJogger:
                 return False
 
     def tick(self, *, holding: bool = True) -> None:
-        """Send the targets for one tick, or only read if not holding.
-
-        Raises EndedError once a stop is requested, RobotFaultError when the guard has stopped the robot.
-        """
+        """Send the targets for one tick, or only read; raises EndedError or RobotFaultError."""
         if self._stop_requested():
             raise EndedError
         tick = self._guard.clock.tick()
@@ -105,10 +98,9 @@ class JointJogger:
             self._targets_rad = sent.joint_positions_rad.copy()
 
     def _believe_in_range(self) -> None:
-        """Begin with a map in which every joint stands within its range.
+        """Begin with a map in which every joint is within its range.
 
-        The guard would bring a joint that seems to be outside back in at full speed, and before a servo is
-        calibrated that says little about where it is.
+        The guard would otherwise move a joint back into its range at full speed, by an uncalibrated angle.
         """
         robot, servo_map = self._guard.robot, self.servo_map
         within_rad = np.clip(self._targets_rad, robot.joint_lower_rad, robot.joint_upper_rad)
@@ -120,7 +112,7 @@ class JointJogger:
 
 
 class JoggedCalibration:
-    """Asks the operator about joints, and saves each joint before it continues with the next."""
+    """Asks the operator about each joint, and saves it before the next."""
 
     def __init__(
         self, robot: Robot, jogger: JointJogger, operator: Operator, result: CalibrationResult
@@ -141,7 +133,6 @@ class JoggedCalibration:
             pass
 
     def _calibrate(self, joint: int) -> None:
-        """Find sign, offset and limits of one joint, and return it to where it was."""
         home_deg = self._jogger.angle_deg(joint)
         self._find_sign(joint)
         self._find_offset(joint)
@@ -190,7 +181,7 @@ class JoggedCalibration:
             self._step(joint, answer, f"{STEP_HELP}, at DEGREES, ok, skip, quit")
 
     def _seen(self, joint: int, angle_deg: float) -> str:
-        """What a joint looks like at an angle, the others of its leg as they are."""
+        """Description of a joint at an angle, with the other joints of its leg unchanged."""
         leg, kind = divmod(joint, JOINTS_PER_LEG)
         pose_deg = [self._jogger.angle_deg(JOINTS_PER_LEG * leg + each) for each in range(JOINTS_PER_LEG)]
         pose_deg[kind] = angle_deg
@@ -198,7 +189,7 @@ class JoggedCalibration:
         return described_pose(self._robot, (coxa_deg, femur_deg, tibia_deg))[kind].partition(": ")[2]
 
     def _find_limits(self, joint: int) -> None:
-        """Take the raw positions of both ends of the travel; an end that is skipped keeps its limit."""
+        """Take the raw positions of both ends of the travel; a skipped end keeps its limit."""
         jogger, servo_map = self._jogger, self._jogger.servo_map
         lowest, highest = servo_map.least[joint], servo_map.most[joint]
         low, high = (lowest, highest) if servo_map.signs[joint] > 0 else (highest, lowest)
@@ -222,7 +213,6 @@ class JoggedCalibration:
             self._step(joint, answer, f"{STEP_HELP}, ok, skip, quit")
 
     def _step(self, joint: int, answer: str, allowed: str) -> None:
-        """Move a joint as an answer says, or tell which answers are allowed."""
         by_deg = _by_deg(answer)
         if by_deg is None:
             self._operator.tell(f"  got {answer!r}; allowed: {allowed}")
@@ -230,15 +220,11 @@ class JoggedCalibration:
             self._operator.tell("  it is at the end of its range in the robot file, or of its servo")
 
     def _ask(self, question: str, *, holding: bool = True) -> str:
-        """The operator's answer; meanwhile all joints are held, or nothing is sent.
-
-        Raises EndedError for `quit`, a requested stop, and when no more answers can come.
-        """
+        """The operator's answer while joints are held; raises EndedError for `quit` and a stop."""
         return ask(self._operator, question, lambda: self._jogger.tick(holding=holding))
 
 
 def _by_deg(answer: str) -> float | None:
-    """By how much an answer moves a joint, or None for any other answer."""
     if answer in STEPS_DEG:
         return STEPS_DEG[answer]
     try:

@@ -1,4 +1,4 @@
-"""The operator of a calibration: how they are asked, in which words, and what is saved for them."""
+"""The operator of a calibration: questions, answers, and what is saved."""
 
 import math
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from hexctl.robot.servos.raw_map import RawMap
 from hexctl.robot.servos.servos_section import back_up, write_joint
 from hexctl.types import JOINT_NAMES
 
-#: What a positive and a negative movement of each kind of joint look like.
+#: Positive and negative movements of each kind of joint, as seen.
 SEEN = {
     "coxa": ("counter-clockwise seen from above", "clockwise seen from above"),
     "femur": ("up, with the whole leg", "down, with the whole leg"),
@@ -25,7 +25,7 @@ class EndedError(Exception):
 
 
 class Operator(Protocol):
-    """The person who watches the robot, as the application reaches them; no method may wait."""
+    """The person who watches the robot, as the application reaches them; no method may block."""
 
     def tell(self, text: str) -> None:
         """Show a line."""
@@ -36,26 +36,20 @@ class Operator(Protocol):
         ...
 
     def poll(self) -> str | None:
-        """The answer to the last question, or None while there is none; raises EndedError after the last."""
+        """The answer to the last question, or None if there is none yet; raises EndedError after the last."""
         ...
 
 
 @dataclass(slots=True)
 class CalibrationResult:
-    """What a calibration changed.
-
-    Attributes:
-        path: the robot file.
-        saved: names of the joints that were saved, in order.
-        backup: copy of the file as it was before, or None if nothing was saved.
-    """
+    """The changes of a calibration; the backup is None if nothing was saved."""
 
     path: Path
     saved: list[str] = field(default_factory=list)
     backup: Path | None = None
 
     def save(self, joint: int, servo_map: RawMap) -> None:
-        """Write what was found for one joint, 0..17; the keys of the others stay as they are."""
+        """Write the map of one joint, 0..17; the keys of the others stay as they are."""
         if self.backup is None:
             self.backup = back_up(self.path)
         write_joint(self.path, servo_map, joint)
@@ -63,10 +57,7 @@ class CalibrationResult:
 
 
 def ask(operator: Operator, question: str, tick: Callable[[], object]) -> str:
-    """The operator's answer, in lower case; `tick` runs until it comes.
-
-    Raises EndedError for `quit`, and when no more answers can come.
-    """
+    """The operator's answer, in lower case; `tick` runs until it comes. Raises EndedError for `quit`."""
     operator.prompt(question)
     while (answer := operator.poll()) is None:
         tick()

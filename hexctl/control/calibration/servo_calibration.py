@@ -1,4 +1,4 @@
-"""Servo calibration: by hand where servos tell their positions, by their motors elsewhere."""
+"""Servo calibration: by hand if servos report their positions, otherwise by their motors."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -53,16 +53,10 @@ def calibrate(
     stop_requested: Callable[[], bool] = lambda: False,
     **options: Any,
 ) -> CalibrationResult:
-    """Calibrate servos with an operator, and write sign, offset and limits to the robot file joint by joint.
+    """Calibrate servos with an operator; writes signs, offsets and limits to the robot file joint by joint.
 
-    Servos that measure where they are lose their torque and are moved by hand; others are moved one at a
-    time, slowly.
-
-    Args:
-        robot: name or path of a robot file that may be written to.
-        operator: asked what the joints do.
-        stop_requested: polled at every tick; True ends the calibration.
-        options: fields of `CalibrationOptions`.
+    Servos with position feedback lose their torque and are moved by hand; others are moved slowly, one at a
+    time. `stop_requested` is polled at every tick. Options are fields of `CalibrationOptions`.
 
     Raises InputError for a file, joints, options or servos that cannot be calibrated, and RobotFaultError for
     a robot that cannot be reached or stops.
@@ -77,7 +71,7 @@ def calibrate(
     check_options(name, **given)
     servos = _calibrated(name, BackendOptions(robot=file.robot, robot_file=file, **given))
     result = CalibrationResult(file.path)
-    # One joint at a time, slowly: a computer that is busy for a moment need not end a long sitting.
+    # One joint at a time, slowly: a computer that is busy for a moment must not end a long session.
     with Guard(servos, expiry_s=MAX_EXPIRY_S) as guard:
         guard.clock.tick()
         operator.tell(INTRODUCTION)
@@ -90,9 +84,9 @@ def calibrate(
 
 
 def _backend(file: RobotFile, given: str | None) -> str:
-    """The backend that is asked for, else the driver of the robot file.
+    """The given backend, else the driver of the robot file.
 
-    Raises InputError for another one than the driver: its keys would be written beside the driver's.
+    Raises InputError for a backend other than the driver: its keys would be mixed with the driver's.
     """
     driver = file.content.servos.driver
     if given is None or driver is None or given == driver or ":" in given:
@@ -103,7 +97,6 @@ def _backend(file: RobotFile, given: str | None) -> str:
 
 
 def _calibrated(backend: str, options: BackendOptions) -> Any:
-    """Servos that are both LegServos and CalibratedServos; raises InputError for others."""
     servos = make_servos(backend, options)
     if not isinstance(servos, CalibratedServos):
         raise InputError(
@@ -114,10 +107,7 @@ def _calibrated(backend: str, options: BackendOptions) -> Any:
 
 
 def chosen_joints(text: str | None) -> list[int]:
-    """The joints, 0..17, of a text such as `leg1_coxa,leg3`, in the order of the robot; all for None.
-
-    Raises InputError for an unknown name.
-    """
+    """The joints, 0..17, of a text such as `leg1_coxa,leg3`; all for None. Raises InputError."""
     if text is None:
         return list(range(len(JOINT_NAMES)))
     chosen: set[int] = set()

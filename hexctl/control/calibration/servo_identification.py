@@ -1,4 +1,4 @@
-"""Which servo on a bus moves which joint: each is wiggled, and the operator says what moved."""
+"""Servo identification: a servo on the bus is wiggled, and the operator names the joint that moved."""
 
 import re
 import time
@@ -17,10 +17,10 @@ from hexctl.files import atomic_write
 from hexctl.robot.schema import ServosSection
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS
 
-#: How often it is looked for an answer.
+#: Interval between polls for an answer.
 LOOK_S = 0.05
 
-#: What is said before the first one moves.
+#: Shown before the first servo moves.
 INTRODUCTION = (
     "Hold the robot up so that its legs hang free. A servo that is tried goes limp first, and moves by "
     f"{WIGGLE_DEG:g} degrees and back."
@@ -31,16 +31,10 @@ _JOINT = re.compile(r"(?:leg)?([1-6])[ _:]?(coxa|femur|tibia|c|f|t)")
 
 @dataclass(slots=True)
 class Identification:
-    """Servos whose joints are known.
+    """Servos whose joints are known; `model` is of servos that do not report it.
 
     Attributes:
-        driver: of the bus.
-        port: serial device.
-        baud: bits per second.
-        ids: by the name of the joint.
-        models: by the name of the joint; None where the servo does not say.
-        output: file for the section `servos`, or None; what is known meanwhile is in a file beside it.
-        model: of servos that do not say it, or None.
+        output: file for the section `servos`, or None; a draft next to it keeps what is known so far.
     """
 
     driver: str
@@ -62,7 +56,7 @@ class Identification:
         return len(self.ids) == len(JOINT_NAMES)
 
     def section(self) -> str:
-        """Section `servos` of a robot file with what is known, as YAML."""
+        """The known part of section `servos` of a robot file, as YAML."""
         models = set(filter(None, self.models.values()))
         lines = [f"driver: {self.driver}", f"port: {self.port}", f"baud: {self.baud}"]
         lines += [f"model: {models.pop()}"] if len(models) == 1 else []
@@ -73,10 +67,7 @@ class Identification:
         return "servos:\n" + "".join(f"  {line}\n" for line in lines)
 
     def resume(self) -> None:
-        """Take over what an earlier identification left.
-
-        Raises InputError for an output that there is already, and for a draft of another bus.
-        """
+        """Continue from a draft; raises InputError for an existing output and a draft of another bus."""
         if self.output is None or self.draft is None:
             return
         if self.output.exists():
@@ -91,7 +82,7 @@ class Identification:
             self._take_over(self.draft)
 
     def know(self, joint: str, servo: FoundServo) -> None:
-        """Note which servo moves a joint, and keep it on the disk."""
+        """Record the servo that moves a joint, and save the draft."""
         self.ids[joint], self.models[joint] = servo.servo_id, servo.model or self.model
         if self.draft is not None:
             atomic_write(self.draft, self.section())
@@ -138,15 +129,8 @@ def identify_servos(
 ) -> None:
     """Wiggle the servos with some ids one after the other, and ask which joint each moves.
 
-    Args:
-        known: takes what the operator says; servos that it has are left out.
-        ids: of the servos.
-        operator: asked before each servo moves, and then which joint it was.
-        consent: True to move without the first question.
-        stop_requested: polled while an answer is waited for; True ends it.
-
-    A servo that cannot be moved is said and left out. Raises RobotFaultError for a port that cannot be opened
-    or goes.
+    Known servos, and those that cannot be moved, are left out; with `consent` they move without asking.
+    Raises RobotFaultError for a port that cannot be opened, or is lost.
     """
     left = [servo_id for servo_id in ids if servo_id not in known.ids.values()]
     operator.tell(INTRODUCTION)
@@ -173,7 +157,6 @@ def identify_servos(
 
 
 def _may_move(operator: Operator, what: str, stop_requested: Callable[[], bool]) -> bool:
-    """Whether a servo may be moved, as the operator says, or is left out."""
     question = f"{what}: Enter moves it, skip, quit:"
     while True:
         said = _answer(operator, question, stop_requested)
@@ -188,7 +171,7 @@ def _may_move(operator: Operator, what: str, stop_requested: Callable[[], bool])
 def _joint(
     known: Identification, operator: Operator, what: str, stop_requested: Callable[[], bool]
 ) -> str | None:
-    """Joint that moved as the operator says, None to see it again, or empty for a servo of none."""
+    """Joint that moved; None to see it again, empty for a servo of no joint."""
     question = f"{what}: which joint moved? leg3_femur or 3f, again, none, quit:"
     while True:
         said = _answer(operator, question, stop_requested)
@@ -207,7 +190,7 @@ def _joint(
 
 
 def _answer(operator: Operator, question: str, stop_requested: Callable[[], bool]) -> str:
-    """Answer to a question, in lower case; raises EndedError for `quit`, a stop and an input that ends."""
+    """Answer in lower case; raises EndedError for `quit`, a stop and an input that ends."""
     operator.prompt(question)
     while (said := operator.poll()) is None:
         if stop_requested():

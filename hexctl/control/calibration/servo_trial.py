@@ -1,6 +1,6 @@
-"""Single servos on a bus, tried: moved by a few degrees about where they are, slowly and with little torque.
+"""Trials of single servos on a bus: slow movements of a few degrees with little torque.
 
-Each begins limp, is told to be where it is, and then holds; it ends with its torque as it was.
+Each begins limp, gets its own position as its goal, and then holds; it ends with its torque as it was.
 """
 
 from collections.abc import Iterator
@@ -13,43 +13,37 @@ from hexctl.backends.bus.servo import Servo
 from hexctl.backends.clock import Clock, WallClock
 from hexctl.errors import RobotFaultError
 
-#: How far a servo moves to show which one it is, and how far to be tested.
+#: Movement that shows which servo it is, and movement of a test.
 WIGGLE_DEG, TEST_DEG = 5.0, 10.0
 
-#: Speeds of both.
 WIGGLE_DEG_S, TEST_DEG_S = 20.0, 40.0
 
-#: With less room than this within its limits a servo is not moved.
+#: Minimum room within its limits to move a servo.
 LEAST_DEG = 2.0
 
-#: Distance from a goal within which a servo has followed, and how long it is waited for.
+#: Distance from a goal within which a servo has followed, and how long to wait for it.
 NEAR_DEG, SETTLES_S = 2.0, 0.8
 
-#: A servo beyond its limits by no more than this holds at the limit.
+#: A servo beyond its limits by at most this holds at the limit.
 BEYOND_DEG = 1.0
 
-#: It is asked how it is once in this many control periods.
+#: Control periods between two readings of voltage and load.
 LOOK_EVERY = 10
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServoTrial:
-    """What a servo did when it was told to move to both sides and back.
+    """Response of a servo to a movement to both sides and back.
 
     Attributes:
-        servo_id: of the servo.
-        model: name of its model, or None.
-        followed: whether it came to each goal.
-        moved_deg: how far it came to either side of where it was.
-        error_deg: greatest distance from a goal at which it came to rest.
+        error_deg: maximum distance from a goal at rest.
         speed_deg_s: mean speed of the longest move.
         commanded_deg_s: speed of its goal.
-        delay_s: how long it is behind its goal.
+        delay_s: delay behind its goal.
         voltage_v: before it moved, or None.
         least_voltage_v: while it moved, or None.
         temperature_c: at the end, or None.
-        most_effort: greatest load as a share, or current in A, or None.
-        error: what it complains of; empty for nothing.
+        most_effort: maximum load as a share, or current in A, or None.
     """
 
     servo_id: int
@@ -69,10 +63,7 @@ class ServoTrial:
 
 @contextmanager
 def held(servo: Servo) -> Iterator[float]:
-    """A servo that holds softly where it is meanwhile, at a count; then its torque is as it was.
-
-    Raises RobotFaultError for one that does not answer, does not obey, or must not be moved.
-    """
+    """Hold a servo softly at a count, which is yielded, and restore its torque; raises RobotFaultError."""
     name = f"the servo with id {servo.servo_id}"
     if refusal := servo.settings().refusal:
         raise RobotFaultError(f"{name}: {refusal}")
@@ -98,7 +89,7 @@ def held(servo: Servo) -> Iterator[float]:
 
 
 def _within_limits(servo: Servo, here: float) -> float:
-    """Count at which a servo may hold: where it is, or the end of its limits beside that."""
+    """Count at which a servo may hold: its position, or the nearest limit."""
     least, most = servo.limits()
     start = float(np.clip(here, least, most))
     if abs(start - here) > BEYOND_DEG * servo.type.counts_per_deg:
@@ -110,10 +101,7 @@ def _within_limits(servo: Servo, here: float) -> float:
 
 
 def wiggle(servo: Servo, *, clock: Clock | None = None) -> float:
-    """Move a servo to one side and back; how far, in degrees.
-
-    Raises RobotFaultError as `held` does, and for one without room on either side.
-    """
+    """Move a servo to one side and back; the movement in degrees. Raises RobotFaultError."""
     with held(servo) as start:
         sweep = _Sweep(servo, clock or WallClock())
         end = _ends(servo, start, WIGGLE_DEG)[0]
@@ -125,10 +113,7 @@ def wiggle(servo: Servo, *, clock: Clock | None = None) -> float:
 
 
 def try_servo(servo: Servo, *, clock: Clock | None = None) -> ServoTrial:
-    """Move a servo to both sides of where it is and back, and tell what it did.
-
-    Raises RobotFaultError as `held` does, and for one without room on either side.
-    """
+    """Move a servo to both sides and back, and measure its response; raises RobotFaultError."""
     before = servo.look()
     with held(servo) as start:
         sweep = _Sweep(servo, clock or WallClock())
@@ -162,7 +147,7 @@ def try_servo(servo: Servo, *, clock: Clock | None = None) -> ServoTrial:
 
 
 def _ends(servo: Servo, start: float, far_deg: float) -> tuple[float, float]:
-    """Ends of a movement about a count, within the limits stored in a servo: the one with more room first."""
+    """Ends of a movement about a count within the stored limits: the one with more room first."""
     far, (least, most) = far_deg * servo.type.counts_per_deg, servo.limits()
     ends = sorted((max(start - far, least), min(start + far, most)), key=lambda end: -abs(end - start))
     if abs(ends[0] - start) < LEAST_DEG * servo.type.counts_per_deg:
@@ -175,14 +160,7 @@ def _ends(servo: Servo, start: float, far_deg: float) -> tuple[float, float]:
 
 @dataclass(slots=True)
 class _Sweep:
-    """Movements of a servo, in counts, and what was seen meanwhile.
-
-    Attributes:
-        voltages: of the servo, while it moves.
-        efforts: its loads or currents.
-        speed: mean of the longest movement, in counts per second.
-        delay: mean distance behind the goal in that, in counts.
-    """
+    """Movements of a servo, in counts, with mean speed and lag in counts of the longest."""
 
     servo: Servo
     clock: Clock
@@ -193,7 +171,6 @@ class _Sweep:
     _longest: float = 0.0
 
     def move(self, begin: float, end: float, speed_deg_s: float) -> None:
-        """Lead the goal from one count to another at a speed."""
         duration_s = abs(end - begin) / (speed_deg_s * self.servo.type.counts_per_deg)
         began_s = self.clock.tick().time_s
         seen: list[tuple[float, float, float]] = []  # time, position, goal
@@ -215,10 +192,7 @@ class _Sweep:
             self.delay = float(np.mean(behind))
 
     def settle(self, goal: float) -> float:
-        """Wait until the servo is near its goal, or no longer; where it is then.
-
-        Raises RobotFaultError where it does not say.
-        """
+        """Wait for the servo to come near its goal; its position then. Raises RobotFaultError."""
         near, position = 0.25 * self.servo.type.counts_per_deg, None
         until_s = self.clock.now_s + SETTLES_S
         while self.clock.now_s < until_s:
@@ -234,7 +208,7 @@ class _Sweep:
         return position
 
     def _look(self, step: int) -> float | None:
-        """Position of the servo, and now and then how it is."""
+        """Position of the servo; every `LOOK_EVERY` steps also its voltage and load."""
         if step % LOOK_EVERY != LOOK_EVERY // 2:
             return self.servo.position()
         found = self.servo.look()

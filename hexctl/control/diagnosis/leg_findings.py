@@ -1,4 +1,4 @@
-"""Findings: from what a standing test observed to the failure of each leg, with the evidence for it."""
+"""Leg findings: the failure of each leg, with evidence, from the observations of a standing test."""
 
 import math
 from collections.abc import Mapping
@@ -13,52 +13,49 @@ from hexctl.robot.failure import UNKNOWN, Failure, failure_text
 from hexctl.robot.model import Robot
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_LEGS, BoolArray, FloatArray, leg_slice
 
-#: A joint whose gain is below this does not follow its target; one that also fails to follow the sway, with
-#: its servo at work, is stuck, or its leg locked.
+#: A joint with a lower gain does not follow its target. If it does not follow the sway either while its servo
+#: is active, it is stuck, or its leg locked.
 DEAD_GAIN = 0.35
 STUCK_GAIN = 0.12
 
-#: A joint whose servo is at work is stuck only if it moves by less than this in the whole test, or its gain
-#: is below the second number: an overloaded one gives way.
+#: An active joint is stuck only if it moves by less than this in the complete test, or its gain is below the
+#: second number: an overloaded joint gives way.
 STUCK_TRAVEL_RAD, NO_GAIN = math.radians(4.0), 0.03
 
-#: A joint that follows the sway by more than this, dead as it is, gives way: without torques it counts as
-#: limp.
+#: A dead joint that follows the sway by more than this gives way: without torques it counts as limp.
 LIMP_FOLLOW = 0.5
 
-#: Torque below this share of the same joint's in the other legs is none.
+#: Below this share of the torque of the same joint in other legs, a joint has no torque.
 NO_TORQUE_SHARE = 0.05
 
-#: A servo that pushes with less than this share of what others would does not try to reach its target.
+#: A servo with less than this share of the others' torque does not try to reach its target.
 IDLE_SHARE = 0.2
 
 #: A leg too weak to lift itself gives less than this share of the others' torque.
 WEAK_SHARE = 0.55
 
-#: A weak leg gives way more than the others by this factor, the geometric mean of femur and tibia, and each
-#: of the two by the second one; and gives less than this share of their torque.
+#: A weak leg gives way more than the others by the first factor (geometric mean of femur and tibia), each
+#: joint by the second, and gives less than this share of their torque.
 WEAK_SOFTNESS, LEAST_SOFTNESS, WEAK_MEAN_SHARE = 1.75, 1.2, 0.7
 
-#: A foot with contact in less than this share of its stands bears nothing; one with contact in more than
-#: that share of the top of its own lift did not rise.
+#: A foot carries nothing if it has contact in less than this share of its stands. It did not rise if it has
+#: contact in more than that share of the top of its lift.
 NO_CONTACT_SHARE, STAYED_SHARE = 0.02, 0.5
 
-#: What the evidence is from.
+#: Sources of evidence.
 SOURCES = ("joints", "contacts", "operator", "none")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LegFinding:
-    """What a diagnosis says of one leg.
+    """The diagnosis of one leg; values of coxa, femur and tibia are None if unknown.
 
     Attributes:
-        leg: 1..6.
-        failure: its failure; None where none was found.
-        evidence: why, in few words.
-        gains: slope of measured over commanded angle of coxa, femur and tibia; None where not measured.
-        load: share of the time with contact where the leg stands; None where unknown.
-        torque_shares: torque of coxa, femur and tibia as a share of the other legs'; None where unknown.
-        tested: False where the motions that would tell were stopped.
+        failure: None if none was found.
+        gains: slope of measured over commanded angle.
+        load: share of its stance time with contact; None if unknown.
+        torque_shares: torque as a share of the other legs'.
+        tested: False if the motions that test it were stopped.
     """
 
     leg: int
@@ -70,7 +67,7 @@ class LegFinding:
     tested: bool = True
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain and finite values or None."""
+        """Finite JSON values."""
         return {
             "leg": self.leg,
             "failure": None if self.failure is None else str(self.failure),
@@ -84,13 +81,11 @@ class LegFinding:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Diagnosis:
-    """What a standing test found.
+    """Result of a standing test; the source of evidence is one of `SOURCES`.
 
     Attributes:
-        legs: a finding for each leg, in the order of their numbers.
-        source: what the evidence is from, one of `SOURCES`; `none` where nothing could be found out.
-        notes: what an operator should know: probes that were stopped or left out, and what is not known.
-        unfinished: whether the test ended before any joint had moved far enough to tell.
+        notes: for the operator: probes that were stopped or left out, and what is unknown.
+        unfinished: whether the test ended before any joint had moved far enough.
     """
 
     legs: tuple[LegFinding, ...]
@@ -115,7 +110,7 @@ class Diagnosis:
         return f"{found}; not tested: leg {untested}" if untested else found
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain and finite values or None."""
+        """Finite JSON values."""
         return {
             "verdict": self.verdict,
             "source": self.source,
@@ -126,10 +121,9 @@ class Diagnosis:
 
 
 def diagnosis_of(observed: Observed, robot: Robot) -> Diagnosis:
-    """Diagnosis of what a standing test observed.
+    """Diagnosis from joint positions if measured, with torques and contacts if known; else from contacts.
 
-    From joint positions where the servos measure them, and torques and contacts where they are known; else
-    from contacts alone. How the body leans does not tell: on stiff floors and legs it hardly does.
+    The lean of the body is no evidence: on stiff floors and legs it hardly changes.
     """
     evidence = Evidence.of(observed)
     notes = _notes(observed)
@@ -147,14 +141,12 @@ def diagnosis_of(observed: Observed, robot: Robot) -> Diagnosis:
 
 
 def unsafe_legs(observed: Observed, robot: Robot) -> Mapping[int, str]:
-    """Legs that shall not carry a tripod by what was observed so far, and why not."""
+    """Legs that must not carry a tripod by the observations so far, with the reason."""
     found = diagnosis_of(observed, robot).failures
     return {failure.leg: failure_text(failure) for failure in found if failure.kind != "weak"}
 
 
 class _Judge:
-    """Judges each leg by its joints."""
-
     def __init__(self, evidence: Evidence, measured_rad: FloatArray, robot: Robot) -> None:
         self._seen, self._robot = evidence, robot
         self._angles_rad = np.median(measured_rad, axis=0)
@@ -165,7 +157,7 @@ class _Judge:
         self._idle: BoolArray = self._efforts & (torques < NO_TORQUE_SHARE * usual)
 
     def findings(self) -> tuple[LegFinding, ...]:
-        """Findings for all legs. A weak one is looked for only where no leg has failed outright."""
+        """Findings for all legs. Weak legs are considered only if no leg has failed otherwise."""
         tested = [bool(np.isfinite(gains).any()) for gains in self._seen.gains]
         found = {leg: self._verdict(leg) for leg in range(1, N_LEGS + 1)}
         if self._efforts and not any(failure for failure, _ in found.values()):
@@ -202,13 +194,13 @@ class _Judge:
             return np.asarray(gains < DEAD_GAIN)
         still = gains < STUCK_GAIN
         if np.count_nonzero(still) < 2:
-            # A healthy foot that the load keeps on the floor still goes with the sway. A locked leg may, too.
+            # A healthy foot that the load keeps on the floor still follows the sway. A locked leg may, too.
             rigid = (self._seen.travel_rad[row] < STUCK_TRAVEL_RAD) | (np.abs(gains) < NO_GAIN)
             still &= ~(follows >= STUCK_GAIN) & rigid
         return np.asarray(np.where(idle, gains < DEAD_GAIN, still))
 
     def _weak(self, leg: int) -> tuple[Failure, str] | None:
-        """Failure of a leg whose joints follow and give way too much; None for another."""
+        """Failure of a leg whose joints follow but give way too much, or None."""
         softness, shares = self._seen.softness[leg - 1, 1:], self._seen.servo_share[leg - 1, 1:]
         if not (softness.min() > LEAST_SOFTNESS and _mean(softness) > WEAK_SOFTNESS):
             return None
@@ -218,7 +210,6 @@ class _Judge:
         return failure, f"gives way {_mean(softness):.1f} times as much as the other legs"
 
     def _whole_leg(self, leg: int) -> tuple[Failure | None, str]:
-        """Failure of a leg of which several joints are dead."""
         row = leg - 1
         if not self._efforts:
             follows = self._seen.leg_follows[row]
@@ -236,7 +227,6 @@ class _Judge:
         return Failure(leg=leg), "does not follow its targets, its servos do not try to"
 
     def _one_joint(self, leg: int, joint: int) -> tuple[Failure, str]:
-        """Failure of a leg with one dead joint."""
         row, kind = leg - 1, JOINT_KINDS[joint]
         follows = self._seen.follows[row, joint]
         if self._idle[row, joint] or (not self._efforts and follows > LIMP_FOLLOW):
@@ -252,17 +242,15 @@ class _Judge:
 
 
 def _mean(values: FloatArray) -> float:
-    """Geometric mean; values of 0 or less count as next to nothing."""
+    """Geometric mean; values of 0 or less count as 1e-6."""
     return math.exp(float(np.log(np.maximum(values, 1e-6)).mean()))
 
 
 def _part(share: float) -> float:
-    """Share of the torque of a weak leg, as a failure has it."""
     return round(min(max(share, 0.0), 1.0), 2)
 
 
 def _by_contact(evidence: Evidence) -> dict[int, tuple[Failure, str]]:
-    """Failures of legs by their contacts alone."""
     found: dict[int, tuple[Failure, str]] = {}
     for row in range(N_LEGS):
         leg = row + 1
@@ -276,7 +264,6 @@ def _by_contact(evidence: Evidence) -> dict[int, tuple[Failure, str]]:
 def _of_others(
     evidence: Evidence, source: str, found: Mapping[int, tuple[Failure, str]], notes: tuple[str, ...]
 ) -> Diagnosis:
-    """Diagnosis without joint positions."""
     usual = {
         "contacts": "its foot leaves the floor and meets it",
         "none": "not known",
@@ -303,7 +290,6 @@ def _finite(value: float) -> float | None:
 
 
 def _notes(observed: Observed) -> tuple[str, ...]:
-    """Probes that were not made as planned."""
     notes = []
     for section in observed.sections:
         if section.stopped is not None:
@@ -314,7 +300,6 @@ def _notes(observed: Observed) -> tuple[str, ...]:
 
 
 def _gaps(evidence: Evidence) -> tuple[str, ...]:
-    """What is not known although joint positions are."""
     notes = []
     if not np.isfinite(evidence.torque_rms_nm).all():
         notes.append("torques are not measured: weak legs are not looked for")
@@ -324,7 +309,7 @@ def _gaps(evidence: Evidence) -> tuple[str, ...]:
 
 
 def told_by_operator(diagnosis: Diagnosis, moved: Mapping[int, bool]) -> Diagnosis:
-    """The diagnosis with what an operator saw: whether each leg lifted, swung and stood again."""
+    """The diagnosis with the operator's observation whether each leg lifted, swung and stood again."""
     findings = tuple(
         replace(
             finding,

@@ -1,4 +1,4 @@
-"""Evidence of a standing test: how each joint follows its target, what each leg bears, how it gives way."""
+"""Evidence of a standing test: gains, contacts, torques and softness of each joint or leg."""
 
 import math
 from dataclasses import dataclass
@@ -8,32 +8,29 @@ import numpy as np
 from hexctl.control.diagnosis.standing_test import Observed, Section
 from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, ArrayFields, BoolArray, FloatArray, leg_slice
 
-#: Longest time from a target to a measurement of it that is looked for, in control periods.
+#: Maximum lag from a target to its measurement, in control periods.
 MOST_LAG = 10
 
-#: A joint whose target varied by less than this, as a standard deviation, was not tested.
+#: A joint whose target has a smaller standard deviation was not tested.
 LEAST_SPREAD_RAD = math.radians(0.7)
 
-#: A window shorter than this tells nothing.
+#: Minimum length of a window.
 LEAST_ROWS = 15
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence(ArrayFields):
-    """What a standing test measured; NaN where it could not.
+    """Measurements of a standing test; NaN if unknown; of joints (6, 3), of legs (6,).
 
     Attributes:
-        lag_ticks: time from a target to the measurement that follows it best.
-        gains: slope of measured over lagged targets in the leg's lift, or in the sway where that was cut
-            short; healthy joints have about 1, dead ones 0, (6, 3).
-        follows: the slope over the sway of the targets that the body's motion asks of each joint, (6, 3).
-        leg_follows: likewise of all three together, (6,).
-        travel_rad: how far each joint moved in the whole test, without the extremes, (6, 3).
-        lifted_contact: share of the upper part of its own lift in which each foot had contact, (6,).
-        standing_contact: share of the rest of the test, without the tripods beside it, likewise, (6,).
-        torque_rms_nm: of each joint's torque, (6, 3).
-        servo_share: torque for a position error, as a share of what other legs give, (6, 3).
-        softness: position error for a torque, as a multiple of what other legs have, (6, 3).
+        lag_ticks: time from a target to the measurement that fits it best.
+        gains: slope of measured over lagged targets in the leg's lift, or else the sway; dead joints have 0.
+        follows: slope over the targets of the sway.
+        travel_rad: range in the complete test, 1st to 99th percentile.
+        lifted_contact: share of contact in the upper part of each foot's lift.
+        standing_contact: share of contact while the foot is asked to stand.
+        servo_share: torque for a position error, as a share of the other legs'.
+        softness: position error for a torque, as a multiple of the other legs'.
     """
 
     lag_ticks: int
@@ -49,7 +46,7 @@ class Evidence(ArrayFields):
 
     @classmethod
     def of(cls, observed: Observed) -> "Evidence":
-        """Evidence of what was observed so far."""
+        """Evidence from the observations so far."""
         rows = _Rows(observed)
         torques = rows.torques
         return cls(
@@ -67,8 +64,6 @@ class Evidence(ArrayFields):
 
 
 class _Rows:
-    """Arrays of what was observed, and its sections."""
-
     def __init__(self, observed: Observed) -> None:
         self.sections = [section for section in observed.sections if section.left_out is None]
         for section in self.sections:
@@ -81,7 +76,6 @@ class _Rows:
         self.lag = self._best_lag() if self.known else 0
 
     def _best_lag(self) -> int:
-        """Lag at which most joints follow best."""
         errors = [np.inf]
         for lag in range(1, min(MOST_LAG, len(self.measured) // 4) + 1):
             off = self.measured[lag:] - self.targets[:-lag]
@@ -89,7 +83,6 @@ class _Rows:
         return int(np.argmin(errors)) if len(errors) > 1 else 0
 
     def of(self, kind: str) -> list[Section]:
-        """Sections of a kind."""
         return [section for section in self.sections if section.probe.kind == kind]
 
     def pair(self, section: Section, joints: slice) -> tuple[FloatArray, FloatArray]:
@@ -111,9 +104,9 @@ def _legs(values: FloatArray) -> FloatArray:
 
 
 def _gains(rows: _Rows) -> FloatArray:
-    """Slope of each joint over its own target, those of the leg's other joints held, (6, 3).
+    """Slope of each joint over its own target, with the leg's other joints fitted, (6, 3).
 
-    A limp tibia that dangles from a femur, and a foot that drags the others, follow other targets.
+    A dangling limp tibia, and a foot that drags the others, follow the targets of other joints.
     """
     gains = _nan3()
     if not rows.known:
@@ -135,7 +128,6 @@ def _gains(rows: _Rows) -> FloatArray:
 
 
 def _follows(rows: _Rows) -> FloatArray:
-    """Slope of each joint over its target in the sway, (6, 3)."""
     follows = _nan3()
     for section in rows.of("sway") if rows.known else ():
         targets, measured = rows.pair(section, slice(0, N_JOINTS))
@@ -147,7 +139,6 @@ def _follows(rows: _Rows) -> FloatArray:
 
 
 def _leg_follows(rows: _Rows) -> FloatArray:
-    """Slope of the three joints of each leg together in the sway, (6,)."""
     for section in rows.of("sway") if rows.known else ():
         targets, measured = rows.pair(section, slice(0, N_JOINTS))
         if len(targets):
@@ -158,7 +149,6 @@ def _leg_follows(rows: _Rows) -> FloatArray:
 
 
 def _travel_rad(rows: _Rows) -> FloatArray:
-    """Range of each joint's angles without the hundredth at either end, (6, 3)."""
     if not rows.known:
         return _nan3()
     low, high = np.percentile(rows.measured, [1, 99], axis=0)
@@ -166,13 +156,12 @@ def _travel_rad(rows: _Rows) -> FloatArray:
 
 
 def _upper(section: Section) -> slice:
-    """Rows in which what a section raises is up, less the time that a state takes."""
+    """Rows in which the raised legs of a section are up."""
     length = section.stop - section.start
     return slice(section.start + round(0.4 * length), section.start + round(0.75 * length))
 
 
 def _lifted_contact(rows: _Rows) -> FloatArray:
-    """Share of contact at the top of each leg's own lift, (6,)."""
     share = np.full(N_LEGS, np.nan)
     for section in rows.of("lift"):
         if section.stopped is None and section.stop - section.start >= LEAST_ROWS:
@@ -182,7 +171,6 @@ def _lifted_contact(rows: _Rows) -> FloatArray:
 
 
 def _standing_contact(rows: _Rows) -> FloatArray:
-    """Share of contact where each leg is asked to stand, (6,)."""
     if not len(rows.contacts):
         return np.full(N_LEGS, np.nan)
     stands: BoolArray = np.ones(rows.contacts.shape, dtype=bool)
@@ -197,15 +185,15 @@ def _standing_contact(rows: _Rows) -> FloatArray:
 
 
 def _servo_share(rows: _Rows) -> FloatArray:
-    """Torque of each joint as a share of what the same joint of the other legs would give, (6, 3).
+    """Torque of each joint as a share of that of the same joint in other legs, (6, 3).
 
-    A servo gives k e - d v, e its position error and v its speed, up to its limit. With k the median over the
-    legs and the limit the greatest torque of any of them, the share s is fitted in
+    A servo gives k e - d v up to its limit, e its position error and v its speed. k is the median over the
+    legs, the limit the maximum torque of any of them. The share s is fitted in
 
         torque = s clip(k e, -limit, limit) - d v + c
 
-    so that a joint at its limit tells as much as one that is not. A limp joint has 0, a weak one its part,
-    one that is stuck 1, and one that does not even try to reach its target about 0.
+    The clip makes joints at their limit usable. s is 0 for limp joints, 1 for stuck ones, and about 0 for
+    servos that do not try to reach their target.
     """
     lag = rows.lag
     if not rows.known or lag == 0 or not np.isfinite(rows.torques).all():
@@ -223,8 +211,8 @@ def _servo_share(rows: _Rows) -> FloatArray:
 def _softness(rows: _Rows) -> FloatArray:
     """Slope of position error over torque, as a multiple of its median over the legs, (6, 3).
 
-    Play and delay are errors of the position, which this slope averages out, and the slope of torque over
-    error does not. Rows near a joint's greatest torque are left out.
+    This slope averages out play and delay, unlike the slope of torque over error. Rows near a joint's maximum
+    torque are left out.
     """
     lag = rows.lag
     if not rows.known or lag == 0 or not np.isfinite(rows.torques).all():
@@ -242,6 +230,6 @@ def _softness(rows: _Rows) -> FloatArray:
 
 
 def _slope(over: FloatArray, values: FloatArray, speed: FloatArray) -> float:
-    """Slope of values over others, speed and an offset fitted beside it."""
+    """Slope of values over `over`, fitted together with speed and an offset."""
     design = np.stack([over, speed, np.ones(len(over))], axis=1)
     return float(np.linalg.lstsq(design, values, rcond=None)[0][0])

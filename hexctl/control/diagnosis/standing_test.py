@@ -1,9 +1,8 @@
-"""The standing test: small motions of each leg and of the body, stands on three legs, and what they show.
+"""The standing test: small motions of each leg and of the body, and stands on three legs.
 
-A lift raises one leg by its femur joint, swings its coxa by a sine and its tibia by one bump while it is up;
-so the targets of its three joints are independent of each other. A sway moves the body over six feet on a
-circle and dips. A tripod stands on every other leg, and is left out where one of them is known to be dead or
-missing by then.
+A lift raises one leg by its femur joint, while the coxa swings by a sine and the tibia by one bump: the
+targets of its joints are independent. A sway moves the body over six feet on a circle, and dips. A tripod
+stands on every other leg, and is left out if one of them is known to be dead or missing.
 """
 
 import math
@@ -20,55 +19,50 @@ from hexctl.types import JOINTS_PER_LEG, N_LEGS, FloatArray, RobotState, leg_sli
 
 LIFT_S, SWAY_S, TRIPOD_S = 1.2, 1.6, 1.2
 
-#: Order of the lifts: no leg follows a neighbour of its own.
+#: Order of the lifts: no leg follows its neighbour.
 LIFT_ORDER = (1, 4, 2, 5, 3, 6)
 
 TRIPODS = ((1, 3, 5), (2, 4, 6))
 
-#: Height of a lift and of the legs beside a tripod, as multiples of the gait's step height.
+#: Height of a lift, and of the raised legs of a tripod, as multiples of the gait's step height.
 LIFT_HEIGHTS, TRIPOD_HEIGHTS = 1.5, 0.6
 
 #: Sine of the coxa and radius of the sway, as multiples of the gait's stride.
 COXA_STRIDES, SWAY_STRIDES = 0.35, 0.12
 
-#: How far the body dips in the sway, as a multiple of the gait's step height.
+#: Dip of the body in the sway, as a multiple of the gait's step height.
 DIP_HEIGHTS = 0.6
 
 TIBIA_BUMP_RAD = math.radians(15.0)
 
-#: Amplitudes of the femur and of the coxa stay below these.
+#: Maximum amplitudes of femur and coxa.
 MOST_RAD = math.radians(30.0)
 
-#: Share of a motion in which it rises, and in which it comes down again.
+#: Share of a motion in which it rises, and in which it comes down.
 RISE = 0.25
 
 #: Peak speed of a motion, as a share of the joint's.
 SPEED_SHARE = 0.8
 
-#: By how much the body moves away from a leg that is lifted, as a share of the stance's radius.
+#: Shift of the body away from a lifted leg, as a share of the stance radius.
 LEAN_SHARE = 0.1
 
-#: A body that leans by more than this from where it stood ends the motion.
+#: A motion ends if the body leans by more than this from where it stood.
 MOST_TILT_RAD = math.radians(12.0)
 
-#: So does one that stands on fewer other feet for so many ticks, and leans by more than this where that is
-#: known: on stiff legs a foot may bear nothing, and the body keeps level.
+#: It also ends if fewer feet than this stand for `LOST_TICKS`, and the body leans by more than
+#: `LOST_TILT_RAD` (if known): on stiff legs a foot may carry nothing while the body stays level.
 LEAST_FEET = 3
 LOST_TICKS = 5
 LOST_TILT_RAD = math.radians(4.0)
 
-#: Time in which a motion that was stopped is taken back.
+#: Duration of the return of a stopped motion.
 RETURN_S = 0.4
 
 
 @dataclass(frozen=True, slots=True)
 class Probe:
-    """A motion of the standing test.
-
-    Attributes:
-        kind: `lift`, `sway` or `tripod`.
-        legs: the leg that is lifted, all in a sway, the three that carry in a tripod.
-    """
+    """A motion of the standing test: `lift` of a leg, `sway` on all, or `tripod` on three legs."""
 
     kind: str
     legs: tuple[int, ...]
@@ -79,7 +73,7 @@ class Probe:
 
     @property
     def duration_s(self) -> float:
-        """How long it takes."""
+        """Its planned duration."""
         return {"lift": LIFT_S, "sway": SWAY_S, "tripod": TRIPOD_S}[self.kind]
 
     @property
@@ -96,10 +90,7 @@ ALL_PROBES = (*LIFTS, SWAY, *(Probe("tripod", legs) for legs in TRIPODS))
 
 
 def probe_targets_rad(robot: Robot, probe: Probe, period_s: float) -> FloatArray:
-    """Joint targets of a motion, (T, 18); it begins and ends in the stance.
-
-    They are within the joints' ranges and `SPEED_SHARE` of their speeds: amplitudes shrink until they are.
-    """
+    """Joint targets of a motion, (T, 18), from stance to stance, scaled down to joint ranges and speeds."""
     count = round(probe.duration_s / period_s)
     tau: FloatArray = np.linspace(0.0, 1.0, count + 1)[1:]
     for scale in np.linspace(1.0, 0.1, 19):
@@ -115,10 +106,9 @@ def probe_targets_rad(robot: Robot, probe: Probe, period_s: float) -> FloatArray
 
 
 def _targets(robot: Robot, probe: Probe, tau: FloatArray, scale: float) -> FloatArray:
-    """Targets at the shares tau of a motion's time, amplitudes scaled."""
     stance = robot.stance_angles_rad
     if probe.kind == "sway":
-        # Over a circle through the middle, dipping twice, with a soft start and stop.
+        # A circle through the centre with two dips, and a soft start and stop.
         angle = math.tau * (tau - np.sin(math.tau * tau) / math.tau)
         radius_m = scale * SWAY_STRIDES * robot.gait.amplitude * robot.size_m
         body = radius_m * np.stack([np.sin(angle), 1 - np.cos(angle), np.zeros_like(angle)], axis=-1)
@@ -147,7 +137,7 @@ def _targets(robot: Robot, probe: Probe, tau: FloatArray, scale: float) -> Float
 
 
 def _lift_amplitudes_rad(robot: Robot, leg: int) -> FloatArray:
-    """Amplitudes of coxa, femur and tibia in a lift, (3,), as far as their ranges and speeds allow."""
+    """Amplitudes of coxa, femur and tibia in a lift, (3,), within their ranges and speeds."""
     from_mount = robot.stance_feet_body[leg - 1] - robot.mount_positions_body[leg - 1]
     outward_m = float(np.hypot(*from_mount[:2]))
     coxa = COXA_STRIDES * robot.gait.amplitude * robot.size_m / outward_m
@@ -167,15 +157,7 @@ def _lift_amplitudes_rad(robot: Robot, leg: int) -> FloatArray:
 
 @dataclass(slots=True)
 class Section:
-    """A motion as it went.
-
-    Attributes:
-        motion: which.
-        start: its first row.
-        stop: the row after its last one.
-        stopped: why it ended before its time, in few words; None where it did not.
-        left_out: why it was not made; None where it was.
-    """
+    """A motion as it was made, rows [start, stop); `stopped` and `left_out` are reasons, or None."""
 
     probe: Probe
     start: int
@@ -186,12 +168,7 @@ class Section:
 
 @dataclass(slots=True)
 class Observed:
-    """What a standing test saw, tick by tick: each row has the state read and the targets sent before it.
-
-    Attributes:
-        sections: the motions, in their order.
-        measured: whether the servos measure positions, and do not echo targets.
-    """
+    """Observations of a standing test, tick by tick: the state read, and the targets sent after it."""
 
     sections: list[Section] = field(default_factory=list)
     measured: bool = True
@@ -231,27 +208,27 @@ class Observed:
 
     @property
     def contacts(self) -> FloatArray:
-        """Foot contacts, 1 or 0, (T, 6); NaN where unknown."""
+        """Foot contacts, 1 or 0, (T, 6); NaN if unknown."""
         return self._column(2)
 
     @property
     def torques_nm(self) -> FloatArray:
-        """Joint torques, (T, 18); NaN where unknown."""
+        """Joint torques, (T, 18); NaN if unknown."""
         return self._column(3)
 
     @property
     def quaternions_world(self) -> FloatArray:
-        """Orientations of the base, (T, 4); NaN where unknown."""
+        """Orientations of the base, (T, 4); NaN if unknown."""
         return self._column(4)
 
 
 def lean_rad(quaternion: FloatArray) -> FloatArray:
-    """Vertical axis of the body in the world, x and y, leading shape + (2,): about how far it leans where."""
+    """The body's z axis in the world, x and y, leading shape + (2,): for small angles the lean."""
     w, x, y, z = np.moveaxis(quaternion, -1, 0)
     return np.stack([2 * (x * z + w * y), 2 * (y * z - w * x)], axis=-1)
 
 
-#: Legs that shall not carry a tripod, and why not, by what was observed so far.
+#: Legs that must not carry a tripod by the observations so far, with the reason.
 UnsafeLegs = Callable[[Observed], Mapping[int, str]]
 
 
@@ -261,20 +238,10 @@ def no_unsafe_legs(_observed: Observed) -> Mapping[int, str]:
 
 
 class StandingTest(Controller):
-    """Makes probes one after the other, standing; observes what the legs do.
+    """Makes probes one after the other while the robot stands, and observes the legs.
 
-    A probe ends early where the body leans by more than `MOST_TILT_RAD` from where it stood, or where fewer
-    than `LEAST_FEET` of the feet that should stand have contact: its legs are then put down, and the next one
-    begins. Where neither contacts nor an orientation are known nothing is watched but the guard's own limits.
-
-    Args:
-        robot: who stands.
-        period_s: control period.
-        probes: what it makes.
-        unsafe: asked before each tripod.
-
-    Attributes:
-        observed: what it saw.
+    A probe ends early if the body leans by more than `MOST_TILT_RAD`, or fewer than `LEAST_FEET` standing
+    feet have contact: its legs are put down, and the next one begins. `unsafe` is asked before each tripod.
 
     Raises LimitError for a robot whose joints have no room around the stance.
     """
@@ -298,7 +265,7 @@ class StandingTest(Controller):
         self._now_rad = robot.stance_angles_rad
 
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
-        """Joint targets of the probe that is due, (18,)."""
+        """Joint targets of the current probe, (18,)."""
         if self._upright is None and state.base_quaternion_world is not None:
             self._upright = lean_rad(state.base_quaternion_world)
         if self._path is not None and step - self._begun_at >= len(self._path):
@@ -317,7 +284,6 @@ class StandingTest(Controller):
         return not self._paths and (self._path is None or step - self._begun_at >= len(self._path) - 1)
 
     def _begin(self, step: int) -> None:
-        """Begin the next probe that is safe."""
         now = len(self.observed)
         while self._paths:
             probe, path = self._paths.pop(0)
@@ -331,14 +297,12 @@ class StandingTest(Controller):
                 return
 
     def _end(self) -> None:
-        """End the probe that has been made, or taken back."""
         self._path = None
         section = self.observed.sections[-1]
         if section.stopped is None:
             section.stop = len(self.observed)
 
     def _take_back(self, step: int, why: str) -> None:
-        """Put down what the probe has raised."""
         section = self.observed.sections[-1]
         section.stopped, section.stop = why, len(self.observed)
         share = (np.arange(self._return_steps) + 1)[:, np.newaxis] / self._return_steps
@@ -346,7 +310,6 @@ class StandingTest(Controller):
         self._begun_at = step
 
     def _unsafe_now(self, state: RobotState) -> str | None:
-        """Why the probe has to end, or None."""
         section = self.observed.sections[-1]
         if section.stopped is not None:
             return None

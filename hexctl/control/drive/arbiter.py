@@ -1,9 +1,8 @@
-"""Velocity commands from several sources: which of them the robot follows.
+"""Arbiter of velocity commands from several sources.
 
-Each source, such as a gamepad or ROS's `cmd_vel`, says what it wants, and has to say it again before its
-command expires. The arbiter follows the source of the highest priority that has spoken lately. A source that
-is let go of says zero explicitly, which holds like any other command: the robot comes to a stand first,
-before a lower source moves it again.
+Each source, such as a gamepad or ROS's `cmd_vel`, repeats its command before that expires. The arbiter
+follows the source of the highest priority with a valid command. A released source commands zero, which holds
+like any other command: the robot stops before it follows a lower source.
 
     arbiter = Arbiter()
     stick = arbiter.source("gamepad")
@@ -11,7 +10,7 @@ before a lower source moves it again.
     arbiter.decide().velocity
     stick.release()
 
-Sources may be used from any thread, `decide` belongs to the loop that walks.
+Sources may be used from any thread, `decide` only from the control loop.
 """
 
 import math
@@ -25,25 +24,16 @@ import numpy as np
 from hexctl.errors import InputError, check_type
 from hexctl.types import FloatArray
 
-#: Sources, the lowest priority first; a stop outweighs them all. `motion` is what a program or a trial wants
-#: while no other source has spoken lately.
+#: Sources, lowest priority first; a stop outweighs them all. `motion` is for programs and trials.
 SOURCES = ("motion", "cmd_vel", "keyboard", "gamepad", "page")
 
-#: A command that is not repeated for so long is followed no more.
+#: A command expires unless repeated within this time.
 COMMAND_EXPIRY_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class Velocity:
-    """A velocity of the body in its own frame.
-
-    Attributes:
-        forward_m_s: to the front.
-        left_m_s: to the left.
-        turn_rad_s: counter-clockwise.
-
-    Raises InputError for numbers that are not finite.
-    """
+    """Forward, left and counter-clockwise velocity in the body frame; raises InputError unless finite."""
 
     forward_m_s: float = 0.0
     left_m_s: float = 0.0
@@ -63,19 +53,12 @@ class Velocity:
         return np.array([self.forward_m_s, self.left_m_s, self.turn_rad_s])
 
 
-#: No motion.
 ZERO = Velocity()
 
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """What the robot is to do now.
-
-    Attributes:
-        velocity: the one to walk with.
-        source: whose it is, one of `SOURCES`; None where none has spoken lately.
-        stopped: why the robot is stopped, or None.
-    """
+    """Decision of the arbiter; source is None without a valid command, stopped a reason or None."""
 
     velocity: Velocity = ZERO
     source: str | None = None
@@ -83,56 +66,42 @@ class Decision:
 
 
 class VelocitySource:
-    """One source of an arbiter; made by `Arbiter.source`.
-
-    Args:
-        name: one of `SOURCES`.
-        now_s: time, on the arbiter's clock.
-        expiry_s: for how long a command holds; None for as long as no other comes.
-
-    Attributes:
-        forgets: how often it was told to forget. What is held or latched from before does not count after it.
-    """
+    """One source of an arbiter; `forgets` counts calls of `forget`, which void held and latched input."""
 
     def __init__(self, name: str, now_s: Callable[[], float], expiry_s: float | None) -> None:
         self.name = name
         self._now_s, self._expiry_s = now_s, expiry_s
-        self._said: tuple[float, Velocity] | None = None  # replaced as a whole: no reader sees half of it
+        self._said: tuple[float, Velocity] | None = None  # replaced in one step, for readers in other threads
         self.forgets = 0
 
     def command(self, velocity: Velocity) -> None:
-        """Ask for a velocity, from now until the command expires."""
+        """Ask for a velocity until the command expires."""
         check_type(velocity, Velocity, f"{self.name}: velocity", "a Velocity")
         self._said = self._now_s(), velocity
 
     def release(self) -> None:
-        """Ask for a stand, as a hand that lets go; without a command before, nothing."""
+        """Ask for a stand if anything was commanded before."""
         if self._said is not None:
             self.command(ZERO)
 
     def forget(self) -> None:
-        """Ask for nothing any more: lower sources follow now."""
+        """Withdraw the command: lower sources are followed now."""
         self.forgets += 1
         self._said = None
 
     def wanted(self, now_s: float) -> Velocity | None:
-        """The velocity asked for at a time; None for a command that has expired, and before the first."""
+        """The velocity asked for at a time; None if the command has expired, and before the first."""
         said = self._said
         if said is None:
             return None
         at_s, velocity = said
-        # A clock that went back would make a command young again.
+        # A clock that went back would make a command valid again.
         fresh = self._expiry_s is None or 0 <= now_s - at_s <= self._expiry_s
         return velocity if fresh else None
 
 
 class Arbiter:
-    """Decides whose velocity the robot follows.
-
-    Args:
-        now_s: monotonic time in s; commands are stamped by it as they arrive.
-        expiry_s: for how long a command holds, in s; `motion` holds until it is changed.
-    """
+    """Decides which source the robot follows; commands expire on the monotonic clock, except `motion`."""
 
     def __init__(
         self, now_s: Callable[[], float] = time.monotonic, *, expiry_s: float = COMMAND_EXPIRY_S
@@ -157,7 +126,7 @@ class Arbiter:
 
     @property
     def stopped(self) -> str | None:
-        """Why nothing moves, or None."""
+        """Why the robot is stopped, or None."""
         return self._stopped
 
     def stop(self, reason: str = "stop") -> None:
@@ -167,14 +136,14 @@ class Arbiter:
                 self._stopped = reason
 
     def clear(self) -> None:
-        """Let velocities through again; what was asked for before is forgotten, so that nothing moves."""
+        """Let velocities through again; earlier commands are forgotten, and nothing moves."""
         with self._latch:
             for source in self._sources.values():
                 source.forget()
             self._stopped = None
 
     def decide(self) -> Decision:
-        """What the robot is to do now: the command of the highest source that has spoken lately."""
+        """The command of the highest source with a valid one."""
         if self._stopped is not None:
             return Decision(stopped=self._stopped)
         now_s = self._now_s()

@@ -1,4 +1,4 @@
-"""A robot that is driven by velocity commands: `hexctl.Drive`."""
+"""A robot driven by velocity commands: `hexctl.Drive`."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -30,10 +30,9 @@ from hexctl.robot.model import Robot
 from hexctl.robot.rotations import yaw_rad
 from hexctl.types import FloatArray, JointTargets, RobotState
 
-#: Whether slip is made good.
+#: Allowed values of `hold`.
 DRIVE_HOLDS = ("auto", "none")
 
-#: What drives on its own ticks: a robot that has not been told to stand yet.
 NOT_CONNECTED = "drive: got it before the robot is connected; allowed: inside `with Drive(...)`"
 
 
@@ -45,34 +44,23 @@ class Drive:
             for _ in range(500):
                 state = drive.step()
 
-    Each `step` is one control period, of a simulation as fast as it can, of a robot in real time. Velocities
-    are limited to what the gait can walk, and approached without a jump. A leg that fails is noticed and
-    answered by the policy, while the command stays what it was. On a real robot the steps must go on: after
-    0.2 s without one its guard stops it.
+    Each `step` is one control period: as fast as possible in a simulation, in real time on a robot.
+    Velocities are limited to what the gait can walk, and change without a jump. On a real robot the guard
+    stops it after 0.2 s without a step.
 
     Args:
         robot: a shipped name, a robot file, or a robot; not given with servos.
         backend: as for `hexctl.run`; not given with servos.
-        servos: your own, not connected; a `Guard` is used as it is, others are put behind one.
+        servos: custom servos, not connected, with or without a `Guard`.
         gait: a name, a code, slots or a gait.
-        body_raise: how much higher the body is than in the stance, -0.2 to 0.2 of the robot's size; None for
-            that of the gait.
-        policy: of a leg that fails: `glide`, `stop`, `walk-on`, `package.module:Class` or a policy; None
-            glides to a gait for the other legs in a simulation and stops elsewhere.
-        hold: `auto` makes good what feet lose to slip, by the pose or the yaw that the robot measures; `none`
-            does not.
-        failure: of legs, as in `RunSpec`: a simulation breaks them, and the walk is told of those that failed
-            before.
-        told: False leaves it to the walk to notice the failures of a simulation.
-        arbiter: decides between several sources of commands; one of its own unless given.
+        body_raise: above the stance, -0.2 to 0.2 of the robot's size; None is that of the gait.
+        policy: for a failed leg: `glide`, `stop`, `walk-on`, `package.module:Class` or a policy; None is
+            `glide` in a simulation and `stop` elsewhere.
+        hold: `auto` corrects slip by the measured pose or yaw; `none` does not.
+        failure: of legs, as in `RunSpec`; a simulation breaks them.
+        told: False if the walk has to detect the failures of a simulation.
         recorders: take every tick, as in `run_trial`.
-        options: of the backend, fields of `BackendOptions`: `world`, `seed`, `realtime`, `events`, `connect`,
-            `credentials`, `insecure`, `link`. Times of events count from when the robot first stands.
-
-    Attributes:
-        robot: who is driven.
-        arbiter: whose command is followed; `command` is its source `motion`.
-        notes: once connected, what an operator should know about the robot that answered.
+        options: fields of `BackendOptions`; times of events count from the first stand.
 
     Raises InputError for what is not allowed, before anything is opened or moves.
     """
@@ -125,10 +113,7 @@ class Drive:
         self.notes: tuple[str, ...] = ()
 
     def __enter__(self) -> Self:
-        """Connect the robot; it begins to stand up with the first step.
-
-        Raises RobotFaultError for a robot that cannot be reached.
-        """
+        """Connect the robot, which stands up with the first step; raises RobotFaultError."""
         with ExitStack() as stack:
             stack.enter_context(self._guard)
             self.notes = tuple(connection_notes(self._guard.unwrapped, self._known))
@@ -145,10 +130,7 @@ class Drive:
         self._stack.__exit__(kind, error, trace)
 
     def reset(self) -> RobotState:
-        """Stand up and come to rest in the stance, without a command; the state then.
-
-        A simulation starts again where it was put down. A stop is cleared. Raises what `step` raises.
-        """
+        """Stand up and come to rest in the stance; clears a stop. Raises what `step` raises."""
         self._connected  # noqa: B018  raises
         guard = self._guard
         if guard.simulation is not None:
@@ -163,11 +145,7 @@ class Drive:
         return state
 
     def reconnect(self) -> None:
-        """Connect to the robot again after its stop was cleared; it begins to stand up with the next step.
-
-        Raises what connecting raises: RobotFaultError for a robot that is still stopped, or that another
-        client commands.
-        """
+        """Connect again after a cleared stop; raises RobotFaultError for a stopped or busy robot."""
         self._connected  # noqa: B018  raises
         self._guard.close()
         self.arbiter.clear()  # first: a stop that comes meanwhile stays
@@ -176,12 +154,10 @@ class Drive:
         self._begin()
 
     def step(self, poll: Callable[[], None] | None = None) -> RobotState:
-        """Wait for the next control period, follow the command in it, and return the state it began with.
+        """Wait for the next control period, follow the command, and return the state at its beginning.
 
-        Args:
-            poll: called after the period has begun, for commands that count in it.
-
-        Raises EStopError when the guard has stopped the robot, RobotFaultError when it or its link fails.
+        `poll` is called after the period has begun, for commands that count in it. Raises EStopError when the
+        guard has stopped the robot, RobotFaultError when it or its link fails.
         """
         controller = self._connected
         tick = self._guard.clock.tick()
@@ -197,33 +173,20 @@ class Drive:
         return state
 
     def pause(self) -> None:
-        """Expect no step until the next one: the robot holds its pose, and its guard does not mind."""
+        """Suspend the guard's watchdog until the next step; the robot holds its pose."""
         self._guard.pause_watchdog()
 
     def command(self, forward_m_s: float = 0.0, left_m_s: float = 0.0, turn_rad_s: float = 0.0) -> None:
-        """Walk with a velocity from the next step on, until another is commanded.
-
-        Other sources of the arbiter outweigh it.
-
-        Args:
-            forward_m_s: in the body frame.
-            left_m_s: in the body frame.
-            turn_rad_s: counter-clockwise.
-
-        Raises InputError for numbers that are not finite.
-        """
+        """Walk with a velocity in the body frame, counter-clockwise; raises InputError unless finite."""
         self.arbiter.source("motion").command(Velocity(forward_m_s, left_m_s, turn_rad_s))
 
     def share(self, forward: float = 0.0, left: float = 0.0, turn: float = 0.0) -> Velocity:
-        """The velocity of shares of the greatest, each -1 to 1, as a stick gives them.
-
-        The greatest speeds are those of the gait and of the legs that are left. From any thread.
-        """
+        """The velocity for shares -1 to 1 of the maximum with the intact legs. Thread-safe."""
         shares = (forward, left, turn)
         return Velocity(*(share * most for share, most in zip(shares, self._connected.most, strict=True)))
 
     def stand(self) -> None:
-        """Stand up, or step the feet to their places; a stop, and one for a leg that failed, is cleared."""
+        """Stand up, or step the feet to their places; clears a stop, also one for a failed leg."""
         self.arbiter.clear()
         self._connected.stand()
 
@@ -233,20 +196,17 @@ class Drive:
         self._connected.sit()
 
     def stop(self, reason: str = "stop") -> None:
-        """Come to a stand now, and follow no command until `stand`. May be called from any thread."""
+        """Come to a stand now, and follow no command until `stand`. Thread-safe."""
         self.arbiter.stop(reason)
 
     @property
     def gait(self) -> Gait:
-        """The gait that was asked for; set a name, a code, slots or a gait to change it in stride."""
+        """The requested gait; set a name, a code, slots or a gait to change it in stride."""
         return self._gait
 
     @gait.setter
     def gait(self, gait: str | int | Sequence[int] | Gait) -> None:
-        """Change the gait in stride to a name, a code, slots or a gait; all but the last keep the posture.
-
-        Raises InputError for what is no gait of the robot.
-        """
+        """Change the gait in stride; only a `Gait` changes the posture too. Raises InputError."""
         new = self._gait_of(gait)
         if not isinstance(gait, Gait):
             new = replace(new, posture=self._gait.posture)
@@ -254,25 +214,22 @@ class Drive:
 
     @property
     def body_raise(self) -> float:
-        """How much higher the body is than in the stance, -0.2 to 0.2 of the robot's size; may be set."""
+        """Body height above the stance, -0.2 to 0.2 of the robot's size; may be set."""
         return self._gait.posture.body_raise
 
     @body_raise.setter
     def body_raise(self, share: float) -> None:
-        """Change the height of the body in stride, -0.2 to 0.2 of the robot's size above the stance.
-
-        Raises InputError for anything beyond.
-        """
+        """Change the body height in stride; raises InputError beyond -0.2 to 0.2 of the robot's size."""
         self._use(_raised(self._gait, share))
 
     @property
     def gait_now(self) -> Gait:
-        """The gait that it walks with or changes to: another than `gait` once a leg has failed."""
+        """The gait that it walks with or changes to; differs from `gait` once a leg has failed."""
         return self._connected.gait_now
 
     @property
     def mode(self) -> str:
-        """What the robot does: `standing up`, `driving`, `sitting down` or `sitting`."""
+        """`standing up`, `driving`, `sitting down` or `sitting`."""
         return self._connected.mode
 
     @property
@@ -282,32 +239,32 @@ class Drive:
 
     @property
     def decision(self) -> Decision:
-        """Whose command was followed in the last step, and which."""
+        """The command followed in the last step, and its source."""
         return self._connected.decision
 
     @property
     def velocity(self) -> Velocity:
-        """The velocity that the legs are commanded to walk now: within limits, and without jumps."""
+        """The velocity commanded to the legs now: within limits, and without jumps."""
         return Velocity(*self._connected.velocity_body.tolist())
 
     @property
     def stopped(self) -> str | None:
-        """Why the robot follows no command: what the guard or the arbiter says, or None."""
+        """Why the robot follows no command, by the guard or the arbiter, or None."""
         return self._guard.stopped or self.arbiter.stopped
 
     @property
     def failures(self) -> tuple[Failure, ...]:
-        """Legs that it was told or has noticed to have failed."""
+        """Given and detected failures of legs."""
         return self._connected.believed_failures()
 
     @property
     def noticed(self) -> tuple[NoticedFailure, ...]:
-        """Failures that it has noticed so far, and what it did about them."""
+        """Failures detected so far, and the responses."""
         return self._connected.noticed_failures()
 
     @property
     def controller(self) -> Controller:
-        """What gives the joint targets."""
+        """The source of the joint targets."""
         return self._connected
 
     @property
@@ -326,7 +283,6 @@ class Drive:
         return self._controller
 
     def _begin(self) -> None:
-        """A new controller, from where the joints are."""
         self._zero_index, self._stood = None, False
         self._controller = DriveController(
             self.robot,
@@ -372,7 +328,6 @@ class Drive:
 
 
 def _check_alone(robot: object, backend: str | None, options: Mapping[str, Any]) -> None:
-    """Raise InputError for a robot, a backend or its options that were given with servos."""
     given = [name for name, value in {"robot": robot, "backend": backend}.items() if value is not None]
     if given or options:
         raise InputError(
@@ -381,8 +336,6 @@ def _check_alone(robot: object, backend: str | None, options: Mapping[str, Any])
 
 
 class _EventNotes:
-    """Notes in the log what the robot is told, what happens to its legs and what its controller notices."""
-
     def __init__(self, drive: Drive) -> None:
         self._drive = drive
         self._told: dict[str, str] = {}
@@ -399,7 +352,6 @@ class _EventNotes:
             recorders.log.note(texts)
 
     def _changed(self) -> list[str]:
-        """What it is told or does otherwise than in the tick before."""
         drive, before = self._drive, self._told
         gait = ",".join(map(str, drive.gait.slots))
         self._told = {
@@ -410,11 +362,11 @@ class _EventNotes:
         return [text for name, text in self._told.items() if before.get(name, text) != text]
 
     def took(self, work_s: float) -> None:
-        """Ignore the duration: notes keep none."""
+        """Do nothing: an observer's method."""
 
 
 def _frame_of(state: RobotState) -> TrialFrame:
-    """Frame of recordings: where the robot stands and faces when it can be driven."""
+    """Frame of recordings: where the robot stands and faces when driving begins."""
     position, quaternion = state.base_position_world, state.base_quaternion_world
     yaw = 0.0 if quaternion is None else float(yaw_rad(quaternion))
     return TrialFrame(np.full(3, np.nan) if position is None else position, yaw, yaw)

@@ -1,4 +1,4 @@
-"""Standing up, driving and sitting down: the controller behind `Drive`."""
+"""The controller behind `Drive`: standing up, driving and sitting down."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -22,29 +22,17 @@ from hexctl.robot.failure import Failure, NoticedFailure
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray, RobotState
 
-#: What a robot that is driven does.
 MODES = ("standing up", "driving", "sitting down", "sitting")
 
 
 class DriveController(Controller):
-    """Follows an arbiter's velocity within the limits of the gait; stands up first, and sits when told to.
+    """Follows an arbiter's velocity within the limits of the gait; stands up first, and sits on request.
 
-    The legs are watched, and a policy says what is done about one that fails. Where it stops the robot, the
-    arbiter is stopped, until it is cleared.
-
-    Args:
-        robot: who is driven.
-        gait: to walk with.
-        start_rad: where the joints are, (18,).
-        period_s: control period.
-        arbiter: says which velocity is asked for.
-        policy: of the recovery.
-        hold: whether slip is made good by what the robot measures.
-        failures: that are known, by leg.
+    If the policy stops the robot after a failure, the arbiter is stopped until it is cleared.
 
     Attributes:
         mode: one of `MODES`.
-        decision: what the arbiter said last.
+        decision: the last one of the arbiter.
     """
 
     def __init__(
@@ -78,7 +66,7 @@ class DriveController(Controller):
 
     @property
     def gait(self) -> Gait:
-        """The gait that was asked for; a leg that has failed may have changed it."""
+        """The requested gait; a failed leg may have changed it."""
         return self._gait
 
     @property
@@ -103,7 +91,7 @@ class DriveController(Controller):
 
     @property
     def most(self) -> tuple[float, float, float]:
-        """Greatest speeds forward and left in m/s and turn rate in rad/s, each alone, with the legs left."""
+        """Maximum speeds forward and left in m/s and turn in rad/s, each by itself, on the intact legs."""
         rows = [one.leg for one in self.believed_failures()] or [0]
         speeds = self._limits.speeds_m_s[rows].min(axis=0)
         turn_rad_s = float(self._limits.turn_rates_rad_s[rows].min())
@@ -115,20 +103,20 @@ class DriveController(Controller):
         return self.mode == "sitting" or (self.mode == "driving" and self._walk.at_rest)
 
     def believed_failures(self, index: int = 0) -> tuple[Failure, ...]:
-        """Failures that it was told of or has noticed, by leg."""
+        """Given and detected failures, by leg."""
         return self._monitored.believed_failures(index)
 
     @property
     def limited_steps(self) -> NDArray[np.int64] | int:  # type: ignore[override]  # of the walk
-        """Steps in which the velocity was held back, as feet would have got too far from their places."""
+        """Steps in which the velocity was reduced to keep feet within reach."""
         return self._walk.limited_steps
 
     def noticed_failures(self, index: int = 0) -> tuple[NoticedFailure, ...]:
-        """Failures that it noticed since it stood up last."""
+        """Failures detected since it stood up last."""
         return self._monitored.noticed_failures(index)
 
     def news(self) -> Sequence[str]:
-        """What happened since this was asked last."""
+        """Events since the last call."""
         news, self._news = (*self._news, *self._monitored.news()), ()
         return news
 
@@ -142,7 +130,7 @@ class DriveController(Controller):
         self._walk.change_gait(self._suited(gait))
 
     def stand(self) -> None:
-        """Stand up, or step all feet to their places; a stop for a leg that failed is over."""
+        """Stand up, or step all feet to their places; ends a stop for a failed leg."""
         self._sit_asked = False
         self._monitored.walk_on()
         if self.mode in ("sitting", "sitting down"):
@@ -153,7 +141,7 @@ class DriveController(Controller):
             self._walk.go_home()
 
     def sit(self) -> None:
-        """Come to a stand, step the feet to their places and lower the body; it then stays down."""
+        """Come to a stand, step the feet to their places, lower the body and stay down."""
         self._sit_asked = True
         self._walk.go_home()
 
@@ -177,7 +165,6 @@ class DriveController(Controller):
         return targets_rad
 
     def _corrected(self, step: int, state: RobotState) -> FloatArray:
-        """The velocity that the walk is to have at a step, (3,): what is asked for, slip made good."""
         wanted = self._wanted()
         dt_s = (step - self._held_step) * self._period_s
         self._held_step = step
@@ -186,25 +173,22 @@ class DriveController(Controller):
         return self._hold.update(dt_s, state, wanted, self._walk.velocity_body, np.array(self.most))
 
     def _wanted(self) -> FloatArray:
-        """The velocity that is asked for, within the limits, (3,)."""
         if self._sit_asked or self.decision.stopped is not None:
             return np.zeros(3)
         legs = [one.leg for one in self.believed_failures()]
         return self._limits.limited(self.decision.velocity.array, legs)
 
     def _arrive(self) -> None:
-        """Go on from a motion that has ended."""
         if self.mode == "standing up":
             self.mode, self._began = "driving", self._step
         elif self.mode == "sitting down":
             self.mode = "sitting"
 
     def _be(self, mode: str, motion: Controller) -> None:
-        """Begin a motion with the next step."""
         self.mode, self._motion, self._began = mode, motion, self._step + 1
 
     def _new_walk(self) -> None:
-        """A walk that begins at rest in the stance; postures are gone to once it stands."""
+        """A walk that begins at rest in the stance; it changes to the posture once it stands."""
         gait = self._suited(self._gait)
         plain = replace(gait, posture=STANCE)
         first = next(iter(self._known), None)
@@ -223,7 +207,7 @@ class DriveController(Controller):
             self._walk.change_gait(gait)
 
     def _suited(self, gait: Gait) -> Gait:
-        """The gait for the legs that are known to be left, as the policy has it."""
+        """The gait that the policy gives for the legs that are not known to have failed."""
         if not self._known:
             return gait
         response = self._policy.respond(self._robot, TrialPlan(gait=gait), 0.0, self._known)

@@ -1,16 +1,14 @@
-"""A walk for driving: it stands while nothing is asked of it, and comes to a stand from any moment of a step.
+"""A walk for driving: it stands without a command, and can stop at any moment of a step.
 
-A walk of a trial begins and ends with all feet at their places of the stance, over two seconds. One that is
-driven starts and stops all the time, so each foot remembers where it is, an offset d from its place of the
-stance in the body frame. With the velocity v and the turn rate omega of the body, its place p and the time
-T_s of a stance,
+Each foot has an offset d from its stance position p in the body frame. With the velocity v and the turn rate
+omega of the body, and the duration T_s of a stance,
 
     stance  d' = -(v + omega x p)
-    swing   d goes to -T_s/2 of that for the velocity that is asked for, evenly, in what is left of the swing
+    swing   d moves evenly to -T_s/2 of that for the commanded velocity, in the rest of the swing
 
-At a constant velocity these are the strokes of `VelocityWalk`. The velocity is held back so that no foot on
-the floor gets further than half the longest stroke from its place before it swings. Let go of, the robot
-slows down, puts the feet that are in the air down where they are, and stands on all six.
+At a constant velocity these are the strokes of `VelocityWalk`. The velocity is limited: no stance foot gets
+further than half the longest stroke from its place. To stop, the robot slows down and puts its swing feet
+down where they are.
 """
 
 from collections.abc import Callable
@@ -25,31 +23,22 @@ from hexctl.gait.foot_trajectory import SWING_END, SWING_START, lift_offset, par
 from hexctl.gait.gait import Gait
 from hexctl.types import FloatArray, RobotState
 
-#: How long feet take to be lifted to their height, and from full speed, with feet in the air, to a stand on
-#: all of them. Soft servos sway on for up to 0.2 s: with a halt of 0.15 s pexod's body was not always at rest
-#: within 0.3 s.
+#: Time to lift the feet to their height, and to stop from full speed on all feet. Soft servos sway for up to
+#: 0.2 s: with a halt of 0.15 s pexod's body was not always at rest within 0.3 s.
 LIFT_S, HALT_S = 0.15, 0.1
 
-#: A foot in the air moves no faster than this times as it does in the longest stroke.
+#: Maximum speed of a swing foot, relative to that in the longest stroke.
 FASTEST_SWING = 1.25
 
-#: Feet nearer than this to their places, in strokes, need no step to get there.
+#: Feet nearer to their places than this, in strokes, need no step.
 AT_HOME = 0.02
 
-#: What a drive asks of its walk: forward and left in m/s, turn in rad/s, (3,).
+#: The commanded velocity: forward and left in m/s, turn in rad/s, (3,).
 Wanted = Callable[[], FloatArray]
 
 
 class DriveWalk(VelocityWalk):
-    """Walks with the velocity asked for at each step, and stands while that is zero.
-
-    Args:
-        start: a robot, alone, that stands in its stance.
-        wanted: velocity that is asked for, within the limits of the gait.
-
-    Attributes:
-        offsets_m: of the feet from their places, (6, 2).
-    """
+    """Walks with the velocity that `wanted` returns, stands while it is 0; foot offsets are (6, 2) in m."""
 
     def __init__(self, start: WalkStart, wanted: Wanted) -> None:
         check_type(start, WalkStart, "start", "a WalkStart")
@@ -76,24 +65,24 @@ class DriveWalk(VelocityWalk):
 
     @property
     def leg_phases(self) -> FloatArray | None:  # type: ignore[override]  # None while legs do not step
-        """Normalised time of each leg in the last step, (6,); None unless the feet step at their height."""
+        """Normalised time of each leg in the last step, (6,); None unless the feet step at full height."""
         return self._u() if self._lifted == 1 else None
 
     def go_home(self) -> None:
-        """Step on the spot until all feet are at their places of the stance, once nothing is asked for."""
+        """Step in place until all feet are at their stance positions, once no velocity is commanded."""
         self._going_home = not self.home
 
     def change_gait(self, gait: Gait) -> None:
-        """Glide to a gait, or what suits the legs that have failed meanwhile; phases, heights and posture."""
+        """Glide to a gait, or to the one that suits the failed legs: phases, heights and posture."""
         self.glide_to(self.suited([gait]))
 
     def stop(self, step: int) -> int:
-        """Come to a stand, whatever is asked for; within the steps of a soft stop."""
+        """Come to a stand within the steps of a soft stop, and ignore commands."""
         self._halted = True
         return soft_stop_steps(self._period_s)
 
     def resume(self) -> None:
-        """Follow what is asked for again."""
+        """Follow the commands again."""
         self._halted = False
 
     def done(self, step: int, state: RobotState) -> bool:
@@ -112,7 +101,6 @@ class DriveWalk(VelocityWalk):
         return joints_of_feet(self._robot, self._feet(), self._held)
 
     def _feet(self) -> FloatArray:
-        """Feet in the body frame now, (6, 3)."""
         pattern = self._pattern
         feet = self._robot.stance_feet_body.copy()
         if pattern.posture_m is not None:
@@ -129,11 +117,9 @@ class DriveWalk(VelocityWalk):
         return np.ones(len(self._turning_m)) if self._pattern.stepping is None else self._pattern.stepping
 
     def _u(self) -> FloatArray:
-        """Normalised times of the legs, (6,)."""
         return part_of_cycle(self._cycles + self._pattern.phases)
 
     def _swing(self) -> tuple[float, float]:
-        """Normalised times at which a swing begins and ends."""
         share = self._pattern.swing_share
         if share is None:
             return SWING_START, SWING_END
@@ -141,15 +127,13 @@ class DriveWalk(VelocityWalk):
         return 0.5 - half, 0.5 + half
 
     def _most_stroke(self) -> float:
-        """The longest stroke, in m."""
         return OVERDRIVE * float(self._pattern.amplitude_m)
 
     def _over_floor(self, velocity: FloatArray) -> FloatArray:
-        """Velocities of feet on the floor in the body frame, (6, 2) in m/s."""
+        """Velocities of stance feet in the body frame, (6, 2) in m/s."""
         return np.asarray(velocity[2] * self._turning_m - velocity[:2])
 
     def _accelerate(self, dt_s: float, wanted: FloatArray, stepping: bool) -> None:
-        """Bring the velocity nearer to the one asked for, as far as feet allow, and lift or lower them."""
         lifted = self._lifted + (dt_s / LIFT_S if stepping else -dt_s / HALT_S)
         self._lifted = float(np.clip(lifted, 0.0, 1.0))
         full_m_s = self._most_change * FULL_SPEED_S
@@ -165,14 +149,14 @@ class DriveWalk(VelocityWalk):
         self.velocity_body = velocity * share
 
     def _allowed(self, velocity: FloatArray) -> float:
-        """Share of a velocity at which each foot on the floor swings before it is too far from its place."""
+        """Share of a velocity at which each stance foot swings before it is too far from its place."""
         begins, ends = self._swing()
         u, pace_hz = self._u(), float(self._pattern.pace_hz)
         on_floor = (u < begins) | (u >= ends)
         left_s = np.where(on_floor, (begins - u) % 1.0, 0.0) / pace_hz
         way_m = self._over_floor(velocity) * left_s[:, np.newaxis] * self._steps[:, np.newaxis]
         most_m = self._most_stroke() / 2
-        # The greatest s of 0..1 with |d + s way| <= most, for each foot.
+        # The maximum s of 0..1 with |d + s way| <= most, for each foot.
         a = (way_m * way_m).sum(axis=1)
         b = (self.offsets_m * way_m).sum(axis=1)
         c = np.minimum((self.offsets_m * self.offsets_m).sum(axis=1) - most_m**2, 0.0)
@@ -182,14 +166,13 @@ class DriveWalk(VelocityWalk):
         return float(np.clip(shares.min(initial=1.0) + 1e-9, 0.0, 1.0))
 
     def _advance(self, step: int, dt_s: float, wanted: FloatArray, stepping: bool) -> None:
-        """Move the feet through a control period."""
         cycles = dt_s * float(self._pattern.pace_hz) * self._lifted
         self._cycles = self._cycles + cycles
-        # A posture changes while the robot stands, too.
+        # A posture also changes while the robot stands.
         self._change(step, np.asarray(cycles if stepping else dt_s * self._pattern.pace_hz))
         then, self._phases_then = self._phases_then, self._u()
         gone = (self._phases_then - then) % 1.0
-        # Phases that glide go back a little, or on while the robot stands: no foot moves for that.
+        # Gliding phases may go back a little, or change at rest: no foot moves then.
         gone = np.where(gone > 0.5, 0.0, gone) if cycles else np.zeros_like(gone)
         begins, ends = self._swing()
         before, after = _progress(then, begins, ends), _progress(then + gone, begins, ends)
@@ -205,7 +188,7 @@ class DriveWalk(VelocityWalk):
         landed = (after >= 1)[:, np.newaxis]
         lifting_off = np.where(landed, self.offsets_m, self.offsets_m + floor_m)
         way_m = share * (landing_m - lifting_off)
-        # Where the velocity changes late in a swing, the foot lands where it gets to.
+        # After a late change of the velocity, the foot lands short of its new goal.
         most_m = FASTEST_SWING * self._most_stroke() * float(self._pattern.pace_hz) / (ends - begins)
         far = np.hypot(*way_m.T) / np.maximum(most_m * in_air_s, 1e-12)
         moved = lifting_off + way_m / np.maximum(1.0, far)[:, np.newaxis]
@@ -215,5 +198,5 @@ class DriveWalk(VelocityWalk):
 
 
 def _progress(u: FloatArray, begins: float, ends: float) -> FloatArray:
-    """How much of a swing is done at normalised times: 0 before it, 1 after it, (6,)."""
+    """Progress of a swing at normalised times: 0 before it, 1 after it, (6,)."""
     return np.clip((u - begins) / (ends - begins), 0.0, 1.0)

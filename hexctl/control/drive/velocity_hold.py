@@ -1,13 +1,13 @@
-"""Velocity hold: corrects what feet lose to slip, from the position and the yaw that a robot measures.
+"""Velocity hold: corrects slip by the measured position and yaw.
 
-A reference pose moves as commanded. With the deviation d of the reference from the measured pose, in the
-frame of the body and smoothed over `MEAN_S`, the robot is commanded the velocity v and
+A reference pose moves as commanded. d is its deviation from the measured pose in the body frame, smoothed
+over `MEAN_S`. The commanded velocity v becomes
 
-    v + d / TIME_S        d / TIME_S at most `MOST` of the greatest velocity
+    v + d / TIME_S        d / TIME_S at most `MOST` of the maximum velocity
 
-A slip that stays, as a share of v, then leaves a deviation and no error of the velocity. The reference moves
-with the part of v that the legs are commanded now, less the correction, so that it does not run ahead of a
-start. At rest it is where the robot is: nothing creeps.
+A constant slip then leaves a deviation, but no velocity error. The reference moves with the part of v that
+the legs walk now, without the correction, and does not run ahead of a start. At rest it follows the robot:
+nothing creeps.
 """
 
 import math
@@ -18,22 +18,18 @@ from hexctl.control.walks.steering import JUMP_M, JUMP_RAD, FrozenSensor
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import FloatArray, RobotState
 
-#: Velocities are looked at up to this many times the greatest.
+#: Commands are clipped to this multiple of the maximum.
 MOST_SHARE = 1e6
 
-#: Time in which a deviation is made good, and the time constant that smooths it.
+#: Time in which a deviation is corrected, and the time constant of its smoothing.
 TIME_S, MEAN_S = 1.0, 0.2
 
-#: Greatest correction, as a share of the greatest velocity.
+#: Maximum correction, as a share of the maximum velocity.
 MOST = 0.3
 
 
 class VelocityHold:
-    """Correction of a velocity command, by the pose where it is measured, by the yaw alone, or none.
-
-    Attributes:
-        correction: added to the command now, forward, left in m/s and turn in rad/s, (3,).
-    """
+    """Correction of a velocity command by the measured pose, by only the yaw, or none."""
 
     def __init__(self) -> None:
         self.correction: FloatArray = np.zeros(3)
@@ -41,32 +37,24 @@ class VelocityHold:
         self.forget()
 
     def forget(self) -> None:
-        """Put the reference where the robot is."""
+        """Set the reference to the robot's pose."""
         self._yaw_rad: float | None = None
         self._position: FloatArray | None = None
-        self._turned_rad = 0.0  # by how much the reference is turned from the last yaw measured
-        self._ahead_m: FloatArray = np.zeros(2)  # from the position measured to the reference, in the world
+        self._turned_rad = 0.0  # from the last yaw measured to the reference
+        self._ahead_m: FloatArray = np.zeros(2)  # from the last position to the reference, in the world
         self._smooth: FloatArray = np.zeros(3)
         self.correction = np.zeros(3)
 
     def update(
         self, dt_s: float, state: RobotState, wanted: FloatArray, commanded: FloatArray, most: FloatArray
     ) -> FloatArray:
-        """The velocity to command, (3,).
-
-        Args:
-            dt_s: since the last update.
-            state: measured now.
-            wanted: what is asked for, (3,); zero puts the reference where the robot is.
-            commanded: what the legs walk now, (3,).
-            most: greatest velocities, (3,).
-        """
+        """The velocity to command, (3,), if the legs walk `commanded`; 0 resets the reference."""
         yaw, position = self._measured(dt_s, state)
         if not wanted.any() or yaw is None:
             self.forget()
             self._yaw_rad, self._position = yaw, position
             return wanted
-        # Squares of what is very great are not numbers.
+        # The squares of very large commands overflow.
         bounded = np.clip(wanted, -MOST_SHARE * most, MOST_SHARE * most)
         going = bounded * _share(bounded, commanded - self.correction, most)
         self._turn(dt_s, yaw, float(going[2]))
@@ -80,7 +68,6 @@ class VelocityHold:
         return np.asarray(wanted + self.correction)
 
     def _measured(self, dt_s: float, state: RobotState) -> tuple[float | None, FloatArray | None]:
-        """Yaw and position (2,), each None where it is not measured, or the same for too long."""
         quaternion, position = state.base_quaternion_world, state.base_position_world
         yaw: float | None = None
         if quaternion is not None and np.isfinite(quaternion).all():
@@ -94,7 +81,6 @@ class VelocityHold:
         return yaw, None if stands else position[:2].copy()
 
     def _turn(self, dt_s: float, yaw: float, rate_rad_s: float) -> None:
-        """Move the reference yaw, and compare."""
         turned = 0.0 if self._yaw_rad is None else wrapped_rad(yaw - self._yaw_rad)
         if self._yaw_rad is None or abs(turned) > JUMP_RAD:
             self._turned_rad = 0.0
@@ -115,7 +101,7 @@ class VelocityHold:
 
 
 def _share(wanted: FloatArray, commanded: FloatArray, most: FloatArray) -> float:
-    """Share of the wanted velocity that is commanded now, 0 to 1."""
+    """Share of the wanted velocity that the legs walk now, 0 to 1."""
     scale = np.maximum(most, 1e-9)
     asked, now = wanted / scale, commanded / scale
     squared = float(asked @ asked)

@@ -1,4 +1,4 @@
-"""Velocities that a gait can walk: what `hexctl check` calls the envelope, for every direction and turn."""
+"""Velocities that a gait can walk, in every direction and turn."""
 
 import math
 from collections.abc import Sequence
@@ -12,13 +12,13 @@ from hexctl.gait.gait import Gait
 from hexctl.robot.model import Robot
 from hexctl.types import N_LEGS, ArrayFields, FloatArray
 
-#: Points of a cycle at which strokes are tried: a third of those of `hexctl check`, as a robot waits for it.
+#: Points of a cycle at which strokes are tried: a third of those of `hexctl check`, because a robot waits.
 POINTS = 40
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VelocityLimits(ArrayFields):
-    """Greatest velocities of a gait, all legs walking in row 0 and without leg k in row k.
+    """Maximum velocities of a gait, with all legs in row 0 and without leg k in row k.
 
     Attributes:
         speeds_m_s: of travel along `DIRECTIONS_RAD`, (7, 8).
@@ -30,20 +30,12 @@ class VelocityLimits(ArrayFields):
 
     @classmethod
     def of(cls, robot: Robot, gait: Gait) -> "VelocityLimits":
-        """Limits of a gait; the second time for the same strides without calculating."""
-        plain = replace(gait, slots=(1,) * N_LEGS, phases=None)  # the order of the legs changes nothing
+        """Limits of a gait, cached by its strides."""
+        plain = replace(gait, slots=(1,) * N_LEGS, phases=None)  # the order of the legs does not matter
         return _limits(robot, plain)
 
     def limited(self, velocity: FloatArray, failed_legs: Sequence[int] = ()) -> FloatArray:
-        """The velocity, (3,), scaled down to what is possible, its direction kept.
-
-        Travel and turn share the strokes: their parts of the greatest speed and of the greatest turn rate
-        add up to 1 at most.
-
-        Args:
-            velocity: forward and left in m/s, turn in rad/s.
-            failed_legs: that do not walk.
-        """
+        """Velocity (forward, left, turn) within the limits; shares of travel and turn add up to 1."""
         rows = list(failed_legs) or [0]
         speed_m_s = math.hypot(velocity[0], velocity[1])
         most_m_s = self._speed_m_s(math.atan2(velocity[1], velocity[0]), rows)
@@ -54,7 +46,6 @@ class VelocityLimits(ArrayFields):
         return np.asarray(velocity / max(1.0, share))
 
     def _speed_m_s(self, heading_rad: float, rows: Sequence[int]) -> float:
-        """Greatest speed along a direction, between those of its neighbours."""
         speeds = self.speeds_m_s[rows].min(axis=0)
         return float(np.interp(heading_rad % math.tau, [*DIRECTIONS_RAD, math.tau], [*speeds, speeds[0]]))
 

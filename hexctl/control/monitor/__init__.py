@@ -1,1 +1,1 @@
-"""Which leg has failed, noticed in mid-walk from what the robot measures."""
+"""Monitor: detects failed legs in mid-walk from measurements."""

@@ -1,15 +1,14 @@
-"""Body balance: whose failure explains how the body leans and which feet touch the floor.
+"""Body balance: which failure explains the lean of the body and the feet on the floor.
 
-For servos that only echo their targets, which say nothing of joints. Servos are springs: a leg that carries
-nothing, or that stays where it was when it locked, changes at each part of the gait cycle how far the body
-leans and which feet press on the floor. Statics tell for each leg and each such failure what the change tau
-is (its signature). With D, what lean and contacts of the last cycle have that is unusual, the evidence for it
-is the logarithm, doubled, of how much likelier D is with it than without:
+It is for servos that only echo their targets. A leg that carries nothing or is locked changes lean and
+contacts in each part of the gait cycle; statics give this change tau for each leg and failure (its
+signature). With D, the deviation of the last cycle from the habit, the evidence is twice the log likelihood
+ratio
 
     2 a D'W tau - a^2 tau'W tau,   a = D'W tau / tau'W tau within 0.3 .. 1.3
 
-W holds the inverse variances of lean and contacts: what sensors and the model leave open, and how much D
-varies on this floor. How far D varies sets the threshold, too: on a bumpy floor every cycle is unusual.
+W holds the inverse variances of lean and contacts, from sensors, model and floor. The variance on this floor
+also sets the threshold.
 """
 
 import math
@@ -32,71 +31,67 @@ from hexctl.ik.statics import GRAVITY_M_S2, lean_and_forces
 from hexctl.robot.model import Robot
 from hexctl.types import N_LEGS, BoolArray, FloatArray, RobotState, leg_slice
 
-#: What is looked at: the lean ahead and to the left, and the contact of each foot.
+#: Channels: the lean ahead and to the left, and the contact of each foot.
 CHANNELS = 2 + N_LEGS
 _LEAN, _FEET = slice(0, 2), slice(2, None)
 
 #: Signatures of a leg: it carries nothing, or it locked in one of the parts of its cycle.
 SIGNATURES = 1 + PARTS
 
-#: Statics are solved so many times in each part of the cycle.
+#: Static solutions in each part of the cycle.
 _SAMPLES = 2
 
-#: A foot that presses with this share of the weight touches the floor for certain.
+#: A foot with this share of the weight certainly touches the floor.
 TOUCHES_SHARE = 0.05
 
-#: Lag of the body behind the targets.
 LAG_S = 0.03
 
-#: After the soft start the body comes to its habit.
+#: After the soft start the body needs time to reach its habit.
 SETTLED_S = RAMP_DURATION_S + 0.2
 
-#: How fast the last cycle and the habit follow, per cycle, as in `PhaseHabit`.
+#: Learning rates of the last cycle and of the habit, per cycle, as in `PhaseHabit`.
 LAST_CYCLE_RATE, HABIT_RATE = 24.0, 1.5
 
-#: Standard deviations that sensors and the model leave open: of the lean, rad, and of a contact.
+#: Standard deviations of sensors and model: of the lean in rad, and of a contact.
 LEAN_RAD, CONTACT = math.radians(0.05), 0.15
 
-#: How much the variance on this floor counts beside these, the time constant with which it is learned, in
-#: cycles, and after how many cycles that begins.
+#: Weight of the variance on this floor, its time constant and the start of learning in cycles.
 FLOOR_TIMES, FLOOR_CYCLES, FLOOR_AFTER = 2.0, 5.0, 1.0
 
-#: Size of a failure against its signature.
+#: Limits of the size of a failure relative to its signature.
 LEAST_SIZE, MOST_SIZE = 0.3, 1.3
 
-#: A signature with less weighted energy than this changes nothing.
+#: Minimum weighted energy of a signature.
 LEAST_ENERGY = 1e-9
 
-#: Evidence of an alarm on an even floor, and how much is added for the variance of the lean, per rad^2.
+#: Threshold on an even floor, and its increase with the variance of the lean, per rad^2.
 LEAST_EVIDENCE, FOR_VARIANCE = 12.0, 800.0 / math.radians(1.0) ** 2
 
-#: The variance of the lean before anything is known of it, and how many cycles ago counts: a failure must not
-#: raise its own threshold.
+#: Initial variance of the lean, and the delay in cycles that keeps a failure from raising its own threshold.
 FIRST_VARIANCE, FLOOR_DELAY_CYCLES = math.radians(0.25) ** 2, 1.5
 
 #: Variance of the lean at which other evidence counts half.
 BUMPY_VARIANCE = math.radians(0.3) ** 2
 
-#: The leg with the most evidence beats all others by this share of it.
+#: The leg with the most evidence must exceed all others by this share of it.
 BEATS_BY = 0.5
 
-#: Cycles after which it is known what is usual, and ticks from one look at the evidence to the next.
+#: Cycles after which the habit is known, and ticks between two evaluations.
 KNOWN_AFTER_CYCLES, LOOK_TICKS = 2.0, 5
 
 
 @lru_cache(maxsize=512)
 def signatures(robot: Robot, gait: Gait, motion: Motion, leg: int) -> FloatArray:
-    """Change of lean and contacts when a leg fails, (13, 8, 12): signatures, channels, parts of the cycle.
+    """Change of lean in rad and contacts 0..1, (13, 8, 12): signatures, channels, parts of the cycle.
 
-    The lean is in rad, positive where the body is lower ahead and on the left; contacts are from 0 to 1.
-    Parts are those of the cycle of leg 1.
+    The lean is positive if the body is lower ahead and on the left.
     """
     pattern, ticks = StepPattern.of(robot, gait), PARTS * _SAMPLES
     cycles = (np.arange(ticks) + 0.5) / ticks
     u = part_of_cycle(cycles[:, np.newaxis] + pattern.phases - pattern.phases[0])
     feet = feet_at_phases(robot, pattern, u, stroke_vectors_m(robot, gait, motion), 1.0)
     whole = solve_legs(robot, feet).joint_positions_rad
-    joints = np.repeat(whole[np.newaxis], 1 + SIGNATURES, axis=0)  # whole, carrying nothing, locked
+    joints = np.repeat(whole[np.newaxis], 1 + SIGNATURES, axis=0)  # intact, without load, locked
     joints[2:, :, leg_slice(leg)] = whole[::_SAMPLES, np.newaxis, leg_slice(leg)]
     carries: BoolArray = np.ones((*joints.shape[:-1], N_LEGS), dtype=bool)
     carries[1, :, leg - 1] = False
@@ -110,19 +105,14 @@ def signatures(robot: Robot, gait: Gait, motion: Motion, leg: int) -> FloatArray
 
 
 class BodyBalance:
-    """Evidence against each leg from lean and contacts, tick by tick.
+    """Evidence against each leg from lean and contacts, tick by tick; `cycles` of one tick.
 
     Args:
-        shape: leading shape.
-        period_s: control period.
-        cycles: that one tick takes, leading shape.
-        signatures_of: signatures of a leg, 1..6, of each robot, leading shape + (13, 8, 12); asked for one
-            leg in a tick.
+        signatures_of: signatures of a leg, 1..6, leading shape + (13, 8, 12); called for one leg in a tick.
 
     Attributes:
-        ratio: how far the evidence against each leg is, alarm at 1, leading shape + (6,).
-        even: how even the floor is, from 1 to 0, by which other evidence counts; 1 where no lean is told,
-            leading shape + (1,).
+        ratio: evidence against each leg, an alarm at 1, leading shape + (6,).
+        even: evenness of the floor, 1 to 0, a weight of other evidence, leading shape + (1,).
     """
 
     def __init__(
@@ -136,11 +126,11 @@ class BodyBalance:
         self._signatures_of = signatures_of
         self._signatures: list[FloatArray] = []
         self._ticks, self._some_paused = 0, False
-        # A robot that comes back to its gait learns nothing until it is settled: its leg may fail still.
+        # A robot that returns to its gait learns nothing until it is settled: its leg may still fail.
         self._silent: BoolArray = np.zeros(shape, dtype=bool)
         self._paused: BoolArray = np.zeros(shape, dtype=bool)
         channels = (*shape, CHANNELS)
-        # Of the last cycle, of the habit, and how often each part was seen.
+        # Last cycle, habit, and how often each part was seen.
         self._habit = PhaseHabit((3, *channels))
         self._changes_now: FloatArray = np.zeros((3, *channels))
         tick = np.broadcast_to(self._cycles[..., np.newaxis], channels)
@@ -170,7 +160,7 @@ class BodyBalance:
         parts = cycle_parts((phases[..., 0] - late) % 1.0)
         last, usual, count = self._habit.at(parts[..., np.newaxis])
         changes, passed = self._changes_now, self._passed
-        # A sum is finite only if every term is, and is cheaper than asking each one.
+        # A sum is finite only if every term is, and is cheaper than checking each term.
         if not math.isfinite(np.add.reduce(seen, axis=None)):
             known = np.isfinite(seen)
             seen, passed = np.where(known, seen, usual), passed * known
@@ -186,12 +176,12 @@ class BodyBalance:
             self._look_at_all()
 
     def silence(self, which: BoolArray | np.bool_) -> None:
-        """Say nothing of some robots, leading shape, whose gait is not the one of the signatures."""
+        """Report nothing for some robots, leading shape, whose gait does not match the signatures."""
         self._silent = np.asarray(self._silent | which)
         self._stop_suspecting(which)
 
     def resume(self, which: BoolArray | np.bool_) -> None:
-        """Watch some robots, leading shape, again, which come back to their gait; what is usual is known."""
+        """Watch robots, leading shape, that return to their gait; the habit is known."""
         self._silent = np.asarray(self._silent & ~which)
         self._stop_suspecting(which)
 
@@ -202,7 +192,6 @@ class BodyBalance:
         self._paused, self._some_paused = np.asarray(self._paused | which), True
 
     def _add_signatures(self) -> None:
-        """Have the signatures of one more leg worked out."""
         self._signatures.append(self._signatures_of(len(self._signatures) + 1))
         if len(self._signatures) == N_LEGS:
             changes = np.concatenate(self._signatures, axis=-3)  # (..., 78, 8, 12)
@@ -210,7 +199,7 @@ class BodyBalance:
             self._changes = changes.reshape(*changes.shape[:-2], CHANNELS * PARTS)
 
     def _seen(self, state: RobotState) -> FloatArray:
-        """Lean and contacts, leading shape + (8,), NaN where nothing tells them."""
+        """Lean and contacts, leading shape + (8,), NaN if unknown."""
         seen: FloatArray = np.full((*self._shape, CHANNELS), np.nan)
         quaternion = state.base_quaternion_world
         if quaternion is not None:
@@ -221,7 +210,6 @@ class BodyBalance:
         return seen
 
     def _look_at_all(self) -> None:
-        """Compare what is unusual with all signatures."""
         last, usual, count = self._habit.values
         unusual = last - usual
         self._learn_floor(np.add.reduce(unusual * unusual, axis=-1) / PARTS)
@@ -239,7 +227,7 @@ class BodyBalance:
         self.ratio = np.minimum(then, self._now)
 
     def _ratio_of(self, evidence: FloatArray, variance: FloatArray) -> FloatArray:
-        """Evidence over its threshold for a leg that beats all others, 0 for the others."""
+        """Evidence over its threshold for a leg that exceeds all others, 0 for the others."""
         ranked = np.sort(evidence, axis=-1)
         best, second = ranked[..., -1:], np.maximum(ranked[..., -2:-1], 0.0)
         threshold = LEAST_EVIDENCE + FOR_VARIANCE * variance
@@ -248,13 +236,11 @@ class BodyBalance:
         return np.asarray(np.where(beats, np.maximum(evidence, 0.0), 0.0) / threshold)
 
     def _lean_variance_before(self) -> FloatArray:
-        """Variance of the lean as it was known some cycles ago, leading shape + (1,)."""
         ago = (self._look - self._delay) % len(self._before)
         places = (ago, *np.indices(self._shape)) if self._shape else (int(ago),)
         return np.asarray(self._before[places])[..., np.newaxis]
 
     def _learn_floor(self, power: FloatArray) -> None:
-        """Follow how much lean and contacts vary from cycle to cycle, from their mean squares."""
         self._known_cycles = self._known_cycles + self._look_cycles
         if self._some_paused:
             self._paused = self._silent | (self._paused & (self._known_cycles[..., 0] < KNOWN_AFTER_CYCLES))

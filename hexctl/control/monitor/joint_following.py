@@ -1,13 +1,13 @@
 """Joint following: how much worse than usual each joint follows its targets.
 
-A servo follows its target with a lag. What is left between the measured angle and the range of the lagged
-targets of the last ticks, less what is usual for that joint at that part of its cycle, is the residual r:
+The residual r is the measured angle's distance from the range of the lagged targets of the last ticks, less
+the usual distance of that joint in that part of its cycle:
 
     rho = mean(r^2) / (var(target) + (4 deg)^2)     mean over 0.4, variance over one cycle
 
-It is near 0 for a joint that follows as always, and near 1 for one that does not move. Under a load at
-which its servo gives all it has a whole joint does not follow either: what it does then, in the stance, says
-nothing, and its swing has to show. Nor does the swing of a joint that always needs all its servo has for it.
+It is near 0 for a joint that follows as usual, near 1 for one that does not move. An intact joint at its
+torque limit does not follow either: then only its swing counts, unless it always needs all its torque to
+swing.
 """
 
 import math
@@ -19,34 +19,33 @@ from hexctl.control.monitor.phase_habit import PARTS, RATE_PER_CYCLE, PhaseHabit
 from hexctl.gait.foot_trajectory import in_stance
 from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState
 
-#: Lag of a servo behind its target.
 LAG_S = 0.03
 
-#: Ticks whose lagged targets a joint may be at: servos and states come late.
+#: Ticks of lagged targets that a joint may be at, because servos and states are late.
 RANGE_TICKS = 4
 
-#: Variance of a joint that is hardly moved.
+#: Variance of a joint that hardly moves.
 LEAST_VARIANCE_RAD2 = math.radians(4.0) ** 2
 
 #: Time constant of the mean square residual, in cycles.
 MEAN_CYCLES = 0.4
 
-#: A servo gives all it has between these shares of the greatest torque that servos like it were seen to give.
+#: A servo is at its limit between these shares of the maximum torque observed in the other legs.
 ALL_IT_HAS, MORE_THAN_ALL = 0.85, 1.05
 
-#: Until that is known, for so many cycles, a servo may give all it has from this share of what it should.
+#: Until that is known, for so many cycles, it may be at its limit from this share of its rated torque on.
 KNOWN_AFTER_CYCLES, MUCH = 2.0, 0.4
 
-#: Share of that greatest torque that is forgotten in a cycle.
+#: Share of that maximum torque that is forgotten in a cycle.
 FORGOTTEN_PER_CYCLE = 0.02
 
-#: Ticks after which it is compared anew with those of the other legs. Cycles are rarely a multiple of it.
+#: Ticks between comparisons with the other legs. Cycles are rarely a multiple of it.
 COMPARED_TICKS = 7
 
-#: A joint needs all its servo has to swing if it gives that in this share of its swings, of late.
+#: A joint needs all its torque to swing if it gives that in this share of its recent swings.
 NEEDS_ALL, NEEDS_ALL_CYCLES = 0.4, 6.0
 
-#: A leg whose rho is above this no longer teaches what is usual.
+#: A leg with a higher rho does not teach the habit.
 SUSPICIOUS = 0.15
 
 #: Whether a foot is in the air in each part of the cycle, (12,).
@@ -54,36 +53,25 @@ SWINGS = ~in_stance((np.arange(PARTS) + 0.5) / PARTS)
 
 
 class JointFollowing:
-    """Rho of each joint, tick by tick.
-
-    Args:
-        shape: leading shape.
-        period_s: control period.
-        cycles: that one tick takes, leading shape.
-        limits_nm: greatest torques of the servos, (18,), by what the robot file says.
-
-    Attributes:
-        rho: of each joint, leading shape + (18,).
-        rho_of_legs: the greatest of the joints of each leg, leading shape + (6,).
-    """
+    """Rho of each joint, leading shape + (18,), and its maximum in each leg, tick by tick."""
 
     def __init__(
         self, shape: tuple[int, ...], period_s: float, cycles: FloatArray, limits_nm: FloatArray
     ) -> None:
         joints, legs = (*shape, N_JOINTS), (*shape, N_LEGS)
-        # Arrays of one shape are the fastest to calculate with, so the constants have it too.
+        # Arrays of equal shape are the fastest to compute with, so the constants have it too.
         per_tick = np.repeat(np.asarray(cycles)[..., np.newaxis], N_JOINTS, axis=-1)
         self._period_s = period_s
         self._at_rest_rad: FloatArray | None = None
         self._overload = Overload(per_tick, limits_nm)
         self._legs = np.repeat(np.arange(int(np.prod(legs))).reshape(legs), JOINTS_PER_LEG, axis=-1)
         self._twice = np.stack([self._legs, self._legs])
-        self._habit = PhaseHabit((2, *joints))  # how far joints are off their targets, and its spread
-        self._unusual: FloatArray = np.zeros((2, *joints))  # how far each of the two is from what is usual
+        self._habit = PhaseHabit((2, *joints))  # distance from the targets, and its spread
+        self._unusual: FloatArray = np.zeros((2, *joints))  # deviation of both from the habit
         self._unusual_rad, self._wider_rad = self._unusual
         self._learns = np.stack([RATE_PER_CYCLE * per_tick] * 2)
         self._suspicious = np.full(legs, SUSPICIOUS)
-        # Three running means in one: of the lagged targets, of their squared deviations, of the residuals'.
+        # Running means of the lagged targets, their squared deviations, and the squared residuals.
         self._now: FloatArray = np.zeros((3, *joints))
         self._mean: FloatArray = np.zeros((3, *joints))
         self._shares = np.stack([per_tick, per_tick, np.minimum(1.0, per_tick / MEAN_CYCLES)])
@@ -101,16 +89,11 @@ class JointFollowing:
         self.rho_of_legs: FloatArray = np.zeros(legs)
 
     def update(self, state: RobotState, parts: NDArray[np.int64]) -> None:
-        """Take the state of a tick.
-
-        Args:
-            state: as measured.
-            parts: of the cycle that the legs are in, leading shape + (6,).
-        """
+        """Take the state of a tick, and the parts of the cycle that the legs are in, leading shape + (6,)."""
         if self._ring is None:
             return
         if self._at_rest_rad is None:
-            # How joints hang in the stance, and by how much their sensors are off.
+            # Sag of the joints in the stance, and sensor offsets.
             self._at_rest_rad = state.joint_positions_rad - self._lagged
         measured = state.joint_positions_rad - self._at_rest_rad
         low, high = np.minimum.reduce(self._ring), np.maximum.reduce(self._ring)
@@ -142,12 +125,12 @@ class JointFollowing:
 
     @property
     def expected_rad(self) -> FloatArray:
-        """Where joints that follow as at rest would be measured now, leading shape + (18,)."""
+        """Expected measurements of joints that follow as at rest, leading shape + (18,)."""
         expected_rad: FloatArray = self._lagged
         return expected_rad if self._at_rest_rad is None else expected_rad + self._at_rest_rad
 
     def off_rad(self, measured_rad: FloatArray) -> FloatArray:
-        """How far joints are off their lagged targets at least, whether or not as much as at rest."""
+        """Distance of joints from their lagged targets, with or without the offset at rest."""
         off_rad = measured_rad - self._lagged
         if self._at_rest_rad is None:
             return self._none
@@ -159,7 +142,6 @@ class JointFollowing:
         self._square *= ~which
 
     def _learn(self) -> None:
-        """Learn from the legs that follow as usual."""
         suspicious = self.rho_of_legs > self._suspicious
         learns = self._learns
         if np.count_nonzero(suspicious):
@@ -168,14 +150,7 @@ class JointFollowing:
 
 
 class Overload:
-    """Which servos give all the torque they have, tick by tick, so that their joints need not follow.
-
-    That is about as much as the same joint of another leg gave at most: a jammed joint soon takes more.
-
-    Args:
-        cycles: that one tick takes, leading shape + (18,).
-        limits_nm: greatest torques of the servos, (18,), by what the robot file says.
-    """
+    """Servos at the maximum torque of other legs, (18,), tick by tick, whose joints need not follow."""
 
     def __init__(self, cycles: FloatArray, limits_nm: FloatArray) -> None:
         self._cycles, self._much_nm = cycles, MUCH * limits_nm
@@ -193,12 +168,7 @@ class Overload:
         self._can_swing: BoolArray = np.ones(cycles.shape, dtype=bool)
 
     def tells(self, torques_nm: FloatArray, swings: BoolArray) -> BoolArray:
-        """Take torques of a tick; whether it says something if joints do not follow, leading shape + (18,).
-
-        Args:
-            torques_nm: of the joints.
-            swings: whether they belong to a leg in the air.
-        """
+        """Take torques of a tick; whether joints that do not follow are evidence, leading shape + (18,)."""
         size_nm = np.abs(torques_nm)
         self._greatest_nm = np.maximum(self._greatest_nm, size_nm)
         compares = self._ticks % COMPARED_TICKS == 0

@@ -1,4 +1,4 @@
-"""The leg monitor: says in mid-walk which leg has failed, and how."""
+"""The leg monitor: detects which leg has failed in mid-walk, and how."""
 
 import math
 from collections.abc import Callable
@@ -25,65 +25,56 @@ from hexctl.types import (
     leg_slice,
 )
 
-#: Rho above which a joint has failed, and how many times what is usual for the robot is added.
+#: Rho of a failed joint, and the multiple of the robot's usual rho that is added.
 LEAST_RHO, TIMES_USUAL = 0.2, 2.5
 
-#: Share of its load that a leg misses when it has gone, how many times the most that another leg missed
-#: lately is added, and the share above which no more can be asked for.
+#: Missing share of load of a failed leg, the added multiple of other legs' maximum, and the limit of the sum.
 LEAST_MISSING, TIMES_MISSING, MOST_MISSING = 0.6, 0.6, 0.99
 
-#: Cycles for which a joint without power is idle, and how many times the most of another leg's are added.
+#: Idle cycles of a joint without power, and the multiple of the most of another leg that is added.
 LEAST_IDLE, TIMES_IDLE = 0.14, 1.0
 
-#: Time constants of what is usual, of other legs and of a leg itself, whose failure must not raise its own
-#: threshold, in cycles; and rho before anything is known of it.
+#: Time constants in cycles of the usual rho, of other legs and of the leg itself (slower: a failure must not
+#: raise its own threshold), and the initial rho.
 USUAL_CYCLES, OWN_CYCLES, FIRST_RHO = 1.5, 3.0, 0.8
 
-#: Time constant with which the most that other legs missed is forgotten, in cycles, and what both are taken
-#: for before anything is known.
+#: Time constant in cycles of other legs' maximum, and initial values of missing load and idle cycles.
 MOST_CYCLES, FIRST_MISSING, FIRST_IDLE = 6.0, 0.6, 0.1
 
-#: Where this many legs do not follow at once it is the robot that cannot: how many times the rho of the least
-#: of them is added to the threshold, and the time constant with which it is forgotten, in cycles.
+#: If this many legs lag at the same time, the robot is overloaded: the multiple of the smallest rho of them
+#: that is added to the threshold, and its time constant in cycles.
 MANY, TIMES_MANY, MANY_CYCLES = 3, 6.0, 3.0
 
-#: An alarm needs this many ticks in a row.
+#: Consecutive ticks of an alarm.
 ALARM_TICKS = 3
 
-#: Ticks after which it is learned how much evidence is usual.
+#: Ticks between updates of the usual evidence.
 LEARNING_TICKS = 4
 
-#: What a leg is noticed by, in the order of the monitor's arrays.
+#: Kinds of evidence, in the order of the monitor's arrays.
 EVIDENCE = ("following", "support", "effort", "balance", "silence")
 
-#: Evidence that does not tell how a leg fails.
+#: Evidence that does not show how a leg failed.
 UNTOLD = ("balance", "silence")
 
-#: A leg has failed whose servo has been silent for so much longer than usual. Of MANY legs it is the bus.
+#: A leg has failed if its servo is silent for this much longer than usual; if `MANY` legs are, it is the bus.
 SILENT_S = 0.5
 
-#: A reading this many times further from the one before than a joint may turn in a control period, and by
-#: this angle more, is wild, and says nothing of the leg, unless there are more of them in a row.
+#: A jump by this multiple of a joint's maximum step plus this angle is an outlier, at most so often in a row.
 WILD_TIMES, WILD_RAD, MOST_WILD = 3.0, 0.1, 2
 
-#: Rows of evidence that are compared with what is usual here; the body's balance does so by itself.
+#: Rows of evidence that are compared with usual values here; the balance does so itself.
 _ROWS = 3
 
-#: The row of silence.
 _SILENCE = EVIDENCE.index("silence")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Suspicion:
-    """What the monitor believes of a leg.
+    """A suspected failure of a leg at a step; the angle of a stuck joint is the one measured.
 
     Attributes:
-        failure: leg, kind and joint; the angle of a stuck joint is the one measured.
-        step: of the walk, when it was noticed.
-        evidence: what it was noticed by: `following` (targets that joints do not follow), `support` (load
-            that is missing), `effort` (torque that a joint does not give), `balance` (how the body leans and
-            which feet touch) or `silence` (a servo that does not answer); the last two do not tell how the
-            leg failed.
+        evidence: one of `EVIDENCE`; those in `UNTOLD` do not show how the leg failed.
         ratio: evidence over its threshold, above 1.
     """
 
@@ -94,7 +85,7 @@ class Suspicion:
 
     @property
     def leg(self) -> int:
-        """The leg."""
+        """Leg number, 1..6."""
         return self.failure.leg
 
     def __str__(self) -> str:
@@ -102,22 +93,18 @@ class Suspicion:
 
 
 class LegMonitor:
-    """Watches a walk, or n of them: which legs have failed, from what is measured alone.
+    """Detects failed legs of a walk, or of n of them, from measurements only.
 
-    Robots of a batch are simulated: all of them measure torques, or none.
+    Robots of a batch are simulated: all of them measure torques, or none. Legs have the leading shape + (6,).
 
     Args:
-        robot: whose servos say how large a torque is.
-        shape: leading shape.
-        period_s: control period.
-        pace_hz: of the gait, leading shape.
-        believed: legs that are known to have failed, leading shape + (6,); they are not watched.
-        signatures_of: signatures of a leg for the body's balance (`BodyBalance`); None leaves it out.
+        believed: legs that are known to have failed; they are not watched.
+        signatures_of: signatures of a leg for `BodyBalance`; None leaves it out.
 
     Attributes:
-        failed: legs that it believes to have failed, leading shape + (6,).
-        new: legs noticed in the last tick, leading shape + (6,).
-        ratio: how far the evidence against each leg is, alarm at 1, leading shape + (6,).
+        failed: legs that it assumes to have failed.
+        new: legs detected in the last tick.
+        ratio: evidence against each leg, an alarm at 1.
     """
 
     def __init__(
@@ -137,15 +124,15 @@ class LegMonitor:
         self._wild_ticks: NDArray[np.int64] = np.zeros((*shape, N_JOINTS), dtype=np.int64)
         self._following = JointFollowing(shape, period_s, cycles, robot.joint_max_torque_nm)
         self._support = LegSupport(shape, cycles, robot.joint_max_torque_nm)
-        # Rows as in EVIDENCE: the greatest rho of each leg, the load that it misses, its longest idle joint.
+        # Rows as in EVIDENCE: maximum rho of each leg, missing load, longest idle joint.
         self._evidence: FloatArray = np.zeros((_ROWS, *legs))
-        # What each is compared with: what is usual for the robot, the most of another leg lately.
+        # Compared values: the robot's usual rho, the recent maximum of another leg.
         self._compared = _of_each(legs, FIRST_RHO, FIRST_MISSING, FIRST_IDLE)
         self._most_seen = self._compared[1:].copy()
         ticks_in_cycles = np.broadcast_to((LEARNING_TICKS * cycles)[..., np.newaxis], legs).copy()
         constants = np.array([USUAL_CYCLES, OWN_CYCLES]).reshape(2, *([1] * len(legs)))
         self._usual_shares = np.minimum(1.0, ticks_in_cycles / constants)
-        # As other legs are compared with it, and as the leg itself is.
+        # Usual rho of a leg for comparison with other legs, and with itself.
         self._usual_rho = _first_usual(legs)
         self._kept = np.exp(-ticks_in_cycles / MOST_CYCLES)
         self._many_kept = np.exp(-ticks_in_cycles[..., :1] / MANY_CYCLES)
@@ -179,11 +166,11 @@ class LegMonitor:
         state = self._without_wild(state)
         torques_nm = state.joint_torques_nm
         if torques_nm is not None:
-            # A sum is finite only if every term is, and is cheaper than asking each one; of one robot most so
-            # without NumPy.
+            # A sum is finite only if every term is, and cheaper than checking each; for one robot without
+            # NumPy.
             one = torques_nm.ndim == 1
             total_nm = sum(torques_nm.tolist()) if one else np.add.reduce(torques_nm, axis=None)
-            # Not all servos lose their power at once and keep their positions: their torques are not told.
+            # Servos do not all lose power and keep their positions: torques are not reported.
             if not math.isfinite(total_nm) or (total_nm == 0 and not torques_nm.any()):
                 state = replace(state, joint_torques_nm=None)
         if (stale := state.stale_joints) is not None:
@@ -218,30 +205,30 @@ class LegMonitor:
         self._motion.sent(targets_rad)
 
     def believe_whole(self, leg: int, row: tuple[int, ...] = ()) -> None:
-        """Watch a leg again, 1..6, patiently as at the start of a walk."""
+        """Watch a leg, 1..6, again, with the high thresholds of the start of a walk."""
         self.failed[(*row, leg - 1)] = False
         changed: BoolArray = np.zeros_like(self.failed[..., :1])
         changed[row] = True
         taken_back: BoolArray = np.zeros_like(self.failed)
         taken_back[(*row, leg - 1)] = True
-        # What that leg carries while it is whole is known from before.
+        # The usual load of that leg is known from before.
         self._be_patient(changed, anew=changed & ~taken_back)
         if self._balance is not None:
             back = changed[..., 0] & self._gait_kept & ~self.failed.any(axis=-1)
             self._balance.resume(back)
 
     def believe_failed(self, leg: int, row: tuple[int, ...] = ()) -> None:
-        """Watch a leg no longer, 1..6."""
+        """Stop watching a leg, 1..6."""
         self.failed[(*row, leg - 1)] = True
         self._watched = np.where(self.failed, 0.0, 1.0)
 
     def gait_changes(self, which: BoolArray) -> None:
-        """Be patient with some robots, leading shape: what is usual is not what it was."""
+        """Raise thresholds of some robots, leading shape, whose usual values no longer hold."""
         self._gait_kept = self._gait_kept & ~which
         self._be_patient(which[..., np.newaxis])
 
     def suspicion(self, step: int, row: tuple[int, ...] = ()) -> Suspicion:
-        """What is believed of the leg that was noticed in the last tick, of one robot of a batch."""
+        """The suspicion of the leg that was detected in the last tick, of one robot of a batch."""
         leg = int(np.argmax(self.new[row])) + 1
         ratios: tuple[Any, ...] = (slice(None), *row, leg - 1)
         evidence = EVIDENCE[int(np.argmax(self._ratios[ratios]))]
@@ -257,7 +244,7 @@ class LegMonitor:
         return bool(self._silent_s[row][leg - 1] > 0)
 
     def _without_wild(self, state: RobotState) -> RobotState:
-        """State in which a joint that jumps further than it can turn is where it was before, for a while."""
+        """State in which a joint with an outlier keeps its angle from before, for `MOST_WILD` ticks."""
         measured_rad = state.joint_positions_rad
         if self._before_rad is None:
             self._before_rad = measured_rad.copy()
@@ -274,7 +261,7 @@ class LegMonitor:
         return replace(state, joint_positions_rad=np.where(wild, self._before_rad, measured_rad))
 
     def _listen(self, stale: BoolArray | None) -> None:
-        """Count for how long legs have had a silent servo; nothing else is known of them meanwhile."""
+        """Count how long legs have had a silent servo; other evidence of them is then void."""
         if stale is None:
             if np.count_nonzero(self._silent_s):
                 self._silent_s[...], self._ratios[_SILENCE] = 0.0, 0.0
@@ -286,7 +273,6 @@ class LegMonitor:
         self._ratios[_SILENCE] = few * self._silent_s / SILENT_S
 
     def _learn_usual(self) -> None:
-        """Follow what is usual: the rho of other legs and of each itself, and what other legs miss."""
         rho = self._evidence[0] * self._watched
         self._usual_rho += self._usual_shares * (rho - self._usual_rho)
         self._learn_overload()
@@ -297,7 +283,7 @@ class LegMonitor:
         self._set_threshold()
 
     def _learn_overload(self) -> None:
-        """Follow the most that many legs had at once; legs do not fail all at the same time."""
+        """Update the smallest rho of `MANY` legs: legs do not all fail at the same time."""
         rho = np.partition(self._evidence[0] * self._watched, N_LEGS - MANY, axis=-1)
         now = rho[..., N_LEGS - MANY, np.newaxis]
         self._rho_of_many = np.maximum(self._rho_of_many * self._many_kept, now)
@@ -307,7 +293,6 @@ class LegMonitor:
         self._threshold[0] += TIMES_MANY * self._rho_of_many
 
     def _count_alarms(self) -> None:
-        """Count for how many ticks each leg has been suspected, and accept those that were for long."""
         over = self.ratio > self._alarm
         before, self._suspected = self._suspected, bool(np.count_nonzero(over))
         if not (before or self._suspected):
@@ -315,21 +300,20 @@ class LegMonitor:
         self._alarm_ticks = (self._alarm_ticks + 1) * over
         self.new = self._alarm_ticks >= ALARM_TICKS
         if self.new.any():
-            # One leg at a time: what follows from its failure must not be blamed on another.
+            # One leg at a time: consequences of its failure must not be blamed on another.
             self.new &= self.ratio >= self.ratio.max(axis=-1, keepdims=True)
             self._accept()
 
     def _accept(self) -> None:
-        """Count the new legs as failed, and be patient while the gait changes."""
         self.failed = self.failed | self.new
         changed = np.logical_or.reduce(self.new, axis=-1, keepdims=True)
         self._threshold_then = np.where(changed, self._threshold, self._threshold_then)
         self._be_patient(changed)
 
     def _be_patient(self, changed: BoolArray, anew: BoolArray | None = None) -> None:
-        """Ask for more evidence while the gait of some robots changes, leading shape + (1,).
+        """Raise thresholds while the gait of some robots changes, leading shape + (1,).
 
-        Of some of their legs, leading shape + (6,), it is learned anew what they carry: of all unless given.
+        The usual load is learned again for legs `anew`, leading shape + (6,), or for all.
         """
         self._watched = np.where(self.failed, 0.0, 1.0)
         patient = _of_each(self.new.shape, FIRST_RHO, MOST_MISSING, 2 * FIRST_IDLE)
@@ -347,14 +331,7 @@ class LegMonitor:
     def kind(
         self, leg: int, row: tuple[int, ...] = (), *, cycles: float = STILL_CYCLES, powered: bool = False
     ) -> Failure:
-        """How a leg fails, 1..6, as far as the last part of a cycle tells (`failure_shown`).
-
-        Args:
-            leg: 1..6.
-            row: of the robot in its batch.
-            cycles: that are looked at, up to `MOST_STILL_CYCLES`.
-            powered: whether it is known that its servos have power and that its joints do not follow.
-        """
+        """How leg 1..6 fails by the last cycles, up to `MOST_STILL_CYCLES`, as in `failure_shown`."""
         rho = self._following.rho[row][leg_slice(leg)]
         return failure_shown(
             leg,
@@ -367,7 +344,6 @@ class LegMonitor:
 
 
 def _first_usual(legs: tuple[int, ...]) -> FloatArray:
-    """Rho that is usual before anything is known of it, (2,) + legs."""
     return np.stack([np.full(legs, FIRST_RHO), np.zeros(legs)])
 
 

@@ -1,4 +1,4 @@
-"""The leg probe: moves a tucked leg now and then, and says whether its joints follow again."""
+"""The leg probe: moves a tucked leg now and then, and checks whether its joints follow again."""
 
 import math
 
@@ -6,32 +6,24 @@ import numpy as np
 
 from hexctl.types import JOINTS_PER_LEG, FloatArray
 
-#: A leg is tried for the first time so many cycles after it was tucked, and each time later by this factor.
+#: Cycles from the tuck to the first try, and the factor of later intervals.
 FIRST_CYCLES, LATER = 6.0, 1.5
 
-#: A leg that was taken for whole and failed again is tried later by this factor.
+#: Factor of the interval after a leg was considered intact and failed again.
 AFTER_RELAPSE = 3.0
 
-#: How long a try takes, in cycles.
+#: Duration of a try, in cycles.
 LASTS_CYCLES = 1.0
 
-#: How far the foot moves, sideways and up, as fractions of the robot's size.
+#: Movement of the foot, sideways and up, as fractions of the robot's size.
 SIDEWAYS, UP = 0.03, 0.015
 
-#: A joint follows if it makes this part of its targets' motion, which must have this standard deviation.
+#: Minimum slope of a joint that follows, and minimum standard deviation of its targets.
 LEAST_GAIN, LEAST_MOTION_RAD = 0.6, math.radians(1.0)
 
 
 class LegProbe:
-    """Tries of one tucked leg.
-
-    Args:
-        step: in which the leg was tucked.
-        cycle_steps: steps of a gait cycle.
-        moves: whether its joints can tell that it is whole; that of a leg that was missed by its load only
-            putting it down can, and it counts as whole when it is time for a try.
-        first_cycles: when it is tried first, in cycles.
-    """
+    """Tries of one tucked leg; without `moves`, for a leg detected by its load, a due try succeeds."""
 
     def __init__(
         self, step: int, cycle_steps: float, *, moves: bool, first_cycles: float = FIRST_CYCLES
@@ -42,7 +34,7 @@ class LegProbe:
         self._rows: list[tuple[FloatArray, FloatArray]] = []
 
     def offset_m(self, step: int, size_m: float) -> FloatArray:
-        """Where the foot is to be at a step, from its place in the air, in the body frame, (3,) in m."""
+        """Offset of the foot from its place in the air at a step, in the body frame, (3,) in m."""
         cycles = (step - self._next) / self._cycle_steps
         if not (self._moves and 0 <= cycles < LASTS_CYCLES):
             return np.zeros(3)
@@ -50,13 +42,7 @@ class LegProbe:
         return size_m * np.array([SIDEWAYS * wave, SIDEWAYS * wave, UP * wave])
 
     def whole(self, step: int, targets_rad: FloatArray, measured_rad: FloatArray) -> bool:
-        """Whether the leg has just proved to be whole.
-
-        Args:
-            step: of the walk.
-            targets_rad: of its joints, (3,), sent before the measurement.
-            measured_rad: likewise.
-        """
+        """Whether the leg has just proved to be intact, by its targets and measured angles, (3,)."""
         if step < self._next:
             return False
         if self._moves and step < self._next + LASTS_CYCLES * self._cycle_steps:

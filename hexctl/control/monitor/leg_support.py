@@ -1,16 +1,14 @@
-"""Leg support: how much of the load that a leg usually carries is missing, and which joints give no torque.
+"""Leg support: how much of its usual load each leg misses, and which joints give no torque.
 
-With torques the load of a leg is the sum of those of its femur and tibia, without them whether its foot
-touches the floor. Where in its cycle it usually carries much, it counts much:
+The load of a leg is the sum of its femur and tibia torques, or without torques its foot contact. It is
+weighted by the usual load:
 
     w = p / p_max,   c = min(1, load / p)       p: usual load at this part of the cycle
     dc' = w^2 (c - c') / (0.15 cycles)          c': share of its load that the leg carries
 
-A foot that touches the floor is there: with both, a leg misses no more of its load than 0.4 above what its
-foot misses of its contact.
-
-A joint is idle while its servo gives no torque although the joint is off its target; its idle time is counted
-in cycles, by w. A whole joint changes from push to pull in a tick or two, one without power stays idle.
+With both, the missing load is at most 0.4 above the missing contact. A joint is idle while its servo gives no
+torque although the joint is off its target; its idle cycles are weighted by w. An intact joint changes from
+push to pull in a tick or two.
 """
 
 import math
@@ -22,36 +20,34 @@ from hexctl.control.monitor.joint_following import JointFollowing
 from hexctl.control.monitor.phase_habit import PARTS, PhaseHabit
 from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState
 
-#: Time constant of the share that a leg carries, in cycles of full load.
+#: Time constant of the carried share, in cycles of full load.
 SHARE_CYCLES = 0.15
 
-#: A leg that carries less than this share no longer teaches what is usual.
+#: A leg that carries less than this share does not teach the habit.
 CALM_SHARE = 0.6
 
-#: Cycles that the habit looks back, and ticks after which it learns.
+#: Memory of the habit in cycles, and ticks between updates.
 MEMORY_CYCLES, LEARNING_TICKS = 3.0, 3
 
-#: Share of a leg's largest usual load that fades in a cycle, so that that of another gait does not stay.
+#: Share of a leg's maximum usual load that fades in a cycle, because another gait may have another.
 FADES_PER_CYCLE = 0.1
 
-#: A usual load below this is none.
+#: Minimum usual load.
 LEAST_LOAD = 1e-9
 
-#: How much more of its load than of its contact a leg may miss.
+#: Maximum of the missing load minus the missing contact.
 BEYOND_CONTACT = 0.4
 
-#: A servo with less than this share of its greatest torque gives none. The joints of a leg in the air hold
-#: its weight, with some percent.
+#: A servo with less than this share of its maximum torque gives none. A leg in the air needs some percent.
 NO_TORQUE_SHARE = 0.005
 
-#: Cycles after which it is known when a leg carries, so that missing load and idle joints count. Phases glide
-#: for 1.5 cycles to a new gait, in which legs carry as in neither.
+#: Cycles after which the load is known; for 1.5 of them phases glide to a new gait.
 KNOWN_AFTER_CYCLES = 2.0
 
-#: Ticks without torques and contacts after which what they said before counts no more.
+#: Ticks without torques and contacts after which earlier evidence is void.
 SILENT_TICKS = 10
 
-#: A joint that is less than this off its targets needs no torque.
+#: A joint nearer than this to its targets needs no torque.
 OFF_RAD = math.radians(2.0)
 
 #: Columns of the loads: of the legs, and of their feet's contacts.
@@ -59,27 +55,22 @@ _LEGS, _FEET = slice(0, N_LEGS), slice(N_LEGS, None)
 
 
 class LegSupport:
-    """Share of its usual load that each leg misses, and how long its joints have been idle, tick by tick.
+    """Share of its usual load that each leg misses, and idle cycles of its joints, tick by tick.
 
-    What is measured in the first state that tells anything decides what is looked at from then on.
-
-    Args:
-        shape: leading shape.
-        cycles: that one tick takes, leading shape.
-        limits_nm: greatest torques of the servos, (18,).
+    The first state with torques or contacts decides which of them are used.
 
     Attributes:
         missing: 0 for a leg that carries as usual, 1 for one that carries nothing, leading shape + (6,).
-        idle_cycles: for which the joints have given no torque, by weight, leading shape + (18,).
-        idle_of_legs: the greatest of the joints of each leg, leading shape + (6,).
-        known: whether the last state told anything of it.
+        idle_cycles: weighted cycles of each joint without torque, leading shape + (18,).
+        idle_of_legs: maximum of the joints of each leg, leading shape + (6,).
+        known: whether the last state had torques or contacts.
     """
 
     def __init__(self, shape: tuple[int, ...], cycles: FloatArray, limits_nm: FloatArray) -> None:
         legs, joints = (*shape, N_LEGS), (*shape, N_JOINTS)
         self._shape, self._cycles = shape, np.asarray(cycles)
         self._torques: bool | None = None
-        # Arrays of one shape are the fastest to calculate with, so the constants have it too.
+        # Arrays of equal shape are the fastest to compute with, so the constants have it too.
         self._none_nm = np.broadcast_to(NO_TORQUE_SHARE * limits_nm, joints).copy()
         self._off_rad = np.full(joints, OFF_RAD)
         self._per_tick = np.broadcast_to(self._cycles[..., np.newaxis], joints).copy()
@@ -92,7 +83,7 @@ class LegSupport:
         self.known, self._idle, self._silent_ticks = False, False, 0
 
     def _begin(self, torques: bool, contacts: bool) -> None:
-        """Decide what is looked at: columns of the loads, leading shape + (6 or 12,)."""
+        """Decide which measurements are used: columns of the loads, leading shape + (6 or 12,)."""
         self._torques, self._feet = torques, torques and contacts
         columns = (*self._shape, N_LEGS * (1 + self._feet))
         self._habit, self._ticks = PhaseHabit(columns), 0
@@ -112,13 +103,7 @@ class LegSupport:
     def update(
         self, state: RobotState, parts: NDArray[np.int64], joints: JointFollowing | None = None
     ) -> None:
-        """Take the state of a tick.
-
-        Args:
-            state: as measured.
-            parts: of the cycle that the legs are in, leading shape + (6,).
-            joints: how they follow their targets; None where nothing measures it.
-        """
+        """Take the state of a tick, parts of the cycle, leading shape + (6,), and joints if measured."""
         load = self._load(state)
         self.known = load is not None
         self._silent_ticks = 0 if self.known else self._silent_ticks + 1
@@ -156,14 +141,7 @@ class LegSupport:
         self.idle_of_legs = self.idle_cycles.reshape(*self._shape, N_LEGS, JOINTS_PER_LEG).max(axis=-1)
 
     def forget(self, which: BoolArray, anew: BoolArray, teaching: BoolArray) -> None:
-        """Take the legs of some robots for such as carry as usual.
-
-        Args:
-            which: robots, leading shape + (1,).
-            anew: legs of which it is learned anew what is usual, leading shape + (6,).
-            teaching: legs of which anything is learned, leading shape + (6,). A leg in the air, which carries
-                nothing, is not one of them.
-        """
+        """Reset robots, leading shape + (1,); `anew` legs learn again, only `teaching` ones learn."""
         self._forget_evidence(which)
         self._teaching = teaching
         if self._torques is None:
@@ -173,23 +151,22 @@ class LegSupport:
         self._teaches, self._learned = self._columns(teaching), False
 
     def _see_what_is_known(self) -> None:
-        """Of which columns it is known when legs carry: only those can miss their load."""
+        """Update which columns have a known habit: only those can miss their load."""
         self._knows: BoolArray = self._learned_cycles >= KNOWN_AFTER_CYCLES
         self._rate = self._full_rate * self._knows
 
     def _columns(self, legs: BoolArray) -> BoolArray:
-        """Values of legs for the columns of the loads."""
         return np.concatenate([legs, legs], axis=-1) if self._feet else legs
 
     def _forget_evidence(self, which: BoolArray) -> None:
-        """Take the legs of some robots, leading shape + (1,), for such as carry as usual."""
+        """Reset the evidence of some robots, leading shape + (1,), to legs that carry as usual."""
         if self._torques is not None:
             self._carried = np.where(which, 1.0, self._carried)
         self.missing = np.where(which, 0.0, self.missing)
         self.idle_cycles, self.idle_of_legs = self.idle_cycles * ~which, self.idle_of_legs * ~which
 
     def _learns(self) -> FloatArray:
-        """Share of a load that the habit learns: the less, the more it has seen, down to its memory's."""
+        """Share of a load that the habit learns: decreases to that of its memory."""
         if not self._learned:
             self._learned_cycles = np.minimum(self._learned_cycles + self._passed, MEMORY_CYCLES)
             passed = PARTS * self._passed
@@ -199,7 +176,7 @@ class LegSupport:
         return self._share
 
     def _load(self, state: RobotState) -> FloatArray | None:
-        """Loads, leading shape + columns, of what told it first: torques and contacts do not compare."""
+        """Loads, leading shape + columns, of the kind measured first: torques and contacts do not compare."""
         contacts, torques_nm = state.foot_contacts, state.joint_torques_nm
         if self._torques is None and not (torques_nm is None and contacts is None):
             self._begin(torques_nm is not None, contacts is not None)

@@ -1,4 +1,4 @@
-"""A walk that notices failed legs, and does about them what its policy says."""
+"""A walk that detects failed legs, and follows its policy's response."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -28,27 +28,19 @@ from hexctl.gait.gait import Gait
 from hexctl.robot.failure import ON_TRIAL, Failure, NoticedFailure
 from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState, leg_slice
 
-#: How long after a failure was noticed it is looked at again how the leg fails, in cycles; and once more
-#: whether a stuck leg is locked, after its targets have moved in all joints.
+#: Cycles after a detection when the kind of failure is evaluated again; the second time, after the targets of
+#: all joints have moved, only to distinguish locked legs from stuck joints.
 KIND_AFTER_CYCLES, LOCKED_AFTER_CYCLES = 0.4, 1.5
 
-#: For how long a leg that was missing is on trial after it was put down, in cycles: if it still carries
-#: nothing it is missed by then.
+#: Trial in cycles of a missing leg that was put down: by then missing load is detected.
 TRIAL_CYCLES = 3.0
 
-#: Numbers of the legs.
 LEGS = np.arange(1, N_LEGS + 1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Noticed:
-    """A failure that a walk has noticed, and what it did about it.
-
-    Attributes:
-        suspicion: which leg, how, when, by what; of a leg that is whole again, what was believed before.
-        response: of the policy.
-        healed: whether the leg is whole again.
-    """
+    """A failure that a walk has detected, and its response; healed ones name the earlier suspicion."""
 
     suspicion: Suspicion
     response: Response
@@ -56,17 +48,7 @@ class Noticed:
 
 
 class MonitoredWalk(Controller):
-    """Watches the legs of a walk, and does what a policy says once one fails.
-
-    Args:
-        start: the robot, or batch of robots, ready to walk.
-        walk: what walks; only a `VelocityWalk` can change its gait.
-        policy: decides.
-
-    Attributes:
-        walk: what walks.
-        noticed: what was noticed so far, for each walk.
-    """
+    """Monitors the legs of a walk, and follows a policy; only a `VelocityWalk` changes its gait."""
 
     def __init__(self, start: WalkStart, walk: Controller, policy: RecoveryPolicy) -> None:
         check_type(start, WalkStart, "start", "a WalkStart, as a trial gives to its controller")
@@ -100,11 +82,10 @@ class MonitoredWalk(Controller):
         )
 
     def _each(self, values: Sequence[Any]) -> Any:
-        """Values of the walks, with the leading shape."""
         return np.array(values)[slice(None) if self._start.batch_shape else 0]
 
     def _signatures_of(self, leg: int) -> FloatArray:
-        """Signatures of a leg, 1..6, in the gaits that the walks begin with (`BodyBalance`)."""
+        """Signatures of a leg, 1..6, in the initial gaits of the walks (`BodyBalance`)."""
         start = self._start
         each = zip(start.plans, start.motions, strict=True)
         signs = [signatures(start.robot, plan.gait, motion, leg) for plan, motion in each]
@@ -112,12 +93,12 @@ class MonitoredWalk(Controller):
 
     @property
     def velocity_body(self) -> FloatArray | None:  # type: ignore[override]  # forwarded
-        """The velocity that it walks with now, leading shape + (3,)."""
+        """Current velocity, leading shape + (3,)."""
         return self.walk.velocity_body
 
     @property
     def limited_steps(self) -> "NDArray[np.int64] | int":  # type: ignore[override]  # forwarded
-        """Steps in which it asked for more speed than its strokes allow, leading shape."""
+        """Steps in which the commanded speed exceeded the strokes, leading shape."""
         return self.walk.limited_steps
 
     @property
@@ -131,7 +112,7 @@ class MonitoredWalk(Controller):
         return None if self._stopping else self._monitor.ratio
 
     def believed_failures(self, index: int = 0) -> tuple[Failure, ...]:
-        """Failures that its plan tells, and those that it noticed, by leg."""
+        """Failures given by the plan and detected, by leg."""
         return tuple(sorted(self._failures[index], key=lambda one: one.leg))
 
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
@@ -157,21 +138,21 @@ class MonitoredWalk(Controller):
         return np.asarray(by_policy | self.walk.done(step, state))
 
     def why_stopped(self, index: int = 0) -> str | None:
-        """The failure for which its policy has stopped a walk; None where it has not."""
+        """The failure for which the policy has stopped a walk, or None."""
         return self._stopped.get(index)
 
     def walk_on(self) -> None:
-        """Walk on, although the policy has stopped walks; legs that have failed stay known."""
+        """Continue although the policy has stopped walks; failed legs stay known."""
         self._stopped.clear()
-        self._unsettled.clear()  # how a leg fails is not told anew: that would stop it again
+        self._unsettled.clear()  # a new evaluation of the kind would stop it again
 
     def stop(self, step: int) -> int:
-        """Begin the soft stop, in which nothing is watched; the steps that it takes."""
+        """Begin the soft stop, without monitoring; the steps that it takes."""
         self._stopping = True
         return self.walk.stop(step)
 
     def noticed_failures(self, index: int = 0) -> tuple[NoticedFailure, ...]:
-        """Failures that it noticed so far, of one robot of a batch."""
+        """Failures detected so far, of one robot of a batch."""
         return tuple(
             NoticedFailure(
                 at_s=each.suspicion.step * self._start.period_s,
@@ -184,7 +165,7 @@ class MonitoredWalk(Controller):
         )
 
     def news(self) -> Sequence[str]:
-        """What it noticed since this was asked last."""
+        """Detections since the last call."""
         news, self._news = self._news, ()
         return news
 
@@ -192,14 +173,12 @@ class MonitoredWalk(Controller):
         self._news = (*self._news, *lines)
 
     def _row(self, index: int) -> tuple[int, ...]:
-        """Index of a robot in arrays of the leading shape."""
         return (index,) if self._start.batch_shape else ()
 
     def _cycle_steps(self, index: int) -> float:
         return 1 / (self._start.plans[index].gait.pace_hz * self._start.period_s)
 
     def _respond(self, step: int) -> None:
-        """Do what the policy says about the legs noticed in this tick."""
         responses: dict[int, Response] = {}
         for index in np.flatnonzero(self._monitor.new.any(axis=-1)).tolist():
             if index in self._stopped:
@@ -221,10 +200,7 @@ class MonitoredWalk(Controller):
         self._glide(responses)
 
     def _end_trials(self, index: int, suspicion: Suspicion) -> list[Suspicion]:
-        """Take legs on trial for missing again, now that another leg has failed.
-
-        The monitor is patient from now on and learns anew what legs carry: it would not miss them.
-        """
+        """End the trials of other legs, as missing again: their load is learned again."""
         self._trials.pop((index, suspicion.leg), None)
         ended = [leg for each, leg in self._trials if each == index]
         again = []
@@ -232,35 +208,31 @@ class MonitoredWalk(Controller):
             until_step, failure = self._trials.pop((index, leg))
             if suspicion.step < until_step:
                 self._failures[index].append(failure)
-                self._first_tries[index, leg] /= AFTER_RELAPSE  # it has shown nothing
+                self._first_tries[index, leg] /= AFTER_RELAPSE  # the trial was not conclusive
                 self._monitor.believe_failed(leg, self._row(index))
                 again.append(Suspicion(failure=failure, step=suspicion.step, evidence="support", ratio=0.0))
                 self._tell(f"noticed: the trial of leg {leg} is over")
         return again
 
     def _look_again(self, index: int, suspicion: Suspicion, place: int) -> None:
-        """Have it settled how a leg fails, whose place among those noticed this is, and it tried later on."""
         self._settle_later(index, place, KIND_AFTER_CYCLES)
         self._try_later(index, suspicion)
 
     def _settle_later(self, index: int, place: int, cycles: float) -> None:
-        """Look again how a leg fails, so many cycles after it was noticed, at those cycles."""
         due = self.noticed[index][place].suspicion.step + round(cycles * self._cycle_steps(index))
         self._unsettled.append((due, index, place, cycles))
 
     def _try_later(self, index: int, suspicion: Suspicion) -> None:
-        """Have a leg tried now and then, whether it is whole again."""
         key = index, suspicion.leg
         self._probes[key] = LegProbe(
             suspicion.step,
             self._cycle_steps(index),
-            # Joints whose targets are echoed follow them, whatever the leg does.
+            # Joints with echoed targets follow them, whatever the leg does.
             moves=suspicion.failure.kind not in ON_TRIAL,
             first_cycles=self._first_tries.get(key, FIRST_CYCLES),
         )
 
     def _glide(self, responses: Mapping[int, Response]) -> None:
-        """Change to the gaits of responses, by robot."""
         if not isinstance(self.walk, VelocityWalk):
             return
         gaits = list(self.walk.gaits)
@@ -272,7 +244,6 @@ class MonitoredWalk(Controller):
             self.walk.glide_to(gaits, changes if self._start.batch_shape else None)
 
     def _try_legs(self, step: int, state: RobotState) -> None:
-        """Move the legs that it is time to try, and take back those that follow."""
         if not isinstance(self.walk, VelocityWalk):
             return
         offsets_m = np.zeros((*self._start.batch_shape, N_LEGS, 3))
@@ -286,7 +257,6 @@ class MonitoredWalk(Controller):
         self.walk.foot_offsets_m = offsets_m
 
     def _take_back(self, index: int, leg: int, step: int) -> None:
-        """Walk with a leg again that has proved to be whole."""
         del self._probes[index, leg]
         key = index, leg
         self._first_tries[key] = AFTER_RELAPSE * self._first_tries.get(key, FIRST_CYCLES)
@@ -304,7 +274,7 @@ class MonitoredWalk(Controller):
         self._glide({index: response})
 
     def _settle_kind(self, index: int, place: int, cycles: float) -> None:
-        """Look again how a leg fails, now that all that is looked at comes from after its failure."""
+        """Evaluate the kind of failure again, from data after the failure only."""
         if index in self._stopped:
             return
         noticed = self.noticed[index]
@@ -313,7 +283,7 @@ class MonitoredWalk(Controller):
         failure = self._monitor.kind(before.leg, self._row(index), cycles=cycles, powered=last)
         if not last and failure.kind in ("stuck", "locked"):
             self._settle_later(index, place, LOCKED_AFTER_CYCLES)
-        # In the air all legs carry nothing, and follow the better the less they move.
+        # In the air all legs carry nothing, and follow better the less they move.
         if before.evidence in UNTOLD or failure in (
             before.failure,
             Failure(leg=before.leg, kind="missing"),
@@ -330,7 +300,6 @@ class MonitoredWalk(Controller):
         self._reconsider(index, place)
 
     def _reconsider(self, index: int, place: int) -> None:
-        """Do what the policy says now that it is known better how a leg fails, if that is another gait."""
         if not isinstance(self.walk, VelocityWalk):
             return
         response = self._answer(index, self._failures[index])
@@ -346,7 +315,6 @@ class MonitoredWalk(Controller):
         self._glide({index: response})
 
     def _suited(self, gaits: list[Gait]) -> list[Gait]:
-        """Gaits of a planned change, suited to the legs that have failed meanwhile."""
         suited = []
         for index, gait in enumerate(gaits):
             self._plans[index] = replace(self._plans[index], gait=gait)
@@ -356,7 +324,7 @@ class MonitoredWalk(Controller):
         return suited
 
     def _answer(self, index: int, failures: list[Failure]) -> Response:
-        """What the policy says; a policy that fails stops the walk softly, and is named."""
+        """The policy's response; a policy that fails stops the walk softly, and is named."""
         plan, name = self._plans[index], type(self._policy).__name__
         try:
             response = self._policy.respond(self._start.robot, plan, self._headings_rad[index], failures)
@@ -370,32 +338,25 @@ class MonitoredWalk(Controller):
 
 
 def _steady(walk: Controller) -> bool:
-    """Whether a walk keeps the motion of its plan, so that what is usual at a part of the cycle stays so."""
+    """Whether a walk keeps the motion of its plan: only then the habit of a part of the cycle stays valid."""
     return isinstance(walk, (SteeredWalk, MotionWalk, Walk))
 
 
 def recovering_walk(policy: RecoveryPolicy | None = None) -> Callable[[WalkStart], MonitoredWalk]:
-    """What makes walks that recover, for `run_trial`: as their plans say until a leg fails.
-
-    Args:
-        policy: decides what to do then; None glides to a gait for the legs that are left.
-    """
+    """Factory of walks that recover, for `run_trial`; policy None glides to a gait for the intact legs."""
     decides = GlideToStableGait() if policy is None else policy
 
     def make(start: WalkStart) -> MonitoredWalk:
         hold = held(start.plans[0], start.frame)
         walk = MotionWalk(start) if hold == "none" else SteeredWalk(start, hold=hold)
-        walk.leave_plain()  # each walk of a batch may change its gait at a time of its own
+        walk.leave_plain()  # each walk of a batch may change its gait at its own time
         return MonitoredWalk(start, walk, decides)
 
     return make
 
 
 def watched_walk(policy: RecoveryPolicy) -> Callable[[WalkStart], MonitoredWalk]:
-    """What makes walks that are watched, for `run_trial`.
-
-    For a policy that changes no gait they are the plans' own walks, the same to the last bit.
-    """
+    """Factory of monitored walks; if the policy changes no gait, equal to the plans' walks bit by bit."""
     if type(policy) not in (WalkOn, StopWalking):
         return recovering_walk(policy)
     return lambda start: MonitoredWalk(start, planned_walk(start), policy)

@@ -10,16 +10,16 @@ from hexctl.control.monitor.leg_support import OFF_RAD
 from hexctl.robot.failure import Failure
 from hexctl.types import JOINT_KINDS, N_JOINTS, ArrayFields, BoolArray, FloatArray, leg_slice
 
-#: Time over which a joint is looked at to tell a still one from one that moves, in cycles, and its most.
+#: Default and maximum window, in cycles, that separates still joints from moving ones.
 STILL_CYCLES, MOST_STILL_CYCLES = 0.25, 1.5
 
-#: Latest part of that over which a servo without power is looked at, in cycles.
+#: Latest part of that window that shows missing power, in cycles.
 POWER_CYCLES = 0.125
 
 #: A joint is still if it moves by less than this, or by this share of its targets.
 STILL_RAD, STILL_SHARE = math.radians(2.0), 0.25
 
-#: Targets that move by less than this do not tell whether a joint is still.
+#: Minimum motion of the targets that shows whether a joint is still.
 TELLING_RAD = math.radians(4.0)
 
 #: A joint takes part in a failure if its evidence is this share of an alarm, or of the worst joint's.
@@ -28,13 +28,9 @@ TAKES_PART = 0.4
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LegMotion(ArrayFields):
-    """What the joints of one leg did in the last part of a cycle, the newest tick first, each (ticks, 3).
+    """Motion of the joints of one leg in the last part of a cycle, newest tick first, each (ticks, 3).
 
-    Attributes:
-        measured_rad: joint angles.
-        targets_rad: sent before they were measured.
-        torques_nm: NaN where nothing measures them.
-        latest_ticks: of them that tell whether a servo has power.
+    Targets were sent before the measurement, and `latest_ticks` show whether a servo has power.
     """
 
     measured_rad: FloatArray
@@ -43,7 +39,7 @@ class LegMotion(ArrayFields):
     latest_ticks: int
 
     def dead(self, none_nm: FloatArray) -> BoolArray | None:
-        """Which joints give no torque, less than (3,), of late, (3,); None where nothing measures it."""
+        """Which joints recently gave less torque than `none_nm`, (3,); None if not measured."""
         if not np.isfinite(self.torques_nm[0]).all():
             return None
         dead: BoolArray = np.abs(self.torques_nm[: self.latest_ticks]).max(axis=0) < none_nm
@@ -55,29 +51,23 @@ class LegMotion(ArrayFields):
         return off
 
     def moves(self) -> tuple[FloatArray, BoolArray]:
-        """Share of its targets' motion that each joint makes, and whether they moved enough to tell, (3,)."""
+        """Motion of each joint as a share of its targets', and whether that moved enough to judge, (3,)."""
         range_rad = np.ptp(self.targets_rad, axis=0)
         moves = np.ptp(self.measured_rad, axis=0) / np.maximum(range_rad, STILL_RAD / STILL_SHARE)
         return moves, range_rad > TELLING_RAD
 
 
 class RecentMotion:
-    """What all joints did lately, tick by tick.
-
-    Args:
-        shape: leading shape.
-        cycles: that one tick takes, leading shape.
-    """
+    """Recent motion of all joints; `cycles` of one tick have the leading shape."""
 
     def __init__(self, shape: tuple[int, ...], cycles: FloatArray) -> None:
         self._cycle_ticks = 1 / cycles
         rows = math.ceil(MOST_STILL_CYCLES * self._cycle_ticks.max())
-        # Measured angles, targets, torques.
         self._rows: FloatArray = np.full((3, rows, *shape, N_JOINTS), np.nan)
         self._row = 0
 
     def measured(self, joint_positions_rad: FloatArray, torques_nm: FloatArray | None) -> None:
-        """Take what is measured in a tick, leading shape + (18,)."""
+        """Take the measurements of a tick, leading shape + (18,)."""
         self._rows[0, self._row] = joint_positions_rad
         self._rows[2, self._row] = np.nan if torques_nm is None else torques_nm
 
@@ -87,7 +77,7 @@ class RecentMotion:
         self._row = (self._row + 1) % self._rows.shape[1]
 
     def of_leg(self, leg: int, row: tuple[int, ...] = (), *, cycles: float = STILL_CYCLES) -> LegMotion:
-        """What a leg did, 1..6, of one robot of a batch, in the last cycles, up to `MOST_STILL_CYCLES`."""
+        """Motion of a leg, 1..6, of one robot of a batch, in the last cycles, up to `MOST_STILL_CYCLES`."""
         index: tuple[Any, ...] = (*row, leg_slice(leg))
         cycle_ticks, rows = float(self._cycle_ticks[row]), self._rows.shape[1]
         ticks = max(2, round(cycles * cycle_ticks))
@@ -104,18 +94,11 @@ class RecentMotion:
 def failure_shown(
     leg: int, motion: LegMotion, rho: FloatArray, *, follows: bool, none_nm: FloatArray, powered: bool = False
 ) -> Failure:
-    """How a leg fails, 1..6, as far as its motion tells.
+    """The failure of a leg, 1..6, as far as its motion shows.
 
-    Joints without torque are limp. A leg whose joints follow, and that carries nothing, is missing. A joint
-    whose target moves and that does not is still: one alone is stuck, all are locked.
-
-    Args:
-        leg: 1..6.
-        motion: of its joints.
-        rho: of its joints (`JointFollowing`), (3,).
-        follows: whether they follow their targets.
-        none_nm: torques below which a servo gives none, (3,).
-        powered: whether it is known that its servos have power and that its joints do not follow.
+    Joints without torque are limp. A leg whose joints follow without load is missing. Of joints that do not
+    move with their targets, one is stuck, all are locked. With `powered` servos have power, and do not
+    follow.
     """
     dead = None if powered else motion.dead(none_nm)
     idle = motion.off_target() & (False if dead is None else dead)
@@ -134,7 +117,7 @@ def failure_shown(
     worst = int(np.argmax(rho))
     measures_torque = bool(np.isfinite(motion.torques_nm[0]).all())
     if measures_torque and not still[worst] and telling.any():
-        # It has power, so that it is another joint that holds it back.
+        # It has power: another joint holds it back.
         worst = int(np.argmin(np.where(telling, moves, np.inf)))
     if measures_torque or still[worst]:
         angle_rad = float(motion.measured_rad[0, worst])
@@ -143,5 +126,5 @@ def failure_shown(
 
 
 def _limp(leg: int, joints: BoolArray) -> Failure:
-    """A leg with some joints that are limp, (3,): one alone, else the leg."""
+    """A leg with limp joints (3,): a single joint, else the leg."""
     return Failure(leg=leg, kind="limp", joint=JOINT_KINDS[joints.argmax()] if joints.sum() == 1 else None)

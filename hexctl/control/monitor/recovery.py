@@ -1,4 +1,4 @@
-"""Recovery: what a walk does about a leg that is believed to have failed."""
+"""Recovery: the response of a walk to failed legs."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -17,19 +17,18 @@ from hexctl.robot.model import Robot
 from hexctl.robot.plugins import made_of
 from hexctl.types import N_LEGS
 
-#: A recovery walks on without this many legs at most: on three, of which one swings, hardly a robot gets on.
+#: Maximum number of lost legs: on three, of which one swings, hardly any robot makes progress.
 MOST_RECOVERED = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Response:
-    """What a walk does from now on.
+    """The response of a walk from now on.
 
     Attributes:
-        gait: glides to this gait, posture included; None keeps the one it has.
-        stop: comes softly to a stand.
-        stays: whether the gait is the one it had while all legs were whole.
-        why: what speaks for it, for people; empty for nothing in particular.
+        gait: gait to glide to, posture included; None keeps the current one.
+        stays: whether the gait is the one used with all legs intact.
+        why: reason for people, or empty.
     """
 
     gait: Gait | None = None
@@ -42,12 +41,12 @@ class Response:
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """What it does and what speaks for it, in short lines for a recording."""
+        """Response and reason, in short lines for a recording."""
         return (f"policy: {self.did}", *([f"why: {self.why}"] if self.why else []))
 
     @property
     def did(self) -> str:
-        """What it does, in few words."""
+        """The response in few words."""
         if self.stop:
             return "stopped"
         if self.gait is None or self.stays:
@@ -57,34 +56,25 @@ class Response:
 
 
 class RecoveryPolicy(ABC):
-    """Decides what a walk does about failed legs. One policy serves any number of walks.
-
-    Policies of one's own are subclasses with a constructor without arguments, named `package.module:Class`.
-    """
+    """Decides how walks respond to failed legs; custom subclasses have a constructor without arguments."""
 
     def prepare(self, robot: Robot, plan: TrialPlan, heading_body_rad: float) -> None:  # noqa: B027
-        """Work out before the walk what a tick has no time for.
-
-        Args:
-            robot: who walks.
-            plan: of the walk.
-            heading_body_rad: direction of travel in the body frame.
-        """
+        """Compute before the walk what takes too long in a tick; the heading is in the body frame."""
 
     @abstractmethod
     def respond(
         self, robot: Robot, plan: TrialPlan, heading_body_rad: float, failures: Sequence[Failure]
     ) -> Response:
-        """What to do, given all legs that are believed to have failed; called within a tick."""
+        """The response to all failures assumed now; called within a tick."""
 
 
 class WalkOn(RecoveryPolicy):
-    """Changes nothing: the walk says what it suspects, and goes on."""
+    """Changes nothing: the walk reports its suspicions, and continues."""
 
     def respond(
         self, robot: Robot, plan: TrialPlan, heading_body_rad: float, failures: Sequence[Failure]
     ) -> Response:
-        """Nothing."""
+        """No change."""
         return Response()
 
 
@@ -99,16 +89,13 @@ class StopWalking(RecoveryPolicy):
 
 
 class GlideToStableGait(RecoveryPolicy):
-    """Glides to the best gait for the legs that are left: by the repertoire, else the one that stands safest.
+    """Glides to the best gait for the intact legs: by the repertoire, else the most stable one.
 
-    The safest has the failed legs tucked, the body a little up; without two legs it is a crawl with the body
-    shifted, unless they are opposite (`gait_without`). Where the repertoire has walked the failures in this
-    direction of travel, and another gait was faster, it is that one; it may be to walk on as before. Without
-    three legs it stops. The course stays what it was.
+    That is `gait_without`, or a faster gait in the repertoire. With three lost legs it stops. The course
+    stays.
 
     Args:
-        repertoire: what it goes by; `auto` finds the robot's, in `runs/repertoires` or shipped; None goes by
-            the static margin alone.
+        repertoire: `auto` finds the robot's, in `runs/repertoires` or shipped; None uses no repertoire.
     """
 
     def __init__(self, repertoire: Repertoire | Literal["auto"] | None = "auto") -> None:
@@ -116,7 +103,7 @@ class GlideToStableGait(RecoveryPolicy):
         self._repertoires = [repertoire] if isinstance(repertoire, Repertoire) else []
 
     def prepare(self, robot: Robot, plan: TrialPlan, heading_body_rad: float) -> None:
-        """Find the repertoire, and the gaits for each leg that may fail first, and for each two."""
+        """Find the repertoire, and the gaits without each one or two further legs."""
         whole = [leg for leg in range(1, N_LEGS + 1) if leg not in plan.failed_legs]
         left = range(1, MOST_RECOVERED - len(plan.failed_legs) + 1)
         for lost in [legs for count in left for legs in combinations(whole, count)]:
@@ -125,12 +112,12 @@ class GlideToStableGait(RecoveryPolicy):
             found = find_repertoire(robot, plan)
             self._repertoires += [] if found is None else [found]
         if (repertoire := self._covering(robot, plan)) is not None:
-            repertoire.choice((), heading_body_rad)  # works all choices out
+            repertoire.choice((), heading_body_rad)  # computes all choices
 
     def respond(
         self, robot: Robot, plan: TrialPlan, heading_body_rad: float, failures: Sequence[Failure]
     ) -> Response:
-        """The gait for the legs that are left; that of the plan while only those failed that it knows of."""
+        """The gait for the intact legs; that of the plan if only legs failed that the plan knows."""
         legs = tuple(sorted({failure.leg for failure in failures}))
         noticed = set(legs) - set(plan.failed_legs)
         if not noticed:
@@ -141,13 +128,11 @@ class GlideToStableGait(RecoveryPolicy):
         return faster or Response(gait=self._gait_without(robot, plan, heading_body_rad, legs))
 
     def _covering(self, robot: Robot, plan: TrialPlan) -> Repertoire | None:
-        """The repertoire for the walk of a plan, of those that are at hand."""
         return next((one for one in self._repertoires if one.covers(robot, plan)), None)
 
     def _faster(
         self, robot: Robot, plan: TrialPlan, heading_body_rad: float, failures: Sequence[Failure]
     ) -> Response | None:
-        """What was faster than the safest gait, by the repertoire; None for nothing, and without one."""
         repertoire = self._covering(robot, plan)
         choice = None if repertoire is None else repertoire.choice(failures, heading_body_rad)
         if choice is None or choice.candidate.name == SAFEST:
@@ -162,7 +147,6 @@ class GlideToStableGait(RecoveryPolicy):
 
     @staticmethod
     def _gait_without(robot: Robot, plan: TrialPlan, heading_body_rad: float, legs: Sequence[int]) -> Gait:
-        """Gait without some legs and those that the plan knows to have failed, the body a little up."""
         posture = plan.gait.posture
         raised = replace(posture, body_raise=posture.body_raise or STAND_UP)
         lost = tuple(sorted({*plan.failed_legs, *legs}))
@@ -171,19 +155,11 @@ class GlideToStableGait(RecoveryPolicy):
 
 
 def default_policy(*, simulated: bool, failures_come: bool = True) -> str:
-    """Name of the policy of a walk that names none.
-
-    A real robot stops: its operator decides. A simulation recovers. If no leg of it can fail, it walks its
-    plan to the last bit.
-
-    Args:
-        simulated: whether the robot is a simulation.
-        failures_come: whether legs of a simulation fail during the walk.
-    """
+    """Name of the default policy: `stop` on real robots, else `glide`, without failures `walk-on`."""
     return "stop" if not simulated else "glide" if failures_come else "walk-on"
 
 
-#: Policies by name: what a walk does about a leg that fails.
+#: Policies by name.
 POLICIES: dict[str, type[RecoveryPolicy]] = {
     "walk-on": WalkOn,
     "stop": StopWalking,
@@ -192,8 +168,5 @@ POLICIES: dict[str, type[RecoveryPolicy]] = {
 
 
 def make_policy(name: str) -> RecoveryPolicy:
-    """Policy of a name in `POLICIES`, or of `package.module:Class`.
-
-    Raises InputError for anything else.
-    """
+    """Policy of a name in `POLICIES` or `package.module:Class`; raises InputError for anything else."""
     return made_of(name, POLICIES, RecoveryPolicy, "policy")  # type: ignore[type-abstract]

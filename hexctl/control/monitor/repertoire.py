@@ -1,8 +1,8 @@
-"""The repertoire of a robot: what it walks like after failures, by simulation.
+"""The repertoire of a robot: simulated walks after failures.
 
-Which legs failed, how, and the direction of travel are a situation; of those that are alike on a symmetric
-robot one is walked. In each a few candidates walk in the same worlds. The gait that stands safest comes
-first, and another is better where it was faster by more than the noise of the worlds, and fell no more often.
+A situation is a set of failures and a direction of travel; of symmetric ones only one is simulated. A few
+candidate gaits walk in the same worlds. One is better than the most stable gait if it is faster beyond the
+noise of the worlds, and falls no more often.
 """
 
 import math
@@ -23,17 +23,16 @@ from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.types import N_LEGS, FloatArray
 
-#: A repertoire is for gaits whose pace, amplitude and height are within this share of its own.
+#: A repertoire covers gaits with pace, amplitude and height within this share of its own.
 NEAR = 0.15
 
-#: Another candidate is better than the safest by at least this share of the commanded speed, and by this many
-#: standard errors of the difference over the worlds.
+#: Minimum gain of a better candidate, as a share of the commanded speed, and in standard errors.
 LEAST_GAIN, ERRORS = 0.02, 2.0
 
-#: The names of two candidates: the gait that stands safest, and the one of the intact robot.
+#: Names of two candidates: the most stable gait, and that of the intact robot.
 SAFEST, WALK_ON = "safest", "walk-on"
 
-#: A walk goes along a line that is held: in open loop gaits differ in where they lead.
+#: Walks are along a held line: in open loop gaits differ in their direction.
 HOLDS = ("auto", "line", "heading")
 
 
@@ -47,23 +46,13 @@ def parts_of(failures: Iterable[Failure]) -> FailedParts:
 
 
 def moved_parts(parts: FailedParts, legs: Sequence[int]) -> FailedParts:
-    """Failed parts on a robot whose legs have come to lie at others."""
+    """Failed parts after the legs have been mapped to others."""
     return tuple(sorted((legs[leg - 1], kind, joint) for leg, kind, joint in parts))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, order=True)
 class Candidate:
-    """A gait and a posture, without pace and strokes.
-
-    Attributes:
-        name: what it is; `safest` for the gait that stands safest, `walk-on` for that of the intact robot.
-        slots: as those of a `Gait`.
-        swing_share: likewise.
-        phases: likewise.
-        body_raise: as that of a `Posture`.
-        shift: likewise.
-        tucked_legs: likewise.
-    """
+    """A gait and a posture without pace and strokes; named `safest`, `walk-on` or by its search."""
 
     name: str
     slots: Slots
@@ -87,7 +76,7 @@ class Candidate:
         )
 
     def before(self, symmetry: BodySymmetry) -> "Candidate":
-        """The candidate that a symmetry moves to this one."""
+        """The candidate that a symmetry maps to this one."""
         angle_rad, (forward, left) = -math.radians(symmetry.turn_deg), self.shift
         ahead = math.cos(angle_rad) * forward - math.sin(angle_rad) * left
         aside = math.sin(angle_rad) * forward + math.cos(angle_rad) * left
@@ -104,16 +93,12 @@ class Candidate:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Situation:
-    """How candidates walked with some legs or joints failed in one direction of travel.
+    """Walks of candidates with some failures in one direction of travel.
 
     Attributes:
-        failed: leg, kind and joint of each failure, by leg.
-        heading_deg: direction of travel in the body frame.
-        candidates: the safest gait first.
-        speeds: along the line, as a share of what was commanded before the failure, (candidates, walks); NaN
-            for a walk that did not end on its feet. Walks of one column differ in the candidate only, and are
-            in the same world in all situations.
-        costs: of transport, likewise, NaN where it has none.
+        candidates: the most stable gait first.
+        speeds: along the line, as a share of the commanded speed, (candidates, worlds); NaN for a fall.
+        costs: of transport, (candidates, worlds); NaN if unknown.
     """
 
     failed: FailedParts
@@ -135,42 +120,34 @@ class Situation:
 
     @property
     def valid(self) -> FloatArray:
-        """Share of walks that ended on their feet, (candidates,)."""
+        """Share of walks without a fall, (candidates,)."""
         return np.asarray(np.isfinite(self.speeds).mean(axis=1))
 
     @property
     def mean_speeds(self) -> FloatArray:
-        """Mean speed of each candidate, walks that fell counted as 0, (candidates,)."""
+        """Mean speed of each candidate, falls counted as 0, (candidates,)."""
         return np.asarray(np.nan_to_num(self.speeds, nan=0.0).mean(axis=1))
 
     @property
     def gains(self) -> FloatArray:
-        """By how much each candidate is faster than the first in each world, (candidates, walks)."""
+        """Speed of each candidate above that of the first in each world, (candidates, walks)."""
         speeds = np.nan_to_num(self.speeds, nan=0.0)
         return np.asarray(speeds - speeds[0])
 
     @property
     def kinds(self) -> tuple[object, ...]:
-        """What situations that speak for each other have in common.
-
-        That is kind and joint of one failure, whichever leg it is of. Pairs differ in how their legs lie to
-        each other, and stand alone.
-        """
+        """Key of situations that are estimated together: kind and joint; pairs stand by themselves."""
         if len(self.failed) > 1:
             return self.failed, self.heading_deg
         return (*((kind, joint) for _, kind, joint in self.failed), self.walks)
 
 
 def sure_gains(gains: FloatArray) -> FloatArray:
-    """Gain of a candidate that is sure in each of some situations: the mean less `ERRORS` standard errors.
+    """Confident gain in each situation, of gains over the first candidate, (situations, worlds).
 
-    Situations say something of each other: the mean of each is drawn towards that of all, m, by the part of
-    its variance that is noise, v / (v + t), with v the variance within situations over the number of worlds,
-    and t that of the situations' means beyond v (empirical Bayes, normal). What all share is as uncertain as
-    the worlds make it. Of one situation it is the plain mean with its error.
-
-    Args:
-        gains: over the first candidate, (situations, worlds); the worlds are the same in all situations.
+    It is the mean less `ERRORS` standard errors, the mean of each situation shrunk towards that of all by the
+    noise share v / (v + t) of its variance: v is the variance within situations over the number of worlds, t
+    that of the situations' means beyond v (empirical Bayes, normal). A single situation keeps its mean.
     """
     count, worlds = gains.shape
     if worlds < 2:
@@ -189,13 +166,7 @@ def sure_gains(gains: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Choice:
-    """What a repertoire has for a situation.
-
-    Attributes:
-        candidate: the best.
-        gain: by how much it is faster than the safest gait, as a share of the commanded speed.
-        walks: how many walks say so, of either.
-    """
+    """The best candidate for a situation; its gain is a share of the commanded speed."""
 
     candidate: Candidate
     gain: float
@@ -208,19 +179,7 @@ PLAIN = ("robot", "robot_fingerprint", "pace_hz", "amplitude", "height", "direct
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Repertoire:
-    """How one robot walked with gaits of some pace and strokes after each of some failures.
-
-    Attributes:
-        robot: its name.
-        robot_fingerprint: of its description.
-        pace_hz: of the gaits.
-        amplitude: of the gaits.
-        height: of the gaits.
-        direction_step_deg: between directions of travel.
-        symmetries: of the robot, the identity first; of situations that are alike one was walked.
-        situations: that were walked.
-        origin: where it comes from, for people: families of worlds, numbers, versions.
-    """
+    """Walks of one robot after each of some failures; the first symmetry is the identity."""
 
     robot: str
     robot_fingerprint: str
@@ -233,11 +192,7 @@ class Repertoire:
     origin: dict[str, Any]
 
     def covers(self, robot: Robot, plan: TrialPlan) -> bool:
-        """Whether it says something about the walks of a plan.
-
-        That is of its robot, along a line that is held, with about its pace and strokes, in the posture of
-        the stance, begun on six good legs.
-        """
+        """Whether it applies: robot, held line, similar pace and strokes, stance posture, intact legs."""
         gait = plan.gait
         own, asked = (self.pace_hz, self.amplitude, self.height), (gait.pace_hz, gait.amplitude, gait.height)
         return (
@@ -251,11 +206,7 @@ class Repertoire:
         )
 
     def choice(self, failures: Iterable[Failure], heading_rad: float) -> Choice | None:
-        """The best for some failures and a direction of travel in the body frame; None where none was walked.
-
-        The direction is the nearest one that a repertoire has, off by half a step at most. The first call
-        works out all choices, the others look one up.
-        """
+        """The best candidate for some failures and the nearest direction, or None."""
         return self._choices.get((self._direction(math.degrees(heading_rad)), parts_of(failures)))
 
     def _direction(self, heading_deg: float) -> int:
@@ -263,11 +214,7 @@ class Repertoire:
 
     @cached_property
     def best(self) -> tuple[int, ...]:
-        """Index of the best candidate of each situation: the safest, unless another is surely faster.
-
-        That is one whose walks ended on their feet as often, and whose sure gain over the safest, among the
-        situations of the same kinds of failure (`sure_gains`), is the largest and above `LEAST_GAIN`.
-        """
+        """Index of each situation's best candidate: the safest, or one with a sufficient `sure_gains`."""
         alike: dict[tuple[object, str], list[tuple[int, int]]] = {}
         for place, one in enumerate(self.situations):
             for row, candidate in enumerate(one.candidates):
@@ -307,16 +254,17 @@ class Repertoire:
             "origin": self.origin,
         }
 
+    def _column(self, name: str) -> FloatArray:
+        values = [getattr(one, name).ravel() for one in self.situations]
+        return np.concatenate(values).astype(np.float32) if values else np.zeros(0, np.float32)
+
     @property
     def arrays(self) -> dict[str, FloatArray]:
-        """Its arrays as they are stored, by name: those of all situations, one after the other."""
-        columns = {"speeds": [one.speeds for one in self.situations],
-                   "costs": [one.costs for one in self.situations]}  # fmt: skip
-        return {name: np.concatenate([np.zeros(0), *map(np.ravel, each)]).astype(np.float32)
-                for name, each in columns.items()}  # fmt: skip
+        """The stored arrays, by name."""
+        return {"speeds": self._column("speeds"), "costs": self._column("costs")}
 
     def digest(self) -> str:
-        """Hash of the whole content, computed once."""
+        """Hash of the complete content, computed once."""
         return self._digest
 
     @cached_property
@@ -325,7 +273,6 @@ class Repertoire:
 
 
 def _best_of(situation: Situation, place: int, sure: Mapping[tuple[int, str], float]) -> int:
-    """Index of the best candidate of a situation, given the sure gains by its number and the names."""
     best, most, valid = 0, LEAST_GAIN, situation.valid
     for row, candidate in enumerate(situation.candidates[1:], 1):
         if sure[place, candidate.name] > most and valid[row] >= valid[0]:
@@ -345,12 +292,12 @@ def _choice(situation: Situation, best: int, symmetry: BodySymmetry) -> Choice:
 
 
 def is_shifted(one: Slots, other: Slots) -> bool:
-    """Whether two gaits are the same but for the time at which they begin."""
+    """Whether two gaits differ only in the time at which they begin."""
     differences = {(a - b) % N_LEGS for a, b in zip(one, other, strict=True)}
     return len(differences) == 1
 
 
-#: What `WALK_ON` has walked.
+#: The gait of `WALK_ON`.
 INTACT_GAIT = "tripod"
 
 

@@ -1,4 +1,4 @@
-"""Repertoires on disk: built ones and shipped ones, saved, checked when they are read, and found."""
+"""Repertoires on disk, custom and shipped: save, check, load and find."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -19,28 +19,21 @@ from hexctl.robot.model import Robot
 
 VERSION = 1
 
-#: How repertoires are stored.
 KIND = ArchiveKind(name="repertoire", versions=(VERSION,), command="hexctl prior build --repertoire")
 
 SUFFIX = ".npz"
 
-#: Folder of the repertoires that were built, in the folder of sessions and recordings, and of shipped ones.
+#: Folder of custom repertoires in the folder of sessions, and of shipped ones.
 REPERTOIRES = "repertoires"
 
 
 def save_repertoire(repertoire: Repertoire, path: Path) -> None:
-    """Write a repertoire; the file is the old one or the new one at any moment.
-
-    Raises ArchiveFileError when the disk refuses.
-    """
+    """Write a repertoire atomically; raises ArchiveFileError when the disk refuses."""
     KIND.save(path, VERSION, repertoire.head, repertoire.arrays)
 
 
 def load_repertoire(path: Path | str) -> Repertoire:
-    """Repertoire of a file.
-
-    Raises InputError for a file that is not one, is of another version, is cut off or was altered.
-    """
+    """Repertoire of a file; raises InputError for a wrong, damaged or altered file, or another version."""
     return KIND.load(path, _made)
 
 
@@ -65,10 +58,7 @@ def _made(head: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Repertoire:
 
 
 def describe_repertoire(path: Path | str) -> dict[str, Any]:
-    """What a repertoire has, as plain JSON values; raises InputError as `load_repertoire` does.
-
-    `others` counts the situations in which another gait than the safest is best.
-    """
+    """Summary of a repertoire as JSON values; raises InputError as `load_repertoire` does."""
     found = load_repertoire(path)
     kinds = [(len(one.failed), *one.failed[0][1:]) for one in found.situations]
     words = {count: [f"{kind}:{joint}" if joint else kind for n, kind, joint in kinds if n == count]
@@ -89,7 +79,7 @@ def describe_repertoire(path: Path | str) -> dict[str, Any]:
 
 
 def repertoire_files(folder: Path | str = "runs") -> list[Path]:
-    """Files that may be repertoires, in the order of the search: those that were built, then shipped ones."""
+    """Candidate files in the order of the search: custom ones, then shipped ones."""
     folders = [Path(folder) / REPERTOIRES, config_root() / REPERTOIRES]
     return [path for one in folders if one.is_dir() for path in sorted(one.glob(f"*{SUFFIX}"))]
 
@@ -105,10 +95,7 @@ def named_repertoire(text: str, folder: Path | str = "runs") -> Path:
 def list_repertoires(
     folder: Path | str = "runs", *, on_damaged: Callable[[InputError], None] | None = None
 ) -> list[dict[str, Any]]:
-    """Describe every repertoire that a walk would search, with its path as `repertoire`.
-
-    Files that are not whole repertoires are left out, and reported to `on_damaged`.
-    """
+    """Describe the repertoires of a walk's search; damaged files are reported to `on_damaged`."""
     described = []
     for path in repertoire_files(folder):
         try:
@@ -120,10 +107,7 @@ def list_repertoires(
 
 
 def find_repertoire(robot: Robot, plan: TrialPlan, folder: Path | str = "runs") -> Repertoire | None:
-    """The first repertoire that covers the walks of a plan; None without one.
-
-    Files that cannot be read are passed over.
-    """
+    """The first readable repertoire that covers the walks of a plan, or None."""
     for path in repertoire_files(folder):
         try:
             found = _loaded(path, path.stat().st_mtime_ns)
@@ -136,5 +120,4 @@ def find_repertoire(robot: Robot, plan: TrialPlan, folder: Path | str = "runs") 
 
 @lru_cache(maxsize=8)
 def _loaded(path: Path, _modified_ns: int) -> Repertoire:
-    """Repertoire of a file, read once in a process while the file stays as it is."""
     return load_repertoire(path)

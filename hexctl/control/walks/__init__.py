@@ -1,1 +1,1 @@
-"""Walks beyond a straight open-loop one: turns on the spot, velocities that change, lines that are held."""
+"""Walks: turns on the spot, changing velocities, held lines."""

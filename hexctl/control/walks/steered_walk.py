@@ -11,13 +11,7 @@ from hexctl.types import BoolArray, FloatArray, RobotState
 
 
 class SteeredWalk(VelocityWalk):
-    """Walks with a gait along the line of the trial, its course corrected at every tick.
-
-    Args:
-        start: the robot, or batch of robots, ready to walk.
-        hold: `line`, or `heading`: positions are then ignored.
-        gains: of the law.
-    """
+    """Walks along the line of the trial, its course corrected at every tick; `heading` ignores positions."""
 
     def __init__(self, start: WalkStart, *, hold: str = "line", gains: SteeringGains | None = None) -> None:
         check_type(start, WalkStart, "start", "a WalkStart, as a trial gives to its controller")
@@ -38,11 +32,11 @@ class SteeredWalk(VelocityWalk):
         self.velocity_body = self._law.velocity_body
 
     def follow(self, course: Course) -> None:
-        """Follow another line from the next step on; the velocity turns there as fast as it may change."""
+        """Follow another line from the next step on; the velocity turns as fast as it may change."""
         self._law.follow(course)
 
     def wanted(self, dt_s: float, step: int, state: RobotState) -> FloatArray:
-        """Velocity that the law asks for, leading shape + (3,)."""
+        """Velocity of the steering law, leading shape + (3,)."""
         return self._law.update(dt_s, state)
 
     def glide_to(self, gaits: Gait | Sequence[Gait], which: BoolArray | None = None) -> None:
@@ -51,7 +45,6 @@ class SteeredWalk(VelocityWalk):
         self._law.retune(**self._pace_of(self.gaits), which=which)
 
     def _pace_of(self, gaits: Sequence[Gait]) -> dict[str, FloatArray]:
-        """What the law must know of gaits, each leading shape."""
         robot, each = self._robot, self._each
         ways = [plan.motion(0.0) for plan in self._plans]
         return {

@@ -1,8 +1,8 @@
-"""Steering: the velocity that keeps a walk on its line, from the position and the yaw that a robot measures.
+"""Steering: the velocity that keeps a walk on its line, from measured position and yaw.
 
-The law is integral line of sight, as ships keep a course (Børhaug, Pavlov & Pettersen, CDC 2008), for a
-robot that walks sideways as well as ahead. In units of the gait, with the cycle T, the way of a cycle at full
-stride L = (3/2) A and the control period dt:
+The law is integral line of sight of ship control (Børhaug, Pavlov & Pettersen, CDC 2008), for a robot that
+can walk sideways. With the cycle T, the distance of a cycle at full stride L = (3/2) A and the control period
+dt:
 
     e', psi'  deviation from the line, positive to the left, and yaw error, smoothed over a tenth of a cycle
     z     = e' + sigma I              dI = dt / T  D^2 e' / (D^2 + z^2)           D = 1.5 L
@@ -10,8 +10,8 @@ stride L = (3/2) A and the control period dt:
     theta = line - yaw' + chi         direction of travel in the body: right in the world without delay
     omega = -clip(K psi' + K_i J, +-most) / T     dJ = dt / T  psi', not while omega is at its limit
 
-The integral takes up what pulls the robot aside all the time, and the turn brings the body back to the yaw
-that it had at the start. One set of gains serves all robots.
+The integral compensates constant drift, and the turn restores the initial yaw. One set of gains serves all
+robots.
 """
 
 import math
@@ -25,17 +25,17 @@ from hexctl.errors import InputError, check_type
 from hexctl.robot.rotations import components, yaw_rad
 from hexctl.types import ArrayFields, BoolArray, FloatArray, RobotState, any_of, chosen, within
 
-#: Position or yaw that stays away for longer than this is lost: its part of the law then decays.
+#: A position or yaw missing for longer is lost: its part of the law then decays.
 LOST_AFTER_S = 1.0
 
-#: A value that does not change for longer than this is not measured any more.
+#: A value that is constant for longer is not measured any more.
 FROZEN_AFTER_S = 4.0
 
-#: The same with room for rounding, so that sums and products of control periods are judged alike.
+#: With room for rounding: sums and products of control periods are judged alike.
 LONGEST_SAME_S = FROZEN_AFTER_S + 1e-6
 
-#: A change between two measurements that no walking robot makes; it is believed once it has stayed until the
-#: bound, which grows by half of itself in a second, reaches it.
+#: A change that no walking robot makes. The bound grows by half of itself in a second, to accept a lasting
+#: one.
 JUMP_M = 0.25
 JUMP_RAD = math.radians(30.0)
 JUMP_GROWTH_PER_S = 0.5
@@ -46,9 +46,9 @@ class SteeringGains:
     """Gains of the law, in units of the gait.
 
     Attributes:
-        look_ahead: D, in ways of a cycle at full stride.
+        look_ahead: D, as a multiple of L.
         integral: sigma.
-        turn: K, the part of a yaw error that is turned back in a cycle.
+        turn: K, the share of a yaw error that is corrected in a cycle.
         turn_integral: K_i, per cycle.
         mean_cycles: time constant that smooths deviation and yaw error, in cycles.
     """
@@ -61,17 +61,7 @@ class SteeringGains:
 
 
 class Measured:
-    """A number that robots measure, with what to make of dropouts and jumps.
-
-    Args:
-        first: what the number is now, leading shape.
-        jump: change between two measurements that is not believed immediately.
-
-    Attributes:
-        value: the last one believed.
-        fresh: whether it is of the last update.
-        missing_s: time since it was.
-    """
+    """A measured number, leading shape; dropouts and jumps keep the last value, and are not fresh."""
 
     def __init__(self, first: FloatArray, jump: float) -> None:
         self.value: FloatArray = first
@@ -80,7 +70,7 @@ class Measured:
         self._jump = jump
 
     def update(self, raw: FloatArray, dt_s: float) -> None:
-        """Take a measurement, NaN where there is none."""
+        """Take a measurement, NaN if there is none."""
         most = self._jump * (1 + JUMP_GROWTH_PER_S * self.missing_s)
         self.fresh = abs(raw - self.value) <= most
         self.value = chosen(self.fresh, raw, self.value)
@@ -88,28 +78,19 @@ class Measured:
 
     @property
     def lost(self) -> BoolArray:
-        """Whether it stays away for longer than a dropout."""
+        """Whether it is missing for longer than a dropout."""
         return self.missing_s > LOST_AFTER_S
 
 
 class FrozenSensor:
-    """Whether a sensor has shown the same to the last bit for longer than `FROZEN_AFTER_S`.
-
-    The time counts in which it showed something: dropouts neither end it nor belong to it.
-
-    Attributes:
-        last: the values that it showed last, leading shape each; empty before.
-    """
+    """Detects a sensor that repeats its value for `FROZEN_AFTER_S`, dropouts excluded."""
 
     def __init__(self) -> None:
         self.last: tuple[FloatArray, ...] = ()
         self._same_s: FloatArray = np.float64(0.0)  # type: ignore[assignment]
 
     def update(self, dt_s: float, *values: FloatArray) -> BoolArray:
-        """Take the values of a tick, each of them leading shape: whether they are frozen, or not measured.
-
-        What is not measured, NaN, changes nothing.
-        """
+        """Take the values of a tick, leading shape each: whether they are frozen, or NaN (not measured)."""
         seen = values[0] == values[0]  # NaN is not; faster than isnan
         same = seen if self.last else seen & False
         for value, before in zip(values, self.last, strict=False):
@@ -123,15 +104,7 @@ class FrozenSensor:
 
 
 def frozen_rows(values: FloatArray, period_s: float) -> BoolArray:
-    """Ticks at which a sensor repeated a value that froze, (T,), judged from all of a walk.
-
-    The rule is that of `FrozenSensor`; once a value has frozen, all of its repetitions count as frozen, those
-    of the first `FROZEN_AFTER_S` too. What froze for less stays.
-
-    Args:
-        values: that are compared, of each tick, (T, n); NaN where they were not measured.
-        period_s: between two ticks.
-    """
+    """Ticks with a frozen value, (T,), of values (T, n) of a complete walk; all repetitions count."""
     frozen = np.zeros(len(values), dtype=bool)
     seen = np.flatnonzero(np.isfinite(values[:, 0]))
     if len(seen) < 2:
@@ -144,14 +117,10 @@ def frozen_rows(values: FloatArray, period_s: float) -> BoolArray:
 
 
 class CourseOverGround:
-    """Yaw of robots that measure their position alone: where they go, against where they mean to.
+    """Yaw of robots that measure only their position: from the direction of travel.
 
-    Over a time constant of a cycle, the lag of a position behind itself points along the way, and the mean of
-    the commanded velocity is in the body frame. Their angle is the yaw, and what the robot drifts aside
-    besides, which is as well: a course corrected by it is right.
-
-    Args:
-        cycle_s: of the gait, leading shape.
+    The lag of a position with a time constant of a cycle points along the path, the mean commanded velocity
+    is in the body frame. Their angle, yaw plus drift, corrects the course for both.
     """
 
     def __init__(self, cycle_s: FloatArray) -> None:
@@ -161,19 +130,16 @@ class CourseOverGround:
         self._time_s: FloatArray = np.zeros(np.shape(cycle_s))
 
     def retune(self, cycle_s: FloatArray, which: BoolArray) -> None:
-        """Continue with other gaits, and begin again for some robots; leading shape each."""
+        """Continue with other gaits, and restart some robots; leading shape each."""
         self._cycle_s = cycle_s
         self.forget(which)
 
     def forget(self, which: BoolArray) -> None:
-        """Begin again for some robots, leading shape."""
+        """Restart some robots, leading shape."""
         self._time_s = np.where(which, 0.0, self._time_s)
 
     def yaw_rad(self, dt_s: float, position_world: FloatArray, velocity_body: FloatArray) -> FloatArray:
-        """Yaw in the world, leading shape, from a position and the velocity commanded there; NaN at first.
-
-        A position that is NaN changes nothing.
-        """
+        """Yaw in the world, leading shape, from position and commanded velocity; NaN at first."""
         position, share = position_world[..., :2], (1 - np.exp(-dt_s / self._cycle_s))[..., np.newaxis]
         seen = np.isfinite(position[..., 0])
         first = (self._time_s == 0)[..., np.newaxis]
@@ -191,13 +157,7 @@ class CourseOverGround:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Course(ArrayFields):
-    """A line to walk along. Each robot of a batch may have its own: arrays of leading shape (n,) then.
-
-    Attributes:
-        origin_world: a point of the line, (2,) in m; NaN where the robot has no position.
-        heading_rad: direction of the line in the world.
-        yaw_rad: yaw of the body to keep, in the world.
-    """
+    """A line to walk along, (2,) in m and rad in the world, with the yaw to keep; in a batch (n,) leading."""
 
     origin_world: FloatArray
     heading_rad: float
@@ -205,24 +165,12 @@ class Course(ArrayFields):
 
 
 def trimmed_rad(trim_rad: float, *, signed_m: float, distance_m: float) -> float:
-    """Trim for the next walk that holds its heading, from where one with a trim ended.
-
-    A constant drift aside is an angle of the course, trim - atan2(e, s) takes it out.
-
-    Args:
-        trim_rad: of the walk that was measured.
-        signed_m: e, how far to the left of the line it ended.
-        distance_m: s, how far along the line.
-    """
+    """Trim for the next walk with a held heading, trim - atan2(e, s), which removes a constant drift."""
     return trim_rad - math.atan2(signed_m, distance_m)
 
 
 def held(plan: TrialPlan, frame: TrialFrame | None) -> str:
-    """What a walk can hold of what its plan wants: `line`, `heading` or `none`.
-
-    A turn in place and an arc have no line, a robot without a position has a heading alone, and one that
-    knows neither position nor yaw has nothing to hold.
-    """
+    """What a walk can hold: `line`, only `heading` without a position, `none` in turns and arcs."""
     if plan.hold == "none" or not plan.straight or frame is None:
         return "none"
     position_known = bool(np.isfinite(frame.origin_world).all())
@@ -230,7 +178,7 @@ def held(plan: TrialPlan, frame: TrialFrame | None) -> str:
 
 
 def why_less(plan: TrialPlan, frame: TrialFrame | None) -> str | None:
-    """Why a walk holds less than its plan wants, in words; None where it does not."""
+    """Why a walk holds less than its plan asks for, in words, or None."""
     if plan.hold == "none":
         return None
     if not plan.straight:
@@ -242,30 +190,24 @@ def why_less(plan: TrialPlan, frame: TrialFrame | None) -> str | None:
 
 
 def plane(position_world: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Coordinates x and y of positions, leading shape each: those by which a position freezes."""
+    """Coordinates x and y of positions, leading shape each."""
     return position_world[..., 0][()], position_world[..., 1][()]
 
 
 def _left_of(course: Course) -> tuple[FloatArray, FloatArray]:
-    """Direction to the left of a line: x and y."""
     return -np.sin(course.heading_rad), np.cos(course.heading_rad)
 
 
 class CourseHold:
-    """The law, for one robot or a batch of n; arrays have the leading shape () or (n,).
+    """The steering law, for one robot or a batch of n; arrays have the leading shape () or (n,).
 
     Args:
-        course: the line.
-        speed_m_s: speed along it, leading shape.
-        cycle_s: T, leading shape.
-        stride_m: L, way of a cycle at full stride, leading shape.
-        most_turn_rad_s: greatest rate of the turn, leading shape.
-        hold: `line`, or `heading`: positions are then ignored.
-        trim_rad: added to the course under `heading`, leading shape.
-        gains: of the law.
+        cycle_s: T.
+        stride_m: L, distance of a cycle at full stride.
+        hold: `line`, or `heading`, which ignores positions, and adds the trim.
 
     Attributes:
-        velocity_body: forward and sideways in m/s and turn in rad/s, leading shape + (3,).
+        velocity_body: forward and left in m/s and turn in rad/s, leading shape + (3,).
     """
 
     def __init__(
@@ -297,10 +239,7 @@ class CourseHold:
         self.velocity_body = self._velocity()
 
     def follow(self, course: Course) -> None:
-        """Follow another line from now on; what pulls the robot aside is learned again from nothing.
-
-        The deviation from the line before is not taken for one from the new line.
-        """
+        """Follow another line from now on; the deviation and the learned drift start again."""
         check_type(course, Course, "course", "a Course")
         error_rad = self._error_rad + self._course.yaw_rad - course.yaw_rad
         self._course, self._left = course, _left_of(course)
@@ -310,9 +249,8 @@ class CourseHold:
         self._begin(deviation_m, error_rad - math.tau * np.rint(error_rad / math.tau))
 
     def _begin(self, deviation_m: FloatArray, error_rad: FloatArray) -> None:
-        """Begin at a deviation and a yaw error, and know nothing of what pulls aside."""
         self._aside, self._yaw = Measured(deviation_m, JUMP_M), Measured(error_rad, JUMP_RAD)
-        # The mean deviation begins at 0, so that the course turns to the line smoothly.
+        # The mean deviation begins at 0: the course then turns to the line smoothly.
         self._deviation_m, self._error_rad = np.zeros(self._shape)[()], error_rad
         self._pull_m: FloatArray = np.zeros(self._shape)[()]
 
@@ -325,10 +263,7 @@ class CourseHold:
         most_turn_rad_s: FloatArray,
         which: BoolArray | None = None,
     ) -> None:
-        """Continue with another gait, given as when the law was made; what was learned of the drift stays.
-
-        `which` robots change, leading shape; None for all.
-        """
+        """Continue with another gait of robots `which` (None: all); the learned drift stays."""
         if self._over_ground is not None:
             self._over_ground.retune(np.asarray(cycle_s)[()], self._all if which is None else which)
         self._speed_m_s, self._cycle_s = np.asarray(speed_m_s)[()], np.asarray(cycle_s)[()]
@@ -350,17 +285,15 @@ class CourseHold:
         return self.velocity_body
 
     def _average(self) -> None:
-        """Means of deviation and yaw error; each stays as it is where nothing is measured."""
         aside, yaw, share = self._aside, self._yaw, self._share
         self._deviation_m = self._deviation_m + aside.fresh * share * (aside.value - self._deviation_m)
         self._error_rad = self._error_rad + yaw.fresh * share * (yaw.value - self._error_rad)
-        # Of what is lost only what is known to pull and to turn the robot remains. The yaw error stands as
-        # long as there is a position, from which a yaw comes after some cycles.
+        # Of lost measurements only the learned drift remains. The yaw error stays while there is a position,
+        # from which a yaw follows after some cycles.
         self._deviation_m = self._deviation_m * (1 - share * aside.lost)
         self._error_rad = self._error_rad * (1 - share * (aside.lost & yaw.lost))
 
     def _measured_deviation_m(self, dt_s: float, state: RobotState) -> FloatArray:
-        """Deviation as measured, leading shape; NaN where it is not."""
         position = state.base_position_world
         if position is None or self._hold != "line":
             return self._unknown
@@ -369,18 +302,16 @@ class CourseHold:
         return chosen(unseen, math.nan, self._left_of_line_m(x_m, y_m))
 
     def _left_of_line_m(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
-        """Distance of positions to the left of the line, leading shape."""
         origin_m, left = self._course.origin_world, self._left
         away_m: FloatArray = (x_m - origin_m[..., 0]) * left[0] + (y_m - origin_m[..., 1]) * left[1]
         return away_m
 
     def _measured_error_rad(self, dt_s: float, state: RobotState) -> FloatArray:
-        """Yaw error as measured, unwrapped, leading shape; NaN where it is not."""
         off_rad = self._yaw_rad(dt_s, state) - self._course.yaw_rad
         return off_rad - math.tau * np.rint((off_rad - self._yaw.value) / math.tau)
 
     def _yaw_rad(self, dt_s: float, state: RobotState) -> FloatArray:
-        """Yaw as measured, or by the course over ground where positions alone are; NaN for neither."""
+        """Measured yaw, or by the course over ground if there are only positions; NaN for neither."""
         quaternion, position = state.base_quaternion_world, state.base_position_world
         unseen, measured = self._all, self._unknown
         if quaternion is not None:
@@ -399,7 +330,7 @@ class CourseHold:
         return chosen(unseen, over_ground, measured)
 
     def _integrate(self) -> None:
-        """The two integrals and the turn; the first cycle, in which the strides grow, is left out."""
+        """Update the two integrals and the turn; the first cycle, with its soft start, is excluded."""
         gains, deviation_m, error_rad = self._gains, self._deviation_m, self._error_rad
         cycles = self._cycles * (self._walked_cycles > 1)
         aside_m = deviation_m + gains.integral * self._pull_m

@@ -1,4 +1,4 @@
-"""Self-rotation: turn in place until the failed leg points where it disturbs least."""
+"""Self-rotation: turn in place until the failed leg disturbs least."""
 
 import math
 from collections.abc import Callable
@@ -15,37 +15,35 @@ from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import JOINTS_PER_LEG, FloatArray, RobotState
 
-#: A self-rotation ends within this of its goal, or the noise of the measured yaw. One degree of miss moves
-#: the end of a 30 s walk by 8 to 14 cm; the walk's heading makes up for what is left.
+#: Tolerance of a self-rotation, or the noise of the measured yaw. A miss of one degree moves the end of a 30
+#: s walk by 8 to 14 cm; the walk's heading compensates the rest.
 TURN_WITHIN_RAD = math.radians(0.03)
 
-#: Turns up to this are made of small steps alone.
+#: Turns up to this are made of only small steps.
 SMALL_TURN_RAD = math.radians(4.0)
 
-#: Small steps that a self-rotation may take to its goal.
 MAX_TURN_STEPS = 6
 
-#: A failed leg slows the turn; after this many times the ideal time the robot walks from where it is.
+#: A failed leg slows the turn; after this multiple of the ideal time the robot starts to walk.
 TIMEOUT_FACTOR = 4.0
 
-#: Share of the commanded rate that robots make, until this one has shown its own.
+#: Initial estimate of the made share of the commanded rate.
 USUAL_SHARE = 0.85
 
-#: Share of a small step's angle that robots make, and angle that they turn besides; how these differ between
-#: robots, and from step to step.
+#: Prior for small steps: made share and additional turn, their spread between robots, and the noise of a
+#: step.
 USUAL_STEP = np.array([0.65, 0.0])
 STEP_SPREAD = np.array([0.15, math.radians(0.1)])
 STEP_NOISE_RAD = math.radians(0.02)
 LEAST_SHARE = 0.2
 
-#: Where more than this is expected of a step and less than this share of it comes, friction that the robot
-#: file does not have swallowed this part of the step.
+#: If a step over this angle turns less than `LOST_SHARE` of it, friction swallowed `LOST_PART`.
 SMALLEST_STEP_RAD = math.radians(0.1)
 LOST_SHARE = 0.15
 LOST_PART = 0.9
 
 #: Commanded angle that dry friction swallows, as a multiple of the joint angle at which a servo overcomes it.
-#: Measured on `phantomx`: of 3.8 degrees, at a joint angle of 1.6, less than 0.1 degree comes.
+#: Measured on `phantomx`: of 3.8 degrees, at a joint angle of 1.6, less than 0.1 degree is turned.
 FRICTION_FACTOR = 2.4
 
 #: A self-rotation is expected to end this near to its goal.
@@ -53,7 +51,7 @@ TURN_TOLERANCE_RAD = math.radians(5.0)
 
 
 def turn_gait(robot: Robot) -> Gait:
-    """The gait of every self-rotation; there is one, so that all codes start from one state."""
+    """The gait of every self-rotation: a single one, for a common start of all codes."""
     return make_gait(robot, "demo")
 
 
@@ -65,16 +63,12 @@ def turn_needed_rad(robot: Robot, plan: TrialPlan) -> float:
         return 0.0
     wanted_rad = plan.heading_rad + (math.pi if plan.self_rotation == "rear" else 0.0)
     turn_rad = wrapped_rad(wanted_rad - failed_foot_azimuth_rad(robot, plan.belief))
-    # Half a turn goes either way; rounding must not choose.
+    # Half a turn may go either way; rounding must not decide.
     return abs(turn_rad) if abs(turn_rad) > math.pi - 1e-6 else turn_rad
 
 
 def failed_foot_azimuth_rad(robot: Robot, failure: Failure) -> float:
-    """Direction of the foot of a failed leg from the body's vertical axis.
-
-    That of its stance; of a leg with a jammed joint, the one in which the jam puts the foot while the other
-    two joints are in the stance.
-    """
+    """Direction of the foot of a failed leg in the stance, with the angle of a jammed joint."""
     if failure.kind != "stuck":
         return float(robot.leg_azimuths_rad[failure.leg - 1])
     joints_rad = robot.stance_angles_rad.copy()
@@ -92,14 +86,14 @@ def turn_motion(robot: Robot, turn_rad: float) -> Motion:
 def check_plan(robot: Robot, plan: TrialPlan) -> None:
     """Raise ReachError or LimitError, naming leg and joint, for a plan that the legs cannot carry out.
 
-    A self-rotation ends near its goal, not on it, so the walk is checked a little to both sides.
+    A self-rotation ends near its goal: the walk is checked a little to both sides.
     """
     turn_rad = turn_needed_rad(robot, plan)
     gaits = (plan.gait, *(change.gait for change in plan.changes))
     for gait in gaits:
         check_walk(robot, gait, plan.motion(turn_rad))
     if turn_rad:
-        for way_rad in (-turn_rad, turn_rad):  # the small steps at its end go either way
+        for way_rad in (-turn_rad, turn_rad):  # the small steps at its end turn either way
             check_walk(robot, turn_gait(robot), turn_motion(robot, way_rad))
         for off_rad in (-TURN_TOLERANCE_RAD, TURN_TOLERANCE_RAD):
             for gait in gaits:
@@ -107,11 +101,9 @@ def check_plan(robot: Robot, plan: TrialPlan) -> None:
 
 
 class Turn(Controller):
-    """A turn in place by an angle, measured on the robot's own yaw.
+    """A turn in place by an angle, measured by the robot's yaw.
 
-    Its soft stop begins when the remaining angle is what the stop itself will turn. That angle is predicted
-    from the commanded rate and the share of it that the robot has made so far; the difference of two
-    measurements would drown in noise.
+    The soft stop begins when it will turn the remaining angle, as predicted from the made share of the rate.
     """
 
     def __init__(
@@ -149,7 +141,7 @@ class Turn(Controller):
         return self._walk.stop(step)
 
     def done(self, step: int, state: RobotState) -> bool:
-        """Whether the robot stands again; follows the yaw and begins the stop in time."""
+        """Whether the robot stands again; also updates the yaw and begins the stop."""
         if state.base_quaternion_world is not None:
             yaw = float(yaw_rad(state.base_quaternion_world))
             self._turned_rad += self._sign * wrapped_rad(yaw - self._last_yaw_rad)
@@ -164,7 +156,7 @@ class Turn(Controller):
     def _near(self, time_s: float) -> bool:
         """Whether a stop that begins now ends at the goal or past it."""
         envelope = min(1.0, time_s / RAMP_DURATION_S)
-        # Time at full rate that is worth as much as the ramp so far, and as the ramp down from here.
+        # Equivalent times at full rate of the ramp so far, and of the ramp down from here.
         commanded_s = time_s - RAMP_DURATION_S * (envelope - envelope**2 / 2)
         stopping_s = RAMP_DURATION_S * envelope**2 / 2
         made = USUAL_SHARE
@@ -174,14 +166,7 @@ class Turn(Controller):
 
 
 class TurnStep(Controller):
-    """A small turn in place: one gait cycle, softly begun and ended, that sets every foot down anew.
-
-    Args:
-        robot: who turns.
-        plan: its held legs stay in their stance pose.
-        turn_rad: commanded angle, counter-clockwise positive; no more than the legs can turn in the time.
-        period_s: control period.
-    """
+    """A small turn in place: one gait cycle that places every foot again; positive is counter-clockwise."""
 
     def __init__(self, robot: Robot, plan: TrialPlan, turn_rad: float, period_s: float) -> None:
         gait = turn_gait(robot)
@@ -191,7 +176,7 @@ class TurnStep(Controller):
         full_s = walked_s * min(1.0, walked_s / RAMP_DURATION_S)
         most_rad_s = half_amplitude_turn_rate_rad_s(robot, gait)
         rate_rad_s = min(most_rad_s, max(-most_rad_s, turn_rad / full_s))
-        #: The angle commanded, where the legs cannot turn as far as wanted less.
+        #: The commanded angle within the limits of the legs.
         self.commanded_rad = rate_rad_s * full_s
         motion = Motion(travel=0.0, turn_rate_rad_s=rate_rad_s)
         self._walk = Walk(robot, gait, motion, period_s=period_s, held_legs=plan.held_legs)
@@ -207,20 +192,16 @@ class TurnStep(Controller):
 
 
 def swallowed_rad(robot: Robot) -> float:
-    """Commanded angle of a small step of which nothing comes, by the dry friction of the robot's coxae."""
+    """Commanded angle of a small step that the dry friction of the coxae swallows."""
     off_rad = robot.dry_friction_nm[::JOINTS_PER_LEG] / robot.stiffness_nm_per_rad[::JOINTS_PER_LEG]
     return FRICTION_FACTOR * float(off_rad.max())
 
 
 class TurnSteps:
-    """How far to command each small step: a robot makes a share of an angle, and a dead leg turns it besides.
+    """Commands for small steps: turned = share * (commanded - swallowed) + besides.
 
-    turned = share * (commanded - swallowed) + besides. Dry friction swallows the beginning of every step: a
-    servo of stiffness k turns its joint only when it is friction / k off. Share and besides are estimated by
-    least squares over the steps so far, with what robots usually do as a prior.
-
-    Args:
-        swallowed_rad: commanded angle of which nothing comes, as `swallowed_rad` has it for a robot.
+    Dry friction swallows the beginning: a servo of stiffness k turns its joint only when it is friction / k
+    off. Share, and besides from a dead leg, are least-squares estimates with a prior.
     """
 
     def __init__(self, swallowed_rad: float = 0.0) -> None:
@@ -235,7 +216,7 @@ class TurnSteps:
         return float(effective_rad + math.copysign(self._swallowed_rad, effective_rad))
 
     def learn(self, commanded_rad: float, turned_rad: float) -> None:
-        """Take in what a step made of its command."""
+        """Learn from a step."""
         effective_rad = math.copysign(max(0.0, abs(commanded_rad) - self._swallowed_rad), commanded_rad)
         sign = math.copysign(1.0, commanded_rad)
         share, besides_rad = self._estimate()
@@ -247,12 +228,11 @@ class TurnSteps:
         self._weighted += row * (turned_rad / STEP_NOISE_RAD)
 
     def _estimate(self) -> list[float]:
-        """Share and besides in rad, by the steps so far."""
         estimate: list[float] = np.linalg.solve(self._precision, self._weighted).tolist()
         return estimate
 
     def _corrects_swallowed(self, effective_rad: float, expected_rad: float, turned_rad: float) -> bool:
-        """Whether a step shows that friction swallows more, or less, than believed; believe it then.
+        """Whether a step shows another swallowed angle, which is then updated.
 
         All angles are positive in the direction of the command. No robot turns further than commanded.
         """

@@ -20,22 +20,22 @@ from hexctl.gait.foot_trajectory import (
 from hexctl.gait.gait import Gait, ideal_speed_m_s
 from hexctl.types import BoolArray, FloatArray, RobotState, any_of, check_shape, chosen
 
-#: Time constant with which the strokes follow the velocity that is asked for.
+#: Time constant with which the strokes follow the commanded velocity.
 RESPONSE_S = 0.2
 
-#: The full speed of a gait is reached no sooner than in this time: its acceleration limit.
+#: Minimum time to the full speed of a gait: its acceleration limit.
 FULL_SPEED_S = 0.5
 
-#: Strokes may be longer than the gait's amplitude by this factor; more is scaled down, all feet alike.
+#: Maximum strokes as a multiple of the gait's amplitude; longer ones are scaled down, all feet alike.
 OVERDRIVE = 1.2
 
-#: A change of gait takes this many cycles.
+#: Duration of a change of gait.
 GLIDE_CYCLES = 1.5
 
-#: What gives the speed: the length of the strokes, the pace, or both alike.
+#: What sets the speed: the length of the strokes, the pace, or both.
 SPEED_BY = ("stride", "pace", "both")
 
-#: A gait is not paced slower than this share of its pace: below, the strokes become shorter.
+#: Minimum share of the gait's pace; below, the strokes become shorter.
 SLOWEST = 0.3
 
 #: Velocity of the body in its own frame, leading shape + (3,): forward and left in m/s, turn in rad/s.
@@ -45,21 +45,12 @@ Command = Callable[[int, RobotState], FloatArray]
 class VelocityWalk(Controller):
     """Walks with the velocity that a command gives at every step.
 
-    Strokes are proportional to the velocity and follow it smoothly, within an acceleration limit, so that no
-    foot jumps. What the legs cannot do is scaled down, the direction kept, and counted. A walk in a batch is
-    the same to the last bit as alone.
-
-    Args:
-        start: the robot, or batch of robots, ready to walk.
-        command: asked at every step, with the state then.
-        speed_by: one of `SPEED_BY`.
+    Strokes follow smoothly, within an acceleration limit. Excessive velocities are scaled down and counted. A
+    walk in a batch equals a single one to the last bit.
 
     Attributes:
-        gaits: the gait of each walk, or that it changes to.
-        limited_steps: steps in which the velocity was scaled down, leading shape.
-        velocity_body: the one walked with now, leading shape + (3,).
-        foot_offsets_m: added to the feet in the body frame, leading shape + (6, 3); None for nothing.
-        suited: gaits to change to instead of those of the plans' changes, once these are due.
+        foot_offsets_m: added to the feet in the body frame, leading shape + (6, 3), or None.
+        suited: maps the gaits of a plan's change to those to use instead.
     """
 
     def __init__(self, start: WalkStart, command: Command | None = None, *, speed_by: str = "stride") -> None:
@@ -88,7 +79,7 @@ class VelocityWalk(Controller):
         self._stop_step: int | None = None
 
     def wanted(self, dt_s: float, step: int, state: RobotState) -> FloatArray:
-        """Velocity that is asked for at a step, `dt_s` after the one before, leading shape + (3,)."""
+        """Velocity asked for at a step, `dt_s` after the one before, leading shape + (3,)."""
         if self._command is None:
             return self.velocity_body
         velocity = np.asarray(self._command(step, state), dtype=float)
@@ -102,7 +93,7 @@ class VelocityWalk(Controller):
         if dt_s > 0:
             self._follow(dt_s, self.wanted(dt_s, step, state))
         elif self._command is not None and not self._last_step:
-            self.velocity_body = self.wanted(dt_s, step, state)  # the ramp lets it begin softly
+            self.velocity_body = self.wanted(dt_s, step, state)  # the ramp makes the start soft
         strokes, pace_hz = self._paced(self._strokes())
         if dt_s > 0:
             cycles = dt_s * pace_hz
@@ -115,19 +106,14 @@ class VelocityWalk(Controller):
         return joints_of_feet(self._robot, feet, self._held)
 
     def _envelope(self, step: int) -> float:
-        """Share of strokes and heights at a step: 1 but for the soft start and the soft stop."""
+        """Share of strokes and heights at a step: 1 except in the soft start and stop."""
         if self._stop_step is None and step * self._period_s >= RAMP_DURATION_S:
             return 1.0
         stop_s = None if self._stop_step is None else self._stop_step * self._period_s
         return float(ramp(step * self._period_s, stop_s))
 
     def glide_to(self, gaits: Gait | Sequence[Gait], which: BoolArray | None = None) -> None:
-        """Change to other gaits in stride: phases, heights and posture glide there.
-
-        Args:
-            gaits: one for each walk.
-            which: walks that change, leading shape; None for all. The others go on as they are.
-        """
+        """Change the gaits of walks in stride: phases, heights and posture glide; which None is all."""
         gaits = [gaits] if isinstance(gaits, Gait) else list(gaits)
         if len(gaits) != len(self.gaits):
             raise InputError(f"gaits: got {len(gaits)}; allowed: {len(self.gaits)}, one for each walk")
@@ -147,11 +133,7 @@ class VelocityWalk(Controller):
         )
 
     def leave_plain(self) -> StepPattern:
-        """Go on with a pattern in which nothing is None, and return it; feet move alike but for rounding.
-
-        A walk that may change its gait alone, in a batch of others, does so from its start: it then equals
-        the same walk alone to the last bit.
-        """
+        """Continue with an equivalent pattern without None, and return it; feet differ by rounding."""
         if (
             self._pattern.stepping is None
             or self._pattern.posture_m is None
@@ -180,15 +162,12 @@ class VelocityWalk(Controller):
         return self._stop_step is not None and step >= self._stop_step + soft_stop_steps(self._period_s) - 1
 
     def _each(self, values: Sequence[ArrayLike]) -> FloatArray:
-        """Values of the walks, with the leading shape."""
         return np.asarray(np.array(values, dtype=float)[slice(None) if self._shape else 0])
 
     def _pattern_of(self, gaits: Sequence[Gait], *, plain: bool = True) -> StepPattern:
-        """Pattern of the gaits of the walks."""
         return StepPattern.of(self._robot, gaits if self._shape else gaits[0], plain=plain)
 
     def _use(self, pattern: StepPattern) -> None:
-        """Walk with a pattern from now on."""
         self._pattern = pattern
         self._per_second = 1 / (pattern.strokes_per_cycle * pattern.pace_hz)
         self._most_stroke_m2 = (OVERDRIVE * pattern.amplitude_m) ** 2
@@ -196,7 +175,6 @@ class VelocityWalk(Controller):
         self._most_change = full_m_s / FULL_SPEED_S
 
     def _follow(self, dt_s: float, wanted: FloatArray) -> None:
-        """Bring the velocity nearer to the one asked for."""
         change = (1 - math.exp(-dt_s / RESPONSE_S)) * (wanted - self.velocity_body)
         # A turn moves the feet at the radius of the stance.
         forward, left, turn = change[..., 0], change[..., 1], change[..., 2] * self._robot.stance_radius_m
@@ -207,8 +185,8 @@ class VelocityWalk(Controller):
         self.velocity_body = self.velocity_body + change
 
     def _strokes(self) -> FloatArray:
-        """Strokes of the feet now, leading shape + (6, 2) in m, scaled to what the gait allows."""
-        # A foot on the floor moves against the body, (-v_x + omega y, -v_y - omega x), for 1 / (strokes f).
+        """Current strokes of the feet, leading shape + (6, 2) in m, scaled to what the gait allows."""
+        # A stance foot moves against the body, (-v_x + omega y, -v_y - omega x), for 1 / (strokes f).
         way = self._per_second[..., np.newaxis] * self.velocity_body
         strokes = way[..., 2, np.newaxis, np.newaxis] * self._turning_m - way[..., np.newaxis, :2]
         squares = strokes * strokes
@@ -222,7 +200,7 @@ class VelocityWalk(Controller):
         return np.asarray(strokes)
 
     def _paced(self, strokes: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Strokes and pace for a speed: what the strokes lose in length the pace gains."""
+        """Strokes and pace for a speed: shorter strokes need a higher pace."""
         pace_hz = self._pattern.pace_hz[()]
         if self._speed_by == "stride":
             return strokes, pace_hz
@@ -233,7 +211,6 @@ class VelocityWalk(Controller):
         return strokes / share[..., np.newaxis, np.newaxis], pace_hz * share
 
     def _change(self, step: int, cycles: FloatArray) -> None:
-        """Begin the change of gait that is due, and continue the one that is on its way."""
         if self._changes and step * self._period_s >= self._changes[0][0]:
             self.glide_to(self.suited(self._changes.pop(0)[1]))
         if self._glide is not None:
@@ -244,11 +221,7 @@ class VelocityWalk(Controller):
 
 
 class MotionWalk(VelocityWalk):
-    """Walks the motions of its plans at the speed of its gaits without slip, open loop.
-
-    Args:
-        start: the robot, or batch of robots, ready to walk.
-    """
+    """Walks the motions of its plans at the ideal speed of its gaits, open loop."""
 
     def __init__(self, start: WalkStart) -> None:
         super().__init__(start)
@@ -275,20 +248,17 @@ class MotionWalk(VelocityWalk):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Glide:
-    """A change of gait on its way from a pattern to another, by a share of 0 to 1, leading shape."""
+    """A change of gait between two patterns, by a share of 0 to 1, leading shape."""
 
     before: StepPattern
     later: StepPattern
     share: FloatArray
 
     def after(self, cycles: FloatArray) -> "_Glide":
-        """The change some cycles later."""
         return replace(self, share=np.minimum(1.0, self.share + cycles / GLIDE_CYCLES))
 
     @property
     def pattern(self) -> StepPattern:
-        """The pattern now."""
-
         def between(name: str) -> FloatArray:
             before, later = getattr(self.before, name), getattr(self.later, name)
             share = _spread(self.share, later)
@@ -298,12 +268,12 @@ class _Glide:
 
 
 def _spread(values: FloatArray | BoolArray, over: FloatArray) -> FloatArray:
-    """Values of leading shape, to be broadcast against an array of leading shape and more axes."""
+    """Values of leading shape, reshaped to broadcast against `over`."""
     return np.asarray(np.reshape(values, np.shape(values) + (1,) * (np.ndim(over) - np.ndim(values))))
 
 
 def _mixed(condition: BoolArray, yes: StepPattern, no: StepPattern) -> StepPattern:
-    """Pattern of some walks, where a condition of leading shape holds, and of the others."""
+    """Pattern `yes` of walks that meet a condition of leading shape, and `no` of the others."""
     names = StepPattern.__slots__
     pairs = {name: (getattr(yes, name), getattr(no, name)) for name in names}
     return StepPattern(
@@ -312,10 +282,10 @@ def _mixed(condition: BoolArray, yes: StepPattern, no: StepPattern) -> StepPatte
 
 
 def nearest_phases(before: FloatArray, later: FloatArray, stepping: FloatArray | None = None) -> FloatArray:
-    """By how much each leg's phase changes, (..., 6) in cycles of -1/2 to 1/2, when the gaits may be shifted.
+    """Change of each leg's phase, (..., 6) in cycles of -1/2 to 1/2, between gaits that may be shifted.
 
-    A gait that is shifted as a whole is the same gait: of the six shifts that leave one leg as it is, the one
-    with the smallest sum of squares, of the legs that step.
+    A shifted gait is the same gait: of six shifts, each with one leg constant, the one with the smallest sum
+    of squares of the stepping legs.
     """
     changes = later - before
     shifted = changes[..., np.newaxis, :] - changes[..., :, np.newaxis]  # (..., leg that stays, 6)

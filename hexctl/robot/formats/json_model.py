@@ -1,4 +1,4 @@
-"""A robot as JSON: every number of its model with all digits, as recordings keep it."""
+"""A robot as JSON, with all digits, as in recordings."""
 
 import json
 from dataclasses import fields
@@ -10,7 +10,6 @@ from hexctl.errors import HexctlError, InputError
 from hexctl.robot.model import Robot, changed_fields
 from hexctl.robot.schema import Body, GaitDefaults, ServoModel
 
-#: Version of the format.
 VERSION = 1
 
 
@@ -40,7 +39,6 @@ def robot_from_json(text: str) -> Robot:
 
 
 def _content(part: Any) -> dict[str, Any]:
-    """Fields of a robot or a part of it that are not at their defaults."""
     content: dict[str, Any] = {}
     for name, value in changed_fields(part):
         if isinstance(value, np.ndarray):

@@ -1,7 +1,7 @@
-"""Frames of a robot's links: their names in URDF and ROS, and where each lies on the link that carries it.
+"""Frames of a robot's links: their names in URDF and ROS, and their poses on their parents.
 
-`base_link` is the body frame. Each leg has the links coxa, femur and tibia, whose frames lie on their joints
-with x along the leg and z up at joint angle zero, and a foot, a frame at the centre of the foot sphere.
+`base_link` is the body frame. The frames of coxa, femur and tibia are at their joints, x along the leg and z
+up at joint angle zero; the foot frame is at the centre of the foot sphere.
 """
 
 from dataclasses import dataclass
@@ -11,12 +11,11 @@ import numpy as np
 from hexctl.robot.model import Robot
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_JOINTS, N_LEGS, ArrayFields, FloatArray
 
-#: The body frame, and the link that has the trunk's mass: dynamics libraries refuse inertia in a root link.
+#: The body frame, and the link with the trunk's mass: dynamics libraries refuse inertia in a root link.
 BASE_LINK, TRUNK_LINK = "base_link", "trunk"
 
-#: Links that joints move, in the order of joint arrays.
+#: Links that joints move, in the order of joint arrays, and their parents.
 JOINT_LINKS = tuple(f"leg{leg}_{kind}_link" for leg in range(1, N_LEGS + 1) for kind in JOINT_KINDS)
-#: What carries each of them.
 JOINT_PARENTS = tuple(
     BASE_LINK if index % JOINTS_PER_LEG == 0 else JOINT_LINKS[index - 1] for index in range(N_JOINTS)
 )
@@ -26,14 +25,7 @@ FOOT_LINKS = tuple(f"leg{leg}_foot" for leg in range(1, N_LEGS + 1))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkTransforms(ArrayFields):
-    """Where links lie on the links that carry them.
-
-    Attributes:
-        parents: names of the links that carry, N.
-        children: names of the links, N.
-        translations_m: origins of the links in the frames that carry them, (N, 3).
-        quaternions: their orientations there as w, x, y, z, leading shape + (N, 4).
-    """
+    """Poses of N links in the frames of their parents: origins (N, 3), orientations ... + (N, 4)."""
 
     parents: tuple[str, ...]
     children: tuple[str, ...]
@@ -42,12 +34,7 @@ class LinkTransforms(ArrayFields):
 
 
 def link_transforms(robot: Robot, joint_positions_rad: FloatArray) -> LinkTransforms:
-    """Transforms of the 18 links that joints move, for `tf`.
-
-    Args:
-        robot: its geometry.
-        joint_positions_rad: leading shape + (18,); NaN gives NaN.
-    """
+    """Transforms of the 18 links that joints move, for `tf`, at joint angles of leading shape + (18,)."""
     half_rad = (joint_positions_rad + _zero_yaws(robot)) / 2
     quaternions = np.zeros((*half_rad.shape, 4))
     quaternions[..., 0] = np.cos(half_rad)
@@ -77,7 +64,7 @@ def _zero_yaws(robot: Robot) -> FloatArray:
 
 
 def _origins(robot: Robot) -> FloatArray:
-    """Origins of the 18 moving links in the frames that carry them, (18, 3)."""
+    """Origins of the 18 moving links in the frames of their parents, (18, 3)."""
     origins_m = np.zeros((N_LEGS, JOINTS_PER_LEG, 3))
     origins_m[:, 0] = robot.mount_positions_body
     origins_m[:, 1:, 0] = robot.link_vectors_m[:-1, 0]

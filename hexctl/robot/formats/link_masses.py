@@ -1,4 +1,4 @@
-"""Masses of a robot's parts as rigid bodies: what the simulation has, in the form of URDF and MJCF."""
+"""Masses of a robot's parts as rigid bodies: those of the simulation, in the form of URDF and MJCF."""
 
 import math
 from dataclasses import dataclass
@@ -17,10 +17,9 @@ class PartMass:
     """Mass of a rigid part in the frame of its link.
 
     Attributes:
-        mass_kg: its mass.
         com_m: centre of mass.
-        moments_kg_m2: moments of inertia about the principal axes through the centre of mass.
-        tilt_rad: turn about y that takes the axes of the link to the principal axes.
+        moments_kg_m2: about the principal axes through the centre of mass.
+        tilt_rad: turn about y from the axes of the link to the principal axes.
     """
 
     mass_kg: float
@@ -31,12 +30,7 @@ class PartMass:
 
 @dataclass(frozen=True, slots=True)
 class Capsule:
-    """A cylinder with half spheres at its ends, from the origin of a link along the plane of its leg.
-
-    Attributes:
-        end_m: the other end of its axis, as (outward, up).
-        radius_m: of cylinder and spheres.
-    """
+    """A cylinder with half spheres at its ends, from a link's origin to (outward, up)."""
 
     end_m: tuple[float, float]
     radius_m: float
@@ -48,12 +42,12 @@ class Capsule:
 
     @property
     def tilt_rad(self) -> float:
-        """Turn about y that takes z to its axis."""
+        """Turn about y from z to its axis."""
         return math.atan2(*self.end_m)
 
 
 def link_capsule(robot: Robot, index: int) -> Capsule:
-    """Solid of coxa, femur or tibia, 0..2; the tibia ends before the foot, so that the foot touches first."""
+    """Solid of coxa, femur or tibia, 0..2; the tibia is shortened, and the foot touches first."""
     outward_m, up_m = robot.link_vectors_m[index].tolist()
     share = 1.0
     if JOINT_KINDS[index] == "tibia":
@@ -85,7 +79,7 @@ def link_mass(robot: Robot, index: int) -> PartMass:
 
 
 def trunk_mass(body: Body) -> PartMass:
-    """Mass of the trunk: its own moments of inertia, or those of its shape filled evenly."""
+    """Mass of the trunk: with its moments of inertia, or those of its shape filled evenly."""
     return PartMass(body.mass_kg, body.com_m, body.inertia_kg_m2 or _even_moments(body))
 
 

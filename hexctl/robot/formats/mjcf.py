@@ -1,4 +1,4 @@
-"""A robot as MJCF, the model format of MuJoCo: the body of hexctl's simulation in a file of its own."""
+"""A robot as MJCF, the model format of MuJoCo: the body of hexctl's simulation as a file."""
 
 import math
 from xml.etree.ElementTree import Element
@@ -13,15 +13,15 @@ from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, N_LEGS
 #: Passive damping of a gearbox without power, in N m s/rad.
 GEAR_DAMPING = 0.02
 
-#: Impedance of dry friction. With MuJoCo's 0.9 a joint creeps at degrees per second under half the torque
-#: that would break it loose; with this, at hundredths.
+#: Impedance of dry friction. With MuJoCo's 0.9 a joint creeps at degrees per second under half its breakaway
+#: torque; with this, at hundredths.
 STICTION = (0.999, 0.999, 0.001)
 
-#: The robot collides with the floor only; legs pass through one another.
+#: The robot collides with only the floor; legs pass through one another.
 _TOUCHES = {"contype": "0", "conaffinity": "1"}
 _PASSES = {"contype": "0", "conaffinity": "0"}
 
-#: Directions from which the cameras look, as azimuth and elevation, and names.
+#: Cameras: direction of view as azimuth and elevation.
 CAMERAS = {"side": (-90.0, 12.0), "top": (-90.0, 89.0), "follow": (-145.0, 25.0)}
 #: Vertical angle of view of the cameras.
 FOVY_DEG = 35.0
@@ -30,9 +30,9 @@ FOVY_DEG = 35.0
 def mjcf_of(robot: Robot) -> str:
     """MJCF of a robot on an even floor, as text: masses, limits, servos and friction of the simulation.
 
-    Joints and actuators are called as everywhere in hexctl (`leg1_coxa`), bodies as the links of
-    `hexctl.robot.formats.link_frames`. The keyframe `stance` is the nominal stance; `side`, `top` and
-    `follow` are cameras that go along with the robot.
+    Joints and actuators have hexctl's names (`leg1_coxa`), bodies those of
+    `hexctl.robot.formats.link_frames`. The keyframe is `stance`; the cameras `side`, `top` and `follow` move
+    with the robot.
     """
     root = Element("mujoco", model=robot.name)
     add(root, "compiler", angle="radian")
@@ -50,7 +50,7 @@ def mjcf_of(robot: Robot) -> str:
 
 
 def _add_looks(root: Element) -> None:
-    """Add colours, a chequered floor and light that casts no shadow, which would take most of the time."""
+    """Add colours, a chequered floor and light without shadows, which would take most of the time."""
     visual = add(root, "visual")
     add(visual, "headlight", ambient="0.4 0.4 0.4", diffuse="0.35 0.35 0.35", specular="0 0 0")
     # Larger pictures than MuJoCo's 640 x 480 need a larger buffer.
@@ -72,7 +72,6 @@ def _add_looks(root: Element) -> None:
 
 
 def _add_surroundings(world: Element) -> None:
-    """Add a light from above and an even floor."""
     add(
         world,
         "light",
@@ -135,7 +134,6 @@ def _add_robot(world: Element, robot: Robot) -> None:
 
 
 def _add_cameras(base: Element, robot: Robot) -> None:
-    """Add cameras that look in one direction and go along with the robot, all of it in the picture."""
     reach_m = 1.3 * robot.stance_radius_m
     away_m = reach_m / math.tan(math.radians(FOVY_DEG / 2))
     for name, (azimuth_deg, elevation_deg) in CAMERAS.items():
@@ -157,7 +155,6 @@ def _add_cameras(base: Element, robot: Robot) -> None:
 
 
 def _add_link(parent: Element, robot: Robot, joint: int) -> Element:
-    """Add a link with its joint; the joint has the friction and back-EMF of its servo."""
     leg, index = divmod(joint, JOINTS_PER_LEG)
     kind, capsule = JOINT_KINDS[index], link_capsule(robot, index)
     if kind == "coxa":
@@ -205,6 +202,5 @@ def _add_inertial(body: Element, mass: PartMass) -> None:
 
 
 def _turn(axis: tuple[float, float, float], angle_rad: float) -> str:
-    """Quaternion (w, x, y, z) of a turn about a unit axis."""
     sin = math.sin(angle_rad / 2)
     return numbers(math.cos(angle_rad / 2), *(sin * part for part in axis))

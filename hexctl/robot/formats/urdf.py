@@ -1,4 +1,4 @@
-"""A robot as URDF, the robot description of ROS: primitives, limits and inertias, without files beside it."""
+"""A robot as URDF, the robot description of ROS: primitives, limits and inertias in a single file."""
 
 from collections.abc import Iterable
 from xml.etree.ElementTree import Element
@@ -18,9 +18,9 @@ from hexctl.robot.formats.xml_text import add, color_text, number, numbers, text
 from hexctl.robot.model import Robot
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, N_JOINTS
 
-#: The ros2_control hardware that speaks JointState over topics (joint_state_topic_hardware_interface).
+#: The ros2_control hardware that exchanges JointState over topics (joint_state_topic_hardware_interface).
 TOPIC_SYSTEM = "joint_state_topic_hardware_interface/JointStateTopicSystem"
-#: Topic of commands from ros2_control, and that of the robot's joints.
+#: Topics of commands from ros2_control, and of the robot's joints.
 COMMAND_TOPIC, STATE_TOPIC = "/robot_joint_command", "/joint_states"
 
 
@@ -33,14 +33,13 @@ def urdf_of(
 ) -> str:
     """URDF of a robot, as text.
 
-    Joints are called as everywhere in hexctl (`leg1_coxa`), with its signs and zeros; links are those of
-    `hexctl.robot.formats.link_frames`. The root link `base_link` has no mass, which dynamics libraries of
-    ROS insist on. Numbers have all their digits: the same kinematics come back.
+    Joints have hexctl's names (`leg1_coxa`), signs and zeros; links are those of
+    `hexctl.robot.formats.link_frames`. The root `base_link` has no mass, as dynamics libraries of ROS
+    require. Numbers have all digits.
 
     Args:
-        robot: the robot.
         ros2_control: add a block with which ros2_control commands the joints over topics.
-        command_topic: full name of the topic on which ros2_control commands.
+        command_topic: full name of the topic of its commands.
         state_topic: full name of the topic of the robot's joints.
     """
     root = Element("robot", name=robot.name)
@@ -80,7 +79,7 @@ def _add_link(root: Element, robot: Robot, joint: int) -> None:
     middle = (capsule.end_m[0] / 2, 0.0, capsule.end_m[1] / 2)
     ball = add(_shape(link, "visual", (0.0, 0.0, 0.0), 0.0, kind), "sphere")
     ball.set("radius", number(capsule.radius_m))
-    # Neighbours overlap at their joints, and coxae touch the trunk: only what may reach the floor collides.
+    # Neighbours overlap at their joints, and coxae touch the trunk: only links near the floor collide.
     for use in ("visual", "collision") if kind != "coxa" else ("visual",):
         cylinder = add(_shape(link, use, middle, capsule.tilt_rad, kind), "cylinder")
         cylinder.set("radius", number(capsule.radius_m))
@@ -93,7 +92,7 @@ def _add_link(root: Element, robot: Robot, joint: int) -> None:
 
 
 def _shape(link: Element, use: str, at_m: Iterable[float], tilt_rad: float, material: str) -> Element:
-    """Add a `visual` or a `collision` and give its `geometry`."""
+    """Add a `visual` or a `collision` and return its `geometry`."""
     part = add(link, use)
     add(part, "origin", xyz=numbers(*at_m), rpy=numbers(0.0, tilt_rad, 0.0))
     geometry = add(part, "geometry")
@@ -142,7 +141,7 @@ def _add_fixed_joints(root: Element, robot: Robot) -> None:
 def _add_ros2_control(root: Element, robot: Robot, command_topic: str, state_topic: str) -> None:
     """Add the hardware that commands joints over topics.
 
-    Its threshold is -1: with the usual one nothing is sent while the robot is to hold still, and the robot
+    Its threshold is -1: with the default nothing is sent while the robot is to hold still, and the robot
     takes silence for a lost controller.
     """
     system = add(root, "ros2_control", name=robot.name, type="system")

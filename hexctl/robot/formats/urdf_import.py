@@ -1,4 +1,4 @@
-"""A robot file from a URDF that others wrote."""
+"""A robot file from a third-party URDF."""
 
 import math
 import re
@@ -16,11 +16,10 @@ from hexctl.robot.loader import robot_of_content
 from hexctl.robot.model import Vector2, leg_reach_m, stance_angles
 from hexctl.types import JOINT_KINDS, FloatArray
 
-#: Where the robot looks in the frame of the root, and the turn about z that takes it to x.
+#: The robot's front in the frame of the root, and the turn about z to x.
 FORWARD = {"x": 0.0, "y": -math.pi / 2, "-x": math.pi, "-y": math.pi / 2}
 
-# What a URDF leaves out, or fills with numbers that cannot be meant, is taken to be this, and said to be
-# unknown: a servo of the kind that robots of this size have.
+# Listed as unknown, and used for missing or implausible numbers: a typical servo of robots of this size.
 USUAL_MASS_KG = {"body": 1.0, "coxa": 0.03, "femur": 0.07, "tibia": 0.08}
 USUAL_TORQUE_NM, USUAL_SPEED_DEG_S, USUAL_RANGE_DEG = 1.5, 200.0, 90.0
 USUAL_HEIGHT_M, USUAL_RADIUS_M, USUAL_FOOT_M = 0.05, 0.010, 0.008
@@ -28,21 +27,15 @@ USUAL_HEIGHT_M, USUAL_RADIUS_M, USUAL_FOOT_M = 0.05, 0.010, 0.008
 MOST_TORQUE_NM, MOST_SPEED_RAD_S = 60.0, 60.0
 #: A root this far below or above the coxae is not in the trunk.
 FAR_ROOT_M = 0.03
-#: A lighter part is a placeholder too.
+#: A lighter part is a placeholder.
 LEAST_MASS_KG = 0.001
-#: A range as wide as this is that of a motor, not of a leg.
+#: A wider range is that of a motor, not of a leg.
 WIDEST_DEG = 170.0
 
 
 @dataclass(frozen=True, slots=True)
 class ImportedRobot:
-    """A robot file made from a URDF.
-
-    Attributes:
-        text: of the file, with comments.
-        unknown: keys whose values the URDF does not tell, which have to be measured.
-        notes: what was left out or changed, a line each.
-    """
+    """A robot file made from a URDF, with the unknown keys, and notes on omissions and changes."""
 
     text: str
     unknown: tuple[str, ...]
@@ -58,16 +51,16 @@ def import_urdf(
 ) -> ImportedRobot:
     """Make a robot file of a URDF with six legs of three hinges.
 
-    Legs are recognised by how their joints lie, and numbered counter-clockwise from the front left. Fixed
-    joints are folded in. What the URDF does not tell has a usual value and stands under `unknown`.
+    Legs are recognised by their geometry, and numbered counter-clockwise from the front left. Missing values
+    are typical ones, and listed under `unknown`.
 
     Args:
         path: the URDF; expand a xacro first.
-        name: of the robot; None makes it of that in the URDF.
-        foot_m: place of the feet in the frames of the last links, where the URDF does not tell.
-        forward: where the robot looks in the frame of its root: `x`, `y`, `-x` or `-y`.
+        name: of the robot; None takes that of the URDF.
+        foot_m: position of the feet in the frames of the last links, if the URDF lacks it.
+        forward: the robot's front in the frame of its root: `x`, `y`, `-x` or `-y`.
 
-    Raises InputError that says what is different from such a robot, or missing.
+    Raises InputError for anything that differs from such a robot, or is missing.
     """
     if forward not in FORWARD:
         raise InputError(f"{argument('forward')}: got {forward}; allowed: {', '.join(FORWARD)}")
@@ -83,15 +76,13 @@ def import_urdf(
 
 
 class _Import:
-    """Collects the sections of a robot file, and what is not known."""
-
     def __init__(self, tree: UrdfTree, legs: list[UrdfLeg], facing: FloatArray) -> None:
         self._tree, self._legs, self._facing = tree, legs, facing
         self._unknown: list[str] = []
         self._notes: list[str] = []
         self._vectors_m = np.mean([leg.vectors_m for leg in legs], axis=0)
         height_m = float(np.mean([leg.mount_m[2] for leg in legs]))
-        # A root at the floor is no body frame: the trunk's box would lie there.
+        # A root at the floor is no body frame: the trunk's box would be there.
         self._height_m = height_m if abs(height_m) > FAR_ROOT_M else 0.0
         if not all(leg.foot_known for leg in legs):
             self._unknown.append("links.tibia.end_m")
@@ -128,7 +119,6 @@ class _Import:
         return ImportedRobot(text, unknown, tuple(self._notes))
 
     def _header(self, source: str) -> list[str]:
-        """Comments: the joints of the file by ours, and how they count."""
         lines = [f"From {source}. Joints there, and in brackets those that count the other way:"]
         for number, leg in enumerate(self._legs, start=1):
             names = [
@@ -146,7 +136,7 @@ class _Import:
         return {"position_m": position, "yaw_deg": _short(math.degrees(leg.yaw_rad), 3)}
 
     def _body(self) -> dict[str, Any]:
-        """The trunk: all that no leg carries, as a box."""
+        """The trunk: all links that no leg carries, as a box."""
         tree = self._tree
         carried = {name for leg in self._legs for joint in leg.joints for name in tree.rigid(joint.child)}
         links = [tree.links[name] for name in tree.links if name not in carried]
@@ -169,7 +159,7 @@ class _Import:
         return body
 
     def _body_size_m(self, names: list[str]) -> list[float]:
-        """Length, width and height: of its largest box or cylinder, else of what lies between the mounts."""
+        """Length, width and height: of its largest box or cylinder, else of the area between the mounts."""
         solids = [
             (name, shape)
             for name in names
@@ -211,13 +201,12 @@ class _Import:
         length_m = float(np.linalg.norm(end_m))
         if coms_m:
             com_m = np.mean(coms_m, axis=0)
-            # A centre of mass in the joint is a number that was not filled in.
+            # A centre of mass in the joint is a placeholder.
             if 1e-4 < np.linalg.norm(com_m) < 1.5 * length_m:
                 link["com_m"] = [_short(part, 4) for part in com_m]
         return link
 
     def _radius_m(self, index: int) -> float:
-        """Half the thickness of a link's cylinder, within reason."""
         shapes = self._tree.links[self._legs[0].joints[index].child].shapes
         radii_m = [shape.size_m[0] for shape in shapes if shape.kind == "cylinder"]
         length_m = float(np.linalg.norm(self._vectors_m[index]))
@@ -232,7 +221,6 @@ class _Import:
         return _short(min(spheres[-1].size_m[0], 0.03))
 
     def _joint(self, index: int) -> dict[str, Any]:
-        """Limits that hold for all six joints of a kind, in hexctl's sense of turning."""
         kind = JOINT_KINDS[index]
         low_deg, high_deg = self._range_deg(index)
         torques_nm = [leg.joints[index].torque_nm for leg in self._legs]
@@ -269,10 +257,7 @@ class _Import:
         return _short(max(low, -180.0), 3), _short(min(high, 180.0), 3)
 
     def _stance(self, joints: dict[str, dict[str, Any]]) -> dict[str, float]:
-        """A stance with the femur a little above level and the tibia steep, within the ranges of the joints.
-
-        Raises InputError where no stance is.
-        """
+        """A stance with a nearly level femur and a steep tibia; raises InputError if there is none."""
         coxa, femur, tibia = ((float(one[0]), float(one[1])) for one in self._vectors_m)
         least, most = leg_reach_m(femur, tibia)
         lengths = math.hypot(*femur), math.hypot(*tibia)
@@ -311,13 +296,12 @@ class _Import:
 
 
 def _short_name(text: str) -> str:
-    """Name of a robot file: small letters, figures and dashes."""
     name = re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:40]
     return name or "robot"
 
 
 def _short(value: float, digits: int = 4) -> float:
-    """A number rounded to decimal places, without a negative zero."""
+    """Rounded to decimal places, without a negative zero."""
     return round(float(value), digits) + 0.0
 
 
@@ -326,7 +310,7 @@ class _Flow(dict[str, Any]):
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writes sections on lines of their own, and what is in them on one line each."""
+    """Writes each entry of a section on one line."""
 
 
 _Dumper.add_representer(
@@ -341,7 +325,6 @@ _Dumper.add_representer(
 
 
 def _yaml(content: dict[str, Any]) -> str:
-    """YAML of a robot file as the shipped ones are laid out."""
     laid: dict[str, Any] = {}
     for key, value in content.items():
         if key in ("links", "joints"):

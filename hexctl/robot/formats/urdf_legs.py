@@ -1,4 +1,4 @@
-"""Legs of a URDF, recognised by how its joints lie and not by their names."""
+"""Legs of a URDF, recognised by the geometry of its joints and not by their names."""
 
 import math
 from dataclasses import dataclass
@@ -9,11 +9,11 @@ from hexctl.errors import InputError, argument
 from hexctl.robot.formats.urdf_tree import UrdfJoint, UrdfTree
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_LEGS, ArrayFields, FloatArray
 
-#: Axes may be off by this: files write 1.5707, and mounts lean a little.
+#: Tolerance of axes: files write 1.5707, and mounts lean a little.
 AXIS_TOLERANCE_RAD = math.radians(3.0)
-#: Coxae of less do not tell where a leg points.
+#: Shorter coxae do not show the direction of a leg.
 SHORTEST_COXA_M = 0.005
-#: A foot may lie this far beside the plane of its leg, and legs may differ by this.
+#: Tolerance of a foot next to the plane of its leg, and of differences between legs.
 PLANE_TOLERANCE_M, LEG_TOLERANCE_M = 0.006, 0.006
 
 
@@ -22,13 +22,11 @@ class UrdfLeg(ArrayFields):
     """A leg in the frame of the body, in hexctl's terms.
 
     Attributes:
-        joints: coxa, femur and tibia as the file has them.
-        tips: links that are fixed to the tibia, itself included.
+        tips: the tibia and the links that are fixed to it.
         mount_m: coxa axis, (3,).
-        yaw_rad: direction in which the leg points at angle zero.
+        yaw_rad: direction of the leg at angle zero.
         vectors_m: coxa, femur and tibia as (outward, up) at angle zero, (3, 2).
-        signs: 1 where an angle of the file and hexctl's count the same way, -1 where not, (3,).
-        foot_known: whether the file says where the foot is.
+        signs: 1 if the angles of the file and of hexctl have the same sign, -1 if not, (3,).
     """
 
     joints: tuple[UrdfJoint, ...]
@@ -41,7 +39,7 @@ class UrdfLeg(ArrayFields):
 
     @property
     def azimuth_rad(self) -> float:
-        """Direction of its mount, or of the leg where the mount is on the body's axis."""
+        """Direction of its mount, or of the leg if the mount is on the body's axis."""
         x, y = self.mount_m[:2].tolist()
         return math.atan2(y, x) if math.hypot(x, y) > 1e-3 else self.yaw_rad
 
@@ -49,15 +47,11 @@ class UrdfLeg(ArrayFields):
 def find_legs(tree: UrdfTree, facing: FloatArray, foot_m: FloatArray | None) -> list[UrdfLeg]:
     """Legs of a robot, counter-clockwise from the front left, or from the one that points ahead.
 
-    A leg is a chain of three hinges from the root, of which the first turns about the vertical, and the
-    other two about one level direction.
-
     Args:
-        tree: the robot.
-        facing: turn that takes the frame of the root to that of the body, x forward and z up, (4, 4).
+        facing: transform from the frame of the root to that of the body, x forward and z up, (4, 4).
         foot_m: position of the feet in the frames of the last links, (3,); None takes it from the file.
 
-    Raises InputError that says what is different from six such legs.
+    Raises InputError for anything that differs from six such legs.
     """
     chains = _chains(tree)
     legs = [_leg(tree, chain, facing, foot_m) for chain in chains]
@@ -66,7 +60,6 @@ def find_legs(tree: UrdfTree, facing: FloatArray, foot_m: FloatArray | None) -> 
 
 
 def _chains(tree: UrdfTree) -> list[tuple[UrdfJoint, ...]]:
-    """Six chains of three hinges that have nothing in common."""
     found: dict[tuple[str, ...], tuple[UrdfJoint, ...]] = {}
     for link in tree.links:
         if link not in tree.children:
@@ -105,7 +98,7 @@ def _leg(
     outward = np.cross(level, [0.0, 0.0, 1.0])
     along_m = float((origins_m[1] - origins_m[0]) @ outward)
     if abs(along_m) < SHORTEST_COXA_M:
-        # Femur joints above the coxa axis: the foot tells where the leg points.
+        # Femur joints above the coxa axis: the foot shows the direction of the leg.
         along_m = float((foot - origins_m[0]) @ outward)
     outward *= math.copysign(1.0, along_m)
     beside_m = float((foot - origins_m[0]) @ np.cross([0.0, 0.0, 1.0], outward))
@@ -152,10 +145,7 @@ def _check_axes(chain: tuple[UrdfJoint, ...], axes: list[FloatArray]) -> None:
 def _foot(
     tree: UrdfTree, tips: list[str], chain: tuple[UrdfJoint, ...], foot_m: FloatArray | None
 ) -> tuple[FloatArray, bool]:
-    """Foot in the frame of the tibia: as given, the farthest leaf, the far end of a solid, or a guess.
-
-    The guess is twice the way to the centre of mass.
-    """
+    """Foot in the frame of the tibia, and whether it is known or estimated from the centre of mass."""
     if foot_m is not None:
         return foot_m, True
     knee = np.linalg.inv(tree.placed(tips[0]))
@@ -179,7 +169,7 @@ def _shown(axis: FloatArray) -> str:
 
 
 def check_alike(legs: list[UrdfLeg]) -> None:
-    """Raise InputError for legs whose links differ in length, or that stand at angle zero in other ways."""
+    """Raise InputError for legs with different link lengths, or different poses at angle zero."""
     lengths_m = np.array([np.linalg.norm(leg.vectors_m, axis=-1) for leg in legs])
     for index, kind in enumerate(JOINT_KINDS):
         spread_m = float(np.ptp(lengths_m[:, index]))

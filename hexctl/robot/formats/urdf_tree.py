@@ -1,4 +1,4 @@
-"""URDF that others wrote, as a tree of links and joints placed in the frame of the root."""
+"""A third-party URDF as a tree of links and joints, placed in the frame of the root."""
 
 import math
 from dataclasses import dataclass, field
@@ -12,13 +12,12 @@ from hexctl.errors import InputError
 from hexctl.files import read_file
 from hexctl.types import FloatArray
 
-#: A larger file is no robot description.
 MOST_BYTES = 20_000_000
 
-#: Links of a robot with sensors and frames are fewer; the time to place them grows with their square.
+#: Maximum number of links; the time to place them grows with its square.
 MOST_LINKS = 500
 
-#: Bytes of a binary STL before its triangles, and of each of them.
+#: Bytes of a binary STL before its triangles, and of each triangle.
 STL_HEADER, STL_TRIANGLE = 84, 50
 
 HINGES = ("revolute", "continuous")
@@ -28,8 +27,7 @@ HINGES = ("revolute", "continuous")
 class UrdfShape:
     """A solid of a link: kind `box`, `cylinder`, `sphere` or `mesh`, and its frame in that of the link.
 
-    Sizes in m are length, width and height of a box, radius and length of a cylinder, radius of a sphere; a
-    mesh has points in its own frame instead, (N, 3).
+    Sizes in m are length, width and height, or radius and length; a mesh has points in its own frame, (N, 3).
     """
 
     kind: str
@@ -54,7 +52,7 @@ class UrdfShape:
 
 @dataclass(frozen=True, eq=False)
 class UrdfLink:
-    """A link: its mass, None where the file gives none, its centre of mass, and its solids but meshes."""
+    """A link: its mass, None if missing, its centre of mass, and its solids."""
 
     name: str
     mass_kg: float | None
@@ -64,7 +62,7 @@ class UrdfLink:
 
 @dataclass(frozen=True, eq=False)
 class UrdfJoint:
-    """A joint: its frame in that of its parent, its axis in its own, and limits, None where not given."""
+    """A joint: its frame in that of its parent, its axis in its own, and limits, None if missing."""
 
     name: str
     kind: str
@@ -84,14 +82,7 @@ class UrdfJoint:
 
 @dataclass(frozen=True, eq=False)
 class UrdfTree:
-    """Links and joints of a robot, which hang on one root.
-
-    Attributes:
-        name: of the robot.
-        root: name of the link that no joint carries.
-        links: by name.
-        joints: by the name of the link that each carries.
-    """
+    """Links and joints of a robot by name, joints by that of their child, with a single root."""
 
     name: str
     root: str
@@ -117,7 +108,7 @@ class UrdfTree:
         return tuple(reversed(found))
 
     def rigid(self, link: str) -> list[str]:
-        """A link and all that is fixed to it."""
+        """A link and all links that are fixed to it."""
         found = [link]
         for child in self.children.get(link, ()):
             if not self.joints[child].hinge:
@@ -126,10 +117,7 @@ class UrdfTree:
 
 
 def read_urdf(path: Path) -> UrdfTree:
-    """Tree of a URDF file.
-
-    Raises InputError for a file that is missing, no URDF, still has xacro in it, or is no tree.
-    """
+    """Tree of a URDF file; raises InputError for a missing file, no URDF, xacro, or no tree."""
     try:
         text = read_file(path, MOST_BYTES).decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:
@@ -204,7 +192,7 @@ def _shape(part: Element, path: Path) -> UrdfShape | None:
 
 
 def _mesh_points(mesh: Element, path: Path) -> FloatArray | None:
-    """Corners of the triangles of a binary STL beside the URDF, or in its package; None for any other."""
+    """Corners of the triangles of a binary STL near the URDF, or in its package; None for any other."""
     name = mesh.get("filename", "").removeprefix("file://")
     if name.startswith("package://"):
         name = name.removeprefix("package://").partition("/")[2]

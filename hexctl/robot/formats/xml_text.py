@@ -1,4 +1,4 @@
-"""XML of robot descriptions: elements with attributes, numbers with all their digits, indented text."""
+"""XML of robot descriptions: elements with attributes, numbers with all digits, indented text."""
 
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
@@ -27,6 +27,6 @@ def color_text(color: Color) -> str:
 
 
 def text_of(root: Element) -> str:
-    """Indented text; its declaration names no encoding, which lxml refuses in a text."""
+    """Indented text; its declaration names no encoding, which lxml would refuse."""
     ElementTree.indent(root)
     return f'<?xml version="1.0"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'

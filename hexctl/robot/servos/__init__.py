@@ -1,1 +1,1 @@
-"""The servos of a robot: their drivers and models, and which of them moves which joint how."""
+"""The servos of a robot: drivers, models, and the maps from joints to servos."""

@@ -23,13 +23,7 @@ from hexctl.types import (
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class BusMap(RawMap):
-    """Conversion between joint angles and counts of the servos on a bus.
-
-    Attributes:
-        driver: one of `BUS_DRIVERS`.
-        ids: bus id of each joint's servo, each once, (18,).
-        models: model of each joint's servo, of one protocol.
-    """
+    """Conversion between joint angles and counts of the servos on a bus, with ids (18,), each once."""
 
     unit: ClassVar[str] = "counts"
     driver: str
@@ -43,12 +37,12 @@ class BusMap(RawMap):
         _check_models(self.driver, self.models)
 
     def servo_name(self, joint: int) -> str:
-        """Which servo moves a joint, 0..17: its id."""
+        """The servo of a joint, 0..17, by its id."""
         return f"id {self.ids[joint]}"
 
     @property
     def protocol(self) -> int:
-        """Version of the driver's protocol that the servos speak."""
+        """Version of the driver's protocol of the servos."""
         return self.models[0].protocol
 
     @property
@@ -58,7 +52,7 @@ class BusMap(RawMap):
         return np.array(least), np.array(most)
 
     def names(self, joints: BoolArray) -> str:
-        """Names and ids of some joints, (18,), as messages give them."""
+        """Names and ids of joints in a mask (18,), for messages."""
         if joints.all():
             return "all servos"
         return ", ".join(
@@ -68,10 +62,7 @@ class BusMap(RawMap):
 
 
 def bus_map_of(section: ServosSection, driver: str) -> BusMap:
-    """Bus map of a section `servos` for a driver: keys of a joint come first, then of its kind, then common.
-
-    Raises InputError for ids, models or limits that no bus can have.
-    """
+    """Bus map of a section; raises InputError for ids, models or limits that no bus can have."""
     if section.driver not in (None, driver):
         raise InputError(f"servos.driver: got {section.driver}; allowed: {driver}, with the backend {driver}")
     if driver not in BUS_DRIVERS:
@@ -100,7 +91,6 @@ def bus_map_of(section: ServosSection, driver: str) -> BusMap:
 
 
 def _check_models(driver: str, models: tuple[ServoType, ...]) -> None:
-    """Raise InputError unless one driver speaks to all models, with one protocol."""
     for model in models:
         if model.driver != driver:
             raise InputError(f"servos.model: got {model.name} with {driver}; allowed: models of {driver}")

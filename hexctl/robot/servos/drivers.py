@@ -1,4 +1,4 @@
-"""Drivers of servos: the names by which robot files, commands and backends know them."""
+"""Names of servo drivers in robot files, commands and backends."""
 
 from typing import Literal, get_args
 

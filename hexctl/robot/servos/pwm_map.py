@@ -1,4 +1,4 @@
-"""The PWM map: the output of a board that each joint's hobby servo is plugged into, and its pulses."""
+"""The PWM map: the output of a board for each joint's hobby servo, and its pulses."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -12,30 +12,22 @@ from hexctl.robot.servos.raw_map import IntArray, RawMap, check_once, joint_valu
 from hexctl.robot.servos.servo_map import pulses_of
 from hexctl.types import JOINT_NAMES, JOINTS_PER_LEG, N_JOINTS, N_LEGS, check_finite
 
-#: Outputs of a driver's boards.
+#: Number of outputs of a driver's boards.
 OUTPUTS = {"servo2040": 18, "pca9685": 32}
 
-#: Outputs of one PCA9685: output 16 is the first one of the second board.
+#: Output 16 is the first one of the second board.
 PCA9685_CHANNELS = 16
 
 #: Shortest and longest pulse of a servo2040, whose firmware clips others.
 SERVO2040_US = (500.0, 2500.0)
 
-#: Touch inputs of the legs, where the file has none: the firmware's L1, L2, L3, then R3, R2, R1.
+#: Default touch inputs of the legs: the firmware's L1, L2, L3, then R3, R2, R1.
 USUAL_TOUCHES = (0, 1, 2, 5, 4, 3)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PwmMap(RawMap):
-    """Which output moves which joint, and the pulses of its angles.
-
-    Attributes:
-        driver: one of `PWM_DRIVERS`.
-        outputs: output of each joint, leg-major, (18,), each once, counted from 0.
-        touches: touch input of each leg, (6,), each once, counted from 0.
-        addresses: of two PCA9685 boards on their I2C bus.
-        oscillators_mhz: frequencies of their oscillators.
-    """
+    """Output of each joint, (18,), touch input of each leg, (6,), from 0, and the pulses of angles."""
 
     unit: ClassVar[str] = "us"
     driver: str
@@ -58,7 +50,7 @@ class PwmMap(RawMap):
             self._check_pulses(*SERVO2040_US)
 
     def servo_name(self, joint: int) -> str:
-        """Which servo moves a joint, 0..17: its output, with a PCA9685 also by what is printed there."""
+        """The servo of a joint, 0..17, by its output, with a PCA9685 also by the printed channel."""
         output = int(self.outputs[joint])
         if self.driver != "pca9685":
             return f"output {output}"
@@ -75,10 +67,7 @@ class PwmMap(RawMap):
 
 
 def pwm_map_of(section: ServosSection, driver: str) -> PwmMap:
-    """PWM map of a section `servos` for a driver; `id` of a joint is its output, else 0, 1 ... 17.
-
-    Raises InputError for outputs, inputs or pulses that the board does not have.
-    """
+    """PWM map of a section, with joint ids as outputs; raises InputError for what the board does not have."""
     if driver not in PWM_DRIVERS:
         raise InputError(f"servos.driver: got {driver!r}; allowed: {', '.join(PWM_DRIVERS)}")
     if section.driver not in (None, driver):

@@ -1,9 +1,8 @@
-"""The raw map: what the raw position of each joint's servo, a pulse or a count, means as an angle.
+"""The raw map: conversion between joint angles and raw positions of servos, pulses or counts.
 
     raw = centre + per_deg * (sign * angle_deg + offset_deg)
 
-Every section `servos` of a robot file is one, whatever moves the servos; `ServoMap`, `PwmMap` and `BusMap`
-add which servo it is. Angles are those of joints; in degrees, as in the file, where a name says so.
+`ServoMap`, `PwmMap` and `BusMap` add the addresses of the servos.
 """
 
 from abc import ABC, abstractmethod
@@ -30,10 +29,10 @@ from hexctl.types import (
 
 IntArray = NDArray[np.int64]
 
-#: Least distance of a reference angle from both ends of a joint's range: it can be trimmed both ways.
+#: Minimum distance of a reference angle from both ends of a joint's range, for trimming both ways.
 ROOM_DEG = 20.0
 
-#: Least travel between the two limits of a servo.
+#: Minimum travel between the two limits of a servo.
 LEAST_TRAVEL_DEG = 4.5
 
 #: Keys of the lowest and the highest raw position in a robot file, by unit.
@@ -42,18 +41,15 @@ LIMIT_KEYS = {"us": ("min_us", "max_us"), "counts": ("min_count", "max_count")}
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RawMap(ArrayFields, ABC):
-    """Conversion between joint angles and raw positions of servos.
-
-    Arrays are by joint, leg-major, (18,), and read-only.
+    """Conversion between joint angles and raw positions of servos; arrays are by joint, (18,), read-only.
 
     Attributes:
         unit: of raw positions, `us` or `counts`.
         signs: direction of each servo, 1 or -1.
         offsets_deg: mounting error of each servo's horn.
-        least: lowest raw position of each servo.
-        most: highest raw position of each servo.
-        per_deg: raw units per degree of each servo.
-        centre: raw position at the middle of each servo's travel.
+        least: lowest raw position, as is `most` the highest.
+        per_deg: raw units per degree.
+        centre: raw position at the middle of the travel.
     """
 
     unit: ClassVar[str]
@@ -73,11 +69,11 @@ class RawMap(ArrayFields, ABC):
 
     @abstractmethod
     def servo_name(self, joint: int) -> str:
-        """Which servo moves a joint, 0..17, such as `id 7`."""
+        """The servo of a joint, 0..17, such as `id 7`."""
 
     @property
     def travel(self) -> tuple[FloatArray, FloatArray]:
-        """Lowest and highest raw position that each servo can reach, where its model is known."""
+        """Lowest and highest raw position that each servo can reach."""
         return self.least, self.most
 
     def raw(self, joint_positions_rad: FloatArray) -> FloatArray:
@@ -93,7 +89,7 @@ class RawMap(ArrayFields, ABC):
     def outside(self, joint_positions_rad: FloatArray) -> BoolArray:
         """Joints whose angles (18,) in rad need a raw position beyond the limits, (18,)."""
         raw = self.raw(joint_positions_rad)
-        # A thousandth of tolerance: an angle right at the limit may be rounded past it.
+        # Tolerance for an angle at the limit that is rounded past it.
         return np.asarray((raw < self.least - 1e-3) | (raw > self.most + 1e-3))
 
     def limited_raw(self, joint_positions_rad: FloatArray) -> FloatArray:
@@ -105,10 +101,7 @@ class RawMap(ArrayFields, ABC):
         return self.angles_rad(self.limited_raw(joint_positions_rad))
 
     def flipped(self, joint: int, at_deg: float) -> Self:
-        """Map with the opposite sign for a joint, and the same raw position at one angle.
-
-        That is the angle at which the joint is believed to be, so the joint does not move.
-        """
+        """Map with the opposite sign for a joint, which does not move if it is at this angle."""
         sign = self.signs[joint]
         offset = self.offsets_deg[joint] + 2 * sign * at_deg
         return replace(
@@ -118,16 +111,13 @@ class RawMap(ArrayFields, ABC):
         )
 
     def referenced(self, joint: int, believed_deg: float, true_deg: float) -> Self:
-        """Map in which the raw position of a joint's believed angle means its true angle."""
+        """Map in which the raw position of a joint's assumed angle means its true angle."""
         shift = self.signs[joint] * (believed_deg - true_deg)
         offset = round(float(self.offsets_deg[joint] + shift), 3)
         return replace(self, offsets_deg=_with(self.offsets_deg, joint, offset))
 
     def limited(self, joint: int, ends: tuple[float, float]) -> Self:
-        """Map with other limits for a joint, raw positions in any order, rounded to whole ones.
-
-        Raises InputError for limits less than `LEAST_TRAVEL_DEG` apart.
-        """
+        """Map with other limits for a joint; raises InputError for less than `LEAST_TRAVEL_DEG`."""
         least, most = (float(round(end)) for end in sorted(ends))
         if most - least < (travel := LEAST_TRAVEL_DEG * self.per_deg[joint]):
             raise InputError(
@@ -137,10 +127,7 @@ class RawMap(ArrayFields, ABC):
         return replace(self, least=_with(self.least, joint, least), most=_with(self.most, joint, most))
 
     def calibrated_as(self, other: "RawMap") -> Self:
-        """Map with the signs, offsets and limits of another one, for the same servos.
-
-        Raises InputError for a map of another unit.
-        """
+        """Map with the signs, offsets and limits of another one; raises InputError for another unit."""
         if other.unit != self.unit:
             raise InputError(f"servo map: got one in {other.unit}; allowed: in {self.unit}")
         return replace(
@@ -149,13 +136,13 @@ class RawMap(ArrayFields, ABC):
 
 
 def joints_beyond(raw_map: RawMap, robot: Robot) -> tuple[str, ...]:
-    """Names of the joints whose range in the robot file is wider than the travel of their servo."""
+    """Names of the joints whose range in the robot file exceeds the limits of their servo."""
     outside = raw_map.outside(robot.joint_lower_rad) | raw_map.outside(robot.joint_upper_rad)
     return tuple(name for name, beyond in zip(JOINT_NAMES, outside, strict=True) if beyond)
 
 
 def joints_beyond_travel(raw_map: RawMap, robot: Robot) -> tuple[str, ...]:
-    """Names of the joints whose range no servo of their model can reach, whatever its limits in the file."""
+    """Names of the joints whose range exceeds the travel of their servo's model."""
     least, most = raw_map.travel
     return joints_beyond(replace(raw_map, least=least, most=most), robot)
 
@@ -180,16 +167,7 @@ def joint_value(section: ServosSection, joint: int, key: str, default: Any) -> A
 def calibration_of(
     section: ServosSection, unit: str, least: Sequence[float], most: Sequence[float]
 ) -> dict[str, FloatArray]:
-    """Signs, offsets and limits of a section, by field of `RawMap`.
-
-    Args:
-        section: of a robot file.
-        unit: of its limits, `us` or `counts`.
-        least: lowest raw position of each joint where the section has none, (18,).
-        most: highest one, (18,).
-
-    Raises InputError for limits that leave no travel.
-    """
+    """Signs, offsets and limits in `us` or `counts`, by field of `RawMap`; raises InputError."""
     keys = LIMIT_KEYS[unit]
     columns = {"signs": ("sign", [1.0] * N_JOINTS), "offsets_deg": ("offset_deg", [0.0] * N_JOINTS)} | {
         "least": (keys[0], least),
@@ -209,7 +187,7 @@ def calibration_of(
 
 
 def check_once(key: str, names: Sequence[str], values: IntArray) -> None:
-    """Raise InputError unless each value, one for each name, stands once."""
+    """Raise InputError unless each value, one for each name, is unique."""
     for value in values.tolist():
         sharing = [name for name, own in zip(names, values.tolist(), strict=True) if own == value]
         if len(sharing) > 1:

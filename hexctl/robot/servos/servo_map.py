@@ -1,7 +1,6 @@
 """The servo map: channel of each joint's servo on a board with MAVLink firmware, and its pulses.
 
-It is the section `servos` of a robot file, and describes wiring and mounting. It is not part of the `Robot`,
-so calibrating leaves priors, sessions and links valid.
+It is not part of the `Robot`: calibrating leaves priors, sessions and links valid.
 """
 
 from dataclasses import dataclass
@@ -14,16 +13,15 @@ from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.raw_map import IntArray, RawMap, calibration_of, joint_value
 from hexctl.types import JOINT_NAMES, N_JOINTS, FloatArray, check_finite
 
-#: Pulse limits of a servo without any in the file: 180 degrees of travel about the centre pulse.
+#: Default pulse limits: 180 degrees of travel about the centre pulse.
 DEFAULT_MIN_US, DEFAULT_MAX_US = 500, 2500
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ServoMap(RawMap):
-    """Conversion between joint angles and pulses of channels; raw positions are pulses in us.
+    """Conversion between joint angles and pulses in us of channels 1..18, each once.
 
     Attributes:
-        channels: the channel of each joint, leg-major, (18,), 1..18, each once.
         low_battery_v: voltage below which the robot reports a fault, or None.
     """
 
@@ -38,7 +36,7 @@ class ServoMap(RawMap):
             raise InputError(f"servos: {_clash(self.channels)}; allowed: each of the channels 1..18 once")
 
     def servo_name(self, joint: int) -> str:
-        """Which servo moves a joint, 0..17: its channel."""
+        """The servo of a joint, 0..17, by its channel."""
         return f"channel {self.channels[joint]}"
 
     def to_us(self, joint_positions_rad: FloatArray) -> FloatArray:
@@ -57,15 +55,12 @@ class ServoMap(RawMap):
 
 
 def default_servo_map() -> ServoMap:
-    """Servo map of a robot file without a section `servos`: channels in the order of joints, no offsets."""
+    """Default servo map: channels in the order of joints, no offsets."""
     return servo_map_of(ServosSection())
 
 
 def servo_map_of(section: ServosSection) -> ServoMap:
-    """Servo map of a section: keys of a joint come first, then those of its kind, then the defaults.
-
-    Raises InputError for channels or limits that no board can have.
-    """
+    """Servo map of a section; raises InputError for channels or limits that no board can have."""
     channels = [joint_value(section, joint, "channel", joint + 1) for joint in range(N_JOINTS)]
     return ServoMap(
         channels=np.array(channels, dtype=np.int64),
@@ -84,7 +79,6 @@ def pulses_of(section: ServosSection) -> dict[str, FloatArray]:
 
 
 def _clash(channels: IntArray) -> str:
-    """Text that names joints with the same channel, or else the channels."""
     for channel in range(1, N_JOINTS + 1):
         sharing = [name for name, own in zip(JOINT_NAMES, channels, strict=True) if own == channel]
         if len(sharing) > 1:

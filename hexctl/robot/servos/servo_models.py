@@ -1,4 +1,4 @@
-"""Models of bus servos: what a count of each means, and which driver speaks to it."""
+"""Models of bus servos: their counts, and their drivers."""
 
 from dataclasses import dataclass
 
@@ -11,16 +11,12 @@ BAUD = Range(low=1200, high=4_500_000, whole=True, unit="baud")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServoType:
-    """A model of a bus servo.
+    """A model of a bus servo; its number is None if the servo does not report it.
 
     Attributes:
-        name: as robot files write it.
-        driver: `dynamixel`, `feetech` or `lx16a`.
-        number: model number that the servo reports, or None where it reports none.
         protocol: version of the driver's protocol, 1 or 2.
-        counts: of a whole turn.
-        least: lowest count of its travel.
-        most: highest count of its travel.
+        counts: of a full turn.
+        least: lowest count of its travel, as is `most` the highest.
         centre: count at the middle of its travel.
     """
 
@@ -86,8 +82,8 @@ def _lx(name: str) -> ServoType:
     )
 
 
-#: Models by name. Numbers and counts: ROBOTIS e-Manual (dynamixel); memory tables of STS and SCS (feetech);
-#: LewanSoul's bus servo protocol (lx16a).
+#: Models by name. Sources: ROBOTIS e-Manual (dynamixel); memory tables of STS and SCS (feetech); LewanSoul's
+#: bus servo protocol (lx16a).
 SERVO_TYPES: dict[str, ServoType] = {
     each.name: each
     for each in (
@@ -107,15 +103,14 @@ SERVO_TYPES: dict[str, ServoType] = {
     )
 }
 
-#: Model where a robot file names none.
+#: Default models and bits per second of each driver.
 DEFAULT_MODELS = {"dynamixel": "xl430-w250", "feetech": "sts3215", "lx16a": "lx16a"}
 
-#: Bits per second of each driver's line, where neither the port nor the robot file says them.
 DEFAULT_BAUDS = {"dynamixel": 1_000_000, "feetech": 1_000_000, "lx16a": 115_200}
 
 
 def servo_type(name: str) -> ServoType:
-    """Model of a name; raises InputError for one that is not known."""
+    """Model of a name; raises InputError for an unknown one."""
     if name not in SERVO_TYPES:
         raise InputError(f"servos.model: got {name!r}; allowed: {', '.join(SERVO_TYPES)}")
     return SERVO_TYPES[name]

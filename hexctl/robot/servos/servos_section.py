@@ -1,4 +1,4 @@
-"""What a calibration writes into the section `servos` of a robot file, and into no other line of it."""
+"""Edits of the section `servos` of a robot file by a calibration, with all other lines unchanged."""
 
 import os
 import shutil
@@ -16,10 +16,9 @@ from hexctl.types import JOINT_NAMES
 
 SECTION = "servos"
 
-#: Indentation of a section that is made.
 INDENT = "  "
 
-#: Places of a text, with what stands there instead; begin and end are the same where nothing is taken away.
+#: Replacements in a text: begin, end and new text.
 Edits = list[tuple[int, int, str]]
 
 
@@ -36,7 +35,7 @@ def check_writable(path: Path) -> None:
 
 
 def back_up(path: Path) -> Path:
-    """Path of a copy of a file, made beside it: `.bak`, or `.bak.2` and so on where earlier ones exist."""
+    """Path of a copy next to a file: `.bak`, or `.bak.2` and so on if earlier ones exist."""
     number, backup = 2, path.with_name(f"{path.name}.bak")
     while backup.exists():
         backup, number = path.with_name(f"{path.name}.bak.{number}"), number + 1
@@ -45,7 +44,7 @@ def back_up(path: Path) -> Path:
 
 
 def calibrated_keys(raw_map: RawMap, joint: int) -> dict[str, float | int]:
-    """What a calibration finds of one joint, 0..17, by key of a robot file."""
+    """Calibrated values of one joint, 0..17, by key of a robot file."""
     lowest, highest = LIMIT_KEYS[raw_map.unit]
     return {
         "sign": int(raw_map.signs[joint]),
@@ -56,11 +55,9 @@ def calibrated_keys(raw_map: RawMap, joint: int) -> dict[str, float | int]:
 
 
 def write_joint(path: Path, raw_map: RawMap, joint: int) -> None:
-    """Write sign, offset and limits of one joint, 0..17, into a robot file.
+    """Write sign, offset and limits of one joint, 0..17, into a robot file, atomically.
 
-    The file is replaced atomically; all its other keys, and its comments, stay. A section whose joints share
-    keys by anchors is written anew, without its comments. Raises InputError for a file that is not a valid
-    robot file.
+    Comments stay, except in a section whose joints share keys by anchors. Raises InputError.
     """
     place, name, keys = path.resolve(), JOINT_NAMES[joint], calibrated_keys(raw_map, joint)
     wanted, text = read_mapping(place), place.read_text(encoding="utf-8")
@@ -107,20 +104,18 @@ def with_section(text: str, section: dict[str, Any]) -> str:
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writes what two joints share twice."""
+    """Writes shared values in full."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True
 
 
 def _value(node: yaml.Node | None, name: str) -> yaml.Node | None:
-    """Value of a key of a mapping, or None."""
     pairs = node.value if isinstance(node, yaml.MappingNode) else []
     return next((value for key, value in pairs if key.value == name), None)
 
 
 def _added(text: str, mapping: yaml.MappingNode, entry: str) -> tuple[int, int, str]:
-    """Edit that adds an entry at the end of a mapping."""
     if mapping.flow_style:
         at = mapping.end_mark.index - 1
         within = text[mapping.start_mark.index + 1 : at].rstrip()
@@ -134,14 +129,13 @@ def _added(text: str, mapping: yaml.MappingNode, entry: str) -> tuple[int, int, 
 
 
 def _indent(mapping: yaml.MappingNode) -> str:
-    """What a line of a block mapping begins with."""
     return " " * int(mapping.value[0][0].start_mark.column)
 
 
 def _end_line(node: yaml.Node, lines: list[str]) -> int:
     """The line after a node; comments and blank lines before the next key belong to that key."""
     end, column = node.end_mark.line, node.end_mark.column
-    # A block ends where the next key begins, a flow and the last line of a file after what they hold.
+    # A block ends where the next key begins, a flow and the last line of a file after their content.
     end += int(end < len(lines) and bool(lines[end][:column].strip()))
     while end > node.start_mark.line + 1 and _is_aside(lines[min(end, len(lines)) - 1]):
         end -= 1
@@ -149,7 +143,6 @@ def _end_line(node: yaml.Node, lines: list[str]) -> int:
 
 
 def _edited(text: str, edits: Edits) -> str:
-    """Text with edits, which do not overlap."""
     for begin, end, new in sorted(edits, reverse=True):
         text = text[:begin] + new + text[end:]
     return text
@@ -165,7 +158,7 @@ def _scalar(value: float) -> str:
 
 
 def _section_at(text: str, end_of_file: int) -> tuple[int, int]:
-    """First line of the section and the line after it; the end of the file twice where there is none."""
+    """First line of the section and the line after it; twice the end of the file if there is none."""
     root = yaml.compose(text, Loader=yaml.SafeLoader)
     pairs = root.value if isinstance(root, yaml.MappingNode) else []
     for key, value in pairs:
