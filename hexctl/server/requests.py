@@ -1,4 +1,4 @@
-"""Requests to a robot: for its lease, for a stop, which any client may ask for, and for a failure."""
+"""Requests to a robot: for its lease, for a stop, and for a failure of a simulation."""
 
 from collections import deque
 from contextlib import suppress
@@ -29,11 +29,11 @@ from hexctl.wire.stop import (
 #: Longest text of a failure that is read.
 MAX_FAILURE_TEXT = 60
 
-#: Legs of a simulation that may change in a second: each change takes a part of a control period.
+#: Most legs of a simulation that may change in a second: each change takes part of a control period.
 MOST_CHANGES = 10
 CHANGES_S = 1.0
 
-#: Longest name of a request for a stop, and longest id of a stop, that is read.
+#: Longest name of a stop request, and longest stop id, that is read.
 MAX_NAME = 64
 
 
@@ -43,10 +43,10 @@ class StopRequest:
 
     Attributes:
         op: `stop` or `clear`.
-        request: name that the client gave its stop, or None.
-        stop_id: of the stop that is to be cleared, or None.
-        by: name of the client, as it says; one that is none stops nothing from being obeyed.
-        keys: clear keys that the client shows.
+        request: the client's name for its stop.
+        stop_id: of the stop to clear.
+        by: the client's name for itself; an invalid one does not invalidate the request.
+        keys: clear keys that the client presents.
     """
 
     op: str
@@ -57,9 +57,9 @@ class StopRequest:
 
     @classmethod
     def of(cls, payload: bytes) -> "StopRequest":
-        """Request of a payload; an empty one is a stop.
+        """Decode a request; an empty payload is a stop.
 
-        Raises MessageError for one that is not understood.
+        Raises MessageError if it is malformed.
         """
         if not payload:
             return cls(op="stop")
@@ -77,15 +77,11 @@ class RequestHandler:
     """Answers requests about the lease and the stop of one robot.
 
     Args:
-        guard: around the servos.
-        leases: of the robot.
-        latch: of its stops; one of its own unless given.
+        latch: of its stops; created unless given.
 
     Attributes:
-        leases: of the robot.
-        latch: of its stops.
         malformed: requests so far that could not be decoded.
-        rested_after: number of the last command before the lease's holder rested, as it said.
+        rested_after: number of the last command before the lease's holder rested, as it reported.
         ros_key: clear key of stops that come over ROS.
     """
 
@@ -97,14 +93,13 @@ class RequestHandler:
         self._changed_at_s: deque[float] = deque(maxlen=MOST_CHANGES)
 
     def urgent(self, payload: bytes, *, by: str | None = None, clear_key: str | None = None) -> None:
-        """Stop the robot unless a payload at `estop` asks for a clear. Safe on any thread.
+        """Stop the robot unless a payload at `estop` asks for a clear. Thread-safe.
 
-        One that is not understood stops too: a client that writes there is about to stop.
+        A malformed payload stops too: a client that writes there wants to stop.
 
         Args:
-            payload: of the request.
-            by: who asks, where the payload does not say it.
-            clear_key: of who asks, likewise.
+            by: default for a payload without a name.
+            clear_key: default for a payload without a key.
         """
         try:
             wanted = StopRequest.of(payload)
@@ -117,11 +112,10 @@ class RequestHandler:
     def estop(self, payload: bytes, at_s: float) -> dict[str, Any]:
         """Answer to a request at `estop`: why the robot is stopped now, after a stop or a clear.
 
-        Both end the lease; a clear of a robot that is not stopped changes nothing, and neither does one that
-        is refused: `error` says why.
+        Both end the lease. A refused clear changes nothing and is answered with `error`.
 
         Args:
-            payload: of the request, which `urgent` has seen already.
+            payload: `urgent` has seen it already.
             at_s: time of arrival, by the robot's time source.
         """
         try:
@@ -137,13 +131,11 @@ class RequestHandler:
     def clear(
         self, stop_id: str | None, at_s: float, *, by: str = UNNAMED, keys: tuple[str, ...] = ()
     ) -> dict[str, Any]:
-        """Clear a stop; what still stops the robot, such as a fault, stops it again before the answer.
+        """Clear a stop; a fault that persists stops the robot again before the answer.
 
         Args:
-            stop_id: of the stop.
-            at_s: when it was asked for, by the robot's time source.
-            by: who asks.
-            keys: clear keys that the client shows.
+            at_s: time of the request, by the robot's time source.
+            keys: clear keys that the client presents.
         """
         if self._guard.stopped is None:
             return {"stopped": None}
@@ -156,14 +148,10 @@ class RequestHandler:
         return {"stopped": self._guard.stopped}
 
     def failure(self, payload: bytes, at_s: float) -> dict[str, Any]:
-        """Answer to a request at `failure`: the legs of a simulation that have failed now, or an error.
+        """Answer to a request at `failure`: the failed legs of a simulation, or an error.
 
-        A request has the text of a failure, `{"op": "fail", "failure": "5:limp"}`, or a leg that heals,
-        `{"op": "heal", "leg": 5}`. More than `MOST_CHANGES` in a second are refused.
-
-        Args:
-            payload: of the request.
-            at_s: time of arrival, on any monotonic clock.
+        A request is `{"op": "fail", "failure": "5:limp"}` or `{"op": "heal", "leg": 5}`. More than
+        `MOST_CHANGES` in a second are refused. `at_s` is on any monotonic clock.
         """
         changed_at_s = self._changed_at_s
         if len(changed_at_s) == MOST_CHANGES and at_s - changed_at_s[0] < CHANGES_S:
@@ -206,7 +194,7 @@ class RequestHandler:
         return answer
 
     def acquire(self, owner: str, now_s: float, duration_s: float | None = None) -> Lease:
-        """Grant a lease, for the usual duration unless one is given; a stop for silence is lifted.
+        """Grant a lease, for the default duration unless one is given; lift a stop for silence.
 
         Raises LeaseRefusedError while another client holds the robot, and while it is stopped.
         """
@@ -229,7 +217,7 @@ class RequestHandler:
         return holder is not None and holder.lease_id == lease.lease_id
 
     def release(self, lease: Lease, now_s: float) -> None:
-        """Give a lease back; no command is expected until the next lease. One that has ended is let be."""
+        """Give a lease back, if it is still in force; no command is expected until the next lease."""
         if self.holds(lease, now_s):
             self.leases.release(lease.lease_id, now_s)
             self._guard.pause_watchdog()
@@ -261,7 +249,6 @@ class RequestHandler:
 
 
 def _stop_facts(stop: Stop) -> dict[str, Any]:
-    """A stop in the answer to a request for it."""
     return {"stopped": stop.reason, "stop_id": stop.stop_id}
 
 
@@ -291,7 +278,7 @@ def _keys(content: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _asker(content: dict[str, Any]) -> str:
-    """Name of the client in a request for a stop; one that cannot be shown is no name."""
+    """Names that cannot be displayed are replaced."""
     owner = content.get("owner")
     named = isinstance(owner, str) and owner.strip() and owner.isprintable()
     return str(owner)[:MAX_BY] if named else UNNAMED
@@ -312,7 +299,7 @@ def _owner(content: dict[str, Any]) -> str:
 
 
 def _after(content: dict[str, Any]) -> int:
-    """Number of the last command before a request; 0 of clients that do not tell."""
+    """0 for clients that do not report it."""
     after = content.get("after", 0)
     if type(after) is not int or not 0 <= after < 2**64:
         raise MessageError(f"after: got {str(after)[:40]!r}; allowed: the number of a command")

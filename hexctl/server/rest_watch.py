@@ -1,4 +1,4 @@
-"""Whether a robot is at rest: its joints have stayed where they are for a while."""
+"""Detects whether a robot is at rest: its joints have not moved for a while."""
 
 from collections import deque
 
@@ -6,17 +6,15 @@ import numpy as np
 
 from hexctl.types import FloatArray
 
-#: A robot whose joints have moved by less than this, over this time, is at rest: 0.1 rad/s, above the noise
-#: of servos that measure in steps of 0.005 rad.
+#: A robot at rest moves less than this in this time: 0.1 rad/s, above the 0.005 rad resolution of servos.
 STILL_RAD, STILL_S = 0.02, 0.2
 
 
 class RestWatch:
-    """Looks at the joint angles of each control period.
+    """Checks the joint angles of each control period.
 
     Attributes:
-        at_rest: whether no joint has moved of late; False while too little was seen, for unknown angles, and
-            for those of servos that cannot be reached.
+        at_rest: whether no joint has moved recently; False while angles are too few, unknown or unreachable.
     """
 
     def __init__(self) -> None:

@@ -1,4 +1,4 @@
-"""What a served robot says of its pose whatever comes from outside: its own orientation, and the truth."""
+"""Messages of a served robot's own orientation, and of the true pose of a simulation."""
 
 import time
 from collections.abc import Iterator
@@ -17,10 +17,10 @@ class ServedPoses:
         self._imu = telemetry.imu()
 
     def messages(self, orientation: FloatArray | None, truth: TruePose | None) -> Iterator[tuple[str, bytes]]:
-        """Kind and payload of each message that there is.
+        """Kind and payload of each available message.
 
         Args:
-            orientation: (4,) as (w, x, y, z), as the robot itself measures it; None where it does not.
+            orientation: (4,) as (w, x, y, z), measured by the robot, or None.
             truth: position (3,) in m and orientation of a simulated robot; None for a real one.
         """
         stamp_ns = time.time_ns()

@@ -1,4 +1,4 @@
-"""What ROS asks of a robot, on its way from the node's thread to the robot's."""
+"""Commands and service calls from ROS, passed from the node's thread to the robot's."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -16,7 +16,7 @@ class Service(Enum):
 
 
 class Call(Protocol):
-    """A call of a service that waits for its answer."""
+    """A service call that waits for its answer."""
 
     def answer(self, success: bool, message: str) -> None:
         """Answer it, once."""
@@ -24,7 +24,7 @@ class Call(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Stopped:
-    """A stop, which has already taken effect."""
+    """A stop that has already taken effect."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,12 +51,7 @@ class WantedJoints:
 
 @dataclass(frozen=True, slots=True)
 class Called:
-    """A service that was called.
-
-    Attributes:
-        service: which.
-        call: to be answered.
-    """
+    """A service call and the service that it calls."""
 
     service: Service
     call: Call
