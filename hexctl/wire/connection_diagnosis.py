@@ -1,6 +1,6 @@
-"""Why an endpoint cannot be reached or listened at: for messages, and known at once that nothing listens.
+"""Diagnoses why an endpoint cannot be reached or listened at.
 
-Light to import: no stop waits for Zenoh.
+Does not import Zenoh: a stop must not wait for it.
 """
 
 import errno
@@ -22,15 +22,12 @@ if TYPE_CHECKING:
 #: How long a diagnosis waits for the other end.
 PROBE_TIMEOUT_S = 1.0
 
-#: A robot that is there has answered by then: only after it is its port tried.
+#: The port is probed only if no robot has answered by then.
 ANSWERS_WITHIN_S = 0.25
 
 
 def is_refused(endpoint: Endpoint) -> bool:
-    """Whether nothing listens at an endpoint; False where that cannot be known, as with quic.
-
-    Waits for `PROBE_TIMEOUT_S` at most, and for a computer with that name.
-    """
+    """Whether nothing listens at an endpoint, within `PROBE_TIMEOUT_S`; False if unknown, as with quic."""
     if endpoint.protocol == "quic":  # UDP does not report that nothing listens
         return False
     try:
@@ -57,7 +54,7 @@ def why_not_listening(endpoint: Endpoint) -> str:
 
 
 def why_not_connected(endpoint: Endpoint, credentials: "Credentials | None") -> str:
-    """Reason why a client cannot connect to an endpoint, and what to check."""
+    """Reason why a client cannot connect to an endpoint, and a next step."""
     if endpoint.protocol == "quic":  # UDP does not report that nothing listens
         return (
             f"no robot lets this end in at {endpoint}; is hexctl serve running there, are "
@@ -76,7 +73,6 @@ def why_not_connected(endpoint: Endpoint, credentials: "Credentials | None") -> 
 
 
 def _why_refused(endpoint: Endpoint, credentials: "Credentials | None", link: socket.socket) -> str:
-    """Reason of a refusal by something that listens."""
     import ssl
 
     if credentials is None:
@@ -106,7 +102,7 @@ def _why_refused(endpoint: Endpoint, credentials: "Credentials | None", link: so
 
 
 def _why_refused_openly(endpoint: Endpoint, link: socket.socket) -> str:
-    """Reason of a refusal by something that listens, without certificates; a robot that hangs is silent."""
+    """Without certificates; a robot that hangs is silent."""
     import ssl
 
     keys = argument("credentials")
@@ -144,12 +140,11 @@ def _alert(error: "ssl.SSLError") -> str:
 
 
 class RefusalWatch:
-    """Says once, while the block runs, that nothing listens at an endpoint; a thread of its own looks.
+    """Reports once, on its own thread, that nothing listens at an endpoint; a context manager.
 
     Args:
-        endpoint: as text.
-        tell: called on the thread, with a text such as `nothing listens at tcp/127.0.0.1:7447`.
-        answered: whether the robot has answered otherwise; nothing is told then.
+        tell: takes a text such as `nothing listens at tcp/127.0.0.1:7447`, on the thread.
+        answered: whether the robot has answered otherwise; then nothing is reported.
 
     Raises InputError for an endpoint that is not allowed.
     """
@@ -162,7 +157,7 @@ class RefusalWatch:
         self._telling = threading.Lock()
 
     def __enter__(self) -> Self:
-        """Begin to look; returns at once."""
+        """Start the probe; returns immediately."""
         threading.Thread(target=self._look, name="refusal", daemon=True).start()
         return self
 

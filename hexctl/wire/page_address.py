@@ -1,17 +1,16 @@
-"""Where a page is served: HOST:PORT, or a port of this computer."""
+"""Address of a web page: HOST:PORT, or a port of this computer."""
 
 import ipaddress
 from dataclasses import dataclass
 
 from hexctl.errors import InputError, argument
 
-#: Address of a page, for messages.
 DEFAULT_ADDRESS = "127.0.0.1:8017"
 
 
 @dataclass(frozen=True, slots=True)
 class PageAddress:
-    """Where a page is served.
+    """Address of a web page.
 
     Attributes:
         host: name or address to listen on.
@@ -41,7 +40,7 @@ class PageAddress:
         return is_loopback(self.host)
 
     def check(self, *, secured: bool) -> None:
-        """Raise InputError for an address that other computers reach and that has no certificates."""
+        """Raise InputError for an address that other computers reach without certificates."""
         if not secured and not self.loopback:
             raise InputError(
                 f"{argument('page')}: got {self.host}, which other computers reach, without certificates; "
@@ -50,7 +49,7 @@ class PageAddress:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether a host is this computer and nothing else."""
+    """Whether a host is this computer."""
     if host == "localhost":
         return True
     try:

@@ -1,7 +1,6 @@
-"""The secret with which datagrams of a stop are signed, beside the certificates of a link.
+"""The secret that signs stop datagrams, next to the certificates of a link.
 
-It has a file of its own because it is needed where no certificate is: the datagrams must not depend on what
-carries sessions. Viewers have none.
+It has its own file, because datagrams must not depend on certificates. Viewers have none.
 """
 
 import os
@@ -16,20 +15,19 @@ SECRET_FILE = "stop.key"  # noqa: S105  its name
 
 SECRET_BYTES = 32
 
-#: Longest file that is read: the secret in hexadecimal digits, and space around them.
+#: Longest file that is read: the secret in hexadecimal digits, and white space.
 MOST_FILE_BYTES = 4 * SECRET_BYTES
 
-#: Without certificates anybody who reaches the robot may stop it: datagrams are signed with this.
+#: Signs datagrams without certificates: anyone who reaches the robot may stop it.
 NO_SECRET = b""
 
-#: Ends that have the secret.
 HOLDERS = (Role.ROBOT, Role.CONTROLLER)
 
 
 def write_stop_secret(folder: Path) -> list[Path]:
-    """Make a secret for a folder of `hexctl keys new`; the result is its files, readable for the owner only.
+    """Create a secret in a folder of `hexctl keys new`; return its files, readable only for the owner.
 
-    Raises InputError where there is one already, for a folder without both ends, or one that is not writable.
+    Raises InputError if there is one, or for a folder that lacks an end or is not writable.
     """
     places = [folder / role.value for role in HOLDERS]
     for place in places:
@@ -53,9 +51,9 @@ def write_stop_secret(folder: Path) -> list[Path]:
 
 
 def find_stop_secret(link: Link, role: Role) -> bytes | None:
-    """Secret of one end of a link: `NO_SECRET` without certificates, None for a folder that has none.
+    """Secret of one end of a link: `NO_SECRET` without certificates, None for a folder without a secret.
 
-    Raises InputError for a file that others may read, or that is no secret.
+    Raises InputError for an invalid file, or one that others may read.
     """
     if link.credentials is None:
         return NO_SECRET
