@@ -15,8 +15,8 @@ from hexctl.robot.model import Robot
 
 Row = tuple[str, str]
 
-#: What stands for a result until there is one, which a viewer also shows while it loads a finished walk. That
-#: of a walk that was cut off keeps it.
+#: Placeholder of a missing result, which a viewer also shows while it loads. A walk that was cut off keeps
+#: it.
 PENDING: Row = ("**result**", "*appears when the recording is complete*")
 
 
@@ -28,15 +28,13 @@ def make_markdown(
     stability: float | None,
     facts: Mapping[str, Any],
 ) -> str:
-    """Text panel in Markdown; without a result it says when there will be one.
+    """Text panel in Markdown.
 
     Args:
         title: heading.
-        robot: the robot that walked.
-        plan: what was asked for.
-        result: of the trial.
-        stability: share of the walk with the centre of gravity above the feet that stand, None if unknown.
-        facts: anything else, a row each.
+        result: None for a pending one.
+        stability: share of the walk with the centre of gravity inside the support polygon, or None.
+        facts: further rows.
     """
     outcome = [PENDING] if result is None else _result_rows(result, stability)
     controller = None if result is None else result.controller
@@ -80,11 +78,7 @@ def make_properties(
 
 
 def held_in_words(outcome: Mapping[str, Any]) -> str:
-    """What a walk held by feedback, why it was no more, and what kept it from it.
-
-    Args:
-        outcome: plain values of a trial result.
-    """
+    """Hold of a walk, why it was reduced, and what disturbed it, from the plain values of a trial result."""
     hold, caveat = outcome.get("hold", "none"), outcome.get("hold_caveat")
     why = f": {caveat}" if caveat else ""
     if hold == "none":
@@ -99,11 +93,9 @@ def held_in_words(outcome: Mapping[str, Any]) -> str:
 
 
 def posture_in_words(posture: Posture, swing_share: float, size_m: float | None = None) -> str:
-    """How the body stands and the feet swing where it is not as in the paper; else empty.
+    """Differences of posture and swing from the paper's, or an empty text.
 
     Args:
-        posture: of the gait.
-        swing_share: of the gait.
         size_m: of the robot; None gives lengths as shares of it.
     """
     size, unit = (100.0, "% of its size") if size_m is None else (size_m, "m")
@@ -186,7 +178,7 @@ def _result_rows(result: TrialResult, stability: float | None) -> Iterator[Row]:
 
 
 def _fact_rows(result: TrialResult | None, facts: Mapping[str, Any]) -> Iterator[Row]:
-    """Facts that are known and not already in the rows of plan or result."""
+    """Known facts that are not in the rows of plan or result."""
     told = {"robot", "gait", "failed_leg", "failure", *(result.to_dict() if result is not None else ())}
     for key, value in facts.items():
         if key not in told and value not in (None, [], {}):

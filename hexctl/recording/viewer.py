@@ -52,7 +52,7 @@ def open_viewer(paths: Sequence[Path]) -> int:
     """
     for path in paths:
         check_viewable(path)
-    # A port of its own: another viewer that is open keeps what it shows.
+    # A separate port: another open viewer keeps its content.
     command = [str(viewer_binary()), "--bind", LOCAL, "--port", "auto", *map(str, paths)]
     try:
         viewer = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, errors="replace")
@@ -70,13 +70,12 @@ def open_viewer(paths: Sequence[Path]) -> int:
 
 
 def newest_recording(folder: Path, *, leave_out: str | None = None) -> Path:
-    """Latest recording in a folder or in the folders below it.
+    """Latest recording in a folder or its subfolders.
 
     Args:
-        folder: where to look.
-        leave_out: a file name that does not count.
+        leave_out: a file name to ignore.
 
-    Raises InputError when there is none, or a file in place of the folder.
+    Raises InputError when there is none, or the folder is a file.
     """
     if (instead := file_instead(folder)) is not None:
         raise InputError(f"{instead}; allowed: a folder of recordings")
@@ -93,7 +92,7 @@ def check_display() -> None:
 
 
 def _why(messages: str, paths: Sequence[Path]) -> str:
-    """One line on why the viewer ended, with the way out where there is no screen."""
+    """One line on why the viewer ended, with a next step if there is no screen."""
     names = " ".join(map(str, paths))
     if any(word in messages for word in ("DISPLAY", "WAYLAND", "neither", "NoDisplay", "XOpenDisplay")):
         return (
@@ -107,12 +106,7 @@ def _why(messages: str, paths: Sequence[Path]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class WebViewer:
-    """A viewer that is being served.
-
-    Attributes:
-        url: address for a browser.
-        process: Rerun's server.
-    """
+    """A viewer that is being served; `url` is for a browser."""
 
     url: str
     process: "subprocess.Popen[bytes]"
@@ -135,7 +129,7 @@ def web_url(port: int, web_port: int) -> str:
 
 @contextmanager
 def serve_web(web_port: int, urls: Sequence[str]) -> Iterator[WebViewer]:
-    """Serve the viewer, showing recordings at some URLs, to browsers until the block ends.
+    """Serve the viewer with recordings at some URLs to browsers; a context manager.
 
     Raises RecordingError for a server that cannot start, MissingExtraError without Rerun.
     """
@@ -162,10 +156,7 @@ def serve_web(web_port: int, urls: Sequence[str]) -> Iterator[WebViewer]:
 
 
 def _page(web_port: int, urls: Sequence[str]) -> str:
-    """Address of the viewer's page that shows what is at some URLs, in the dark theme.
-
-    Without a theme the page takes the browser's, and light lines are drawn on white.
-    """
+    """Always in the dark theme: light lines would be invisible on white."""
     return f"{web_origin(web_port)}/?{urlencode([('theme', 'dark'), *(('url', url) for url in urls)])}"
 
 
@@ -182,10 +173,10 @@ def free_port() -> int:
 
 
 class FileServer:
-    """HTTP server on loopback for the recordings that are added to it; use as a context manager."""
+    """HTTP server on loopback for added recordings; use as a context manager."""
 
     def __init__(self, origin: str) -> None:
-        """Listen at a free port of loopback; pages of one origin, such as http://127.0.0.1:9090, may read."""
+        """Listen at a free loopback port; pages of one origin, such as http://127.0.0.1:9090, may read."""
         self._files: dict[str, Path] = {}
         self._server = ThreadingHTTPServer((LOCAL, 0), self._handler(origin))
         self._thread = Thread(target=self._server.serve_forever, daemon=True)
@@ -201,7 +192,7 @@ class FileServer:
         self._server.server_close()
 
     def base(self, folder: str) -> str:
-        """URL below which the files of a folder are served."""
+        """Base URL of the files of a folder."""
         return f"http://{LOCAL}:{self._server.server_port}/{quote(folder, safe='')}/"
 
     def add(self, folder: str, path: Path) -> str:
@@ -238,6 +229,6 @@ class FileServer:
                     shutil.copyfileobj(file, self.wfile)
 
             def log_message(self, *_: Any) -> None:
-                """Say nothing."""
+                """Log nothing."""
 
         return Handler

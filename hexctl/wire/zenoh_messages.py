@@ -215,7 +215,7 @@ class Command(ArrayFields):
 
 @cache
 def _joint_message(*, efforts: bool) -> FixedMessage:
-    """The general encoder, out of the processor's cache after each tick, would take a fifth of a round trip."""
+    """Not the general encoder: out of cache at each tick, it takes a fifth of a round trip."""
 
     def make(stamp_ns: int, numbers: FloatArray) -> Any:
         return ros_cdr.make(
