@@ -166,7 +166,7 @@ def stuck() -> bool:
 
 
 def _bounded(call: Callable[[], object], timeout_s: float) -> Exception | None:
-    """Exception of a call, or TimeoutError if it is abandoned. It runs on a thread, to keep signals working."""
+    """Exception of a call, or TimeoutError if it is abandoned. A thread keeps signals working."""
     raised: list[Exception] = []
 
     def run() -> None:

@@ -1,4 +1,4 @@
-"""The option `--arena`: a radius, or the place that a camera sees."""
+"""The option `--arena`: a radius, or a place that a camera sees."""
 
 import math
 from pathlib import Path
@@ -60,10 +60,9 @@ WalkArenaOption = Annotated[
 
 
 def geofence(arena: float | Path, robot: str, *, simulated: bool) -> "Geofence":
-    """What ends a walk at the edge of an arena; what a place file came to is told on stderr.
+    """Ends a walk at the edge of an arena; the area of a place file is reported on stderr.
 
-    Raises InputError for files that are not allowed, for a simulation, whose floor is none that a camera
-    sees, and for a camera that sees no floor.
+    Raises InputError for files that are not allowed, for a simulation, and for a camera that sees no floor.
     """
     from hexctl.adapt.arena import Arena, Geofence
 
@@ -76,10 +75,9 @@ def geofence(arena: float | Path, robot: str, *, simulated: bool) -> "Geofence":
 
 
 def arena_fields(arena: float | Path | None, robot: str | None) -> dict[str, Any]:
-    """Fields of a session's spec for an arena; what a place file came to is told on stderr.
+    """Fields of a session's spec for an arena; the area of a place file is reported on stderr.
 
     Args:
-        arena: as `arena_of` has it, or None.
         robot: name or path of the robot's file, None for the default.
 
     Raises InputError for files that are not allowed, and for a camera that sees no floor.
