@@ -1,13 +1,13 @@
-"""Which packages of hexctl are installed, by the extra that brings them."""
+"""Installed packages of hexctl, by extra."""
 
 import re
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 
-#: Name of a requirement, and the extra that it belongs to, as `Requires-Dist` has them.
+#: Name and extra of a requirement, in the form of `Requires-Dist`.
 _REQUIREMENT = re.compile(r"^([A-Za-z0-9._-]+)(\[[^]]*\])?[^;]*(?:;.*extra == ['\"]([\w-]+)['\"])?")
 
-#: Extras for those who work on hexctl, and the one that is all others.
+#: Extras for developers, and the sum of all others.
 _NOT_FOR_USE = ("all", "dev", "docs", "testing")
 
 
@@ -16,9 +16,9 @@ class Packages:
     """Installed packages.
 
     Attributes:
-        hexctl: version of hexctl, None where it is imported without being installed.
-        versions: version of each package that hexctl or an extra needs; None where it is not installed.
-        extras: by extra, the packages that it lacks.
+        hexctl: None if it is imported without being installed.
+        versions: of each package that hexctl or an extra needs; None if it is not installed.
+        extras: missing packages by extra.
     """
 
     hexctl: str | None
@@ -31,7 +31,7 @@ class Packages:
 
 
 def installed(name: str) -> str | None:
-    """Version of a package, None where it is not installed."""
+    """Version of a package, or None."""
     try:
         return version(name)
     except PackageNotFoundError:
@@ -39,7 +39,7 @@ def installed(name: str) -> str | None:
 
 
 def read_packages() -> Packages:
-    """Packages that are installed here."""
+    """Installed packages."""
     needed = _requirements()
     versions = {name: installed(name) for names in needed.values() for name in names}
     return Packages(
@@ -54,7 +54,7 @@ def read_packages() -> Packages:
 
 
 def _requirements() -> dict[str, list[str]]:
-    """Packages by extra, those that are always needed under an empty name; extras of extras are resolved."""
+    """Packages by extra, required ones under an empty name; extras of extras are resolved."""
     try:
         lines = requires("hexctl") or []
     except PackageNotFoundError:

@@ -1,4 +1,4 @@
-"""Recorded trials as a LeRobot dataset (v3), one episode each: what imitation learning reads."""
+"""Recorded trials as a LeRobot dataset (v3) for imitation learning, one episode each."""
 
 import json
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from hexctl.types import JOINT_NAMES, N_LEGS, FloatArray
 #: Frames per second: one for each tick.
 FPS = round(1 / PERIOD_S)
 
-#: Where the frames lie, and where what is said of the episodes.
+#: Paths of the frames and of the episodes' metadata.
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 
@@ -42,14 +42,11 @@ SCALARS = {
 def write_lerobot(trials: Trials, folder: Path, on_progress: OnProgress) -> None:
     """Write trials of one robot as a LeRobot dataset into a new folder.
 
-    `action` are the joint angles that were sent, `observation.state` those that came back, both in rad.
-    Pose and contacts are part of it where all trials have them. Frames are evenly spaced: where ticks were
-    late, values are interpolated.
+    `action` contains the commanded joint angles, `observation.state` the measured ones, both in rad. Pose and
+    contacts are included if all trials have them. Frames are evenly spaced, with interpolated values.
 
     Args:
-        trials: the episodes.
-        folder: the new folder.
-        on_progress: told how many episodes are done, and how many there are.
+        on_progress: takes the number of finished episodes and the total.
 
     Raises InputError for trials of several robots, and MissingExtraError without pandas and pyarrow.
     """
@@ -85,7 +82,7 @@ def write_lerobot(trials: Trials, folder: Path, on_progress: OnProgress) -> None
 
 
 def task_of(trial: RecordedTrial) -> str:
-    """What a trial was to do, in words."""
+    """Text of a trial's task."""
     if "heading_deg" not in trial.properties:  # driven, or cut off: nobody knows what was to be done
         return title_of(trial)
     heading = float(trial.properties["heading_deg"])
@@ -105,7 +102,7 @@ def _libraries() -> tuple[Any, Any, Any]:
 
 @dataclass(frozen=True, slots=True)
 class _Facts:
-    """What must be known of all episodes before the first is written."""
+    """Facts about an episode that are needed before the first is written."""
 
     robot: str
     task: str
@@ -119,7 +116,6 @@ class _Facts:
 
 
 def _vectors(facts: Sequence[_Facts]) -> list[str]:
-    """Vectors that all trials have."""
     missing = set()
     if not all(one.posed for one in facts):
         missing.add("observation.pose")
@@ -129,7 +125,6 @@ def _vectors(facts: Sequence[_Facts]) -> list[str]:
 
 
 def _frames(trial: RecordedTrial, names: list[str], number: int, before: int, task: int) -> dict[str, Any]:
-    """Columns of an episode, evenly spaced."""
     length = round(float(trial.time_s[-1]) * FPS) + 1
     times_s = np.arange(length) / FPS
     pose = np.column_stack([trial.base_position_world, trial.base_quaternion_world])
