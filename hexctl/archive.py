@@ -41,13 +41,7 @@ def content_digest(head: Mapping[str, Any], arrays: Arrays) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArchiveKind:
-    """A kind of archive.
-
-    Attributes:
-        name: such as `prior`.
-        versions: readable versions.
-        command: writes one.
-    """
+    """A kind of archive, such as `prior`: readable versions, and the command that writes one."""
 
     name: str
     versions: tuple[int, ...]
@@ -71,10 +65,7 @@ class ArchiveKind:
             raise ArchiveFileError(f"{self.name}: {path} cannot be written: {error.strerror}") from error
 
     def read_head(self, path: Path | str) -> dict[str, Any]:
-        """Head of a file, with its format, version and digest.
-
-        Raises InputError for a file of another kind or version.
-        """
+        """Head of a file; raises InputError for a file of another kind or version."""
         return self._read(path, arrays=False)[0]
 
     def load(
@@ -82,9 +73,7 @@ class ArchiveKind:
     ) -> Content:
         """Content that `make` builds from the head and the arrays of a file.
 
-        Raises InputError for a file of another kind or version, one that is incomplete or altered, and one
-        that
-        `make` refuses.
+        Raises InputError for another kind or version, an altered file, and one that `make` refuses.
         """
         head, arrays = self._read(path, arrays=True)
         content = {name: value for name, value in head.items() if name not in _ADDED}

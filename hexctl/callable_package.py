@@ -8,14 +8,7 @@ from typing import Any
 
 
 def make_callable(package: str, module: str) -> None:
-    """Let a call of a package call the function of the same name in one of its modules.
-
-    The module is imported at the first call, to keep imports of other modules fast.
-
-    Args:
-        package: such as `hexctl.adapt`.
-        module: name of the module in it with the function `adapt`.
-    """
+    """Let a call of a package import its module and call the function of the package's name in it."""
     name = package.rpartition(".")[2]
 
     class CallablePackage(ModuleType):

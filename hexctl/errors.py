@@ -82,11 +82,7 @@ class InputError(HexctlError, ValueError):
 
 
 class UnusedError(InputError):
-    """An unused option: refused if typed, harmless in a file of settings.
-
-    Attributes:
-        field: name of the option's field.
-    """
+    """An unused option `field`: refused if typed, harmless in a file of settings."""
 
     def __init__(self, message: str = "", *, field: str = "") -> None:
         super().__init__(message)

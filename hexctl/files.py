@@ -166,8 +166,7 @@ def _unpacked_bytes(packed: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
 def read_secret(path: Path, most_bytes: int) -> bytes:
     """Content of a file with a key, to which only its owner may have access.
 
-    Raises OSError as `read_file` does, and PermissionError, with the command to type, for one that others may
-    access.
+    Raises OSError as `read_file` does, and PermissionError with the command to type.
     """
     content = read_file(path, most_bytes)
     others = path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO)
@@ -178,10 +177,7 @@ def read_secret(path: Path, most_bytes: int) -> bytes:
 
 
 def atomic_write(path: Path, content: str | bytes) -> None:
-    """Write a file durably, replacing an earlier one. Text is UTF-8.
-
-    Raises OSError when the disk refuses; the earlier file is then unchanged.
-    """
+    """Write a file durably, text as UTF-8; raises OSError and leaves the earlier file unchanged."""
     data = content.encode() if isinstance(content, str) else content
     with replacing(path) as draft:
         draft.write_bytes(data)

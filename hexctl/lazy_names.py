@@ -6,12 +6,7 @@ from typing import Any
 
 
 def lazy_names(package: str, modules: Mapping[str, str]) -> Callable[[str], Any]:
-    """`__getattr__` of a package, with messages for a missing extra and an unknown name.
-
-    Args:
-        package: such as `hexctl.vision`.
-        modules: names, separated by blanks, by their module below the package.
-    """
+    """`__getattr__` of a package, from names separated by blanks by their module."""
     module_of = {name: module for module, names in modules.items() for name in names.split()}
 
     def load(name: str) -> Any:

@@ -34,8 +34,6 @@ class Range:
 
     Attributes:
         above: whether `low` itself is excluded.
-        whole: whether only whole numbers are allowed.
-        unit: for error messages.
         degrees: whether the option is in degrees and its field in radians.
     """
 
@@ -99,7 +97,6 @@ class Typed:
 
     Attributes:
         flag: without hyphens; empty for the name of the field without its unit.
-        short: one-letter name, or empty.
         parse: makes the value of a text; raises ValueError with what it got and what is allowed.
         words: completion, a name in `hexctl.cli.completion`; empty for files.
     """
@@ -126,14 +123,7 @@ RARE = object()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Option:
-    """A field as an option.
-
-    Attributes:
-        kind: type without annotations.
-        text: help, including the range.
-        range: of a number, or None.
-        panel: group in the help, or empty.
-    """
+    """A field as an option: its type without annotations, and its help with the range."""
 
     name: str
     kind: Any
@@ -207,10 +197,7 @@ def check_names(call: str, given: Iterable[str], spec: type, *further: str) -> N
 
 
 def check_fields(spec: Any) -> None:
-    """Check the values of a dataclass of options: plain types, choices and ranges.
-
-    Raises WrongTypeError, or InputError for a value outside its choices or range.
-    """
+    """Check types, choices and ranges of options; raises WrongTypeError or InputError."""
     hints = get_type_hints(type(spec), include_extras=True)
     for field in fields(spec):
         hint = hints[field.name]
@@ -219,12 +206,7 @@ def check_fields(spec: Any) -> None:
 
 
 def check_used(spec: Any, names: Container[str], where: str) -> None:
-    """Raise UnusedError for the first of some unused options that is not its default.
-
-    Args:
-        names: of the unused options.
-        where: where they are used, such as `with physics`.
-    """
+    """Raise UnusedError for the first of some unused options that is set; `where` says where it works."""
     for field in fields(spec):
         value = getattr(spec, field.name)
         if field.name in names and value != field.default:

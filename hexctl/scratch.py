@@ -26,14 +26,7 @@ _tidied: set[Path] = set()
 
 @contextmanager
 def scratch_folder(parent: Path | None = None, name: str = "hexctl") -> Iterator[Path]:
-    """A new private folder, which is removed when the block ends, unless it was moved away.
-
-    Args:
-        parent: the folder is hidden in it; None is the system's temporary folder.
-        name: prefix of its name.
-
-    Raises OSError when the disk refuses.
-    """
+    """A new private folder, hidden in `parent`, removed at the block's end unless moved; raises OSError."""
     place = Path(tempfile.gettempdir()) if parent is None else parent
     remove_abandoned(place)
     folder, lock = _make(place, name if parent is None else f".{name}")

@@ -58,12 +58,7 @@ MOST_BYTES = 100_000
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """Origin of a setting.
-
-    Attributes:
-        place: the file, or the variable.
-        key: in the file, such as `run.duration`; empty for a variable.
-    """
+    """Origin of a setting: a file and its key, such as `run.duration`, or a variable without key."""
 
     place: str
     key: str = ""
@@ -82,7 +77,6 @@ class Setting:
     """One value of a file or a variable.
 
     Attributes:
-        value: text; from a file also a number, True or False, or a list of them.
         folder: base of its relative paths.
         nearby: whether its file is in the working folder or above, and therefore possibly another person's.
     """
@@ -104,8 +98,6 @@ class Layer:
     Attributes:
         place: name of the file for messages, `environment` for variables.
         values: of a file nested by command, as in TOML; of the environment by variable.
-        folder: of the file; None for the environment.
-        nearby: whether the file is in the working folder or above.
     """
 
     place: str

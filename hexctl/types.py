@@ -116,10 +116,7 @@ def check_finite(value: object, shape: tuple[int, ...], what: str) -> None:
 
 
 def as_numbers(value: object, ending: tuple[int, ...], what: str) -> FloatArray:
-    """Finite numbers as an array whose shape has a given ending.
-
-    Raises WrongTypeError for other things than numbers, InputError for another shape or infinite numbers.
-    """
+    """Finite numbers as an array with a given end of its shape; raises WrongTypeError or InputError."""
     numbers = _numbers_of(value, what, f"numbers of a shape that ends in {ending}")
     if numbers.shape[max(0, numbers.ndim - len(ending)) :] != ending:
         raise InputError(f"{what}: got shape {numbers.shape}; allowed: a shape that ends in {ending}")
@@ -128,14 +125,7 @@ def as_numbers(value: object, ending: tuple[int, ...], what: str) -> FloatArray:
 
 
 def as_joint_angles(value: object, what: str, *, leading_shape: tuple[int, ...] | None = None) -> FloatArray:
-    """Joint angles as an array, leading shape + (18,).
-
-    Args:
-        what: the name of the argument, for messages.
-        leading_shape: None for any.
-
-    Raises WrongTypeError for other things than numbers, InputError for another number of angles.
-    """
+    """Joint angles as an array, leading shape (None: any) + (18,); raises WrongTypeError or InputError."""
     angles_rad = _numbers_of(value, what, f"{N_JOINTS} joint angles in rad")
     shape = angles_rad.shape
     if leading_shape is None or shape[:-1] == leading_shape:

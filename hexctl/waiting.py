@@ -33,12 +33,7 @@ def wait_for(
 ) -> Value:
     """First true value of a condition, which is tested at least once and then every `poll_s`.
 
-    Args:
-        condition: any exception of it ends the wait.
-        message: text of the error, or a function that makes it.
-        time: time source of timeout and pauses.
-
-    Raises RobotFaultError with the message when the condition is still false after the timeout.
+    Raises RobotFaultError with the message after the timeout, and what the condition raises.
     """
     value = _first_true(condition, timeout_s, poll_s, time)
     if value is None:

@@ -66,10 +66,9 @@ def printable_lines(text: str) -> str:
 
 
 def print_result(*parts: "RenderableType") -> None:
-    """Print on stdout: texts as they are, tables as wide as the terminal.
+    """Print on stdout: texts as they are, tables as wide as the terminal; a closed pipe is ignored.
 
-    A closed pipe, as after `head`, is not an error. Raises RobotFaultError when the result cannot be written,
-    as on a full disk.
+    Raises RobotFaultError when the result cannot be written, as on a full disk.
     """
     text = "\n".join(printable_lines(part) if isinstance(part, str) else _rendered(part) for part in parts)
     try:
@@ -168,12 +167,7 @@ def note_refusal(why: str, *, then: str = "") -> None:
 
 
 def make_bar(counter: str | None = None, *, quiet: bool = False) -> "Progress":
-    """Progress bar on stderr with the time left, not yet started; it disappears when it stops.
-
-    Args:
-        counter: format of the progress; None counts items.
-        quiet: True for a bar that shows nothing, as without a terminal.
-    """
+    """Progress bar on stderr with the time left, not yet started; `counter` is its format."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 

@@ -15,14 +15,7 @@ from hexctl.cli.settings import Commands
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A command in the list of commands.
-
-    Attributes:
-        module: contains a function or a group with the name of the command.
-        panel: group of the command in the help.
-        summary: one sentence.
-        kind: class of the command in its module; empty for `SettingsCommand`.
-    """
+    """A command in the list of commands: its module, panel and summary, and its class if special."""
 
     module: str
     panel: str
@@ -31,8 +24,6 @@ class Command:
 
 
 class _Loaded(MutableMapping[str, Any]):
-    """Commands by name, built on first access."""
-
     def __init__(self, commands: Mapping[str, Command]) -> None:
         self._declared, self._built = commands, dict[str, Any]()
 

@@ -20,12 +20,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def interruptible(count: "Callable[[WalkCache], tuple[int, int]]", what: str = "gaits") -> Iterator[None]:
-    """Turn all signals that end a process into exit code 130, with a line on the saved walks.
-
-    Args:
-        count: number of finished items in a cache, and their total.
-        what: name of the items.
-    """
+    """Turn all signals that end a process into exit code 130, with a line on the saved walks."""
     interrupted = False
 
     def interrupt(number: int, _frame: FrameType | None) -> None:

@@ -141,11 +141,7 @@ class CalibrationPrompt:
 
 
 class StdinLines:
-    """Lines of stdin, read with a bounded wait.
-
-    Attributes:
-        ended: True once stdin has ended and its last line was taken.
-    """
+    """Lines of stdin with a bounded wait; `ended` is True after the last one was taken."""
 
     def __init__(self) -> None:
         self.ended = False

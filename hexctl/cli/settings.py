@@ -168,7 +168,6 @@ def _drop_unused(ctx: Any) -> None:
 
 
 def _path(ctx: Any) -> tuple[str, ...]:
-    """Names of a command, from outside, without the program's."""
     return () if ctx.parent is None else (*_path(ctx.parent), ctx.info_name)
 
 

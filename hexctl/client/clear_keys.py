@@ -18,11 +18,7 @@ _OWN: dict[str, str] = {}
 
 
 class NewClaim:
-    """Claim of a stop that this process is about to ask for.
-
-    Attributes:
-        claim: hash of the clear key, 16 hexadecimal digits: the name of the request.
-    """
+    """Claim of a stop that this process is about to ask for: hash of a clear key, and request's name."""
 
     def __init__(self) -> None:
         self._key = new_clear_key()

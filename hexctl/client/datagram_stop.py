@@ -35,10 +35,9 @@ Addresses = list[tuple[socket.AddressFamily, tuple[object, ...]]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sighting:
-    """State that a robot reported.
+    """State that a robot reported, at a time on time.monotonic.
 
     Attributes:
-        at_s: time on time.monotonic.
         stopped: reason of a latched stop, or None.
         kept: whether the stop is on the disk.
         echoed: whether `at_rest` is known only from targets, because the servos do not report their angles.
@@ -56,11 +55,7 @@ class Sighting:
 
 
 class DatagramStop:
-    """Queries a robot by datagram, and stops it when ordered, on its own thread.
-
-    Args:
-        order: whether the robot is to stop, and under which name.
-        see: takes each answer, on the thread.
+    """Queries a robot by datagram, and stops it when ordered, on its own thread, which calls `see`.
 
     Attributes:
         trouble: why no datagram can be sent, or None.

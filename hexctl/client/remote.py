@@ -41,10 +41,7 @@ class RemoteRobots:
         return [status_of(answer) for answer in answers]
 
     def await_statuses(self) -> list[dict[str, Any]]:
-        """Status of each robot, waiting for one that is starting.
-
-        Raises RobotFaultError when no robot answers.
-        """
+        """Status of each robot, also of one that is starting; raises RobotFaultError without any."""
         return [status_of(answer) for answer in self._ask(self._keys.describe)]
 
     def stop(self, request: str | None = None) -> list[dict[str, Any]]:
@@ -169,14 +166,7 @@ def remote_robots(
     insecure: bool = False,
     link: str | None = None,
 ) -> Iterator[RemoteRobots]:
-    """Robots on a link; a context manager.
-
-    Args:
-        role: a viewer reads the status, a controller may stop too.
-        connect: Zenoh endpoint; None takes that of the link, or the default.
-        credentials: folder of certificates.
-        insecure: whether a link to another computer may lack certificates.
-        link: name or path of a link file.
+    """Robots on a link, whose arguments are those of `estop`; a context manager.
 
     Raises InputError for a link that is not allowed, RobotFaultError when nothing listens there.
     """

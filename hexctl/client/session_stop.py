@@ -22,13 +22,11 @@ class SessionStop:
     """Queries the robots on a link over a session, and stops them when ordered, on its own thread.
 
     Args:
-        order: whether the robots are to stop, and under which name.
         see: takes the combined state of all robots, on the thread.
         again: whether to retry a session that cannot be opened.
 
     Attributes:
         error: why there is no session, or why a robot has not stopped; otherwise None.
-        answers: the last answer of each robot to the stop.
         obeyed: name of the stop that they confirmed, unless one has cleared it since; otherwise None.
     """
 

@@ -72,13 +72,7 @@ class StopResult:
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """How a robot can currently be reached.
-
-    Attributes:
-        robot: its name, empty before its first answer.
-        ways: available ones of `datagram` and `session`.
-        trouble: why the others are unavailable, or empty.
-    """
+    """How a robot can be reached: ways are `datagram` and `session`, `trouble` is about missing ones."""
 
     robot: str
     ways: tuple[str, ...]
@@ -157,11 +151,7 @@ class ReadyStop:
         self._datagrams.end()
 
     def press_by_datagram(self, wait_s: float) -> None:
-        """Stop the robot before the slow import of sessions; then use `with`.
-
-        Args:
-            wait_s: maximum time for the confirmation; datagrams continue after it.
-        """
+        """Stop the robot before the slow import of sessions, waiting for a confirmation; then use `with`."""
         self.press()
         self._datagrams.begin()
         until_s = time.monotonic() + wait_s
@@ -236,10 +226,7 @@ class ReadyStop:
         return bool(self._session.answers) or self._session.ended or self._session.error is not None
 
     def watch(self, result: StopResult) -> Iterator[str]:
-        """Yield a line for each change of a stopped robot, without end.
-
-        From the first line on, the robot is not stopped again if the stop is cleared.
-        """
+        """Yield a line for each change of a stopped robot, which is then no longer stopped again."""
         self._order.wanted.clear()
         watch = StopWatch(result.stop_id)
         while True:

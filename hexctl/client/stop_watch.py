@@ -24,11 +24,7 @@ class State(Enum):
 
 
 class StopWatch:
-    """Reports each change of a stopped robot once.
-
-    Args:
-        stop_id: of the stop in force; None if the robot did not report it.
-    """
+    """Reports each change of a stopped robot once; `stop_id` is None if the robot did not report it."""
 
     def __init__(self, stop_id: str | None) -> None:
         self._stop_id = stop_id

@@ -220,11 +220,7 @@ def _named(walks: list[RunResult]) -> dict[str, Any]:
 
 
 class _Drawing(threading.Thread):
-    """Draws both walks as a race during the search; an interrupted one ends with the process.
-
-    Attributes:
-        drawn: the picture, or why there is none, by field of the result; empty until then.
-    """
+    """Draws both walks as a race during the search; `drawn` is then a field of the result."""
 
     def __init__(self, walks: Sequence[RunResult], into: Path) -> None:
         super().__init__(name="race", daemon=True)

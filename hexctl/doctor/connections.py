@@ -23,8 +23,6 @@ class Device:
     """A device file.
 
     Attributes:
-        path: such as `/dev/ttyUSB0`.
-        name: of its adapter, or empty.
         group: with read and write access; empty if only root has it.
         usable: whether this process may read and write it.
     """
@@ -77,10 +75,7 @@ def _device(path: str, name: str = "") -> Device:
 
 
 def _group_of(found: os.stat_result) -> str:
-    """Group with read and write access to a device; empty for root, and without access.
-
-    Raises KeyError for a group without a name.
-    """
+    """Group with access to a device, or empty; raises KeyError for a group without a name."""
     shared = stat.S_IRGRP | stat.S_IWGRP
     may = found.st_mode & shared == shared and found.st_gid != 0
     return grp.getgrgid(found.st_gid).gr_name if may else ""

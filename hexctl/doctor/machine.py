@@ -24,15 +24,10 @@ class Machine:
     """A computer.
 
     Attributes:
-        architecture: such as `x86_64` or `aarch64`.
-        python: version and path.
         cores: available to this process.
         load: mean of the last minute, or None.
-        governor: of the processor's frequency, or None.
         memory_mb: free and total, or None.
         disk_free_mb: on the disk of the folder for runs.
-        folder_writable: whether that folder is.
-        realtime: whether the kernel grants real-time priority.
         late_ms: maximum lateness of some ticks of 20 ms.
     """
 

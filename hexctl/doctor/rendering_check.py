@@ -23,12 +23,7 @@ print(GL.glGetString(GL.GL_RENDERER).decode())
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drawing:
-    """Available renderers.
-
-    Attributes:
-        renderers: name of the renderer by `egl` and `osmesa`, or None.
-        display: whether there is a screen for a window.
-    """
+    """Available renderers: name by `egl` and `osmesa`, or None; and whether there is a screen."""
 
     renderers: dict[str, str | None]
     display: bool

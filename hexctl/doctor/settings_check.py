@@ -13,13 +13,7 @@ ADDRESSES = ("connect", "listen", "camera", "dask", "ros", "page", "host", "port
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SettingFound:
-    """One setting that is in force.
-
-    Attributes:
-        key: in a file, such as `run.duration`, or the variable.
-        value: text; `given` for one that may name another computer.
-        origin: the file, or `environment`.
-    """
+    """One setting in force; its value is `given` if it may name another computer."""
 
     key: str
     value: str
@@ -28,13 +22,7 @@ class SettingFound:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SettingsFound:
-    """Settings of files and variables.
-
-    Attributes:
-        values: settings in force.
-        problems: why a file or a variable is invalid, one line each.
-        unknown: names of variables `HEXCTL_*` that are no setting.
-    """
+    """Settings in force, lines on invalid files and variables, and unknown variables `HEXCTL_*`."""
 
     values: tuple[SettingFound, ...]
     problems: tuple[str, ...]

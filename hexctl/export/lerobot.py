@@ -43,12 +43,8 @@ def write_lerobot(trials: Trials, folder: Path, on_progress: OnProgress) -> None
     """Write trials of one robot as a LeRobot dataset into a new folder.
 
     `action` contains the commanded joint angles, `observation.state` the measured ones, both in rad. Pose and
-    contacts are included if all trials have them. Frames are evenly spaced, with interpolated values.
-
-    Args:
-        on_progress: takes the number of finished episodes and the total.
-
-    Raises InputError for trials of several robots, and MissingExtraError without pandas and pyarrow.
+    contacts are included if all trials have them. Frames are evenly spaced, with interpolated values. Raises
+    InputError for trials of several robots, and MissingExtraError without pandas and pyarrow.
     """
     pa, pq, pandas = _libraries()
     facts = [_Facts.of(trial) for trial in trials]
@@ -102,8 +98,6 @@ def _libraries() -> tuple[Any, Any, Any]:
 
 @dataclass(frozen=True, slots=True)
 class _Facts:
-    """Facts about an episode that are needed before the first is written."""
-
     robot: str
     task: str
     posed: bool
@@ -173,7 +167,6 @@ def _episode(number: int, text: str, before: int, length: int, columns: dict[str
 
 
 def _stats(values: FloatArray) -> dict[str, list[float]]:
-    """Least, greatest, mean, standard deviation and number of frames, by component."""
     exact = values.astype(float)
     return {
         "min": exact.min(axis=0).tolist(),

@@ -60,11 +60,7 @@ Stamped = tuple[int, str, Any]
 
 
 def write_mcap(trial: RecordedTrial, path: Path) -> None:
-    """Write a trial to a new MCAP file, or to a new folder for `ros2 bag play`. Values equal the recording's.
-
-    Args:
-        path: a file if it ends in `.mcap`, else a folder with the .mcap and its `metadata.yaml`.
-    """
+    """Write a trial to a new MCAP file if `path` ends in `.mcap`, else to a folder for `ros2 bag play`."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with scratch_folder(path.parent, path.stem) as draft:
         bag = draft / path.stem

@@ -136,17 +136,7 @@ class RaceRenderer:
         camera: str,
         width_px: int,
     ) -> None:
-        """Lay out the lanes and the finish line for a film.
-
-        Args:
-            trials: the two walks; the first one is on the far lane.
-            starts_s: second of each recording at which the film begins.
-            captions: a name for each.
-            times_s: times of the pictures.
-            camera: one of `CAMERAS`.
-
-        Raises what `open_context` raises.
-        """
+        """Lay out the lanes, the first trial on the far one; raises what `open_context` raises."""
         self._reach_m = max(trial.robot.stance_radius_m for trial in trials)
         self._lane_m = LANE_SHARE * self._reach_m
         sides = (self._lane_m / 2, -self._lane_m / 2)
@@ -271,13 +261,7 @@ class RaceRenderer:
 
 @dataclass(frozen=True, slots=True)
 class _Course:
-    """Extent of the race along the lines of travel, and its winner.
-
-    Attributes:
-        start_m: origin of distances: the rearmost body as the film begins.
-        finish_m: None if no walk advances.
-        won: the winner, and the time of the film at its finish, or None.
-    """
+    """Extent of the race from the rearmost body, its finish line and winner, if any."""
 
     start_m: float
     end_m: float
@@ -302,7 +286,6 @@ class _Course:
         return cls(start_m, end_m, finish_m, winner)
 
     def messages(self, racer: Racer) -> list[Message]:
-        """All messages on a walk, in the order of time."""
         found = list(racer.messages())
         if self.won is not None and self.won[0] is racer:
             found.append(Message(self.won[1], "wins", WON_BADGE, math.inf))

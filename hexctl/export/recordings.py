@@ -89,10 +89,7 @@ def recordings_to_export(
     robot: Robot | None = None,
     on_damage: OnDamage = log_damage,
 ) -> Recordings:
-    """Recordings of files or of a session; further arguments as in `Recordings`.
-
-    Raises InputError for anything else, and for a session without recordings.
-    """
+    """Recordings of files or of a session; raises InputError for anything else, and without any."""
     found: list[Path] = []
     given: set[Path] = set()
     for source in sources:

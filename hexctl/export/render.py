@@ -201,15 +201,7 @@ def add_geom(
     at_m: FloatArray | None = None,
     axes: FloatArray | None = None,
 ) -> Any:
-    """Add a solid to a scene and return it; None if the scene is full.
-
-    Args:
-        kind: an `mjtGeom`.
-        color: red, green, blue.
-        size_m: half sizes along its axes, (3,); None leaves them to the caller.
-        at_m: position, (3,); None is the origin.
-        axes: of the solid as columns, (3, 3); None are those of the world.
-    """
+    """Add a solid (`mjtGeom`, half sizes, axes as columns) to a scene and return it; None if full."""
     import mujoco
 
     if scene.ngeom >= scene.maxgeom:

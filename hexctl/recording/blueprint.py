@@ -35,12 +35,9 @@ def make_blueprint(
     live: bool = False,
     several: bool = False,
 ) -> Any:
-    """Blueprint of a trial's recording.
+    """Blueprint of a trial's recording, optionally with evidence against legs (`watched`) and `servos`.
 
     Args:
-        heading_rad: commanded direction of the walk.
-        watched: whether to show the evidence against each leg.
-        servos: whether to show temperatures and voltages.
         live: whether it is shown during the walk: the time cursor follows, and events replace the summary.
         several: whether to open the list of recordings.
     """

@@ -93,14 +93,10 @@ class LiveView:
         watched: bool = False,
         servos: bool = False,
     ) -> None:
-        """Begin another walk.
+        """Begin another walk, with arguments as for a `Recording`.
 
         Args:
-            title: name of the walk in the viewer.
-            floor: None is an even, level floor.
             looks: robot file whose meshes are drawn; None draws solids.
-            watched: whether the walk monitors its legs.
-            servos: whether the servos may report temperatures and voltages.
         """
         header = {"robot": robot, "plan": plan, "title": title, "floor": floor, "looks": looks}
         self._send({**header, "watched": watched, "servos": servos})
@@ -202,8 +198,6 @@ def watch_states(
 
     Args:
         read: returns the latest state; its argument and the state's stamp are in s on one clock.
-        place: of the robot, for titles.
-        stop_requested: called at every tick.
         failures: current failures of a simulation, or None if unknown.
 
     Raises RobotFaultError when the live view is lost, and what `read` raises.

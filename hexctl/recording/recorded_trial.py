@@ -33,12 +33,7 @@ UNPOSED_GAP_NS = round(2.5 * PERIOD_S * 1e9)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples(ArrayFields):
-    """Values that are not recorded at every tick.
-
-    Attributes:
-        rows: their ticks, (N,), ascending.
-        values: (N, width), NaN if unknown.
-    """
+    """Values at some ticks (`rows`, ascending), (N, width), NaN if unknown."""
 
     rows: Rows
     values: FloatArray
@@ -187,8 +182,6 @@ def _joints(columns: "_Columns", path: Path) -> tuple[Rows, FloatArray]:
 
 
 class _Columns:
-    """The chunks of a recording by entity, with components as arrays in order of time."""
-
     def __init__(self, path: Path) -> None:
         self._chunks: dict[str, list[Any]] = defaultdict(list)
         self._end_ns: int | None = None
@@ -196,7 +189,6 @@ class _Columns:
             self._chunks[entity_of(batch)].append(batch)
 
     def cut(self, end_ns: int) -> None:
-        """Drop everything later than a time."""
         self._end_ns = end_ns
 
     def numbers(self, entity: str, component: str, width: int) -> tuple[Rows, FloatArray]:

@@ -49,10 +49,7 @@ INDEXED_S = 120.0
 
 
 class Recording:
-    """Writes a trial to an .rrd file while it runs: a recorder of `run_trial`.
-
-    Use as a context manager, or call `close`.
-    """
+    """Writes a trial to an .rrd file: a recorder of `run_trial`, and a context manager or `close`."""
 
     block_ticks: int | None = None
 
@@ -132,13 +129,7 @@ class Recording:
         return rows >= BLOCK_TICKS or passed_s >= max(BLOCK_S, rows * PERIOD_S / MOST_PACE)
 
     def finish(self, result: TrialResult, facts: Mapping[str, Any]) -> None:
-        """Add the outcome, as text and as properties, close the file, and check that it is complete.
-
-        Args:
-            facts: further properties, such as world, seed and backend.
-
-        Raises RecordingError when the disk did not take everything.
-        """
+        """Add the outcome, as text and properties, and close. Raises RecordingError if it is incomplete."""
         rr = load_rerun()
         self._write_all()
         flush(self._stream, self.path)
@@ -201,9 +192,6 @@ class Recording:
         self._due = due
 
     def _beginning_s(self, log: TickLog, stop: int) -> float:
-        """Wall clock at the first tick of a log, in s since 1970.
-
-        A simulation's first block spans more of its own time than has passed since the recording began.
-        """
+        """A simulation's first block spans more of its own time than has passed."""
         times_s = log.rows("time_s", 0, stop)
         return max(self._created_at_s, time.time() - float(times_s[-1] - times_s[0]))

@@ -96,9 +96,7 @@ class Layout:
 
 
 def save_stream(stream: Any, path: Path, blueprint: Any, *, index: bool = True) -> None:
-    """Connect a stream to a file that opens with a layout.
-
-    Rerun keeps what its index needs in memory until the file is closed.
+    """Connect a stream to a file that opens with a layout. An index is kept in memory until it is closed.
 
     Raises RecordingError for a file that cannot be written, or was deleted since it was made.
     """
@@ -111,10 +109,7 @@ def save_stream(stream: Any, path: Path, blueprint: Any, *, index: bool = True) 
 
 
 def flush(stream: Any, path: Path) -> None:
-    """Make sure that everything sent to a stream is in its file.
-
-    Raises RecordingError when the disk did not take it, or its folder was deleted.
-    """
+    """Write a stream to its file; raises RecordingError if the disk is full or the folder was deleted."""
     try:
         room = os.statvfs(path.parent)
     except OSError as error:
@@ -195,10 +190,7 @@ ROOM_BYTES = 500_000
 
 
 def create_file(path: Path) -> None:
-    """Make an empty file and its folders: Rerun would silently overwrite an existing file.
-
-    Raises InputError for a file that exists or cannot be written.
-    """
+    """Make an empty file and its folders; raises InputError if it exists or cannot be written."""
     create_folders(path)
     try:
         with path.open("xb") as file:

@@ -88,10 +88,7 @@ def check_viewable(path: Path) -> None:
 
 
 def check_end(path: Path, start: int) -> None:
-    """Raise RecordingError unless complete messages follow the first `start` bytes of a recording.
-
-    `start` is a boundary of messages: the size at the last flush.
-    """
+    """Raise RecordingError unless complete messages follow the first `start` bytes of a recording."""
     at = start
     with reopen(path) as file:
         size = file.seek(0, os.SEEK_END)

@@ -199,14 +199,7 @@ SUNK_M = 0.002
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorMesh(ArrayFields):
-    """Triangles in the floor's plane.
-
-    Attributes:
-        positions: (V, 3) in m.
-        triangles: (T, 3) indices of vertices.
-        normals: (V, 3).
-        colors: (V, 3), red, green, blue.
-    """
+    """Triangles in the floor's plane: positions (V, 3) in m, indices (T, 3), normals, RGB colours."""
 
     positions: NDArray[np.float32]
     triangles: NDArray[np.uint32]
@@ -215,11 +208,7 @@ class FloorMesh(ArrayFields):
 
 
 def make_floor_mesh(heights_m: FloatArray | None, path_end_m: FloatArray) -> FloorMesh:
-    """Mesh of the floor around a straight path from the origin to `path_end_m`, (2,).
-
-    Args:
-        heights_m: height field (rows along y, columns along x), or None for an even floor.
-    """
+    """Mesh of heights (rows along y) around a straight path from the origin to `path_end_m`, (2,)."""
     margin_m = EVEN_MARGIN_M if heights_m is None else FLOOR_MARGIN_M
     low = np.minimum(path_end_m, 0.0) - margin_m
     high = np.maximum(path_end_m, 0.0) + margin_m

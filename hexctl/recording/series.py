@@ -16,9 +16,7 @@ class Series(NamedTuple):
     """Numbers of one entity, with a line each in a plot.
 
     Attributes:
-        path: the entity.
         bits: stored binary places.
-        widths: of the lines; None leaves them to the viewer.
         source: column of the log, or attribute of `ServoReadings`; None if a track calculates the numbers.
     """
 

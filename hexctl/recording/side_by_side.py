@@ -105,7 +105,6 @@ def _copy(trial: RecordedTrial, name: str, path: Path) -> None:
 
 
 def _floor(trial: RecordedTrial) -> Floor:
-    """The plane of a trial's floor; a recording keeps no heights."""
     return Floor(trial.floor_quaternion, trial.floor_normal_world, None)
 
 
@@ -148,7 +147,6 @@ def _walk_chunks(lane: _Lane, *, with_floor: bool) -> Iterator[Any]:
 
 
 def _send_looks(stream: Any, lane: _Lane) -> None:
-    """Send the place of a lane, its name above the robot, the colour of its deviation, and its result."""
     rr, robot = load_rerun(), lane.trial.robot
     stream.log(lane.root, rr.Transform3D(translation=[0.0, lane.left_m, 0.0]), static=True)
     above = [[0.0, 0.0, 1.2 * robot.standing_height_m]]

@@ -70,7 +70,6 @@ def label_of(state: str) -> str:
 
 
 def _failure_words() -> list[str]:
-    """Words of all single failed legs, and of two and three legs."""
     legs = range(1, N_LEGS + 1)
     kinds = [
         *FAILURE_KINDS,

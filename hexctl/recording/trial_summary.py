@@ -28,11 +28,9 @@ def make_markdown(
     stability: float | None,
     facts: Mapping[str, Any],
 ) -> str:
-    """Text panel in Markdown.
+    """Text panel in Markdown; a missing result is pending.
 
     Args:
-        title: heading.
-        result: None for a pending one.
         stability: share of the walk with the centre of gravity inside the support polygon, or None.
         facts: further rows.
     """
@@ -93,11 +91,7 @@ def held_in_words(outcome: Mapping[str, Any]) -> str:
 
 
 def posture_in_words(posture: Posture, swing_share: float, size_m: float | None = None) -> str:
-    """Differences of posture and swing from the paper's, or an empty text.
-
-    Args:
-        size_m: of the robot; None gives lengths as shares of it.
-    """
+    """Differences of posture and swing from the paper's, or empty; lengths as shares without `size_m`."""
     size, unit = (100.0, "% of its size") if size_m is None else (size_m, "m")
     forward, left = (f"{size * share:+g} {unit}" for share in posture.shift)
     above = "higher" if posture.body_raise > 0 else "lower"
@@ -191,7 +185,6 @@ def _table(rows: Any) -> str:
 
 
 def _cell(value: Any) -> str:
-    """Value as text that cannot break a table."""
     if isinstance(value, list):
         value = ", ".join(map(str, value))
     if isinstance(value, Mapping):
@@ -201,7 +194,6 @@ def _cell(value: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Value that a property can hold; nested values become JSON."""
     simple = (str, int, float, bool)
     if isinstance(value, simple):
         return value

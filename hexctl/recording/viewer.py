@@ -27,7 +27,7 @@ NO_DISPLAY = "the viewer finds no display"
 
 
 def viewer_binary() -> Path:
-    """Path of Rerun's executable; the `rerun` on the PATH is a wrapper that does not pass signals on.
+    """Rerun's executable; the `rerun` on the PATH is a wrapper that does not pass signals on.
 
     Raises MissingExtraError when it is not installed.
     """
@@ -70,13 +70,7 @@ def open_viewer(paths: Sequence[Path]) -> int:
 
 
 def newest_recording(folder: Path, *, leave_out: str | None = None) -> Path:
-    """Latest recording in a folder or its subfolders.
-
-    Args:
-        leave_out: a file name to ignore.
-
-    Raises InputError when there is none, or the folder is a file.
-    """
+    """Latest recording below a folder, except `leave_out`; raises InputError without any."""
     if (instead := file_instead(folder)) is not None:
         raise InputError(f"{instead}; allowed: a folder of recordings")
     found = [path for path in folder.rglob("*.rrd") if path.is_file() and path.name != leave_out]
@@ -129,10 +123,7 @@ def web_url(port: int, web_port: int) -> str:
 
 @contextmanager
 def serve_web(web_port: int, urls: Sequence[str]) -> Iterator[WebViewer]:
-    """Serve the viewer with recordings at some URLs to browsers; a context manager.
-
-    Raises RecordingError for a server that cannot start, MissingExtraError without Rerun.
-    """
+    """Serve the viewer with recordings at some URLs; raises RecordingError or MissingExtraError."""
     command = [
         str(viewer_binary()),
         "--bind",
@@ -196,10 +187,7 @@ class FileServer:
         return f"http://{LOCAL}:{self._server.server_port}/{quote(folder, safe='')}/"
 
     def add(self, folder: str, path: Path) -> str:
-        """Serve a recording below a folder and return its URL.
-
-        Raises InputError for a missing or damaged file or a file of another kind.
-        """
+        """Serve a recording below a folder and return its URL; raises InputError for a bad file."""
         check_viewable(path)
         self._files[f"/{folder}/{path.name}"] = path
         return self.base(folder) + quote(path.name)

@@ -55,10 +55,7 @@ class DiagnosisRun(Run):
     """
 
     def __init__(self, spec: RunSpec) -> None:
-        """Check a spec, whose gait and motion are ignored.
-
-        Raises InputError for what is not allowed, LimitError for a robot without room around its stance.
-        """
+        """Check a spec, whose gait and motion are ignored; raises InputError or LimitError."""
         failures = read_failures_before(spec.failure, None, "a failure before the diagnosis, such as 5:limp")
         if failures and not spec.simulated:
             name, value = option_of(failures[0])
@@ -144,7 +141,7 @@ class DiagnosisRun(Run):
         return self.diagnosis
 
     def _make_alone(self, probe: Probe) -> bool:
-        """Make one probe, then rest; False if the robot was stopped."""
+        """Make one probe, then rest; return False after a stop."""
         guard = self._guard
         assert guard is not None  # noqa: S101  it is connected
         try:

@@ -175,11 +175,7 @@ class RunSpec(RecordedOptions, WalkOptions):
         return self.record is not None or self.record_folder is not None
 
     def made_policy(self, *, failures_come: bool) -> RecoveryPolicy:
-        """The recovery policy of the walk; raises InputError for an unknown name.
-
-        Args:
-            failures_come: whether simulated legs fail during the walk.
-        """
+        """The recovery policy, also for simulated failures during the walk; raises InputError."""
         usual = default_policy(simulated=self.simulated, failures_come=failures_come)
         policy = usual if self.policy is None else self.policy
         return make_policy(policy) if isinstance(policy, str) else policy
@@ -245,10 +241,7 @@ def spec_of(options: Mapping[str, Any]) -> RunSpec:
 
 
 def plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
-    """Plan of the trial of a spec.
-
-    Raises InputError for a gait, a posture or a motion that is not allowed.
-    """
+    """Plan of the trial of a spec; raises InputError for a bad gait, posture or motion."""
     if spec.failed_leg == AUTO_LEG:
         raise InputError(
             f"{argument('failed_leg')}: got {AUTO_LEG}, which stands for a leg; allowed: 1..6, or the "
@@ -342,7 +335,6 @@ def _name_and_time(text: str) -> tuple[str, float]:
 
 
 def _check_found(spec: RunSpec) -> None:
-    """Raise InputError for options of a gait that `auto` finds with more than one failed leg."""
     names = (spec.gait, *(text.rpartition("@")[0] for text in spec.then))
     if len(spec.failures) < 2 or AUTO not in names:
         return

@@ -36,10 +36,7 @@ class CommandCounters:
     """Counts of the commands that arrived since the server began.
 
     Attributes:
-        accepted: passed the guard.
-        refused: refused by the guard.
         stale_owner: without the current lease.
-        out_of_order: with a repeated or earlier sequence number.
         late: older than their time to live.
         lost: sequence numbers that never arrived.
         overflowed: messages of any kind that a full inbox dropped.
@@ -57,12 +54,7 @@ class CommandCounters:
 
 @dataclass(frozen=True, slots=True)
 class Checked:
-    """A command to execute.
-
-    Attributes:
-        delay_s: how much longer than the fastest command it took.
-        good_for_s: time from its arrival until it expires.
-    """
+    """A command to execute, its delay behind the fastest one, and its remaining validity."""
 
     command: Command
     delay_s: float
@@ -88,10 +80,7 @@ class CommandHandler:
         return False
 
     def check(self, payload: bytes, attachment: bytes | None, lease: Lease | None, at_s: float) -> Checked:
-        """Command to execute, of the current lease, in order and on time.
-
-        Raises MessageError or CommandRefusedError, counted, for any other.
-        """
+        """The command, if in order and on time; counts others and raises an error."""
         try:
             command = decode_command(payload, attachment)
         except MessageError:

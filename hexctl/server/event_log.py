@@ -38,21 +38,12 @@ POSTURES = {
 
 
 class EventLog:
-    """Reports changes of the robot's controller, stop and posture, one line each.
-
-    `report` is called on a separate thread: a paused terminal must not delay the robot.
-    """
+    """Reports changes of the robot's controller, stop and posture on a thread, which may block."""
 
     def __init__(
         self, report: Callable[[str], None], *, clear: str = CLEAR_COMMAND, time: TimeSource = WALL_TIME
     ) -> None:
-        """Create a log.
-
-        Args:
-            report: takes a line.
-            clear: command that ends a stop of the robot.
-            time: clock of the ends of standstills.
-        """
+        """Create a log; `report` takes a line, `clear` is the command that ends a stop."""
         self._report, self._clear, self._time = report, clear, time
         self._lines: queue.Queue[str | None] = queue.Queue(WAITING_LINES)
         self._controller: str | None = None
@@ -85,8 +76,7 @@ class EventLog:
         """Report what differs from the last call, and a fault that is over while its stop is latched.
 
         Args:
-            stop: in force, with the name of who asked for it.
-            cleared: the last one that was cleared.
+            cleared: the stop that was cleared last.
             ros: line on the ROS router.
             doubt: line on an implausible position.
             standstill: of this program; reported before its consequences.

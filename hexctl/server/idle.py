@@ -13,10 +13,8 @@ class IdleSupervisor:
     """Lets a robot whose commands have ended sit down after a while, then disables its torque.
 
     With hot servos it sits down immediately. After any stop except for an expired command it holds its pose
-    until the next command, even if the stop is cleared: the operator may be touching the robot.
-
-    Attributes:
-        name: `idle` before the first command, then `commanded`, `holding`, `sitting` or `limp`.
+    until the next command, even if the stop is cleared: the operator may be touching the robot. `name` is
+    `idle` before the first command, then `commanded`, `holding`, `sitting` or `limp`.
     """
 
     def __init__(self, guard: Guard, *, sit_after_s: float = SIT_AFTER_S) -> None:

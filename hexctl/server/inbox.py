@@ -20,13 +20,7 @@ QUERIES = ("lease", "estop", "describe", "failure")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Arrival:
-    """A message that arrived.
-
-    Attributes:
-        kind: as in `KeyMap`.
-        item: a Zenoh sample or query.
-        at_s: time of arrival, by the time source of the inbox.
-    """
+    """A message that arrived: its kind in `KeyMap`, a Zenoh sample or query, and its time."""
 
     kind: str
     item: Any
@@ -39,9 +33,6 @@ class Inbox:
     A lock wakes the reader: a condition variable costs two wake-ups, a fifth of a round trip. With
     `queue.SimpleQueue`, `get` can block forever if a signal interrupts it as its timeout expires (CPython
     3.11).
-
-    Attributes:
-        overflowed: arrivals dropped unread so far.
     """
 
     def __init__(self, capacity: int = CAPACITY, *, time: TimeSource = WALL_TIME) -> None:

@@ -52,10 +52,9 @@ TRY_S, TRIES_S = 0.1, 5.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeeperSpec:
-    """What a keeper looks after.
+    """Robot that a keeper looks after.
 
     Attributes:
-        backend: name of the backend on the bus.
         robot: name or path of the robot file.
         connect: port of the bus; None takes that of the robot file.
         sits: whether the robot sits down; otherwise it holds.
@@ -78,11 +77,7 @@ def _options(spec: KeeperSpec) -> BackendOptions:
 
 
 class Keeper:
-    """The server's end: a keeper that runs until `dismiss` or the end of the server.
-
-    Attributes:
-        lost: whether it has ended while the server lives, as of the last tick.
-    """
+    """The server's end of a keeper; `lost` is whether it has ended while the server lives."""
 
     def __init__(self, spec: KeeperSpec) -> None:
         words = {**asdict(spec), "server": os.getpid()}
@@ -141,10 +136,7 @@ def wait_for_the_end(pipe: int, silent_s: float = SILENT_S) -> str | None:
 
 
 def take_over(spec: KeeperSpec) -> str:
-    """Let the robot sit down, or hold; return a short description.
-
-    Raises RobotFaultError when the bus cannot be reached.
-    """
+    """Let the robot sit down, or hold; return a description. Raises RobotFaultError without a bus."""
     servos = _connected(spec)
     with Guard(servos, expiry_s=MAX_EXPIRY_S) as guard:
         if isinstance(servos, BusServos | Pca9685Servos) and not servos.holds:
@@ -165,7 +157,7 @@ def take_over(spec: KeeperSpec) -> str:
 
 
 def _without_some_pulses(guard: Guard, *, sits: bool) -> str:
-    """Without pulses on some servos fewer than six legs carry, and limp servos would jump to any pose."""
+    """Fewer than six legs carry, and limp servos would jump to any pose."""
     if not sits:
         return "holds, where its servos still have pulses"
     guard.disable_torque()

@@ -23,7 +23,6 @@ class Lease:
 
     Attributes:
         lease_id: 16 random bytes that only its owner knows.
-        sequence: increases with each lease.
         owner: name of the client, for display.
         deadline_s: when it expires unless renewed.
     """
@@ -36,11 +35,7 @@ class Lease:
 
 
 class LeaseManager:
-    """Grants, renews and revokes the one lease of a robot. Times are on any monotonic clock.
-
-    Attributes:
-        refused: requests refused so far, except those of the last holder, whose lease a stop may have ended.
-    """
+    """Grants, renews and revokes the one lease of a robot. Times are on any monotonic clock."""
 
     def __init__(self, *, duration_s: float = LEASE_S) -> None:
         self.duration_s = duration_s
@@ -56,10 +51,7 @@ class LeaseManager:
         return held if held is not None and now_s <= held.deadline_s else None
 
     def acquire(self, owner: str, now_s: float, duration_s: float | None = None) -> Lease:
-        """Grant a new lease, for the default duration unless one is given.
-
-        Raises LeaseRefusedError, with the name of the client that holds the robot.
-        """
+        """Grant a new lease, by default for the usual time; raises LeaseRefusedError if the robot is held."""
         holder = self.holder(now_s)
         if holder is not None:
             self.refused += 1
@@ -79,10 +71,7 @@ class LeaseManager:
         return self._held
 
     def renew(self, lease_id: bytes, now_s: float, duration_s: float | None = None) -> Lease:
-        """Renew a lease, for the default duration unless one is given.
-
-        Raises LeaseRefusedError if it has expired or was replaced.
-        """
+        """Renew a lease; raises LeaseRefusedError if it has expired or was replaced."""
         held = self._require(lease_id, now_s)
         duration_s = self.duration_s if duration_s is None else duration_s
         self._held = replace(held, deadline_s=now_s + duration_s)
@@ -95,10 +84,7 @@ class LeaseManager:
             self._held = replace(held, deadline_s=at_s + self.duration_s)
 
     def release(self, lease_id: bytes, now_s: float) -> None:
-        """Give a lease back.
-
-        Raises LeaseRefusedError if it is not current.
-        """
+        """Give a lease back; raises LeaseRefusedError if it is not current."""
         self._require(lease_id, now_s)
         self._held = None
 

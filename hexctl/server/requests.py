@@ -39,14 +39,12 @@ MAX_NAME = 64
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StopRequest:
-    """What a message at `estop` asks for.
+    """Content of a message at `estop`.
 
     Attributes:
         op: `stop` or `clear`.
         request: the client's name for its stop.
-        stop_id: of the stop to clear.
         by: the client's name for itself; an invalid one does not invalidate the request.
-        keys: clear keys that the client presents.
     """
 
     op: str
@@ -57,10 +55,7 @@ class StopRequest:
 
     @classmethod
     def of(cls, payload: bytes) -> "StopRequest":
-        """Decode a request; an empty payload is a stop.
-
-        Raises MessageError if it is malformed.
-        """
+        """Decode a request; an empty payload is a stop. Raises MessageError if it is malformed."""
         if not payload:
             return cls(op="stop")
         content = decode_json(payload)
@@ -76,13 +71,9 @@ class StopRequest:
 class RequestHandler:
     """Answers requests about the lease and the stop of one robot.
 
-    Args:
-        latch: of its stops; created unless given.
-
     Attributes:
         malformed: requests so far that could not be decoded.
         rested_after: number of the last command before the lease's holder rested, as it reported.
-        ros_key: clear key of stops that come over ROS.
     """
 
     def __init__(self, guard: Guard, leases: LeaseManager, latch: StopLatch | None = None) -> None:
@@ -95,11 +86,8 @@ class RequestHandler:
     def urgent(self, payload: bytes, *, by: str | None = None, clear_key: str | None = None) -> None:
         """Stop the robot unless a payload at `estop` asks for a clear. Thread-safe.
 
-        A malformed payload stops too: a client that writes there wants to stop.
-
-        Args:
-            by: default for a payload without a name.
-            clear_key: default for a payload without a key.
+        A malformed payload stops too: a client that writes there wants to stop. `by` and `clear_key` replace
+        missing ones in the payload.
         """
         try:
             wanted = StopRequest.of(payload)
@@ -110,13 +98,9 @@ class RequestHandler:
             self.latch.stop(wanted.request, by=by or wanted.by, claim=claim)
 
     def estop(self, payload: bytes, at_s: float) -> dict[str, Any]:
-        """Answer to a request at `estop`: why the robot is stopped now, after a stop or a clear.
+        """Answer to a request at `estop`, which `urgent` has seen: why the robot is stopped now.
 
-        Both end the lease. A refused clear changes nothing and is answered with `error`.
-
-        Args:
-            payload: `urgent` has seen it already.
-            at_s: time of arrival, by the robot's time source.
+        A stop and a clear end the lease. A refused clear changes nothing and is answered with `error`.
         """
         try:
             wanted = StopRequest.of(payload)
@@ -131,12 +115,7 @@ class RequestHandler:
     def clear(
         self, stop_id: str | None, at_s: float, *, by: str = UNNAMED, keys: tuple[str, ...] = ()
     ) -> dict[str, Any]:
-        """Clear a stop; a fault that persists stops the robot again before the answer.
-
-        Args:
-            at_s: time of the request, by the robot's time source.
-            keys: clear keys that the client presents.
-        """
+        """Clear a stop with keys; a fault that persists stops the robot again before the answer."""
         if self._guard.stopped is None:
             return {"stopped": None}
         refusal = self.latch.clear(stop_id, at_s, by=by, keys=keys)
@@ -194,10 +173,7 @@ class RequestHandler:
         return answer
 
     def acquire(self, owner: str, now_s: float, duration_s: float | None = None) -> Lease:
-        """Grant a lease, for the default duration unless one is given; lift a stop for silence.
-
-        Raises LeaseRefusedError while another client holds the robot, and while it is stopped.
-        """
+        """Grant a lease and lift a stop for silence; raises LeaseRefusedError if held or stopped."""
         stopped = self._guard.stopped
         if stopped not in (None, LIFTED_BY_LEASE):
             self.leases.refused += 1

@@ -11,11 +11,7 @@ STILL_RAD, STILL_S = 0.02, 0.2
 
 
 class RestWatch:
-    """Checks the joint angles of each control period.
-
-    Attributes:
-        at_rest: whether no joint has moved recently; False while angles are too few, unknown or unreachable.
-    """
+    """Checks the joint angles of each control period; too few, unknown or old ones are not at rest."""
 
     def __init__(self) -> None:
         self.at_rest = False

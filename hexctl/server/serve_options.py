@@ -73,13 +73,7 @@ class ServedOptions(RobotOptions):
     def backend_options(
         self, *, connect: str | None = None, credentials: Path | None = None, insecure: bool = False
     ) -> BackendOptions:
-        """Options of the backend, in real time.
-
-        Args:
-            connect: port of the servos, or None for the default.
-            credentials: folder with the key of a servo board.
-            insecure: whether a board on another computer may lack that key.
-        """
+        """Options of the backend, in real time; `credentials` has the key of a servo board."""
         file = load_robot_file(str(self.robot))
         return BackendOptions.of(
             self,

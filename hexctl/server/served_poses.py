@@ -17,12 +17,7 @@ class ServedPoses:
         self._imu = telemetry.imu()
 
     def messages(self, orientation: FloatArray | None, truth: TruePose | None) -> Iterator[tuple[str, bytes]]:
-        """Kind and payload of each available message.
-
-        Args:
-            orientation: (4,) as (w, x, y, z), measured by the robot, or None.
-            truth: position (3,) in m and orientation of a simulated robot; None for a real one.
-        """
+        """Kind and payload of each message; orientations are (w, x, y, z), positions in m."""
         stamp_ns = time.time_ns()
         if orientation is not None:
             yield "imu", self._imu.encode(stamp_ns, xyzw(orientation))

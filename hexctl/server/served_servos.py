@@ -53,13 +53,7 @@ class ServedServos(ServosWrapper):
     def set_pose(
         self, position_world: FloatArray | None, quaternion_world: FloatArray | None, at_s: float
     ) -> None:
-        """Set the external pose.
-
-        Args:
-            position_world: (3,) in m, or None if unknown.
-            quaternion_world: (w, x, y, z), or None if unknown.
-            at_s: time of arrival by the robot's time source.
-        """
+        """Set the external pose in m and (w, x, y, z); `at_s` is by the robot's time source."""
         self._pose, self._pose_at_s = (position_world, quaternion_world), at_s
 
     def connect(self) -> None:

@@ -47,10 +47,7 @@ class Transport:
         self._publishers: dict[str, zenoh.Publisher] = {}
 
     def __enter__(self) -> Self:
-        """Open the session and declare everything.
-
-        Raises InputError for a link that is not allowed, RobotFaultError when its address cannot be used.
-        """
+        """Open the session; raises InputError for a bad link, RobotFaultError for an unusable address."""
         prepare_codec()
         self._session = open_session(self._link, Role.ROBOT, self.keys)
         try:

@@ -67,14 +67,11 @@ class RobotServer:
         """Prepare to serve without opening anything; a stop in the stop file is in force.
 
         Args:
-            servos: not yet connected.
             backend: name of the servos' backend, for the status.
             simulated: `world` and `failure` of a simulation, for the status; None for a real robot.
-            sit_after_s: time without a command until the robot sits down.
             on_event: takes a line for each change of controller, stop and posture, on the event log's thread.
             on_tick: called in every control period; must be fast. A returned line is an event.
             ros: node in ROS 2, not started.
-            stop_file: keeps the stop across restarts.
             clear: command that ends a stop, for the events.
         """
         self._servos = ServedServos(servos)

@@ -39,10 +39,9 @@ MOST_DESCRIPTORS = 65_536
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServiceStarted:
-    """What a service reports once clients can connect.
+    """Report of a service once clients can connect.
 
     Attributes:
-        backend: name of its backend.
         place: Zenoh endpoint or MAVLink port.
         realtime: whether its process has real-time priority.
         warnings: for the operator, before anything moves.
@@ -64,10 +63,7 @@ class RobotService(ServeOptions):
     """
 
     def resolved_link(self) -> Link:
-        """Link that the options describe; a ROS router keeps its port (`RosOptions.link_beside_router`).
-
-        Raises InputError for a bad link file.
-        """
+        """Link of the options; a ROS router keeps its port. Raises InputError for a bad link file."""
         link = load_link(
             self.link,
             endpoint=self.listen,

@@ -24,15 +24,9 @@ def open_devices(
     terminal: bool,
     say: Callable[[str], None],
 ) -> "list[Device]":
-    """Open the input devices; `stack` closes them.
+    """Open the input devices; `stack` closes them, `say` takes a line about each.
 
-    Args:
-        session: takes their requests.
-        terminal: whether keys can be read.
-        say: takes a line about each device.
-
-    Raises InputError for certificates of a page that cannot be used, RobotFaultError for an address that is
-    in use.
+    Raises InputError for certificates of a page that cannot be used, RobotFaultError for an address in use.
     """
     from hexctl.teleop.gamepad import Gamepad
     from hexctl.teleop.keyboard import HELP, Keyboard, KeyTerminal

@@ -89,16 +89,9 @@ class DrivePage:
     may stop the robot. A stick that is held during a clear of a stop is ignored until it is released.
 
     Args:
-        source: of the arbiter.
-        share: makes velocities.
-        ask: takes requests.
         credentials: certificate and key for TLS; required beyond loopback.
         token: required from clients; None makes one beyond loopback and none on it.
         pictures: of a camera, opened and closed by the caller.
-
-    Attributes:
-        token: required from clients, or None.
-        port: set once open.
 
     Raises InputError for an address beyond loopback without credentials.
     """

@@ -110,16 +110,7 @@ class DriveSession:
     A stop of a device is also latched at a robot on the network. After it, "stand" reconnects, which the
     robot
     refuses until its stop is cleared. Heights at which the gait can walk are calculated before any motion,
-    because they take long.
-
-    Args:
-        drive: connected before `run`.
-        robot_stop: stops the robot for all its clients; None if only this process commands it.
-
-    Attributes:
-        ended: why the session has ended, or None.
-        commanded: whether the robot got any command.
-        said: last message of the robot.
+    because they take long. `robot_stop` stops the robot for all its clients.
     """
 
     def __init__(self, drive: Drive, robot_stop: RobotStop | None = None) -> None:
@@ -160,9 +151,9 @@ class DriveSession:
     def run(self, devices: Sequence[Device] = (), stop_requested: Callable[[], bool] = lambda: False) -> str:
         """Drive until a device asks to quit; return the reason. The robot then stands.
 
-        A stop that is requested from the start commands nothing: a limp robot stays limp.
-
-        Raises EStopError when the guard has stopped the robot, RobotFaultError when it or its link fails.
+        A stop that is requested from the start commands nothing. Raises EStopError when the guard has stopped
+        the
+        robot, RobotFaultError when it or its link fails.
         """
         if self.ended is None and stop_requested():
             self.ended = "interrupted"
@@ -302,11 +293,7 @@ class DriveSession:
 
 
 def walkable_raises(robot: Robot, gait: Gait) -> tuple[float, ...]:
-    """Heights of the body at which a gait can walk, ascending, in steps around that of the stance.
-
-    It caches velocity limits, so that a change to one of the heights takes no time. The height of `gait` is
-    ignored.
-    """
+    """Heights at which a gait can walk, ascending, around the stance; caches velocity limits."""
 
     def can_walk(share: float) -> bool:
         posture = replace(gait.posture, body_raise=share)

@@ -1,8 +1,4 @@
-"""Event files of the kernel, `/dev/input/event*`, whose devices may be plugged in and out at any time.
-
-An event is 24 bytes, `struct input_event` of 64-bit Linux: two longs of time, type and code of 16 bits each,
-and a value of 32 bits.
-"""
+"""Event files of the kernel, `/dev/input/event*`, whose devices may be plugged in and out."""
 
 import os
 import struct
@@ -56,15 +52,7 @@ class EventFile:
 
 
 class EventFiles:
-    """Event files that are searched once a second, and closed when their devices are unplugged.
-
-    Args:
-        find: finds event files.
-        most: maximum number of open ones; None for all.
-
-    Attributes:
-        opened: open files by path.
-    """
+    """Event files that are searched once a second, and closed when their devices are unplugged."""
 
     def __init__(
         self,

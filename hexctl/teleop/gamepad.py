@@ -79,14 +79,7 @@ def axis_range(descriptor: int, axis: int) -> tuple[int, int]:
 
 
 class GamepadEvents:
-    """State of a gamepad from its events.
-
-    Args:
-        descriptor: of its open event file, for the ranges of its axes; None for the usual ones.
-
-    Attributes:
-        pressed: requests of buttons since it was last emptied.
-    """
+    """State of a gamepad from its events; `pressed` are requests since it was last emptied."""
 
     def __init__(self, descriptor: int | None = None) -> None:
         axes = (ABS_X, ABS_Y, ABS_RX)
@@ -132,18 +125,11 @@ class GamepadEvents:
 
 
 class Gamepad:
-    """The first gamepad, as a source of velocities.
+    """The first gamepad, as a source of velocities; without `path` it is searched repeatedly.
 
     A shoulder button has to be held to drive. Releasing it, or unplugging the pad, stops the walk. A stick
     that
     is held during a clear of a stop is ignored until it was in the middle, or the button released.
-
-    Args:
-        source: of the arbiter.
-        share: makes velocities.
-        ask: takes requests.
-        path: event file; None searches repeatedly.
-        find: finds event files of gamepads.
     """
 
     def __init__(
@@ -196,7 +182,6 @@ class Gamepad:
         self._follow()
 
     def _follow(self) -> None:
-        """A new or lost gamepad has an unknown state."""
         file = next(iter(self._files.opened.values()), None)
         if file is not self._file:
             self._file = file

@@ -78,13 +78,6 @@ class Keyboard:
 
     A set speed is repeated every tick while the terminal answers. A closed terminal ends the session, and a
     silent one has its speed revoked. A speed that was set before the robot stands up is dropped.
-
-    Args:
-        source: of the arbiter.
-        share: makes velocities.
-        ask: takes requests and why.
-        keys: file descriptor of keys; it may block.
-        show: takes a status line.
     """
 
     def __init__(
@@ -248,14 +241,7 @@ def single_keys(terminal: int) -> Iterator[None]:
 
 
 class KeyTerminal:
-    """A terminal with `single_keys` and a status line; a context manager.
-
-    Lines are written by a thread: a blocked terminal delays no tick.
-
-    Args:
-        keys: file descriptor of the terminal.
-        lines: file descriptor of the output.
-    """
+    """A terminal with `single_keys`; its lines come from a thread, because a terminal may block."""
 
     def __init__(self, keys: int, lines: int) -> None:
         self.keys, self._lines = keys, lines

@@ -64,13 +64,8 @@ class LimitedConnection(ServerConnection):
 
     It is closed without a closing handshake, during which a client could continue to send.
 
-    Args:
-        arguments: those of ServerConnection.
-
     Attributes:
-        begun_at_s: when it connected, on time.monotonic.
         has_spoken: whether a message has come; each page sends one at its start.
-        closed_for_new_client: whether a new client replaced it.
     """
 
     def __init__(self, *arguments: Any, addresses: Addresses, **options: Any) -> None:
@@ -129,10 +124,6 @@ def least_needed(connections: Sequence[LimitedConnection], newcomer: str) -> Lim
 
     It is the oldest of silent ones, otherwise the newest: a client with many connections replaces its own,
     and never an earlier page.
-
-    Args:
-        connections: candidates, at least one.
-        newcomer: address of the new connection.
     """
     counts = Counter([newcomer, *(one.address for one in connections)])
 

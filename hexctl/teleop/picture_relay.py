@@ -47,10 +47,6 @@ class PictureRelay:
     Args:
         url: of a stream (MJPEG), or of a single JPEG, which is fetched repeatedly.
 
-    Attributes:
-        newest: None before the first picture, and while the camera does not answer.
-        trouble: why there is no picture, or None.
-
     Raises InputError for a URL that is not `http` or `https`.
     """
 

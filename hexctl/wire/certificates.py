@@ -41,12 +41,7 @@ STAND_INS = {Role.VIEWER: (Role.VIEWER, Role.CONTROLLER)}
 
 @dataclass(frozen=True, slots=True)
 class Credentials:
-    """PEM files of one end of a link.
-
-    Attributes:
-        authority: certificate of the common authority.
-        key: private key.
-    """
+    """PEM files of one end of a link: certificate of the authority, own certificate, private key."""
 
     authority: Path
     certificate: Path
@@ -191,12 +186,7 @@ def hosts_of_this_computer(hosts: Sequence[str]) -> list[str]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CertificateInfo:
-    """A certificate of a folder.
-
-    Attributes:
-        name: a role, or the authority.
-        hosts: names and addresses under which its owner may listen.
-    """
+    """A certificate of a role or the authority, with the hosts at which its owner may listen."""
 
     folder: Path
     name: str

@@ -1,7 +1,4 @@
-"""Diagnoses why an endpoint cannot be reached or listened at.
-
-Does not import Zenoh: a stop must not wait for it.
-"""
+"""Diagnoses why an endpoint cannot be reached; without Zenoh, because a stop must not wait for it."""
 
 import errno
 import os

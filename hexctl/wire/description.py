@@ -27,15 +27,9 @@ SAME = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotIdentity:
-    """Which robot answers on a link, and who started its server.
+    """Which robot answers on a link, and who started its server; unreported fields are `?` or None.
 
     It protects against mistakes on a shared computer. Against forged answers, use certificates.
-
-    Attributes:
-        backend: name of its backend.
-        host: computer of the server; `?` if unreported.
-        user: owner of the server's process; `?` if unreported.
-        pid: of the server's process; None if unreported.
     """
 
     robot: str
@@ -178,10 +172,7 @@ def check_same_robot(answer: dict[str, Any], robot: Robot) -> None:
 
 
 def robot_of(answer: dict[str, Any]) -> Robot:
-    """Robot that an answer describes.
-
-    Raises RobotFaultError for another protocol, or an invalid description.
-    """
+    """Robot that an answer describes; raises RobotFaultError for another protocol or an invalid one."""
     content = answer.get("robot")
     if answer.get("protocol") != PROTOCOL_VERSION or not isinstance(content, dict):
         raise RobotFaultError("the robot at the other end describes itself in another way; update hexctl")

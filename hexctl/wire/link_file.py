@@ -21,10 +21,7 @@ class LinkSchema(BaseModel):
 
 
 def read_link_file(name_or_path: str) -> dict[str, Any]:
-    """Return the `Link` fields of a file; relative credentials start at the file's folder.
-
-    Raises InputError with file, key, value and what is allowed.
-    """
+    """The `Link` fields of a file; relative credentials start at its folder. Raises InputError."""
     path = find_config("links", name_or_path)
     said = validate(LinkSchema, read_mapping(path), path).model_dump(exclude_unset=True)
     if said.get("credentials") is not None:

@@ -66,10 +66,7 @@ class KeyMap:
         return cls(**{kind: f"{ROOT}/{robot_name}/{kind}" for kind in KINDS})
 
     def renamed(self, names: dict[str, str]) -> "KeyMap":
-        """Copy with some kinds under custom keys.
-
-        Raises InputError for an unknown kind, an invalid Zenoh key, or two kinds under one key.
-        """
+        """Copy with custom keys; raises InputError for unknown kinds, invalid or repeated Zenoh keys."""
         for kind, key in names.items():
             if kind not in KINDS:
                 raise InputError(f"keys: got {kind!r}; allowed: {', '.join(KINDS)}")
@@ -106,12 +103,7 @@ _LIKE_AN_ADDRESS = re.compile(r"[0-9.]+")
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """An address on the network.
-
-    Attributes:
-        protocol: one of `PROTOCOLS`.
-        host: name or address, IPv6 without brackets.
-    """
+    """An address on the network, of a protocol in `PROTOCOLS`; IPv6 hosts have no brackets."""
 
     protocol: str
     host: str
@@ -119,10 +111,7 @@ class Endpoint:
 
     @classmethod
     def parse(cls, text: str, what: str = "endpoint") -> "Endpoint":
-        """Endpoint of a text such as `tcp/127.0.0.1:7447`; `what` names the text in messages.
-
-        Raises InputError for anything else.
-        """
+        """Endpoint of a text such as `tcp/127.0.0.1:7447`, named `what` in messages; raises InputError."""
         match = _FORM.fullmatch(text)
         if (
             match is None

@@ -10,22 +10,14 @@ DEFAULT_ADDRESS = "127.0.0.1:8017"
 
 @dataclass(frozen=True, slots=True)
 class PageAddress:
-    """Address of a web page.
-
-    Attributes:
-        host: name or address to listen on.
-        port: 0 for any free one.
-    """
+    """Address of a web page; port 0 is any free one."""
 
     host: str
     port: int
 
     @classmethod
     def parse(cls, text: str) -> "PageAddress":
-        """Address of a text such as `127.0.0.1:8017`, `0.0.0.0:8017`, `[::1]:8017` or `8017`.
-
-        Raises InputError for anything else.
-        """
+        """Address of a text such as `127.0.0.1:8017`, `[::1]:8017` or `8017`; raises InputError."""
         host, colon, port = text.rpartition(":")
         host = (host if colon else "127.0.0.1").removeprefix("[").removesuffix("]")
         if not host or not port.isdecimal() or len(port) > 5 or int(port) > 65535:

@@ -106,14 +106,7 @@ class Stop:
     def refusal(
         self, stop_id: str | None, at_s: float, keys: Collection[str] = (), by: str | None = None
     ) -> str | None:
-        """Why a clear is refused, or None. The text contains no id: clients have to read it from the status.
-
-        Args:
-            stop_id: of the stop to clear.
-            at_s: time of the request, by the robot's time source.
-            keys: clear keys that the client presents.
-            by: name of the client.
-        """
+        """Why a clear is refused, or None. It contains no id: clients read it from the status."""
         if not self.stays and stop_id is None:
             return None
         if stop_id is None:
@@ -147,13 +140,7 @@ class Stop:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Clear:
-    """A cleared stop.
-
-    Attributes:
-        by: name that the clearing client reported.
-        at_s: time by the robot's time source.
-        proved: whether the keys of its claims were presented.
-    """
+    """A cleared stop: by whom, when, and whether with the keys of its claims (`proved`)."""
 
     stop: Stop
     by: str

@@ -52,10 +52,7 @@ class StopDatagram:
         nonce: random bytes of the client, new in each datagram; an answer repeats them.
         epoch: current one in an answer, the one of validity in a stop.
         request: name of a stop; an answer repeats it if the stop was obeyed, and is otherwise empty.
-        stop_id: of the stop in force, or empty.
-        reason: why the robot is stopped, or empty.
         stopped: whether a latched stop is in force.
-        at_rest: whether no joint moves.
         kept: whether the stop is on the disk.
         echoed: whether joint angles are targets instead of measured.
     """
@@ -90,10 +87,7 @@ class StopDatagram:
 
     @classmethod
     def unpacked(cls, data: bytes, secret: bytes) -> "StopDatagram":
-        """Decode a datagram.
-
-        Raises MessageError if it is malformed or signed with another secret.
-        """
+        """Decode a datagram; raises MessageError if it is malformed or signed with another secret."""
         if len(data) != DATAGRAM_BYTES or not hmac.compare_digest(data[:MARK_BYTES], mark_of(secret)):
             raise MessageError(f"datagram: got {len(data)} bytes; allowed: {DATAGRAM_BYTES} with our mark")
         content, mac = data[: _CONTENT.size], data[_CONTENT.size :]
@@ -119,10 +113,7 @@ class StopDatagram:
 
 @lru_cache(maxsize=8)
 def mark_of(secret: bytes) -> bytes:
-    """First bytes of every datagram; others are dropped unread, in the kernel if possible.
-
-    They are derived from the secret, without revealing it: only its owners know them.
-    """
+    """First bytes of every datagram, derived from the secret; others are dropped unread."""
     return _mac(secret, f"hexctl stop {VERSION}".encode())[:MARK_BYTES]
 
 

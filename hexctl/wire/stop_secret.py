@@ -1,7 +1,4 @@
-"""The secret that signs stop datagrams, next to the certificates of a link.
-
-It has its own file, because datagrams must not depend on certificates. Viewers have none.
-"""
+"""The secret that signs stop datagrams, in its own file: a stop must not depend on certificates."""
 
 import os
 import secrets
@@ -25,10 +22,7 @@ HOLDERS = (Role.ROBOT, Role.CONTROLLER)
 
 
 def write_stop_secret(folder: Path) -> list[Path]:
-    """Create a secret in a folder of `hexctl keys new`; return its files, readable only for the owner.
-
-    Raises InputError if there is one, or for a folder that lacks an end or is not writable.
-    """
+    """Create a secret in a folder of `hexctl keys new`; return its files. Raises InputError."""
     places = [folder / role.value for role in HOLDERS]
     for place in places:
         if not place.is_dir():

@@ -48,7 +48,6 @@ class CommandTag:
     Attributes:
         sequence: counts the commands of a lease from 1.
         stamp_ns: time of creation, on a monotonic clock of the sender; only differences count.
-        time_to_live_ms: validity.
         lease_id: 16 bytes.
         lease_sequence: number that the robot gave the lease.
     """
@@ -98,14 +97,11 @@ class StateTag:
     """Attachment of a state.
 
     Attributes:
-        sequence: grows by one with each state.
         stamp_ns: time of sending, on a monotonic clock of the robot.
         age_us: age of the measurement at that time, in microseconds.
         command_sequence: of the newest command that reached the servos, 0 before the first of a lease.
         measured: True for joint angles from sensors, False for an echo of the targets.
-        healthy: False when the robot reports a fault.
         contacts: bit i is set when foot i+1 touches the floor; None if unknown.
-        fault: description, or None.
         stopped: why the robot's guard is stopped, or None.
         stale_joints: bit i is set when the servo of joint i has been silent for longer than usual.
     """
@@ -203,11 +199,7 @@ _NONE = np.zeros(0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Command(ArrayFields):
-    """A decoded command.
-
-    Attributes:
-        joint_positions_rad: (18,), leg-major order.
-    """
+    """A decoded command: joint angles (18,), leg-major order, and its tag."""
 
     joint_positions_rad: FloatArray
     tag: CommandTag
@@ -241,10 +233,9 @@ def prepare_codec() -> None:
 def encode_positions(
     joint_positions_rad: FloatArray, stamp_ns: int | None = None, torques_nm: FloatArray | None = None
 ) -> bytes:
-    """Joint angles as sensor_msgs/JointState.
+    """Joint angles (18,), leg-major order, as sensor_msgs/JointState.
 
     Args:
-        joint_positions_rad: (18,), leg-major order.
         stamp_ns: nanoseconds since 1970; now unless given.
         torques_nm: efforts, (18,); None leaves them empty, as in a command.
     """
@@ -257,7 +248,7 @@ def encode_positions(
 def decode_positions(payload: bytes) -> FloatArray:
     """Joint angles of a sensor_msgs/JointState in leg-major order, (18,), all finite.
 
-    The message names each of the 18 joints once, in any order. Raises MessageError for anything else.
+    It names each joint once, in any order. Raises MessageError for anything else.
     """
     return decode_joints(payload)[0]
 
@@ -318,12 +309,7 @@ _NAN = math.nan
 
 
 def tag_of(state: RobotState, *, sequence: int, stamp_ns: int, command_sequence: int) -> StateTag:
-    """Tag of a state.
-
-    Args:
-        stamp_ns: on the sender's clock.
-        command_sequence: of the newest command that reached the servos.
-    """
+    """Tag of a state; `stamp_ns` is the sender's clock, `command_sequence` of the newest executed command."""
     return StateTag(
         sequence=sequence,
         stamp_ns=stamp_ns,
@@ -378,10 +364,7 @@ def encode_battery(voltage_v: float | None, share: float | None) -> bytes:
 
 
 def decode_battery(payload: bytes) -> tuple[float | None, float | None]:
-    """Voltage in V and charge, 0 to 1, of a sensor_msgs/BatteryState; None if unknown.
-
-    Raises MessageError for anything else.
-    """
+    """Voltage in V and charge, 0 to 1, or None, of a sensor_msgs/BatteryState; raises MessageError."""
     message = ros_cdr.decode(ros_cdr.BATTERY_STATE, payload)
     voltage, share = float(message.voltage), float(message.percentage)
     return voltage if math.isfinite(voltage) else None, share if math.isfinite(share) else None

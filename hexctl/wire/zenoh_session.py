@@ -97,10 +97,7 @@ MAX_MESSAGE_BYTES = 2 * MAX_PAYLOAD_BYTES
 
 
 def check_link(link: Link, role: Role) -> Endpoint:
-    """Endpoint of a link.
-
-    Raises InputError for one that is malformed, or open to any client on the network.
-    """
+    """Endpoint of a link; raises InputError if it is malformed or open to any client on the network."""
     endpoint = Endpoint.parse(link.endpoint)
     if endpoint.encrypted and link.credentials is None:
         raise InputError(

@@ -37,7 +37,6 @@ def ports(
 
 
 def _found_port() -> "SerialPort | None":
-    """Raises Exit if it is interrupted."""
     from hexctl.backends.serial_ports import serial_ports, unplugged_port
     from hexctl.cli.console import INTERRUPTED, StopOnInterrupt, print_note
 

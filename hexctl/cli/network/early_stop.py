@@ -76,7 +76,6 @@ def place_of(arguments: Sequence[str]) -> dict[str, Any] | None:
 
 
 def _typed(arguments: Sequence[str]) -> dict[str, str] | None:
-    """Values of options by name; None if any argument is ambiguous."""
     typed: dict[str, str] = {}
     words = iter(arguments)
     for word in words:

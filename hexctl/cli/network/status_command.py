@@ -238,7 +238,6 @@ def _commands(counts: Mapping[str, int]) -> str:
 
 
 def _guard(status: Status) -> str:
-    """Corrections by the robot's own guard after the controller's."""
     from hexctl.cli.render.stop_reasons import counted
 
     limited = counted(status.get("clipped", 0), "targets limited to what the joints can do")

@@ -162,7 +162,6 @@ def _walks_text(count: int) -> str:
 
 
 def _target(spec: SessionSpec) -> str:
-    """A target with its unit: a share of the distance, in metres too, or one that is not in metres."""
     told = spec.target_m is not None and (spec.target_share is not None or spec.objective_unit != "m")
     return f", target {spec.target_text}" if told else ""
 
@@ -174,7 +173,6 @@ def subject(spec: SessionSpec) -> str:
 
 
 def _hold(spec: SessionSpec) -> str:
-    """Hold of steered walks; empty in open loop."""
     return "" if spec.hold == "none" else f", hold {spec.hold}"
 
 
@@ -229,7 +227,6 @@ def _walk_text(spec: SessionSpec, walk: WalkRecord, index: str, gait: str, note:
 
 
 def _status(walk: WalkRecord) -> str:
-    """Status of a walk, with the reason of an early end unrelated to its course."""
     status, stopped = walk.outcome["status"], walk.outcome.get("stopped")
     return f"cut ({stopped})" if status == "cut_short" and stopped else str(status)
 
@@ -334,7 +331,6 @@ def _unfinished(session: Session) -> str:
 
 
 def _commands(session: Session) -> list[str]:
-    """Commands that use and show the result."""
     walk, lines = session.best_walk, []
     if walk is not None:
         lines.append(f"walk on with: {_walking(session, walk)}")
@@ -344,7 +340,6 @@ def _commands(session: Session) -> list[str]:
 
 
 def _found_lines(session: Session, found: Contender | None) -> list[str]:
-    """The recommended gait and its deviation, or why there is none."""
     if not session.trials:
         return ["found: nothing yet, no trial has been walked"]
     if found is None:
@@ -381,7 +376,6 @@ def _surety_lines(session: Session, found: Contender | None) -> list[str]:
 
 
 def _reached(session: Session) -> str:
-    """Whether a confirmed gait is within the target; empty without a target."""
     chance, target_m = session.within_target, session.spec.target_m
     if chance is None or target_m is None:
         return ""
@@ -391,7 +385,6 @@ def _reached(session: Session) -> str:
 
 
 def _baseline_lines(session: Session, found: Contender | None) -> list[str]:
-    """Results of the baseline, and the gain of the search."""
     if not session.baseline:
         return []
     known = scores_without_search(session)
@@ -406,7 +399,6 @@ def _baseline_lines(session: Session, found: Contender | None) -> list[str]:
 
 
 def _gain(session: Session, found: Contender | None, scale: float, unit: str) -> str:
-    """Gain of the search over the baseline; empty without a trial or a valid baseline."""
     best = straightest_baseline(session)
     if found is None or best is None:
         return ""
@@ -432,7 +424,6 @@ def _gait_option(walk: TrialRecord | BaselineRecord) -> str:
 
 
 def _walking(session: Session, walk: TrialRecord | BaselineRecord) -> str:
-    """Command that repeats a walk with its gait and trim."""
     spec, usual = session.spec, {field.name: field.default for field in fields(SessionSpec)}
     asked, failure = option_of(spec.broken)
     chosen = {
@@ -467,5 +458,4 @@ def _course_options(session: Session, walk: WalkRecord) -> dict[str, str]:
 
 
 def _why_none(session: Session) -> str:
-    """Statuses of the trials of a session without a valid one."""
     return ", ".join(dict.fromkeys(_status(trial) for trial in session.trials))

@@ -78,7 +78,6 @@ VERDICTS = {
 
 
 def _leg_set_table(sets: list[dict[str, Any]]) -> "Table":
-    """Sets of lost legs by number and verdict, with the range of their margins."""
     groups: dict[tuple[int, str], list[dict[str, Any]]] = {}
     for one in sets:
         groups.setdefault((len(one["legs"]), one["verdict"]), []).append(one)
@@ -100,7 +99,6 @@ def _best(sets: list[dict[str, Any]]) -> float:
 
 
 def _joint_table(report: dict[str, Any]) -> "Table":
-    """Angles, speeds and static torques of each joint, needed and allowed."""
     table = plain_table(
         "joint", "needs (deg)", "range (deg)", "peak deg/s", "limit", "holds N m", "limit", ""
     )
@@ -124,7 +122,6 @@ def _joint_table(report: dict[str, Any]) -> "Table":
 
 
 def _verdict(report: dict[str, Any]) -> list[str]:
-    """Findings, a line each, the most important first."""
     legs = ", ".join(str(leg) for leg in report["unreachable_legs"])
     outside = ", ".join(report["joints_out_of_range"])
     pace = report["max_pace_hz"]
@@ -172,7 +169,6 @@ def _load_verdicts(report: dict[str, Any]) -> list[str]:
 
 
 def _physics(report: dict[str, Any]) -> list[str]:
-    """Measured uncertainty of the simulation."""
     if "physics" not in report:
         return []
     found = report["physics"]

@@ -27,12 +27,7 @@ STATUS_STYLES = {"ok": "bold green", "no_progress": "bold yellow"}
 
 
 def summary(outcome: dict[str, Any], clear: str = CLEAR_COMMAND) -> list[RenderableType]:
-    """Outcome of a run as a table of about ten rows, and the next command.
-
-    Args:
-        outcome: the object of `hexctl run --json`.
-        clear: command that ends a stop of the robot.
-    """
+    """Outcome of a run (`hexctl run --json`) as a table of about ten rows, and the next command."""
     where = f"in world {outcome['world']}" if outcome["world"] else f"on {outcome['backend']}"
     failed = f", leg {outcome['failed_leg']} {outcome['failure']}" if outcome["failed_leg"] else ""
     failed += "".join(f", leg {leg} {how}" for leg, how in outcome.get("further_failures", {}).items())
@@ -49,7 +44,6 @@ def summary(outcome: dict[str, Any], clear: str = CLEAR_COMMAND) -> list[Rendera
 
 
 def _next_command(outcome: dict[str, Any], clear: str) -> list[str]:
-    """Clears a stop, walks another gait, or shows the recording."""
     if clearing := clearing_in_words(outcome["stopped"], clear=clear):
         return [f"next: {clearing}"]
     failed = (outcome["failed_leg"], *outcome.get("further_failures", ()))
@@ -117,7 +111,6 @@ def _cause(cause: str | None) -> str:
 
 
 def _gait_text(gait: dict[str, Any]) -> str:
-    """Name, slots and code, each once."""
     slots = ",".join(str(slot) for slot in gait["slots"])
     named = gait["name"] not in (slots, str(gait["code"]))
     code = "" if gait["code"] is None else f", code {gait['code']}"
@@ -137,7 +130,6 @@ def _posture_rows(gait: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _distance_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
-    """Distance, deviation and turn, as far as the robot knows them."""
     ideal, turn = outcome["ideal_distance_m"], outcome["ideal_yaw_change_deg"]
     turned_deg = outcome["yaw_change_deg"]
     of_turn = f", {100 * turned_deg / turn:.0f} % of ideal ({turn:.1f})" if turn and turned_deg else ""
@@ -150,7 +142,6 @@ def _distance_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _turn_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
-    """End of a walk that turned, on the spot or in an arc."""
     if outcome["distance_m"] is None:
         return _unmeasured_rows(outcome)
     seconds, ahead_m, left_m = (

@@ -23,12 +23,7 @@ HINTS = {
 def why_in_words(
     stopped: str | None, standstill_s: float | None = None, *, clear: str = CLEAR_COMMAND
 ) -> str:
-    """Reason of a stop and where to look, as an appendix; empty for None.
-
-    Args:
-        standstill_s: how long this program stood still before, or None.
-        clear: command that ends a stop of that robot.
-    """
+    """Reason of a stop and where to look, as an appendix; empty for None."""
     if stopped is None:
         return ""
     if standstill_s is not None:

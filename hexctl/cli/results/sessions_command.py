@@ -173,7 +173,6 @@ def delete(
 
 
 def _agreed(request: str) -> bool:
-    """Raises InputError without an answer."""
     try:
         return typer.confirm(request)
     except typer.Abort:

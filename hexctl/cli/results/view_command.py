@@ -59,7 +59,6 @@ def _view_runs(names: list[str], *, web: bool) -> int:
 
 
 def _watch(place: dict[str, Any], *, web: bool) -> int:
-    """Return the exit code."""
     from hexctl.backends.zenoh.zenoh_client import subscribe_states
     from hexctl.recording.live import LiveView, watch_states
     from hexctl.recording.viewer import check_display

@@ -106,7 +106,6 @@ def _measured(checked: "RobotCheck", world_name: str, duration_s: float) -> dict
 
 
 def _leg_sets(checked: "RobotCheck", heading_rad: float | None) -> list[dict[str, Any]]:
-    """Verdicts on all sets of lost legs, in the given direction or the worst of four."""
     from hexctl.control.assessment.leg_sets import DIRECTIONS_RAD, MOST_JUDGED, leg_sets
 
     directions_rad = DIRECTIONS_RAD if heading_rad is None else (heading_rad,)

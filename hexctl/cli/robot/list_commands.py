@@ -46,7 +46,6 @@ def worlds(as_json: JsonOption = False) -> None:
 
 
 def _first_sentence(text: str) -> str:
-    """First sentence of the comment at the beginning of a file."""
     comment = []
     for line in text.splitlines():
         if not line.startswith("#"):

@@ -102,7 +102,6 @@ def _check_yaml(path: Path, option: str) -> None:
 
 
 def _write_new(path: Path, text: str, option: str) -> None:
-    """Raises InputError for another suffix, an existing file, or an unwritable disk."""
     _check_yaml(path, option)
     try:
         with path.open("x", encoding="utf-8") as file:

@@ -60,9 +60,9 @@ WalkArenaOption = Annotated[
 
 
 def geofence(arena: float | Path, robot: str, *, simulated: bool) -> "Geofence":
-    """Ends a walk at the edge of an arena; the area of a place file is reported on stderr.
+    """Ends a walk at the edge of an arena, reported on stderr.
 
-    Raises InputError for files that are not allowed, for a simulation, and for a camera that sees no floor.
+    Raises InputError for bad files, for a simulation, and for a camera that sees no floor.
     """
     from hexctl.adapt.arena import Arena, Geofence
 
@@ -75,13 +75,7 @@ def geofence(arena: float | Path, robot: str, *, simulated: bool) -> "Geofence":
 
 
 def arena_fields(arena: float | Path | None, robot: str | None) -> dict[str, Any]:
-    """Fields of a session's spec for an arena; the area of a place file is reported on stderr.
-
-    Args:
-        robot: name or path of the robot's file, None for the default.
-
-    Raises InputError for files that are not allowed, and for a camera that sees no floor.
-    """
+    """Fields of a session's spec for an arena, reported on stderr; raises InputError for bad files."""
     if arena is None:
         return {}
     if not isinstance(arena, Path):

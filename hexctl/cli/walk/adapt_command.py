@@ -216,7 +216,6 @@ def _what_is_left(begun: "Sequence[Session]") -> str:
 
 
 def _end(result: "AdaptationResult", *, view: bool, as_json: bool, resumed: bool = False) -> int:
-    """Print how a search ended, and return the exit code."""
     from hexctl.cli.render.adapt_output import after_stop, resume_command
 
     session = result.session
@@ -263,5 +262,4 @@ def _show(name: str) -> None:
 
 
 def _code_of_stop(error: HexctlError) -> int:
-    """Exit code of a session that its robot, or a full disk, ended."""
     return code_of_stop(str(getattr(error, "reason", "fault")))

@@ -162,7 +162,6 @@ def _search_line(budget: int) -> str:
 
 
 def _walk_line(walk: "RunResult", *, recovered: bool) -> str:
-    """Distance, speed, deviation and detection of a walk."""
     from hexctl.demo.rescue import share_in_words, speed_kept
     from hexctl.robot.failure import NoticedFailure
 
@@ -179,7 +178,6 @@ def _walk_line(walk: "RunResult", *, recovered: bool) -> str:
 
 
 def _ending(result: "DemoResult") -> "list[RenderableType]":
-    """End of the search, places of files, and next steps."""
     from hexctl.cli.render.adapt_output import finding_parts
 
     search = result.adaptation

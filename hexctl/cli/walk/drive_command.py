@@ -113,7 +113,6 @@ def _robot_stop(drive: "Drive") -> "ReadyStop | None":
 
 
 def _drive(stack: ExitStack, drive: "Drive", options: DriveOptions, keep: Callable[[], None]) -> int:
-    """Connect, drive, and report the end; return the exit code."""
     from hexctl.backends.clock import realtime_priority
     from hexctl.teleop.devices import open_devices
     from hexctl.teleop.drive_session import DriveSession

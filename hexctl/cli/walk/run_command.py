@@ -225,11 +225,7 @@ def _turn_note(run: "Run") -> str:
 
 
 class _WalkProgress(WithBar):
-    """Recorder that shows the progress of a run on a terminal (stderr), while it loads and while it walks.
-
-    Attributes:
-        of_turn: line that is printed once if the robot begins to turn before the walk, or empty.
-    """
+    """Progress on stderr during load and walk; `of_turn` is printed if the robot turns first."""
 
     #: A second: drawing must not delay the ticks.
     block_ticks: int | None = 50

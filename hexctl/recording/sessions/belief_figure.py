@@ -90,7 +90,6 @@ def _at(step: SearchStep) -> list[Any]:
 
 
 def _send_axes(stream: Any, gaits: int) -> None:
-    """Send lines of equal deviation with their names, and names of some gaits."""
     rr = load_rerun()
     marks_m = [sign * mark for mark in NAMED_M for sign in (-1, 1)]
     lines = [[(0.0, float(height(mark))), (gaits + 1.0, float(height(mark)))] for mark in (*marks_m, 0.0)]
@@ -165,7 +164,6 @@ def _send_next(stream: Any, step: SearchStep, beliefs: GaitBeliefs) -> None:
 
 
 def _interval(beliefs: GaitBeliefs, code: int) -> FloatArray:
-    """Both ends of the interval of a gait in the picture, (2, 2)."""
     ends_m = np.array([beliefs.low_m[code - 1], beliefs.high_m[code - 1]])
     return np.column_stack([[code, code], height(ends_m)])
 

@@ -134,7 +134,6 @@ def _send_axes(stream: Any, overview: Overview) -> None:
 
 
 def _send_course(stream: Any, overview: Overview) -> None:
-    """Send the target bands, the line of travel and the start."""
     rr, length = load_rerun(), overview.course_m
     for order, (half_width_m, color, _) in enumerate(TARGET_BANDS):
         # A line as wide as the band; its round ends reach half the width further.

@@ -49,13 +49,7 @@ class OverviewTrial(ArrayFields):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GaitBeliefs(ArrayFields):
-    """Expected final deviation of every gait, in order of codes from 1.
-
-    Attributes:
-        signed_m: positive to the left, (gaits,).
-        low_m: lower end of the 90 % interval, (gaits,).
-        high_m: upper end, (gaits,).
-    """
+    """Expected final deviations and 90 % intervals of all gaits by code, (gaits,), positive to the left."""
 
     signed_m: FloatArray
     low_m: FloatArray
@@ -67,10 +61,8 @@ class SearchStep:
     """State of a search after some trials, and its next step.
 
     Attributes:
-        trials: number of walked trials.
         note: the last trial, the next gait and why it was chosen, or why the search ended, as Markdown.
         next_code: the gait of the next trial, None after the last one.
-        beliefs: of all gaits; None if unavailable.
     """
 
     trials: int
@@ -85,8 +77,6 @@ class Overview:
 
     Attributes:
         facts: lines on settings and outcome.
-        objective: description of the score.
-        unit: of the score, or empty.
         course_m: distance of a walk without slip.
         baseline: never the best trial.
         steps: of the search, beginning before the first trial.

@@ -73,7 +73,6 @@ def _send_polygon(block: Block, rows: NDArray[np.int64], corners: FloatArray, in
 
 
 def _send_centre(block: Block, rows: NDArray[np.int64], centres: FloatArray, inside: BoolArray) -> None:
-    """Send the mark on the floor and its plumb line."""
     rr = load_rerun()
     marks = on_floor(centres[:, :2], block.subject.floor) + MARK_M
     color = _colors(inside, style.STEADY_COLOR, style.UNSTEADY_COLOR)

@@ -67,7 +67,6 @@ def _clipped(block: Block) -> Iterator[Event]:
 
 
 def _skipped(block: Block) -> Iterator[Event]:
-    """Ticks before which periods were missed because the previous tick took too long."""
     led = skipped_ticks(block.led("time_s"))
     lead = len(led) - (block.stop - block.start)
     for row in np.flatnonzero(led[lead:]).tolist():

@@ -64,14 +64,7 @@ class ServiceRequest:
 
 @dataclass(slots=True)
 class RosCounters:
-    """Counts of messages from ROS.
-
-    Attributes:
-        commands: decoded velocities and joint commands.
-        stops: at `~/estop`.
-        malformed: undecodable commands, and requests without a client's attachment.
-        sessions: opened so far.
-    """
+    """Counts of messages from ROS; `malformed` includes requests without a client's attachment."""
 
     commands: int = 0
     stops: int = 0
@@ -108,12 +101,7 @@ class RosBridge:
         self._trouble: str | None = None
 
     def connect(self, inbox: Inbox, stop: Callable[[], None]) -> Self:
-        """Set the targets of commands; `__enter__` starts the thread.
-
-        Args:
-            inbox: of the robot's thread; arrivals of kind `ros` hold a `RosCommand`.
-            stop: stops the robot, from any thread.
-        """
+        """Set the targets of commands, of which `stop` is called from any thread; `__enter__` starts."""
         self._inbox, self._stop = inbox, stop
         return self
 

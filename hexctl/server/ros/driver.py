@@ -39,13 +39,6 @@ class RosDriver:
     A velocity makes the robot stand up, if necessary, and walk. After `EXPIRY_OF_ROS_S` without one it stops
     walking and gives its lease back; a zero velocity stops it sooner. Joint angles are passed on; while they
     come, velocities are refused. Another controller's lease, and a stop, refuse both.
-
-    Args:
-        idle: sits the robot down.
-        write: to the servos.
-
-    Attributes:
-        refused: commands during another client's lease or a stop.
     """
 
     def __init__(self, guard: Guard, requests: RequestHandler, idle: IdleSupervisor, write: Write) -> None:

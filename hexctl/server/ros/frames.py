@@ -47,9 +47,6 @@ class DeadReckoning:
 
     Legs measure motion and height, the IMU turn and tilt. Without an IMU the legs measure the turn too, and
     the body counts as level: the tilt by the legs jumps when other feet begin to carry.
-
-    Args:
-        start: first pose; the origin at the height by the legs unless given.
     """
 
     def __init__(self, robot: Robot, start: BodyPose | None = None) -> None:
@@ -61,12 +58,7 @@ class DeadReckoning:
         self._has_height = start is not None
 
     def update(self, state: RobotState, orientation: FloatArray | None) -> BodyPose:
-        """Pose after a state.
-
-        Args:
-            state: its pose is ignored.
-            orientation: (4,) that an IMU measured, or None.
-        """
+        """Pose after a state, whose pose is ignored; `orientation` (4,) is from an IMU, or None."""
         turn_rad = self._turn_rad(orientation)
         motion = self._moved(state)
         if motion is not None:

@@ -29,22 +29,14 @@ class Stopped:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WantedVelocity:
-    """A velocity.
-
-    Attributes:
-        velocity: (3,) forward and left in m/s, turn in rad/s.
-    """
+    """A velocity, (3,): forward and left in m/s, turn in rad/s."""
 
     velocity: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WantedJoints:
-    """Joint angles.
-
-    Attributes:
-        joint_positions_rad: (18,), leg-major order.
-    """
+    """Joint angles, (18,), leg-major order."""
 
     joint_positions_rad: FloatArray
 

@@ -50,10 +50,7 @@ class RosOptions:
         return RosNode(domain=self.domain, namespace=self.namespace, humble=self.humble)
 
     def link_beside_router(self, link: Link) -> Link:
-        """Link of a robot that leaves the router its port: by default it becomes `ENDPOINT_BESIDE_ROUTER`.
-
-        Raises InputError if the options name the router's port.
-        """
+        """Link that leaves the router its port; raises InputError if the options name that port."""
         own, router = Endpoint.parse(link.endpoint), Endpoint.parse(self.router)
         here = router.is_loopback and (own.is_loopback or own.is_everywhere)
         if own.port != router.port or not here:

@@ -52,12 +52,7 @@ def publisher_endpoint(node: RosNode, topic: str) -> RosEndpoint:
 
 
 class RobotMessages:
-    """Encodes the messages of a robot's topics.
-
-    Args:
-        urdf: robot description.
-        node: name of the node in diagnostics, with its namespace.
-    """
+    """Encodes the messages of a robot's topics; `node` is its name in diagnostics."""
 
     def __init__(self, robot: Robot, urdf: str, node: str = diagnostics.NODE) -> None:
         self._robot, self._urdf, self._node = robot, urdf, node

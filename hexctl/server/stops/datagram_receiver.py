@@ -53,11 +53,7 @@ class _Message(ctypes.Structure):
 
 
 class DatagramReceiver:
-    """Receives the datagrams of a bound UDP socket.
-
-    Args:
-        most_bytes: longest datagram of interest; longer ones are cut to one byte more.
-    """
+    """Receives the datagrams of a bound UDP socket; ones above `most_bytes` are cut to one byte more."""
 
     def __init__(self, bound: socket.socket, most_bytes: int) -> None:
         self._socket, self._step = bound, most_bytes + 1

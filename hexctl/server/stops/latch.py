@@ -31,14 +31,8 @@ class StopLatch:
     """Stops a guard and clears the stop; thread-safe.
 
     The guard latches the reason. The latch adds an id, so that no client clears a stop that it has not seen,
-    and an epoch, which changes with each clear: what was valid in one epoch is invalid in the next.
-
-    Args:
-        file: stores the stop; one that it holds is in force immediately.
-        commander: name of the client that commanded the robot last, or None.
-
-    Attributes:
-        cleared: the last stop that was cleared, or None.
+    and an epoch, which changes with each clear: what was valid in one epoch is invalid in the next. A stop in
+    `file` is in force immediately.
     """
 
     def __init__(
@@ -118,12 +112,9 @@ class StopLatch:
     ) -> str | None:
         """Let the robot move again; return None, or why not, in which case nothing has changed.
 
-        A stop for silence (`expired`) needs no id.
-
-        Args:
-            stop_id: of the stop to clear.
-            at_s: time of the request, by the guard's clock.
-            keys: clear keys that the client presents; without those of all claims the stop holds longer.
+        A stop for silence (`expired`) needs no id. Without the keys of all claims a stop holds longer. `at_s`
+        is
+        by the guard's clock.
         """
         with self._lock:
             stop = self._noticed()

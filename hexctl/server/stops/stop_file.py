@@ -38,14 +38,7 @@ MOST_REASON, MOST_NAME = 300, 100
 
 
 class KeptStop(BaseModel):
-    """A stop in the file's format.
-
-    Attributes:
-        robot: name of the robot, for readers.
-        where: port of its servos, or endpoint of its server, for readers.
-        at: when the robot was stopped, UTC, for readers.
-        by: client that asked for it, or None.
-    """
+    """A stop in the file's format; `robot`, `where` and `at` (UTC) are for readers."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -73,13 +66,10 @@ class StopFile:
     """The file of one robot's stop, written by its own thread: a slow disk delays no tick.
 
     Args:
-        robot: name of the robot; must be unique among robots of a backend with servos at devices.
         where: port of its servos as typed, or endpoint of its server. Distinguishes robots of one name,
             unless it is a device, which may be renamed after a restart.
-        folder: of the file; None takes `state_folder()`.
         asked_only: store only stops that a client asked for, as for a simulation, which stands after a
             restart.
-        clear: command that ends a stop of this robot, for the warning.
 
     Attributes:
         trouble: why the current stop is not stored, or None.
@@ -112,10 +102,10 @@ class StopFile:
         self._writer: threading.Thread | None = None
 
     def load(self) -> KeptStop | None:
-        """The stored stop, or None.
+        """The stored stop, or None; also tests whether the file can be written.
 
         An unreadable or invalid file is a stop too. A file that another running server has locked belongs to
-        another robot of this name, and is ignored. Also tests whether the file can be written.
+        another robot of this name, and is ignored.
         """
         kept, unread = self._read()
         try:

@@ -81,13 +81,7 @@ class Waiting:
 def sort_datagrams(
     datagrams: Iterable[tuple[bytes, Sender]], mark: bytes, answered: AnsweredNonces
 ) -> tuple[Waiting, Waiting, int]:
-    """Return the stops and the questions to check, and the number of foreign datagrams.
-
-    Args:
-        datagrams: with their senders, oldest first.
-        mark: first bytes of hexctl's datagrams.
-        answered: datagrams with these nonces are skipped.
-    """
+    """Return new stops, new questions, and the number of datagrams without the mark."""
     stops, questions, foreign = Waiting(), Waiting(), 0
     for data, sender in datagrams:
         if len(data) != DATAGRAM_BYTES or data[:MARK_BYTES] != mark:
@@ -120,16 +114,10 @@ FLOOD, LEAST_REST_S, MOST_REST_S = 32, 0.001, 0.005
 class StopSocket:
     """Answers datagrams on the port of a robot's link, and stops the robot; a context manager.
 
-    It stays closed if the port is in use, the link is QUIC, or the certificates lack the secret:
-    `trouble` reports why.
-
-    Args:
-        at_rest: whether no joint moves.
-        echoes: whether the joint angles are only targets.
+    It stays closed if the port is in use, the link is QUIC, or the certificates lack the secret.
 
     Attributes:
         trouble: why there is no datagram stop, or why the last datagram had no answer, or None.
-        answered: datagrams answered so far.
         dropped: foreign datagrams so far, except those dropped in the kernel.
     """
 
@@ -163,10 +151,7 @@ class StopSocket:
         return event
 
     def __enter__(self) -> Self:
-        """Open it.
-
-        Raises InputError for a secret that may not be used.
-        """
+        """Open it; raises InputError for a secret that may not be used."""
         endpoint = Endpoint.parse(self._link.endpoint)
         secret = find_stop_secret(self._link, Role.ROBOT)
         if endpoint.protocol == "quic":

@@ -52,11 +52,7 @@ WAITING_REQUESTS = 4
 
 
 class RosPublisher:
-    """A publisher: numbers its messages and attaches sender and time.
-
-    Args:
-        endpoint: of the kind `PUBLISHER`; a latched one keeps its last messages for later subscribers.
-    """
+    """A publisher: numbers its messages and attaches sender and time; latched ones keep their last."""
 
     def __init__(self, session: zenoh.Session, endpoint: RosEndpoint) -> None:
         session_id = str(session.info.zid())

@@ -52,12 +52,7 @@ class Kind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Qos:
-    """Quality of service of a reliable endpoint that keeps its last messages.
-
-    Attributes:
-        depth: how many messages are kept.
-        latched: transient local in ROS: later subscribers get the kept messages.
-    """
+    """Quality of service of a reliable endpoint; latched (transient local) is for later subscribers."""
 
     depth: int = 10
     latched: bool = False

@@ -45,12 +45,7 @@ class RouterWatch:
         self._listens_since_s: float | None = None
 
     def trouble(self, found: bool, now_s: float) -> str | None:
-        """Why there is no router, with a next step; None if it is reached, or if it may still be starting.
-
-        Args:
-            found: whether the session has reached a router.
-            now_s: on any monotonic clock.
-        """
+        """Why there is no router, with a next step; None if it is reached or may still be starting."""
         if found or not _listens(self._router):
             self._listens_since_s = None
             self._lost |= found

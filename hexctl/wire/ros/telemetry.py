@@ -83,13 +83,7 @@ class Level(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class DiagnosticStatus:
-    """Status of one part of a robot.
-
-    Attributes:
-        name: of the part.
-        message: one line on its state.
-        values: measured values, as text.
-    """
+    """Status of one part of a robot: a line, and measured values as text."""
 
     level: Level
     name: str
@@ -98,12 +92,7 @@ class DiagnosticStatus:
 
 
 def encode_diagnostics(statuses: Sequence[DiagnosticStatus], hardware: str, stamp_ns: int) -> bytes:
-    """Statuses as diagnostic_msgs/DiagnosticArray.
-
-    Args:
-        hardware: name of the robot.
-        stamp_ns: nanoseconds since 1970.
-    """
+    """Statuses as diagnostic_msgs/DiagnosticArray; `hardware` is the robot's name."""
     return ros_cdr.encode(
         ros_cdr.make(
             DIAGNOSTICS,
