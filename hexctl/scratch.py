@@ -54,7 +54,6 @@ def remove_abandoned(parent: Path) -> None:
 
 
 def _is_ours(entry: os.DirEntry[str]) -> bool:
-    """Whether an entry is a scratch folder of this user."""
     return (
         _NAME.fullmatch(entry.name) is not None
         and entry.is_dir(follow_symlinks=False)
@@ -63,7 +62,6 @@ def _is_ours(entry: os.DirEntry[str]) -> bool:
 
 
 def _make(parent: Path, name: str) -> tuple[Path, int]:
-    """A new folder and the descriptor that locks it."""
     for _ in range(TRIES):
         folder = parent / f"{name}-{secrets.token_hex(4)}{SUFFIX}"
         folder.mkdir(mode=0o700)

@@ -238,7 +238,6 @@ def settings_files(folder: Path = Path()) -> tuple[Path, ...]:
 
 
 def _own_files() -> tuple[Path, ...]:
-    """Files named by the variable, or in the user's configuration folder."""
     chosen, users, home = os.environ.get(CHOSEN, ""), os.environ.get("XDG_CONFIG_HOME"), _home()
     if chosen:
         return () if chosen == "none" else (_expanded(chosen),)
@@ -255,7 +254,6 @@ def _expanded(text: str) -> Path:
 
 
 def _is_there(path: Path) -> bool:
-    """Whether a path exists, readable or not."""
     try:
         path.lstat()
     except (OSError, ValueError):
@@ -276,7 +274,6 @@ def _upwards(folder: Path, home: Path | None) -> Iterator[Path]:
 
 
 def _home() -> Path | None:
-    """The user's home folder, or None, as for a service."""
     try:
         return Path.home()
     except RuntimeError:

@@ -44,7 +44,6 @@ def wait_for(
 def _first_true(
     condition: Callable[[], Value | None], timeout_s: float, poll_s: float, time: TimeSource
 ) -> Value | None:
-    """First true value of a condition, or None after the timeout."""
     deadline_s = time.now() + timeout_s
     while not (value := condition()):
         if time.now() >= deadline_s:

@@ -107,7 +107,6 @@ def _walk_name(index: int, gait: str = "") -> str:
 
 
 def _front(heading_deg: float) -> str:
-    """Placement of a body that will travel in a direction in its own frame."""
     if heading_deg == 0:
         return "its front along the line"
     side = "right" if heading_deg > 0 else "left"

@@ -183,7 +183,6 @@ class _Following:
         self._found: dict[str, Setting] = {}
 
     def settings(self) -> "dict[str, Setting]":
-        """Settings by parameter."""
         if "resume" in self._typed:  # a session goes on as it was begun
             return {}
         # The use of other options depends on these, in this order.
@@ -308,7 +307,6 @@ def _unknown_keys(command: Any, table: Mapping[str, Any], place: str, path: tupl
 
 
 def _owner_hint(commands: Mapping[str, Any], key: str) -> str:
-    """Table of the first command that has an option; empty for none."""
     owners = (name for name in commands if key in map(_flag, commands[name].params))
     owner = next(owners, None)
     return "" if owner is None else f"; an option of a command stands in its table, such as [{owner}]"
@@ -343,7 +341,6 @@ def _unknown_variable(root: Any, name: str) -> Iterator[str]:
 
 
 def _flag(param: Any) -> str:
-    """Name of an option without hyphens; empty for an argument."""
     return next((name[2:] for name in param.opts if name.startswith("--")), "")
 
 

@@ -146,6 +146,5 @@ def _is_texts(kind: Any) -> bool:
 
 
 def _parser(parse: Callable[[str], Any]) -> Callable[[Any], Any]:
-    """Parser that leaves a default as it is."""
     parsed = checked(parse)
     return lambda value: parsed(value) if isinstance(value, str) else value

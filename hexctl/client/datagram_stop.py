@@ -173,7 +173,6 @@ class DatagramStop:
                     one.sendto(self._next_datagram(), address)
 
     def _next_datagram(self) -> bytes:
-        """A stop if it is ordered and the robot's epoch is known, otherwise a query."""
         nonce = secrets.token_bytes(NONCE_BYTES)
         self._asked.append(nonce)
         datagram = StopDatagram(kind=Kind.ASK, nonce=nonce)

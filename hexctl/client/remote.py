@@ -126,7 +126,6 @@ class RemoteRobots:
         return answers
 
     def _ask(self, key: str, content: dict[str, Any] | None = None) -> list[dict[str, Any]]:
-        """Raises RobotFaultError if none answers."""
         silence = (
             f"no robot answers at {self._link.endpoint}; is hexctl serve running there, and may this end ask?"
         )

@@ -79,7 +79,6 @@ class SessionStop:
             self.ended = True
 
     def _once(self) -> None:
-        """Raises HexctlError if it fails."""
         from zenoh import ZError
 
         try:
@@ -158,7 +157,6 @@ def _stays(status: dict[str, Any]) -> bool:
 
 
 def _cleared(statuses: list[dict[str, Any]]) -> tuple[str, str] | None:
-    """Id of the last cleared stop, and who cleared it, from the first robot that reports one."""
     cleared = (one for status in statuses if isinstance(one := status.get("cleared"), dict))
     return next(((str(one.get("id")), str(one.get("by"))) for one in cleared), None)
 

@@ -229,7 +229,6 @@ class _Drawing(threading.Thread):
         self.drawn: dict[str, Any] = {}
 
     def run(self) -> None:
-        """Draw."""
         try:
             self.drawn = {"picture": export(*self._recordings, output=self._path, **PICTURE)}
         except HexctlError as error:

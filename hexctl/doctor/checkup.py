@@ -90,7 +90,6 @@ def _without_host(name: str, text: str) -> str:
 def _works(
     machine: Machine, packages: Packages, drawing: Drawing, connections: Connections
 ) -> Iterator[tuple[str, str | None]]:
-    """Each use, and why it does not work."""
     for use, (extra, names) in USES.items():
         reason = _lacking(packages.lacks(*names), extra)
         if reason is None and use.startswith(("GIF", "MP4")) and not drawing.draws:
@@ -123,7 +122,6 @@ def _lacking(names: tuple[str, ...], extra: str) -> str | None:
 
 
 def _unusable(devices: tuple[Device, ...], none: str) -> str | None:
-    """Why no device can be used; None if one can."""
     if not devices:
         return none
     if any(device.usable for device in devices):

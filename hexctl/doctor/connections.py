@@ -82,7 +82,6 @@ def _group_of(found: os.stat_result) -> str:
 
 
 def _is_free(number: int, protocol: str = "tcp") -> bool:
-    """Whether a server could listen at a port of loopback."""
     kind = socket.SOCK_STREAM if protocol == "tcp" else socket.SOCK_DGRAM
     with socket.socket(socket.AF_INET, kind) as probe:
         if protocol == "tcp":  # with datagrams it would share the port

@@ -75,7 +75,6 @@ def _requirements() -> dict[str, list[str]]:
 
 
 def _with_others(extra: str, own: dict[str, list[str]], others: dict[str, list[str]]) -> list[str]:
-    """Packages of an extra and of the extras that it names."""
     names = list(own.get(extra, []))
     for other in others.get(extra, []):
         names += _with_others(other, own, others)

@@ -70,7 +70,6 @@ class RaceBar:
         return np.asarray(bar)
 
     def _draw_message(self, draw: Any, message: Message, *, flashes: bool) -> None:
-        """Draw a message on its colour while it is new, and later in its colour."""
         width_px, height_px = self._size_px
         font = fitted_font(draw, message.text, self._letter_px, 0.38 * width_px)
         at, pad_px = (0.6 * width_px, height_px / 2), self._letter_px / 3
@@ -97,6 +96,5 @@ def even_pixels(pixels: float) -> int:
 
 
 def _lighter(color: Color) -> Color:
-    """A colour half way to white, for the dark background."""
     red, green, blue = ((part + 255) // 2 for part in color)
     return red, green, blue

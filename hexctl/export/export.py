@@ -202,7 +202,6 @@ def _output(source: str | Path | Robot, kind: str, output: str | Path | None) ->
 
 
 def _free(path: Path) -> Path:
-    """The path; raises InputError if it exists."""
     if path.exists() or path.is_symlink():
         raise InputError(f"export: {path} exists; allowed: a new name, nothing is replaced")
     return path

@@ -92,7 +92,6 @@ def _write_bag(trial: RecordedTrial, folder: Path) -> None:
 
 
 def _contents(trial: RecordedTrial) -> Iterator[tuple[int, str, bytes]]:
-    """All messages of a trial as CDR in the order of time, latched ones first."""
     yield from _serialized(_kept(trial))
     parts = (
         _tf(trial),
@@ -397,6 +396,5 @@ def _log(trial: RecordedTrial) -> Iterator[Stamped]:
 
 
 def _stamped(trial: RecordedTrial, samples: Samples | None) -> Iterator[tuple[int, FloatArray]]:
-    """Times and values of sparse records."""
     if samples is not None:
         yield from zip(trial.stamps_ns[samples.rows].tolist(), samples.values, strict=True)

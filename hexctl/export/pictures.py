@@ -115,13 +115,11 @@ class _Race:
 
 
 def _row(run: RecordedTrial, time_s: float) -> int:
-    """Tick of a run at a second of its recording."""
     found = int(np.searchsorted(run.time_s, time_s + 1e-6, side="right")) - 1
     return min(max(found, 0), len(run) - 1)
 
 
 def _color_changes_s(run: RecordedTrial) -> list[float]:
-    """Seconds of the recording at which a leg's condition changes."""
     changes = np.flatnonzero((np.diff(run.leg_conditions, axis=0) != 0).any(axis=1)) + 1
     return [float(at_s) for at_s in run.time_s[changes]]
 
@@ -140,7 +138,6 @@ class _Film:
             self.on_progress(done, len(self.times_s))
 
     def sample(self) -> Picture:
-        """A few pictures, one below another, with all colours of the film."""
         evenly = np.linspace(0, len(self.times_s) - 1, PALETTE_FRAMES).astype(int)
         after = np.searchsorted(self.times_s, np.asarray(self.stage.moments_s(), dtype=float))
         shown = np.union1d(evenly, after[after < len(self.times_s)])
@@ -189,7 +186,6 @@ def _write_gif(path: Path, film: _Film) -> None:
 
 
 def _write_mp4(path: Path, film: _Film) -> None:
-    """Write an MP4 (H.264) for browsers and slides."""
     try:
         import av
     except ModuleNotFoundError as error:

@@ -170,11 +170,9 @@ class RaceRenderer:
         return self._course.start_m - room_m, self._course.end_m + room_m
 
     def _top_m(self) -> float:
-        """Height of the visible space above the floor."""
         return 1.4 * max(racer.trial.robot.standing_height_m for racer in self.racers)
 
     def _height_share(self) -> float:
-        """Height of the scene as a share of its width: both lanes with their robots."""
         low_m, high_m = self._span_m()
         elevation = math.radians(self._elevation_deg)
         tall_m = 2.04 * self._lane_m * math.sin(elevation) + self._top_m() * math.cos(elevation)
@@ -242,7 +240,6 @@ class RaceRenderer:
             self._draw_finish(self._course.finish_m)
 
     def _draw_finish(self, finish_m: float) -> None:
-        """Two columns of squares, black and white."""
         squares = round(2 * self._lane_m / SQUARE_M)
         size_m = 2 * self._lane_m / squares
         for column in range(2):

@@ -223,7 +223,6 @@ class _Legs:
         self._geoms = [np.flatnonzero(model.geom_bodyid == link) for link in links]
 
     def paint(self, conditions: NDArray[np.int64]) -> None:
-        """Give legs the colours of their conditions, indices in `LEG_CONDITIONS`, (6,)."""
         model = self._model
         model.geom_matid[:], model.geom_rgba[:] = self._materials, self._colors
         for leg in range(N_LEGS):

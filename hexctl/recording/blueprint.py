@@ -174,7 +174,6 @@ def plot(origin: str, name: str, **more: Any) -> Any:
 
 
 def _linked() -> Any:
-    """Shared time axis: zooming into one view zooms into all."""
     import rerun.blueprint as rrb
 
     return rrb.TimeAxis(link="LinkToGlobal")

@@ -149,7 +149,6 @@ class LiveView:
         return not self._waiting or self.lost is not None
 
     def _push(self) -> None:
-        """Write waiting bytes until the pipe is full."""
         try:
             del self._waiting[: os.write(self._pipe, self._waiting)]
         except BlockingIOError:

@@ -210,7 +210,6 @@ class _Columns:
         return np.array([time for time, _ in rows], dtype=np.int64), [text for _, text in rows]
 
     def properties(self, name: str) -> dict[str, Any]:
-        """Values of a property by name; lists of one are plain values."""
         found: dict[str, Any] = {}
         for batch in self._chunks.get(f"/__properties/{name}", ()):
             for column in set(batch.schema.names) - {"rerun.controls.RowId"}:
@@ -219,14 +218,12 @@ class _Columns:
         return dict(sorted(found.items()))
 
     def name(self) -> str:
-        """Name of the recording, empty without one."""
         for batch in self._chunks.get("/__properties", ()):
             if "RecordingInfo:name" in batch.schema.names:
                 return str(batch.column("RecordingInfo:name").to_pylist()[0][0])
         return ""
 
     def static_quaternion(self, entity: str) -> FloatArray:
-        """Orientation of an entity that does not move, (4,) as w, x, y, z."""
         for batch in self._chunks.get(f"/{entity}", ()):
             if "Transform3D:quaternion" in batch.schema.names:
                 return wxyz(np.asarray(_flat(batch.column("Transform3D:quaternion")), dtype=float)[:4])
@@ -289,7 +286,6 @@ class _Ticks:
         return self.last(times_ns, indices, 0)
 
     def last(self, times_ns: Rows, values: Rows, before: int) -> Rows:
-        """The last value at each tick, (T,)."""
         found = np.searchsorted(times_ns, self.times_ns, side="right")
         return np.asarray(np.concatenate([[before], values])[found])
 
@@ -333,7 +329,6 @@ def _course(columns: _Columns) -> FloatArray | None:
 
 
 def _contacts(columns: _Columns, at: _Ticks) -> BoolArray | None:
-    """Whether each foot touches the floor, (T, 6); None if not measured."""
     touching = style.packed(style.TOUCHING_COLOR)
     contacts, felt = np.zeros((len(at.times_ns), N_LEGS), dtype=bool), False
     for leg in paths.LEGS:
@@ -368,7 +363,6 @@ def _failed_condition(label: str) -> str:
 
 
 def _without_alarm(samples: Samples) -> Samples:
-    """Evidence without the constant line of the alarm."""
     return Samples(samples.rows, samples.values[:, :N_LEGS])
 
 
@@ -384,7 +378,6 @@ def _times(batch: Any, timeline: str) -> Rows:
 
 
 def _flat(values: Any) -> Any:
-    """Numbers of nested lists."""
     while hasattr(values, "flatten") and hasattr(values.type, "value_type"):
         values = values.flatten()
     return values

@@ -172,7 +172,6 @@ class Recording:
             self._write_part()
 
     def _begin_to_write(self) -> None:
-        """Take the rows that are due; `_write_part` sends them."""
         start, self._written, self._written_at_s = self._written, self._due, time.monotonic()
         if self._log is not None and self._stream is not None and self._due > start:
             block = Block(self._stream, self._subject, self._log, start, self._due, self._began_at_s)

@@ -111,7 +111,6 @@ def entity_of(batch: Any) -> str:
 
 
 def _read(path: Path) -> Iterator[tuple[int, Any]]:
-    """The store and the record batch of each chunk of a file."""
     try:
         import pyarrow
     except ImportError as error:
@@ -175,7 +174,6 @@ def _bytes(fields: dict[int, Any], number: int) -> bytes:
 
 
 def _batch(fields: dict[int, Any]) -> Any:
-    """The record batch of a message, fully validated."""
     import pyarrow
 
     stream, size = _bytes(fields, STREAM), int(fields.get(SIZE, 0))

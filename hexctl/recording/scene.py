@@ -154,7 +154,6 @@ def _trunk(robot: Robot) -> Any:
 
 
 def _link(robot: Robot, index: int, failure: Failure | None, meshes: Meshes) -> list[Any]:
-    """Components of a link except its colour."""
     kind = JOINT_KINDS[index]
     missing = failure is not None and failure.kind == "missing"
     # A missing leg is drawn as an outline, which a mesh lacks.
@@ -227,13 +226,11 @@ def _coordinates(count: int) -> FloatArray:
 
 
 def _cells(low_m: float, high_m: float, count: int) -> NDArray[np.int64]:
-    """Grid points of the field within a range, at least the two at its edge."""
     inside = np.flatnonzero((_coordinates(count) >= low_m) & (_coordinates(count) <= high_m))
     return inside if inside.size > 1 else np.array([0, 1])
 
 
 def _grid_mesh(x: FloatArray, y: FloatArray, heights: FloatArray) -> FloorMesh:
-    """Mesh of heights (len(y), len(x)) over a rectangular grid."""
     positions = np.stack([*np.meshgrid(x, y), heights], axis=-1)
     slope_y, slope_x = np.gradient(heights, y, x)
     normals = np.stack([-slope_x, -slope_y, np.ones_like(heights)], axis=-1)

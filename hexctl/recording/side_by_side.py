@@ -90,7 +90,6 @@ def _name(trial: RecordedTrial) -> str:
 
 
 def _copy(trial: RecordedTrial, name: str, path: Path) -> None:
-    """Copy a recording under another name, with the list of recordings open."""
     heading_rad = math.radians(float(trial.properties.get("heading_deg", 0.0)))
     flags = {"watched": trial.leg_suspicion.rows.size > 0, "servos": bool(trial.servos)}
     blueprint = make_blueprint(trial.robot, heading_rad, _floor(trial), several=True, **flags)
@@ -199,7 +198,6 @@ def _layout(lanes: Sequence[_Lane]) -> Any:
 
 
 def _scene_view(lanes: Sequence[_Lane]) -> Any:
-    """3-D view of all lanes from the side, with a static eye."""
     import rerun.blueprint as rrb
 
     ends_m = np.concatenate([_ends_m(lane) for lane in lanes])

@@ -172,7 +172,6 @@ def _result_rows(result: TrialResult, stability: float | None) -> Iterator[Row]:
 
 
 def _fact_rows(result: TrialResult | None, facts: Mapping[str, Any]) -> Iterator[Row]:
-    """Known facts that are not in the rows of plan or result."""
     told = {"robot", "gait", "failed_leg", "failure", *(result.to_dict() if result is not None else ())}
     for key, value in facts.items():
         if key not in told and value not in (None, [], {}):

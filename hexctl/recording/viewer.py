@@ -86,7 +86,6 @@ def check_display() -> None:
 
 
 def _why(messages: str, paths: Sequence[Path]) -> str:
-    """One line on why the viewer ended, with a next step if there is no screen."""
     names = " ".join(map(str, paths))
     if any(word in messages for word in ("DISPLAY", "WAYLAND", "neither", "NoDisplay", "XOpenDisplay")):
         return (

@@ -128,7 +128,6 @@ class DiagnosisRun(Run):
         return {**self._found().to_dict(), **{name: whole[name] for name in (*kept, *where)}}
 
     def _ask_operator(self, found: Diagnosis, ask: AskOperator, stop_requested: StopRequested) -> Diagnosis:
-        """Lift the legs once more, one at a time, and ask after each."""
         moved: dict[int, bool] = {}
         for probe in sorted(LIFTS, key=lambda lift: lift.legs):
             if stop_requested() or not self._make_alone(probe):

@@ -168,7 +168,6 @@ class Run:
 
     @property
     def _walk_text(self) -> str:
-        """The gait in words, after the name of a custom controller."""
         gait = self.spec.gait_text if self._has_gait else None
         return " ".join(filter(None, (controller_name(self._controller), gait)))
 
@@ -311,7 +310,6 @@ class Run:
             raise MissingExtraError("recording (or walk with --no-record)", "view") from error
 
     def _new_path(self, folder: Path) -> Path:
-        """Unused path in a folder, named by time, robot, gait and failure."""
         now = datetime.now().strftime("%Y%m%d-%H%M%S")
         failed = "".join(f"_leg{one.leg}-{one.kind}" for one in self.plan.failures)
         stem = f"{now}_{self.robot.name}_{self._what}{failed}"

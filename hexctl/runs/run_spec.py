@@ -316,7 +316,6 @@ def _check_recoverable(plan: TrialPlan, robot: Robot) -> None:
 
 
 def _besides(failures: Sequence[Failure]) -> tuple[str, str]:
-    """Placeholder gaits, for messages."""
     return AUTO, BEST if failures else f"{BEST} (with a failed leg)"
 
 

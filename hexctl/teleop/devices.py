@@ -68,7 +68,6 @@ def _page(stack: ExitStack, session: "DriveSession", address: str, options: Driv
 
 
 def _credentials(folder: Path) -> "Credentials":
-    """Messages name `--page-keys`."""
     from hexctl.wire.certificates import find_credentials
     from hexctl.wire.links import Role
 

@@ -277,7 +277,6 @@ class DrivePage:
             self._let_go(connection)
 
     async def _show(self, connection: ServerConnection) -> None:
-        """Send one picture for each message, until the client disconnects."""
         shown = 0
         async for _ in connection:
             if not cast(LimitedConnection, connection).may_send():
@@ -291,7 +290,6 @@ class DrivePage:
                 await connection.send(picture.jpeg)
 
     async def _picture_after(self, number: int) -> Picture | None:
-        """The newest picture with another number, or None after a while."""
         for _ in range(round(PICTURE_WAIT_S / PERIOD_S)):
             newest = None if self._pictures is None else self._pictures.newest
             if newest is not None and newest.number != number:
@@ -300,7 +298,6 @@ class DrivePage:
         return None
 
     def _take(self, connection: ServerConnection, message: str | bytes) -> None:
-        """Take a message; an invalid one changes nothing."""
         try:
             said = json.loads(message)
             if "do" in said:

@@ -237,7 +237,6 @@ class DriveSession:
         }
 
     def _no_walk(self) -> str:
-        """Why a commanded velocity does not move the robot, or an empty text."""
         drive = self.drive
         if drive.mode != "driving" or drive.share(1, 1, 1).array.min() > 0:
             return ""

@@ -197,7 +197,6 @@ def _stop_in_words(status: dict[str, Any]) -> str:
 
 
 def _command_of(velocity: Sequence[float]) -> str:
-    """The commanded velocity: forward always, left and turn unless they are zero."""
     forward, left, turn = (
         _signed(value, places)
         for value, places in zip((*velocity[:2], math.degrees(velocity[2])), (3, 3, 0), strict=True)
@@ -208,7 +207,6 @@ def _command_of(velocity: Sequence[float]) -> str:
 
 
 def _travel_of(status: dict[str, Any]) -> list[str]:
-    """Measured distance, speed and heading, if known."""
     distance, speed, heading = (status[name] for name in ("distance_m", "speed_m_s", "heading_deg"))
     moved = [] if distance is None or speed is None else [f"{distance:.1f} m at {speed:.2f} m/s"]
     turned = [] if heading is None else [f"yaw {_signed(heading, 0)}°"]
@@ -216,7 +214,6 @@ def _travel_of(status: dict[str, Any]) -> list[str]:
 
 
 def _signed(value: float, places: int) -> str:
-    """A number with its sign, and no -0."""
     return f"{round(value, places) + 0.0:+.{places}f}"
 
 

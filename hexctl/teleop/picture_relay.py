@@ -80,7 +80,6 @@ class PictureRelay:
             self._closing.wait(wait_s)
 
     def _fetch(self) -> None:
-        """Take the picture, or all of the stream until it ends."""
         connection = self._connected()
         try:
             path = (self._url.path or "/") + (f"?{self._url.query}" if self._url.query else "")
@@ -144,7 +143,6 @@ class _Incoming:
         return self._taken(size)
 
     def _find(self, mark: bytes, most: int) -> int:
-        """Offset of a mark, after reading until it is there."""
         searched = 0
         while (at := self._bytes.find(mark, searched)) < 0:
             searched = max(0, len(self._bytes) - len(mark))
@@ -158,7 +156,6 @@ class _Incoming:
             raise _PictureError("the camera's stream has ended")
 
     def _more(self) -> bool:
-        """Read more; False at the end."""
         if time.monotonic() > self._until_s:
             raise _PictureError(f"the camera needs more than {ANSWER_S:g} s for a picture")
         got = self._answer.read1(65536)

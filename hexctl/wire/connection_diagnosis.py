@@ -127,12 +127,10 @@ def _bind_problem(endpoint: Endpoint, error: OSError) -> str:
 
 
 def _cause(error: OSError) -> str:
-    """Text of a system error, without its number."""
     return os.strerror(error.errno).lower() if error.errno else str(error)
 
 
 def _alert(error: "ssl.SSLError") -> str:
-    """TLS alert of the other end, such as `unknown ca`."""
     return (error.reason or str(error)).partition("ALERT_")[2].replace("_", " ").lower() or str(error.reason)
 
 

@@ -199,7 +199,6 @@ def _plain(value: object) -> Any:
 
 
 def _differences(there: Any, here: Any, place: str) -> Iterator[str]:
-    """Paths at which two descriptions differ, with both values."""
     if isinstance(there, dict) and isinstance(here, dict):
         for key in sorted(here.keys() | there.keys()):
             yield from _differences(there.get(key), here.get(key), f"{place}.{key}" if place else key)

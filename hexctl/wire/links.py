@@ -153,7 +153,6 @@ class Endpoint:
 
 
 def _is_host(text: str) -> bool:
-    """Whether a host is a name, or an address of one computer."""
     address = _address(text.strip("[]"))
     if address is not None:
         return not address.is_multicast and (address.version == 6) == text.startswith("[")

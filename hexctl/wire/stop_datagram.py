@@ -130,7 +130,6 @@ def _keyed(secret: bytes) -> hmac.HMAC:
 
 
 def _shortened(text: str, most: int) -> bytes:
-    """Text cut to a number of bytes, with an ellipsis."""
     data = _encoded(text)
     if len(data) <= most:
         return data

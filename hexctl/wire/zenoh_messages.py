@@ -278,7 +278,6 @@ def decode_command(payload: bytes, attachment: bytes | None) -> Command:
 
 
 def _decode_any(payload: bytes) -> tuple[FloatArray, FloatArray | None]:
-    """Angles and torques of a message of any layout, joints in leg-major order."""
     message = ros_cdr.decode(ros_cdr.JOINT_STATE, payload)
     positions = np.asarray(message.position, dtype=float)
     if positions.shape != (N_JOINTS,) or len(message.name) != N_JOINTS:

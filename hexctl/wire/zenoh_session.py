@@ -68,7 +68,6 @@ def _keys(keys: KeyMap, kinds: tuple[str, ...]) -> list[str]:
 
 
 def _queried(keys: KeyMap, kinds: tuple[str, ...]) -> list[str]:
-    """Keys of a robot's queryables, and the wildcard expressions."""
     return _keys(keys, kinds) + [f"{ROOT}/*/{kind}" for kind in kinds if kind in QUERIED_BY_WILDCARD]
 
 

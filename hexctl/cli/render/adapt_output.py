@@ -149,7 +149,6 @@ def opening_lines(session: Session) -> list[str]:
 
 
 def _more_walks(session: Session) -> list[str]:
-    """Walks in addition to the trials, which the progress bar counts; empty without any."""
     baseline = len(session.baseline if session.trials else session.spec.baseline_gaits)
     first = [f"first {_walks_text(baseline)} without a search"] if baseline else []
     confirming = session.spec.confirmed_uncertainty_m
@@ -323,7 +322,6 @@ def _ending(session: Session, ended: str | None) -> str:
 
 
 def _unfinished(session: Session) -> str:
-    """The remaining walks of a resumable session, and their duration."""
     walks = (*session.baseline, *session.trials)
     walked_s = sum(walk.outcome["duration_s"] for walk in walks)
     others = f" and {_walks_text(len(session.baseline))} without a search" if session.baseline else ""
@@ -353,7 +351,6 @@ def _found_lines(session: Session, found: Contender | None) -> list[str]:
 
 
 def _name(walk: TrialRecord | BaselineRecord) -> str:
-    """The gait of a walk and its origin; `auto` with its code, which commands accept."""
     if isinstance(walk, TrialRecord):
         return f"gait {walk.code}, trial {walk.index},"
     option = _gait_option(walk)
@@ -361,7 +358,6 @@ def _name(walk: TrialRecord | BaselineRecord) -> str:
 
 
 def _surety_lines(session: Session, found: Contender | None) -> list[str]:
-    """Uncertainty of the recommended gait's deviation, if known."""
     spec, settled = session.spec, session.settled_on
     if found is not None and found.confirmation is not None:
         step = f"{1000 * found.confirmation.time_step_s:g} ms"

@@ -27,7 +27,6 @@ def report_parts(report: dict[str, Any], *, verbose: bool) -> "list[RenderableTy
 
 
 def _findings(report: dict[str, Any], *, verbose: bool) -> "list[RenderableType]":
-    """The verdict, the robot, and the most important findings; all of them and the joints with `verbose`."""
     first: list[RenderableType] = [_conclusion(report), *_heading(report)]
     findings = _verdict(report)
     if verbose:
@@ -57,7 +56,6 @@ ENVELOPE = (
 
 
 def _envelope_table(envelope: dict[str, Any]) -> "Table":
-    """Speeds by direction, and static margins of the most stable gait, intact and without each leg."""
     directions = envelope["directions_deg"]
     table = plain_table("without leg", "turn deg/s", *(f"{direction:g} deg" for direction in directions))
     for name, speeds in envelope["speeds_m_s"].items():
@@ -142,7 +140,6 @@ def _verdict(report: dict[str, Any]) -> list[str]:
 
 
 def _torque(report: dict[str, Any]) -> str:
-    """Share of the torque for standing, and the joints that are too weak for it."""
     weak = [name for name, row in report["joints"].items() if row["static_torque_nm"] > row["max_torque_nm"]]
     too_weak = f", too weak: {_joints(weak)}" if weak else ""
     share, capacity = report["static_torque_share"], report["load_capacity"]
@@ -153,7 +150,6 @@ def _torque(report: dict[str, Any]) -> str:
 
 
 def _load_verdicts(report: dict[str, Any]) -> list[str]:
-    """Proximity of legs, sag and heat, a line each."""
     from hexctl.control.assessment.gait_load import CONTINUOUS_SHARE
 
     one, other = report["nearest_legs"]
@@ -187,7 +183,6 @@ def _physics(report: dict[str, Any]) -> list[str]:
 
 
 def _servo_verdicts(report: dict[str, Any]) -> list[str]:
-    """Whether ranges and gait fit the servos, and what to measure, a line each."""
     unit, limits = (
         ("pulses", "min_us, max_us") if "pulses_us" in report else ("counts", "min_count, max_count")
     )
@@ -210,7 +205,6 @@ def _servo_verdicts(report: dict[str, Any]) -> list[str]:
 
 
 def _joints(names: list[str]) -> str:
-    """Names of joints, all of one kind as `all coxae`."""
     from hexctl.types import N_LEGS
 
     kinds = {"coxa": "all coxae", "femur": "all femurs", "tibia": "all tibiae"}

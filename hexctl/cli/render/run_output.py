@@ -54,7 +54,6 @@ def _next_command(outcome: dict[str, Any], clear: str) -> list[str]:
 
 
 def _trouble_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
-    """Clipped commands, ignored measurements, and late or lost messages."""
     clipped, doubted = outcome["clipped_ticks"], outcome.get("positions_doubted", 0)
     guarded = [
         *([f"{clipped} commands clipped, too fast for the joints: lower --pace"] if clipped else []),
@@ -120,7 +119,6 @@ def _gait_text(gait: dict[str, Any]) -> str:
 
 
 def _posture_rows(gait: dict[str, Any]) -> list[tuple[str, str]]:
-    """Posture and swing, if they differ from the paper's."""
     from hexctl.gait.gait import SWING_SHARE
     from hexctl.gait.posture import Posture
     from hexctl.recording.trial_summary import posture_in_words
@@ -217,7 +215,6 @@ def _deviation(deviation_m: dict[str, Any]) -> str:
 
 
 def _side(signed_m: float) -> str:
-    """Length to one side; without a side if it rounds to zero."""
     length = _length(abs(signed_m))
     return length if length == _length(0.0) else f"{length} to the {'left' if signed_m > 0 else 'right'}"
 

@@ -68,7 +68,6 @@ def _checked(options: CheckOptions) -> "RobotCheck":
 
 
 def _further(checked: "RobotCheck", options: CheckOptions) -> dict[str, Any]:
-    """Requested extras: the simulation's uncertainty, the envelope, sets of lost legs."""
     report: dict[str, Any] = {}
     if options.physics and checked.possible:
         report["physics"] = _measured(checked, options.world or "flat", options.duration_s or 30.0)

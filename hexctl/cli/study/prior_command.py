@@ -56,7 +56,6 @@ def show(
 
 
 def _priors(file: str | None) -> list[dict[str, Any]]:
-    """One prior, by its path or name, or all that `hexctl adapt` would search."""
     from hexctl.adapt.prior.prior_files import describe_prior, list_priors, named_prior, prior_folders
 
     if file is None:
@@ -66,7 +65,6 @@ def _priors(file: str | None) -> list[dict[str, Any]]:
 
 
 def _repertoires(file: str | None) -> list[dict[str, Any]]:
-    """One repertoire, by its path or name, or all that `hexctl run --recover` would search."""
     from hexctl.control.monitor.repertoire_store import (
         describe_repertoire,
         list_repertoires,
@@ -94,7 +92,6 @@ def prior_line(described: dict[str, Any]) -> str:
 
 
 def _kind(described: dict[str, Any]) -> str:
-    """Hold and objectives of a prior, or that it has no stances."""
     if "scores" in described:
         return f", hold {described['hold']}: {', '.join(described['scores'])}"
     return "" if described["stances"] else ", without stances"

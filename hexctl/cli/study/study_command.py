@@ -27,7 +27,6 @@ def study(asked: dict[str, Any], as_json: JsonOption = False) -> None:
 
 
 def _not_judged(options: StudyOptions) -> Iterator[str]:
-    """Lines on parts that are too short for a verdict."""
     from hexctl.study.study_plan import StudyPlan
     from hexctl.study.verdicts.claim_evidence import JUDGED_FROM_S, LATE, too_short
 

@@ -166,7 +166,6 @@ def _search(
     quiet: bool,
     as_json: bool,
 ) -> "AdaptationResult | int":
-    """Its result, or the exit code without one."""
     from hexctl.adapt.runner import NotBegunError, RobotStoppedError
     from hexctl.adapt.sessions.store import StoreError
     from hexctl.cli.prompts import TrialPrompt

@@ -74,7 +74,6 @@ def demo(
 
 
 def _what_is_left(result: "DemoResult") -> str:
-    """Files of an interrupted demo, and how to resume its search."""
     walks = " ".join(shlex.quote(str(path)) for path in result.recordings)
     if not walks:
         return "interrupted before the search: nothing was recorded"
@@ -89,7 +88,6 @@ def _what_is_left(result: "DemoResult") -> str:
 
 
 def _view_command() -> str:
-    """Command that shows recordings: in a window, or in a browser without a screen."""
     return "hexctl view" if _has_display() else "hexctl view --web"
 
 
@@ -195,7 +193,6 @@ def _ending(result: "DemoResult") -> "list[RenderableType]":
 
 
 def _another_walk() -> list[str]:
-    """Command for a custom walk, with a live view if there is a screen."""
     return [f"  hexctl run --failure 2:limp@4{' --realtime --view' if _has_display() else ''}"]
 
 

@@ -130,7 +130,6 @@ class Found(NamedTuple):
 
 
 def _check_simulated(spec: "RunSpec") -> None:
-    """Raise InputError for simulated failures of a real robot."""
     for failure in () if spec.simulated else spec.failures:
         raise InputError(
             f"--failure: got {failure.typed} with --failed-leg auto and --backend {spec.backend}; "
@@ -139,7 +138,6 @@ def _check_simulated(spec: "RunSpec") -> None:
 
 
 def _operator() -> "AskOperator | None":
-    """None if no answer is possible."""
     if not (sys.stdin and sys.stdin.isatty()):
         return None
     from hexctl.cli.prompts import LegPrompt

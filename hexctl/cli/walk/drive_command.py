@@ -103,7 +103,6 @@ def _why(drive: "Drive", stopped: str) -> str:
 
 
 def _robot_stop(drive: "Drive") -> "ReadyStop | None":
-    """Stop of a robot on the network for all its clients; None for another backend."""
     remote = drive.guard.remote
     if remote is None or remote.link.plain:
         return None
@@ -150,7 +149,6 @@ def _say_unconfirmed(robot_stop: "ReadyStop") -> None:
 
 
 def _say(text: str) -> None:
-    """The terminal may be closed."""
     with suppress(OSError):
         print_note(text)
 

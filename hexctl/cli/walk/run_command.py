@@ -107,7 +107,6 @@ def _walk(
     found: "Found | None" = None,
     fence: "ShouldStop | None" = None,
 ) -> int:
-    """Walk, print the outcome, show it; return the exit code. The progress ends with the walk."""
     from hexctl.cli.render.run_output import summary
 
     run, clear = _checked(spec), _clear_command(spec)
@@ -170,7 +169,6 @@ def _checked(spec: RunSpec) -> "Run":
 
 
 def _open_live(run: "Run") -> "LiveView | None":
-    """None without a screen."""
     from hexctl.recording.live import open_window
 
     live = open_window(note_no_window)
@@ -237,11 +235,9 @@ class _WalkProgress(WithBar):
         self._task = self._bar.add_task("loading", total=None, walked="")
 
     def pause(self) -> None:
-        """Hide the bar until it is entered again."""
         self._bar.stop()
 
     def write_block(self, log: "TickLog", start: int, stop: int) -> None:
-        """Move the bar to where the log is."""
         if self.of_turn and log.phase == "turn":
             print_above(self._bar, self.of_turn, err=True)
             self.of_turn = ""

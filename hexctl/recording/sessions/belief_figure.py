@@ -75,7 +75,6 @@ def send_steps(stream: Any, overview: Overview) -> None:
 
 
 def _send_end(stream: Any, after: Sequence[SearchStep]) -> None:
-    """Clear the beliefs at the first step without any."""
     rr = load_rerun()
     for step in after[:1]:
         for path in (INTERVALS, NEXT):
@@ -120,7 +119,6 @@ def _send_not_told(stream: Any, overview: Overview) -> None:
 
 
 def _send_beliefs(stream: Any, step: SearchStep, beliefs: GaitBeliefs) -> None:
-    """Send the interval of each gait as a vertical line, and a dot at the expected end."""
     rr, codes = load_rerun(), np.arange(1.0, len(beliefs.signed_m) + 1)
     ends = [np.column_stack([codes, height(ends_m)]) for ends_m in (beliefs.low_m, beliefs.high_m)]
     colors = [deviation_color(float(off_m), valid=True) for off_m in beliefs.signed_m]
@@ -145,7 +143,6 @@ def _send_walked(stream: Any, step: SearchStep, overview: Overview) -> None:
 
 
 def _send_next(stream: Any, step: SearchStep, beliefs: GaitBeliefs) -> None:
-    """Send the interval of the next gait in bold, with its name; nothing after the last trial."""
     rr, code = load_rerun(), step.next_code
     strips = [] if code is None else [_interval(beliefs, code)]
     line = rr.LineStrips2D.columns(

@@ -165,7 +165,6 @@ def _send_legend(stream: Any, overview: Overview) -> None:
 
 
 def _send_names(stream: Any, path: str, names: list[tuple[Any, str]]) -> None:
-    """Send texts without a mark, each just below its place (progress, deviation) in m."""
     points = picture(np.array([place for place, _ in names]).reshape(-1, 2))
     texts = [text for _, text in names]
     labels = load_rerun().Points2D(points, radii=[0.0], colors=[TEXT_COLOR], labels=texts, show_labels=True)
@@ -173,7 +172,6 @@ def _send_names(stream: Any, path: str, names: list[tuple[Any, str]]) -> None:
 
 
 def _send_trial(stream: Any, trial: OverviewTrial) -> None:
-    """Send a trajectory that appears with its trial; straighter ones are in front."""
     if not len(trial.path_m):
         return
     color = deviation_color(trial.deviation_m, valid=trial.score_m is not None)
@@ -188,7 +186,6 @@ def _send_trial(stream: Any, trial: OverviewTrial) -> None:
 
 
 def _send_baseline(stream: Any, overview: Overview) -> None:
-    """Send the paths of the baseline, each named at its end."""
     rr = load_rerun()
     walks = [walk for walk in overview.baseline if len(walk.path_m)]
     for walk in walks:
@@ -213,7 +210,6 @@ def _spread_ends_m(walks: Sequence[OverviewTrial], overview: Overview) -> list[F
 
 
 def _send_best(stream: Any, overview: Overview) -> None:
-    """Send the best trajectory so far and its name whenever it changes."""
     rr, last = load_rerun(), None
     for trial, best in zip(overview.trials, overview.best_so_far(), strict=True):
         if best is last or best is None or not len(best.path_m):
@@ -263,7 +259,6 @@ def send_curve(stream: Any, overview: Overview) -> None:
 
 
 def _send_scores(stream: Any, overview: Overview) -> None:
-    """Send a point per valid trial, in the colour of its trajectory."""
     rr, (factor, _) = load_rerun(), overview.curve_unit
     valid = [(trial, trial.score_m) for trial in overview.trials if trial.score_m is not None]
     if not valid:
@@ -322,7 +317,6 @@ def _send_targets(stream: Any, overview: Overview) -> None:
 
 
 def _send_baseline_scores(stream: Any, overview: Overview) -> None:
-    """Send a horizontal line per valid walk of the baseline, from before the first trial."""
     rr = load_rerun()
     indices = [BEFORE_TRIALS, *(trial.index for trial in overview.trials)]
     for walk in overview.baseline:

@@ -96,7 +96,6 @@ def _pieces(block: Block, step: int) -> tuple[NDArray[np.int64], int]:
 
 
 def _across(frame: TrialFrame, points_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Horizontal positions, (N, 2), and the nearest points on the line of travel."""
     along = np.array([np.cos(frame.heading_rad), np.sin(frame.heading_rad)])
     progress = frame.path(_with_height(points_m))[:, :1]
     return points_m, frame.origin_world[:2] + progress * along

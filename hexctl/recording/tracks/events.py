@@ -56,7 +56,6 @@ def _notes(block: Block) -> Iterator[Event]:
 
 
 def _clipped(block: Block) -> Iterator[Event]:
-    """Ticks at which the guard began to change targets, with the first joints concerned."""
     led = clipped_joints(block.led("wanted_rad"), block.led("commanded_rad"))
     lead = len(led) - (block.stop - block.start)
     for row in block.changes(led.any(axis=-1)).tolist():

@@ -127,7 +127,6 @@ def _link_columns(failure: Failure | None, kind: str, mesh: PartMesh | None) -> 
 
 
 def _send_mark(block: Block, row: int, leg: int, failure: Failure | None) -> None:
-    """Send or clear (None) the mark at the hip of a leg with a detected failure."""
     labels = [] if failure is None else [f"noticed: {in_words(failure)}"]
     coxa_m = block.subject.robot.link_radii_m[0]
     for path, radius, color, shown in (

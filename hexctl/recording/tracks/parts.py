@@ -57,7 +57,6 @@ def _send_pose(block: Block, rows: Rows, position: FloatArray, quaternion: Float
 
 
 def _send_leg(block: Block, links: LinkColumns, leg: int) -> None:
-    """Send each joint's angle as the rotation of its link, and commanded and measured as scalars."""
     first = JOINTS_PER_LEG * (leg - 1)
     both = [
         block.column(name)[:, first : first + JOINTS_PER_LEG] for name in ("commanded_rad", "measured_rad")

@@ -181,8 +181,6 @@ class RosBridge:
 
 
 class _Commands:
-    """Subscriptions and services of the node."""
-
     def __init__(self, session: zenoh.Session, node: RosNode, bridge: RosBridge) -> None:
         self._bridge, self._counters = bridge, bridge.counters
         wanted = [(STOP_TOPIC, STOP_MESSAGE)]

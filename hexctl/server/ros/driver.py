@@ -214,7 +214,6 @@ class RosDriver:
         self._lease = self._zero_index = None
 
     def _drop(self) -> None:
-        """Forget the current motion: the robot was stopped, or belongs to another client."""
         self._lease = self._pilot = self._sent_rad = None
         self._sits = False
         self._source.forget()

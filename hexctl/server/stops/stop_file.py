@@ -153,7 +153,6 @@ class StopFile:
             self._descriptor = None
 
     def _read(self) -> tuple[KeptStop | None, str | None]:
-        """The stop in the file, and why the file cannot be read."""
         try:
             return _CONTENT.validate_json(read_file(self.path, BLOCK_BYTES)), None
         except (FileNotFoundError, NotADirectoryError):

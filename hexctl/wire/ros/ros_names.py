@@ -126,7 +126,6 @@ class RosNode:
 
 
 def _namespace(given: str) -> str:
-    """Namespace with a leading slash."""
     parts = given.strip("/").split("/") if given.strip("/") else []
     if not all(_PART.fullmatch(part) for part in parts):
         raise InputError(
