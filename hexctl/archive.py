@@ -71,10 +71,7 @@ class ArchiveKind:
     def load(
         self, path: Path | str, make: Callable[[dict[str, Any], dict[str, NDArray[Any]]], Content]
     ) -> Content:
-        """Content that `make` builds from the head and the arrays of a file.
-
-        Raises InputError for another kind or version, an altered file, and one that `make` refuses.
-        """
+        """Content that `make` builds from a file; raises InputError for an unusable or altered file."""
         head, arrays = self._read(path, arrays=True)
         content = {name: value for name, value in head.items() if name not in _ADDED}
         try:

@@ -99,8 +99,7 @@ def read_file(path: Path, most_bytes: int) -> bytes:
     """Content of an untrusted file.
 
     Raises OSError for one that cannot be read, is larger than `most_bytes`, or is no regular file: a pipe or
-    a
-    device could be endless.
+    a device could be endless.
     """
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
     try:
@@ -118,8 +117,8 @@ def read_file(path: Path, most_bytes: int) -> bytes:
 def open_archive(path: Path | str) -> Any:
     """The archive (.npz) of an untrusted file; a context manager.
 
-    Raises OSError as `read_file` does, ValueError for one that needs too much memory, and `ARCHIVE_DAMAGE`,
-    also when its arrays are read.
+    Raises OSError as `read_file` does, ValueError if it needs too much memory, and `ARCHIVE_DAMAGE`, even
+    later.
     """
     import numpy as np
 

@@ -1,8 +1,7 @@
 """Colours that mean the same in the viewer and in the reports: green is straight, crimson is far off.
 
-Each colour of a line or a mark has a contrast of at least 3 to 1 (WCAG 2) on white and on `BACKGROUND`.
-Adjacent ones are safe for colour blindness, from Okabe and Ito (2008) if dark enough for white. The luminance
-of the scale falls with the deviation, which keeps its order in grey print.
+Lines and marks have a contrast of at least 3 to 1 (WCAG 2) on white and on `BACKGROUND`. Adjacent ones are
+safe for colour blindness, mostly from Okabe and Ito (2008). The scale keeps its order in grey print.
 """
 
 import math

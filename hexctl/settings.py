@@ -9,8 +9,7 @@
     duration = 20
 
 Variables precede the file of the folder, which precedes the user's own. Light to import: a file is parsed
-only
-if it exists.
+only if it exists.
 """
 
 import os
@@ -93,12 +92,7 @@ class Setting:
 
 @dataclass(frozen=True, slots=True)
 class Layer:
-    """Settings of one file, or of the variables; earlier layers have priority.
-
-    Attributes:
-        place: name of the file for messages, `environment` for variables.
-        values: of a file nested by command, as in TOML; of the environment by variable.
-    """
+    """Settings of one file (nested by command) or of the variables; earlier layers have priority."""
 
     place: str
     values: Mapping[str, Any]
@@ -228,8 +222,7 @@ def settings_files(folder: Path = Path()) -> tuple[Path, ...]:
     """Files with settings for a folder, by priority.
 
     The nearest `hexctl.toml` upwards, as far as the root of the repository or the home folder; outside of
-    both
-    only the folder's own. Then the user's, in the configuration folder.
+    both only the folder's own. Then the user's, in the configuration folder.
     """
     if os.environ.get(CHOSEN):
         return _own_files()

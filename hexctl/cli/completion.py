@@ -1,7 +1,6 @@
 """Shell completion of option values, once `hexctl --install-completion` has been run.
 
-Each function takes the typed text and imports late, to keep `hexctl --help` and the Tab key fast. If none of
-its words fits, the shell offers files.
+Functions import late, to keep `hexctl --help` and the Tab key fast. Without a match the shell offers files.
 """
 
 from collections.abc import Callable, Iterable

@@ -1,8 +1,4 @@
-"""Defers Ctrl-C during imports.
-
-An extension module that is interrupted raises arbitrary errors, or prints tracebacks that cannot be caught.
-Imports light.
-"""
+"""Defers Ctrl-C during imports, which it may break with uncatchable tracebacks. Imports light."""
 
 import os
 import signal

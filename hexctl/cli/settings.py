@@ -134,10 +134,7 @@ def runs_folder() -> Path:
 
 
 def _said(ctx: Any, typed: Mapping[str, Any]) -> "dict[str, tuple[Setting, Any]]":
-    """Settings that a command follows, by parameter, each with its value in typed form.
-
-    Raises InputError for the first invalid setting; commands in `UNSTOPPABLE` report and skip it.
-    """
+    """Typed values of settings that a command follows; raises InputError unless in `UNSTOPPABLE`."""
     from hexctl.settings import find_settings
 
     path, settings = _path(ctx), find_settings()

@@ -1,7 +1,4 @@
-"""Values of options: numbers, words of a list, and which options were typed.
-
-Light to import: `hexctl --help` needs only these.
-"""
+"""Values of options: numbers, words of a list, and which options were typed. Imports light."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, get_args

@@ -72,8 +72,7 @@ class RemoteRobots:
             waiting: called before a wait for another's stop, with its requester and the wait in s.
 
         Raises InputError for another user's robot on the default link, and RobotFaultError unless at least
-        one
-        robot answers and all that answer have cleared.
+        one robot answers and all that answer have cleared.
         """
         statuses = self.await_statuses()
         for status in statuses:
@@ -101,8 +100,7 @@ class RemoteRobots:
         """Let a leg of every simulated robot fail, as in `5:limp`; `failures` of each answer lists all.
 
         Raises InputError for an invalid text, and for another user's robot on the default link;
-        RobotFaultError
-        if a robot refuses, as a real one does, or none answers.
+        RobotFaultError if a robot refuses, as a real one does, or none answers.
         """
         parse_failure_now(text)
         return self._change({"op": "fail", "failure": text})
@@ -165,7 +163,7 @@ def remote_robots(
     insecure: bool = False,
     link: str | None = None,
 ) -> Iterator[RemoteRobots]:
-    """Robots on a link, whose arguments are those of `estop`; a context manager.
+    """Robots on a link, for viewers or controllers; a context manager. Other arguments as in `ReadyStop`.
 
     Raises InputError for a link that is not allowed, RobotFaultError when nothing listens there.
     """

@@ -21,10 +21,6 @@ WATCH_PERIOD_S, ASK_PERIOD_S = 0.1, 0.5
 class SessionStop:
     """Queries the robots on a link over a session, and stops them when ordered, on its own thread.
 
-    Args:
-        see: takes the combined state of all robots, on the thread.
-        again: whether to retry a session that cannot be opened.
-
     Attributes:
         error: why there is no session, or why a robot has not stopped; otherwise None.
         obeyed: name of the stop that they confirmed, unless one has cleared it since; otherwise None.

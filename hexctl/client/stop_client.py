@@ -319,13 +319,8 @@ def estop(
 ) -> StopResult:
     """Stop a robot on the network and wait until it is at rest, whichever client commands it.
 
-    Args:
-        connect: Zenoh endpoint of the robot; None takes that of the link, or the default.
-        credentials: folder of certificates.
-        insecure: whether a link to another computer may lack certificates.
-        link: name or path of a link file.
-
-    Raises what `ReadyStop.wait_for_rest` raises, and InputError for a link that is not allowed.
+    Arguments are those of `ReadyStop`. Raises what `ReadyStop.wait_for_rest` raises, and InputError for a
+    link that is not allowed.
     """
     with ReadyStop(
         connect=connect, credentials=credentials, insecure=insecure, link=link, again=False

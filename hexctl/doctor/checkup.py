@@ -66,8 +66,7 @@ def doctor(folder: Path | str = RUNS, *, is_option: Callable[[str], bool] = no_o
     Args:
         folder: of runs, for the disk.
         is_option: whether a variable such as `HEXCTL_RUN_SEED` is an option of a command; without it those
-            are
-            reported as unknown.
+            are reported as unknown.
     """
     machine, packages = read_machine(Path(folder)), read_packages()
     drawing, connections = read_drawing(), read_connections()

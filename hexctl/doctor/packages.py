@@ -13,13 +13,7 @@ _NOT_FOR_USE = ("all", "dev", "docs", "testing")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Packages:
-    """Installed packages.
-
-    Attributes:
-        hexctl: None if it is imported without being installed.
-        versions: of each package that hexctl or an extra needs; None if it is not installed.
-        extras: missing packages by extra.
-    """
+    """Versions of hexctl and of the packages that it needs, None if missing, and lacks by extra."""
 
     hexctl: str | None
     versions: dict[str, str | None]

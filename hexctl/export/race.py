@@ -68,12 +68,7 @@ VERBS = {
 
 
 class Racer:
-    """A walk in a lane, along its own line of travel (the x axis) on its own floor.
-
-    Attributes:
-        start_s: second of the recording at which the film begins.
-        progress_m: distance along the line at each tick, (T,); None without positions.
-    """
+    """A walk in a lane along its line of travel; `start_s` is in the recording, `progress_m` is (T,)."""
 
     def __init__(self, trial: RecordedTrial, start_s: float, lane_m: float) -> None:
         self.trial, self.start_s = trial, start_s

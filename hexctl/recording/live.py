@@ -42,8 +42,7 @@ class LiveView:
     """Shows walks in a Rerun viewer while they run: a recorder of `run_trial`.
 
     Rows go through a pipe to a feeder process, which sends them to the viewer. A viewer or feeder that dies
-    or
-    hangs does not delay the robot: rows wait, and beyond a bound the live view is given up.
+    or hangs does not delay the robot: rows wait, and beyond a bound the live view is given up.
 
     Attributes:
         lost: why nothing is shown any longer, or None.
@@ -51,11 +50,7 @@ class LiveView:
     """
 
     def __init__(self, *, web: bool = False, options: Sequence[str] = ()) -> None:
-        """Start viewer and feeder.
-
-        Args:
-            web: serve the viewer to a browser instead of opening a window.
-            options: further options of Rerun, such as `--save FILE`.
+        """Start viewer and feeder, with further options of Rerun, such as `--save FILE`.
 
         Raises RecordingError when they cannot start, MissingExtraError without Rerun.
         """
@@ -93,11 +88,7 @@ class LiveView:
         watched: bool = False,
         servos: bool = False,
     ) -> None:
-        """Begin another walk, with arguments as for a `Recording`.
-
-        Args:
-            looks: robot file whose meshes are drawn; None draws solids.
-        """
+        """Begin another walk, with arguments as for a `Recording`; `looks` is a robot file with meshes."""
         header = {"robot": robot, "plan": plan, "title": title, "floor": floor, "looks": looks}
         self._send({**header, "watched": watched, "servos": servos})
 

@@ -46,10 +46,7 @@ def leg_path(leg: int) -> str:
 
 
 def link_path(leg: int, kind: str) -> str:
-    """Entity of a link, such as `world/robot/leg5/coxa/hip/femur`: a child of the previous link.
-
-    It has the solid, the rotation of its joint, and two scalars: commanded and measured angle in rad.
-    """
+    """Entity of a link with its angles in rad, such as `world/robot/leg5/coxa/hip/femur`."""
     joints = ("", "/hip", "/knee")
     links = zip(joints, JOINT_KINDS, strict=True)
     steps = [f"{joint}/{link}" for joint, link in links]

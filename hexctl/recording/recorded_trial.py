@@ -165,8 +165,7 @@ def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
 def _joints(columns: "_Columns", path: Path) -> tuple[Rows, FloatArray]:
     """Times of the ticks in ns, (T,), and commanded and measured angles of the joints, (T, 2, 18).
 
-    A killed program may have written more ticks of some joints than of others: surplus ticks are dropped
-    here and in all other columns.
+    Surplus ticks of single joints, as after a kill, are dropped here and in all other columns.
     """
     links = [paths.link_path(leg, kind) for leg in paths.LEGS for kind in JOINT_KINDS]
     series = [columns.numbers(link, "Scalars:scalars", 2) for link in links]

@@ -111,11 +111,7 @@ class Recording:
         self.close()
 
     def write_block(self, log: TickLog, start: int, stop: int) -> None:
-        """Add rows [start, stop) of a log; blocks come in order and without gaps.
-
-        Blocks are collected into larger chunks. Due rows are written one part per call, to keep each call
-        short.
-        """
+        """Add the next rows [start, stop) of a log; due rows are written one part per call."""
         if start == 0:
             self._began_at_s = self._beginning_s(log, stop)
         self._log, self._due = log, stop

@@ -142,10 +142,7 @@ def disconnect(stream: Any) -> None:
 
 
 def free_streams() -> None:
-    """Free closed streams without references, each with 4 MB and two threads, which Rerun keeps.
-
-    Skipped if the program has a global recording (`rerun.init`), which would be freed too.
-    """
+    """Free closed streams, which Rerun keeps, with 4 MB and two threads each; not with `rerun.init`."""
     rr = load_rerun()
     if not _abandoned and rr.get_global_data_recording() is None:
         _bounded(rr.bindings.flush_and_cleanup_orphaned_recordings, FULL_TIMEOUT_S)

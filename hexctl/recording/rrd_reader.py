@@ -1,7 +1,6 @@
 """Reads files of Rerun (.rrd) with Arrow: Rerun's own reader kills the process at some damage.
 
-A file is a head and messages with kind and length. The message of a chunk is a protobuf message with an
-LZ4-compressed Arrow stream, in the version `RERUN`.
+Messages of chunks are protobuf with an LZ4-compressed Arrow stream, in the version `RERUN`.
 """
 
 import logging

@@ -13,10 +13,9 @@ COARSE_BITS = 8
 
 
 class Series(NamedTuple):
-    """Numbers of one entity, with a line each in a plot.
+    """Numbers of one entity, with a line each in a plot; `bits` are stored binary places.
 
     Attributes:
-        bits: stored binary places.
         source: column of the log, or attribute of `ServoReadings`; None if a track calculates the numbers.
     """
 

@@ -28,12 +28,7 @@ def make_markdown(
     stability: float | None,
     facts: Mapping[str, Any],
 ) -> str:
-    """Text panel in Markdown; a missing result is pending.
-
-    Args:
-        stability: share of the walk with the centre of gravity inside the support polygon, or None.
-        facts: further rows.
-    """
+    """Text panel in Markdown, with a placeholder for a missing result."""
     outcome = [PENDING] if result is None else _result_rows(result, stability)
     controller = None if result is None else result.controller
     rows = [*outcome, *_plan_rows(robot, plan, controller), *_fact_rows(result, facts)]

@@ -91,13 +91,7 @@ class Run:
     """
 
     def __init__(self, spec: RunSpec, *, controller: "CustomController | None" = None) -> None:
-        """Check a spec.
-
-        Args:
-            controller: replaces the plan's own walk, as in `run_trial`.
-
-        Raises InputError for what is not allowed, ReachError or LimitError for an infeasible walk.
-        """
+        """Check a spec; raises InputError, or ReachError or LimitError for an infeasible walk."""
         spec.check()
         check_controller(controller)
         self.spec, self._controller = spec, controller
@@ -203,8 +197,7 @@ class Run:
         Args:
             recorders: take the ticks in blocks in addition to the recording; each fails separately.
             stop_requested: called every tick; True ends the walk with a soft stop, and before the first
-                command
-                without a recording.
+                command without a recording.
             should_stop: checks the walk once a second, as in `run_trial`, such as a `Geofence`.
 
         Raises RobotFaultError when the robot or its link fails. A fall, a stop or an incomplete recording is

@@ -362,10 +362,9 @@ def _changes_of(
 
 
 def _change_of(text: str, robot: Robot, plan: TrialPlan, *, stand_up: bool) -> GaitChange:
-    """Change of gait of a text such as `wave@10`, in the posture of the plan's gait.
+    """Change of gait of a text such as `wave@10`, in the posture of the plan's gait, but without its crawl.
 
-    Swings and body shift of a crawl end with it. With `stand_up` the body stands up for the gait `auto` with
-    more than one failed leg.
+    With `stand_up` the body stands up for the gait `auto` with more than one failed leg.
     """
     name, time_s = _name_and_time(text)
     if names_best(name):

@@ -80,7 +80,7 @@ class CommandHandler:
         return False
 
     def check(self, payload: bytes, attachment: bytes | None, lease: Lease | None, at_s: float) -> Checked:
-        """The command, if in order and on time; counts others and raises an error."""
+        """Command in order and on time; others are counted, and raise MessageError or CommandRefusedError."""
         try:
             command = decode_command(payload, attachment)
         except MessageError:

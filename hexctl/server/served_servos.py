@@ -17,12 +17,10 @@ class ServedServos(ServosWrapper):
 
     An external pose, such as motion capture, replaces both position and orientation, because their frames
     differ. Falls are still judged by the robot's own orientation, if measured (`tilt_of`). The guard detects
-    an
-    external pose that stops coming.
+    an external pose that stops coming.
 
     Every exception of the servos becomes a RobotFaultError that names the call: `serve` then ends with a
-    fault
-    instead of a traceback.
+    fault instead of a traceback.
     """
 
     def __init__(self, servos: LegServos) -> None:

@@ -26,8 +26,7 @@ PRIORITIES = {
 class Transport:
     """A robot's Zenoh session; its callbacks only put arrivals into the inbox.
 
-    Two callbacks run before that, on Zenoh's thread: `urgent` with the payload of each query at `estop`, and
-    `admits` with the attachment of each command, which is dropped if it returns False.
+    Before, on Zenoh's thread: `urgent` gets each payload at `estop`, `admits` the attachment of each command.
     """
 
     def __init__(

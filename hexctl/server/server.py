@@ -46,8 +46,7 @@ UNREACHED = "unreached"
 class RobotServer:
     """Serves one robot's servos on a link.
 
-    Between two ticks it executes commands as they arrive; at each tick it reads the servos, checks for
-    expired commands and falls, and publishes the state.
+    Commands are executed between ticks. A tick reads the servos, checks expiry and falls, and publishes.
     """
 
     def __init__(

@@ -1,10 +1,9 @@
 """A page for driving by phone or browser: one file over HTTP and a WebSocket on the same port.
 
-Messages to the robot are JSON: `{"v": [forward, left, turn]}` with shares of the maximum speeds, -1 to 1,
-20 to 50 times a second while a finger is down; `{"release": true}` when it lifts; `{"do": "stop"}` for other
+Messages to the robot are JSON: `{"v": [forward, left, turn]}` with shares of the maximum speeds, -1 to 1, 20
+to 50 times a second while a finger is down; `{"release": true}` when it lifts; `{"do": "stop"}` for other
 requests. The robot sends its status at 10 Hz. Pictures of a camera have a second socket, so as not to delay
-the
-status: any message asks for the next picture, answered by one message, or by JSON `{"trouble": why}`.
+the status: any message asks for the next picture, answered by one message, or by JSON `{"trouble": why}`.
 
 A client that sends more than 100 messages a second is disconnected. A stop is handled before parsing and
 counting. With 16 clients, a silent one is replaced by a new one.

@@ -42,13 +42,7 @@ LEAST_TRAVEL_M = 0.01
 
 
 class Travel:
-    """Distance, speed and heading of a body from its reported poses.
-
-    Attributes:
-        distance_m: along the path; None without positions.
-        speed_m_s: over the last second; None without positions.
-        heading_deg: counter-clockwise from the first orientation; None without one.
-    """
+    """Distance along the path, speed over the last second, and heading from the first; None if unknown."""
 
     def __init__(self) -> None:
         self.distance_m: float | None = None
@@ -108,9 +102,8 @@ class DriveSession:
     """Drives a robot manually until a device asks to quit.
 
     A stop of a device is also latched at a robot on the network. After it, "stand" reconnects, which the
-    robot
-    refuses until its stop is cleared. Heights at which the gait can walk are calculated before any motion,
-    because they take long. `robot_stop` stops the robot for all its clients.
+    robot refuses until its stop is cleared. Heights at which the gait can walk are calculated before any
+    motion, because they take long. `robot_stop` stops the robot for all its clients.
     """
 
     def __init__(self, drive: Drive, robot_stop: RobotStop | None = None) -> None:
@@ -152,8 +145,7 @@ class DriveSession:
         """Drive until a device asks to quit; return the reason. The robot then stands.
 
         A stop that is requested from the start commands nothing. Raises EStopError when the guard has stopped
-        the
-        robot, RobotFaultError when it or its link fails.
+        the robot, RobotFaultError when it or its link fails.
         """
         if self.ended is None and stop_requested():
             self.ended = "interrupted"

@@ -1,7 +1,4 @@
-"""Gamepads by the kernel's event files, plugged in and out at any time.
-
-Codes are those of linux/input-event-codes.h, used by the drivers of Xbox, PlayStation and Nintendo pads.
-"""
+"""Gamepads by the kernel's event files, with codes of linux/input-event-codes.h."""
 
 import fcntl
 import os
@@ -128,8 +125,7 @@ class Gamepad:
     """The first gamepad, as a source of velocities; without `path` it is searched repeatedly.
 
     A shoulder button has to be held to drive. Releasing it, or unplugging the pad, stops the walk. A stick
-    that
-    is held during a clear of a stop is ignored until it was in the middle, or the button released.
+    that is held during a clear of a stop is ignored until it was in the middle, or the button released.
     """
 
     def __init__(

@@ -219,11 +219,7 @@ def _signed(value: float, places: int) -> str:
 
 @contextmanager
 def single_keys(terminal: int) -> Iterator[None]:
-    """Make a terminal's keys unbuffered and unechoed; a context manager.
-
-    Ctrl-Z is disabled, because a suspended process must not control a robot. Ctrl-S, which would pause the
-    output, becomes a normal key.
-    """
+    """Make a terminal's keys unbuffered and unechoed, without Ctrl-Z (suspend) and Ctrl-S (pause)."""
     before = termios.tcgetattr(terminal)
     tty.setcbreak(terminal)
     try:

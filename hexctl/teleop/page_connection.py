@@ -1,7 +1,6 @@
 """Connections of the drive page, limited so that no client and no address delays the others.
 
-Parsing takes far longer than sending: one read of a flood has thousands of messages. Therefore bytes are
-counted before parsing, and messages as they are taken.
+Bytes are counted before parsing, which takes far longer than sending, and messages as they are taken.
 """
 
 import time
@@ -122,8 +121,7 @@ class LimitedConnection(ServerConnection):
 def least_needed(connections: Sequence[LimitedConnection], newcomer: str) -> LimitedConnection:
     """The connection that a new one replaces: of the address with the most, silent ones first.
 
-    It is the oldest of silent ones, otherwise the newest: a client with many connections replaces its own,
-    and never an earlier page.
+    Of silent ones it is the oldest, otherwise the newest: a client never replaces another's earlier page.
     """
     counts = Counter([newcomer, *(one.address for one in connections)])
 

@@ -1,7 +1,6 @@
 """Pictures of a network camera for the page, from one address that the operator gave.
 
-The camera is not trusted: an answer has to be a JPEG of bounded bytes and pixels in a bounded time. It is not
-decoded. Redirections and proxies are not used.
+Untrusted: bytes, pixels and time are bounded, nothing is decoded, no redirection or proxy is used.
 """
 
 import http.client

@@ -137,11 +137,7 @@ def _alert(error: "ssl.SSLError") -> str:
 class RefusalWatch:
     """Reports once, on its own thread, that nothing listens at an endpoint; a context manager.
 
-    Args:
-        tell: takes a text such as `nothing listens at tcp/127.0.0.1:7447`, on the thread.
-        answered: whether the robot has answered otherwise; then nothing is reported.
-
-    Raises InputError for an endpoint that is not allowed.
+    Nothing is reported if `answered` returns True. Raises InputError for an endpoint that is not allowed.
     """
 
     def __init__(

@@ -89,10 +89,7 @@ def user_name() -> str:
 
 
 def check_may_command(identity: RobotIdentity, link: Link) -> None:
-    """Refuse to command another user's robot that was reached by the default link.
-
-    Raises InputError that says how to name the robot, which permits commanding it.
-    """
+    """Raise InputError for another user's robot on the default link, with the way to name it."""
     if link.named or identity.is_ours:
         return
     raise InputError(

@@ -1,7 +1,6 @@
 """Messages between a robot and its controllers: commands and states as ROS 2 payloads with a tag.
 
-A tag is a Zenoh attachment with what the ROS 2 message lacks: sequence, time, lease, flags. It is
-little-endian without padding; docs/protocol.md lists its bytes.
+A tag is a Zenoh attachment with what the ROS 2 message lacks; docs/protocol.md lists its bytes.
 """
 
 import math
@@ -254,10 +253,7 @@ def decode_positions(payload: bytes) -> FloatArray:
 
 
 def decode_joints(payload: bytes) -> tuple[FloatArray, FloatArray | None]:
-    """Joint angles like `decode_positions`, and torques, (18,) in N m; None unless all are finite.
-
-    Raises MessageError as `decode_positions` does.
-    """
+    """Joint angles like `decode_positions`, and torques, (18,) in N m; None unless all are finite."""
     torques: FloatArray | None = None
     if (numbers := _joint_message(efforts=False).decode(payload)) is not None:
         positions = numbers

@@ -1,7 +1,6 @@
 """Sends the stop of `hexctl estop` before the slower import of the command line.
 
-It sends only the datagram, and only if arguments and settings are unambiguous. The command then parses both
-as usual, and continues the stop.
+Only a datagram, and only if arguments and settings are unambiguous; the command continues the stop.
 """
 
 import os

@@ -60,10 +60,7 @@ WalkArenaOption = Annotated[
 
 
 def geofence(arena: float | Path, robot: str, *, simulated: bool) -> "Geofence":
-    """Ends a walk at the edge of an arena, reported on stderr.
-
-    Raises InputError for bad files, for a simulation, and for a camera that sees no floor.
-    """
+    """Ends a walk at the edge of an arena; raises InputError for bad files and for a simulation."""
     from hexctl.adapt.arena import Arena, Geofence
 
     if not isinstance(arena, Path):

@@ -90,8 +90,7 @@ def found_failure(spec: "RunSpec") -> "Found":
     """Diagnosis before a walk for `--failed-leg auto`, reported on stderr.
 
     The failures of the spec are simulated, and unknown to the diagnosis. Raises InputError if it found
-    nothing or
-    more than one leg, Exit if it was stopped.
+    nothing or more than one leg, Exit if it was stopped.
     """
     _check_simulated(spec)
     others = ("record", "record_folder", "failed_leg", "failure")

@@ -401,8 +401,7 @@ APPLICATION_ID = "hexctl session"
 def write_overview_file(path: Path, overview: Overview, *, several: bool = False) -> None:
     """Write an overview atomically, replacing an earlier one; `several` opens the list of recordings.
 
-    Raises InputError for an overview without trials or a place that cannot be written, RecordingError when
-    the disk did not take everything, and MissingExtraError without Rerun.
+    Raises InputError without trials or a writable place, RecordingError, and MissingExtraError.
     """
     if not overview.trials:
         raise InputError(f"overview: {overview.title} has no trials; allowed: one or more")

@@ -20,10 +20,8 @@ class OverviewTrial(ArrayFields):
     """One trial.
 
     Attributes:
-        index: 1 for the first trial.
         score_m: by the session's objective, lower is better; None for an invalid trial.
         deviation_m: final deviation, positive to the left; None if unknown.
-        distance_m: progress along the heading, or None.
         path_m: progress along the heading and signed deviation, positive to the left, (N, 2).
         address: URL of its recording, which a viewer opens, or None.
         gait: shown instead of the code; None shows the code.
@@ -58,12 +56,7 @@ class GaitBeliefs(ArrayFields):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SearchStep:
-    """State of a search after some trials, and its next step.
-
-    Attributes:
-        note: the last trial, the next gait and why it was chosen, or why the search ended, as Markdown.
-        next_code: the gait of the next trial, None after the last one.
-    """
+    """State of a search after some trials; `note` is Markdown on the last trial and the next gait."""
 
     trials: int
     note: str
@@ -76,7 +69,6 @@ class Overview:
     """A session for its overview.
 
     Attributes:
-        facts: lines on settings and outcome.
         course_m: distance of a walk without slip.
         baseline: never the best trial.
         steps: of the search, beginning before the first trial.

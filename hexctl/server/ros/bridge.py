@@ -1,8 +1,4 @@
-"""The ROS 2 node of a served robot: a thread with its own Zenoh session.
-
-The robot's thread only hands over its state and takes requests from its inbox. A missing router, a network
-fault or a flood of messages therefore does not delay the robot.
-"""
+"""The ROS 2 node of a served robot, on its own thread: network trouble does not delay the robot."""
 
 import threading
 import time
@@ -77,7 +73,6 @@ class RosBridge:
 
     Args:
         router: address of the ROS router, `tcp/HOST:PORT`.
-        drive: whether ROS may move the robot.
         insecure: whether the router may be on another computer.
 
     Raises InputError if the router is not allowed.

@@ -106,11 +106,9 @@ MAP_FRAME = "map"
 class Frames:
     """Pose of a robot in `odom`, and of `odom` in `map`.
 
-    A robot that measures its own pose has no `map`: its pose is the one in `odom`. An external pose is the
-    one
-    in `map`, and the pose in `odom` is dead reckoning. Dead reckoning starts with the first subscriber,
-    because
-    it takes 0.5 ms of each control period, and never pauses: later subscribers find the same frame.
+    A robot that measures its own pose has no `map`. With an external pose, which is the one in `map`, the
+    pose in `odom` is dead reckoning. It starts with the first subscriber, because it takes 0.5 ms of each
+    control period, and never pauses: later subscribers find the same frame.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -157,8 +155,7 @@ class Frames:
 def _parent(pose: BodyPose, body: BodyPose, *, has_tilt: bool) -> BodyPose:
     """Pose in `map` of the frame in which a body is at `body`, while it is at `pose` in `map`.
 
-    An exactly level orientation comes from a source without roll and pitch, such as a camera: the robot's
-    measured tilt replaces it, and the frame does not sway.
+    An exactly level `pose` is from a source without tilt, such as a camera: the measured tilt replaces it.
     """
     level = not pose.quaternion[1:3].any()
     if level and has_tilt:

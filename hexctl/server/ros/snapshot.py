@@ -13,7 +13,6 @@ class RobotSnapshot:
     Attributes:
         orientation: of the robot's IMU, (w, x, y, z), (4,); None without one.
         stopped: reason of the stop, or None.
-        posture: of the idle supervisor.
         posed_at_s: arrival of the newest external pose, by the robot's time source; None without one.
         stamp_ns: nanoseconds since 1970.
     """

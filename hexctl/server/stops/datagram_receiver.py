@@ -1,7 +1,6 @@
-"""Receives all waiting datagrams of a UDP socket with one system call.
+"""Receives all waiting datagrams of a UDP socket with one system call, `recvmmsg` of Linux.
 
-Python's `recvfrom` releases the interpreter for each datagram and may wait up to 5 ms to get it back.
-Linux's `recvmmsg` receives a thousand datagrams in one call.
+Python's `recvfrom` releases the interpreter for each datagram, and may wait 5 ms to get it back.
 """
 
 import ctypes

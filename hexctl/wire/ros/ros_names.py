@@ -81,12 +81,7 @@ def mangled(name: str) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RosNode:
-    """A node in a domain.
-
-    Attributes:
-        namespace: `/` and names joined by slashes, such as `/lab/ant`; empty for the root.
-        humble: whether keys are those of Humble, without type hashes.
-    """
+    """A node in a domain; the namespace is empty for the root, `humble` omits type hashes."""
 
     name: str = "hexctl"
     domain: int = 0
@@ -141,7 +136,6 @@ class RosEndpoint:
 
     Attributes:
         topic: as in ROS: `joint_states`, `/diagnostics` or `~/estop`.
-        message: type, such as `sensor_msgs/msg/JointState`.
         entity_id: unique number within the node.
     """
 
