@@ -39,9 +39,9 @@ ARCHIVE_DAMAGE: tuple[type[Exception], ...] = (
     NotImplementedError,
     zipfile.BadZipFile,
     zlib.error,
-    MemoryError,  # of an array that claims to be larger than the computer
-    RuntimeError,  # zipfile, of a file that claims to be encrypted
-    tokenize.TokenError,  # numpy, of the header of an array that is cut off
+    MemoryError,  # an array with a header beyond the memory
+    RuntimeError,  # zipfile, for a file marked as encrypted
+    tokenize.TokenError,  # numpy, for a truncated array header
 )
 
 

@@ -206,7 +206,7 @@ def check_fields(spec: Any) -> None:
 
 
 def check_used(spec: Any, names: Container[str], where: str) -> None:
-    """Raise UnusedError for the first of some unused options that is set; `where` says where it works."""
+    """Raise UnusedError for the first of some unused options that is set; `where` names their context."""
     for field in fields(spec):
         value = getattr(spec, field.name)
         if field.name in names and value != field.default:

@@ -180,7 +180,7 @@ class _Following:
         self._found: dict[str, Setting] = {}
 
     def settings(self) -> "dict[str, Setting]":
-        if "resume" in self._typed:  # a session goes on as it was begun
+        if "resume" in self._typed:  # a session keeps its settings
             return {}
         # The use of other options depends on these, in this order.
         first = [option for option in ("backend", "link", "connect", "listen") if option in self._options]
@@ -229,7 +229,7 @@ class _Following:
         if option == "backend":
             return self._path != ("serve",) or self._any("backend") != "zenoh"
         if option == "world":
-            return True  # dropped where the backend has none
+            return True  # dropped if the backend has none
         if option == "connect" and is_port(self._any("connect")):
             return False
         return on_link and self._link_follows(option)

@@ -69,7 +69,7 @@ def _unused(
                 return defaults  # typed: the command refuses it
             defaults[error.field] = usual[error.field]
         except (HexctlError, TypeError):
-            return defaults  # of something else, which the command tells
+            return defaults  # another error, which the command reports
         else:
             return defaults
 

@@ -38,8 +38,8 @@ class SessionStop:
         self._again = again
         self._due = threading.Event()
         self._ends = self._all_stay = False
-        self._known: set[str] = set()  # robots that have to stop: of the last look before, and all since
-        self._stop_ids: dict[bytes, set[str]] = {}  # of the stop under the name that was used last
+        self._known: set[str] = set()  # robots that have to stop
+        self._stop_ids: dict[bytes, set[str]] = {}  # by name of the last stop
         self.error: HexctlError | None = None
         self.answers: list[dict[str, Any]] = []
         self.obeyed: bytes | None = None

@@ -121,7 +121,7 @@ class ReadyStop:
         )
         Endpoint.parse(self._link.endpoint)
         self._order, self._stays, self._confirmed = StopOrder(), stays, threading.Event()
-        self._lock = threading.Lock()  # over what both ways have seen
+        self._lock = threading.Lock()  # guards the sightings of both ways
         self._pressed_s = self._begun_s = 0.0
         self._seen: dict[str, Sighting] = {}
         self._rested: dict[str, float] = {}
@@ -251,7 +251,7 @@ class ReadyStop:
             self._first_stop_s = time.monotonic()
         self._confirmed.set()
         if not self._stays and (way == "session" or not self._session.opened):
-            self._order.wanted.clear()  # not yet while a session may add who asks
+            self._order.wanted.clear()  # not while a session may still add the requester
         if not sighting.at_rest:
             self._rested.pop(way, None)
         elif way not in self._rested or before is None or sighting.at_s - before.at_s > MOST_PAUSE_S:

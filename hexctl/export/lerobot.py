@@ -79,7 +79,7 @@ def write_lerobot(trials: Trials, folder: Path, on_progress: OnProgress) -> None
 
 def task_of(trial: RecordedTrial) -> str:
     """Text of a trial's task."""
-    if "heading_deg" not in trial.properties:  # driven, or cut off: nobody knows what was to be done
+    if "heading_deg" not in trial.properties:  # driven, or cut off: the task is unknown
         return title_of(trial)
     heading = float(trial.properties["heading_deg"])
     way = "walk ahead" if heading == 0 else f"walk at {heading:g} degrees"

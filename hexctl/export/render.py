@@ -210,7 +210,7 @@ def add_geom(
     rgba = np.array([*(part / 255 for part in color), 1.0], dtype=np.float32)
     size_m, at_m = (np.zeros(3) if given is None else given for given in (size_m, at_m))
     mujoco.mjv_initGeom(geom, kind, size_m, at_m, (np.eye(3) if axes is None else axes).ravel(), rgba)
-    geom.size[:] = size_m  # as in a scene, which for capsules and cylinders is not as in a model
+    geom.size[:] = size_m  # capsules and cylinders differ from a model
     scene.ngeom += 1
     return geom
 

@@ -265,5 +265,5 @@ def probe_file(path: Path) -> None:
         path.unlink()
     finally:
         for folder in new:
-            with suppress(OSError):  # not made, or another process has put something there meanwhile
+            with suppress(OSError):  # missing, or used by another process
                 folder.rmdir()

@@ -200,7 +200,7 @@ class FileServer:
         class Handler(BaseHTTPRequestHandler):
             def do_GET(self) -> None:
                 if self.headers.get("Host") != f"{LOCAL}:{server_port()}":
-                    self.send_error(HTTPStatus.FORBIDDEN)  # a page of another name that leads here
+                    self.send_error(HTTPStatus.FORBIDDEN)  # a foreign host name, as by DNS rebinding
                     return
                 try:
                     file = files[unquote(self.path)].open("rb")

@@ -144,7 +144,7 @@ def take_over(spec: KeeperSpec) -> str:
         if isinstance(servos, Pca9685Servos) and not servos.powered.all():
             return _without_some_pulses(guard, sits=spec.sits)
         if not spec.sits:
-            return "holds"  # its servos hold their last goals: those of where they are would let it sag
+            return "holds"  # with its last goals: goals at the measured angles would let it sag
         here, end = guard.read().joint_positions_rad.copy(), sitting_angles_rad(guard.robot)
         state = _move(guard, here, end)
         left = np.flatnonzero(np.abs(state.joint_positions_rad - end) >= ARRIVED_RAD).tolist()
@@ -198,12 +198,12 @@ def _connected(spec: KeeperSpec) -> LegServos:
 
 def main(words: str, *, pipe: int = 0) -> int:
     """Run a keeper until its server ends; return the exit code."""
-    for number in ending_signals():  # they are for the server
+    for number in ending_signals():  # signals are for the server
         signal.signal(number, signal.SIG_IGN)
     given = json.loads(words)
     server = given.pop("server")
     spec = KeeperSpec(**given)
-    spec.servos()  # imports and reads what it will need, while there is time
+    spec.servos()  # imports modules and reads files in advance
     how = wait_for_the_end(pipe)
     if how is None:
         return 0

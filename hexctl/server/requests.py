@@ -122,7 +122,7 @@ class RequestHandler:
         if refusal is not None:
             return {"stopped": self._guard.stopped, "error": refusal}
         self.leases.revoke()
-        with suppress(RobotFaultError):  # of a robot that has gone: the next control period says so
+        with suppress(RobotFaultError):  # a lost robot: the next control period reports it
             self._guard.read()
         return {"stopped": self._guard.stopped}
 
@@ -209,7 +209,7 @@ class RequestHandler:
     def _keep(self, wanted: str, lease_id: bytes, now_s: float) -> dict[str, Any]:
         if wanted == "release":
             self.leases.release(lease_id, now_s)
-            if self._guard.in_motion:  # broken off, as by a second Ctrl-C
+            if self._guard.in_motion:  # interrupted, as by a second Ctrl-C
                 self._guard.stop(LIFTED_BY_LEASE)
             else:
                 self._guard.pause_watchdog()

@@ -23,7 +23,7 @@ class RestWatch:
             self._seen.clear()
             self.at_rest = False
             return
-        self._seen.append((at_s, joint_positions_rad.copy()))  # own servos may use one array again and again
+        self._seen.append((at_s, joint_positions_rad.copy()))  # custom servos may reuse an array
         while len(self._seen) > 1 and self._seen[1][0] <= at_s - STILL_S:
             self._seen.popleft()
         self.at_rest = self._still()

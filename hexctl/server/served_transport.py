@@ -71,7 +71,7 @@ class Transport:
         try:
             query.reply(getattr(self.keys, kind), encode_json(content))
         except zenoh.ZError:
-            pass  # the client has gone
+            pass  # the client has disconnected
         finally:
             query.drop()
 

@@ -170,19 +170,19 @@ class RobotServer:
 
     def _handle(self, arrival: Arrival) -> None:
         """No content of a message may end the loop."""
-        self._note_standstill()  # before what follows from it
+        self._note_standstill()  # before its consequences
         item = arrival.item
         if arrival.kind == "command":
             self._execute(payload_of(item), attachment_of(item), arrival.at_s)
         elif arrival.kind == "ros" and self._driver is not None:
             self._driver.obey(item, arrival.at_s)
-        elif arrival.kind == "ros":  # nothing but a stop comes where ROS may not drive
+        elif arrival.kind == "ros":  # without driving, ROS sends only stops
             self._requests.estop(b"", arrival.at_s)
         elif arrival.kind == "pose":
             self._set_pose(payload_of(item), arrival.at_s)
         elif arrival.kind == "lease":
             answer = self._requests.lease(payload_of(item), arrival.at_s)
-            if "lease" in answer:  # states up to this one are of before, and may come after the answer
+            if "lease" in answer:  # earlier states may arrive after the answer
                 answer["state"] = self._sequence
                 self._idle.controlled(self._guard.clock.now_s)
             self._transport.reply(arrival.kind, item, answer)
@@ -252,7 +252,7 @@ class RobotServer:
             return
         if not self._servos.posed_from_outside:
             if position is None and quaternion is None:
-                return  # it knows nothing yet
+                return  # no state yet
             self._guard.forget_pose()
         self._servos.set_pose(position, quaternion, at_s)
 
@@ -266,7 +266,7 @@ class RobotServer:
         state = self._guard.read()
         self._check_expiry()
         if (stop := self._latch.current()) is not None and stop.reason == ESTOP:
-            self._leases.revoke()  # a stop by datagram comes past the requests
+            self._leases.revoke()  # a stop by datagram bypasses the requests
         self._rest.note(state.joint_positions_rad, self._time.now(), reached=_is_reached(state))
         if self._driver is not None:
             self._driver.tick(index, state)

@@ -269,7 +269,7 @@ class DrivePage:
                     break
                 if not stops:
                     self._take(connection, message)
-                await asyncio.sleep(0)  # messages that wait are taken one by one, each client in turn
+                await asyncio.sleep(0)  # take waiting messages one by one, clients in turn
         except ConnectionClosed:
             pass
         finally:

@@ -132,7 +132,7 @@ class DriveSession:
                 self._stops += 1
                 self._asked.clear()
                 self._stop_sent = self._robot_stop is not None
-            self.drive.stop("stop button")  # in force for this tick already
+            self.drive.stop("stop button")  # in force from this tick on
             if self._robot_stop is not None:
                 self._robot_stop.press()
         elif request == "quit":
@@ -258,7 +258,7 @@ class DriveSession:
         except HexctlError as error:
             self.said = str(error)
         if self._stops != stops:
-            self.drive.stop("stop button")  # a stop came while a "stand" was being done, which has cleared it
+            self.drive.stop("stop button")  # a stop during "stand", which has cleared it
 
     def _do(self, request: str) -> None:
         drive = self.drive

@@ -229,7 +229,7 @@ def single_keys(terminal: int) -> Iterator[None]:
         termios.tcsetattr(terminal, termios.TCSADRAIN, changed)
         yield
     finally:
-        with suppress(termios.error, OSError):  # the terminal may have gone
+        with suppress(termios.error, OSError):  # the terminal may be closed
             termios.tcsetattr(terminal, termios.TCSANOW, before)
 
 
@@ -254,8 +254,8 @@ class KeyTerminal:
     ) -> None:
         self._ended = True
         self._due.set()
-        self._shower.join(LAST_LINE_S)  # what is printed after this stays the last line
-        with suppress(OSError):  # the terminal may have gone
+        self._shower.join(LAST_LINE_S)  # later output must stay the last line
+        with suppress(OSError):  # the terminal may be closed
             self._take_last_answers()
         self._mode.close()
 

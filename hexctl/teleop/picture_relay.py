@@ -66,7 +66,7 @@ class PictureRelay:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._closing.set()
-        self._thread.join(2 * PERIOD_S)  # a camera that is silent must not hold up the end of the drive
+        self._thread.join(2 * PERIOD_S)  # a silent camera must not delay the end
 
     def _run(self) -> None:
         while not self._closing.is_set():

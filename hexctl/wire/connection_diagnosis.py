@@ -114,7 +114,7 @@ def _why_refused_openly(endpoint: Endpoint, link: socket.socket) -> str:
             "hexctl serve hang?"
         )
     except OSError:
-        pass  # it has answered something, or hung up
+        pass  # it has answered or disconnected
     return f"what listens at {endpoint} is no robot without certificates; does it want tls/ and {keys}?"
 
 
@@ -155,7 +155,7 @@ class RefusalWatch:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with self._telling:  # nothing is told from here on
+        with self._telling:  # no report from here on
             self._over.set()
 
     def _look(self) -> None:

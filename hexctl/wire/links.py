@@ -227,7 +227,7 @@ def load_link(
         Endpoint.parse(endpoint, argument(given_as))
     link = Link(named=endpoint is not None)
     if name_or_path is not None:
-        from hexctl.wire.link_file import read_link_file  # it loads a library that no stop may wait for
+        from hexctl.wire.link_file import read_link_file  # a stop must not wait for its library
 
         link = Link(**read_link_file(name_or_path))
     return replace(

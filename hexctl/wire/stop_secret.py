@@ -38,7 +38,7 @@ def write_stop_secret(folder: Path) -> list[Path]:
             with open(descriptor, "w", encoding="ascii") as file:
                 file.write(content)
     except OSError as error:
-        for path in written:  # one end alone could never agree with the other
+        for path in written:  # both ends need the same secret
             path.unlink(missing_ok=True)
         raise InputError(f"{folder}: cannot be written ({error.strerror}); allowed: one of yours") from error
     return written

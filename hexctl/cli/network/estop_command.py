@@ -236,7 +236,7 @@ def _takes_text() -> bool:
     try:
         return bool(select.select([], [sys.stderr], [], 0)[1])
     except (OSError, ValueError):
-        return True  # it is no file: nothing holds it up
+        return True  # not a file: it does not block
 
 
 def _has_gamepad() -> bool:
@@ -263,7 +263,7 @@ def _keys(*, terminal: bool) -> Iterator[Callable[[], bool]]:
         try:
             ready, _, _ = select.select([keys], [], [], 0)
             if ready:
-                os.read(keys, 256)  # nothing is read from a terminal that has gone
+                os.read(keys, 256)  # a closed terminal returns no bytes
         except OSError:
             return True
         return bool(ready)

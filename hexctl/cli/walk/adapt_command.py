@@ -127,7 +127,7 @@ def _check_resumed_alone(resume: str, typed: Mapping[str, Any]) -> None:
 
 
 def _begin(asked: dict[str, Any], *, record: bool, quiet: bool, **shown: bool) -> int:
-    with StopOnInterrupt() as interrupt:  # loading takes a second, in which Ctrl-C is heard as well
+    with StopOnInterrupt() as interrupt:  # loading takes a second
         from hexctl.adapt.adaptation import Adaptation
         from hexctl.adapt.search import new_spec
         from hexctl.cli.prompts import check_answerable

@@ -175,7 +175,7 @@ def _recorders(
         further_failures=tuple(failures[1:]),
         self_rotation="none",
         travel=0.0,
-        duration_s=86_400.0,  # a drive ends when its driver does
+        duration_s=86_400.0,  # only the driver ends a drive
     )
     title, servos = f"{loaded.robot.name} driven", not simulated
     common: dict[str, Any] = {"title": title, "floor": floor, "watched": True, "servos": servos}

@@ -226,7 +226,7 @@ def _send_best(stream: Any, overview: Overview) -> None:
             radii=[MARK],
             draw_order=[MARK_ORDER],
             labels=[label],
-            show_labels=[False],  # drawn where no path ends; here it is shown where one points at the mark
+            show_labels=[False],  # named elsewhere; here only on hover
         )
         stream.send_columns(BEST_END, when, mark)
         name = rr.Points2D.columns(

@@ -201,7 +201,7 @@ class _Commands:
             payload = subscription.newest()
             if payload is None:
                 continue
-            if topic == STOP_TOPIC:  # whatever it says: a stop is never refused
+            if topic == STOP_TOPIC:  # with any content: a stop is never refused
                 self._bridge.stop()
             else:
                 self._pass(topic, kind, payload)

@@ -89,7 +89,7 @@ class RosDriver:
             self._drop()
             return
         pilot = self._pilot
-        if self._zero_index is None:  # steps go on where they ended, however long the robot has rested
+        if self._zero_index is None:  # steps continue after a rest of any length
             self._zero_index = index - self._next_step
         self._next_step = index - self._zero_index + 1
         targets_rad = pilot.targets_rad(index - self._zero_index, state)
@@ -113,7 +113,7 @@ class RosDriver:
             raise CommandRefusedError("cmd_vel: got it while joint commands come; allowed: one of both")
         velocity = np.where(np.abs(velocity) < SLOWEST, 0.0, np.clip(velocity, -FASTEST, FASTEST))
         if self._lease is None and not velocity.any():
-            return  # nothing to stop: a planner that says zero all the time does not hold the robot
+            return  # a planner that repeats zero must not hold the robot
         self._hold(at_s)
         pilot = self._drive()
         if self._sits and velocity.any():
@@ -177,7 +177,7 @@ class RosDriver:
         if self._lease is not None and self._requests.holds(self._lease, at_s):
             self._lease = self._requests.leases.renew(self._lease.lease_id, at_s, EXPIRY_OF_ROS_S)
         else:
-            as_it_was = self._left_as_it_was()  # a lease lets the guard forget what it accepted last
+            as_it_was = self._left_as_it_was()  # a lease resets the guard's last accepted targets
             self._lease = self._requests.acquire(OVER_ROS, at_s, EXPIRY_OF_ROS_S)
             if not as_it_was:
                 self._pilot = None

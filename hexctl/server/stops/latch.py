@@ -157,7 +157,7 @@ class StopLatch:
             self._stop = None
         elif before is None or before.reason != reason:
             self._stop = Stop(stop_id=new_stop_id(), reason=reason, since_s=self._time.now(), by=by)
-            if before is not None:  # another reason takes no claim away
+            if before is not None:  # another reason keeps the claims
                 self._stop = replace(self._stop, claims=before.claims, commander=before.commander)
         if self._stop is not before:
             self._keep(self._stop)

@@ -213,7 +213,7 @@ class StopFile:
         os.fsync(self._descriptor)
 
     def _content_of(self, stop: Stop) -> KeptStop:
-        reason = ESTOP if self._asked_only else stop.reason  # what has fallen stands after a restart
+        reason = ESTOP if self._asked_only else stop.reason  # a simulation stands after a restart
         return self._content(reason, stop.stop_id, stop.by, stop.claims)
 
     def _content(

@@ -116,7 +116,7 @@ class RosRequest:
         try:
             self._query.reply(self._query.key_expr, payload, attachment=attachment.packed())
         except zenoh.ZError:
-            pass  # the client has gone
+            pass  # the client has disconnected
         finally:
             self._query.drop()  # type: ignore[no-untyped-call]
 
