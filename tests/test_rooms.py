@@ -24,7 +24,7 @@ CEILINGS = {
     "simulators": 2_410,
     "study": 8_900,
     "teleop": 1_800,
-    "testing": 570,
+    "testing": 560,
     "vision": 6_540,
     "wire": 2_910,
 }
