@@ -14,8 +14,7 @@ from typing import Any
 #: The name of an argument in a message, between marks that no text has.
 _ARGUMENT = re.compile("\0([a-z0-9_.]+)\0")
 
-#: Characters that a line of text must not have: line ends, control codes, bidirectional marks, invalid
-#: UTF-8.
+#: Characters that no line may contain: line ends, control codes, bidirectional marks, invalid UTF-8.
 _UNPRINTABLE = re.compile("[\0-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 
 #: A very long value in a message: one word, or a quoted text; paths and commands are shorter.

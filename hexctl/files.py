@@ -117,8 +117,7 @@ def read_file(path: Path, most_bytes: int) -> bytes:
 def open_archive(path: Path | str) -> Any:
     """The archive (.npz) of an untrusted file; a context manager.
 
-    Raises OSError as `read_file` does, ValueError if it needs too much memory, and `ARCHIVE_DAMAGE`, even
-    later.
+    Raises OSError as `read_file` does, ValueError if it needs too much memory, and `ARCHIVE_DAMAGE`.
     """
     import numpy as np
 

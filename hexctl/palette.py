@@ -10,8 +10,7 @@ import numpy as np
 
 Color = tuple[int, int, int]
 
-#: Final deviation of a walk in m, and its colour: blended over the logarithm of the deviation, constant
-#: beyond the ends.
+#: Final deviation of a walk in m, and its colour: blended over its logarithm, constant beyond the ends.
 SCALE: tuple[tuple[float, Color], ...] = (
     (0.01, (0, 160, 110)),
     (0.025, (0, 150, 150)),

@@ -48,8 +48,7 @@ def main() -> None:
     forget_deferred()
     rrd, walking = (sys.modules.get(f"hexctl.{name}") for name in MAY_HANG)
     if (rrd is not None and rrd.stuck()) or (code and walking is not None and walking.simulating()):
-        # Python would wait for Rerun, which may wait for a full disk, or for walks, and crash at another
-        # Ctrl-C.
+        # Python would wait for Rerun on a full disk, or for walks, and crash at another Ctrl-C.
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)

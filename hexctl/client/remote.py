@@ -47,10 +47,9 @@ class RemoteRobots:
     def stop(self, request: str | None = None) -> list[dict[str, Any]]:
         """Stop every robot; `stopped` of each answer is its reason.
 
-        A named request is one stop, however often it is repeated. Without a name it is claimed, and this user
-        can clear it quickly.
-
-        Raises RobotFaultError unless at least one robot answers and all that answer have stopped.
+        A named request is one stop, however often it is repeated. An unnamed one is claimed by this user.
+        Raises
+        RobotFaultError unless at least one robot answers and all that answer have stopped.
         """
         if request is None:
             claimed = NewClaim()

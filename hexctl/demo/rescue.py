@@ -4,8 +4,7 @@
     print(result.recovered.trial.distance_m, result.adaptation.best, result.picture)
 
 The walk is made with and without recovery; the search is `hexctl.adapt(failed_leg=5, budget=20)`. The
-simulated
-world is held out: no prior and no threshold was made with it.
+simulated world is held out: no prior and no threshold was made with it.
 """
 
 import math

@@ -13,7 +13,7 @@ _NOT_FOR_USE = ("all", "dev", "docs", "testing")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Packages:
-    """Versions of hexctl and of the packages that it needs, None if missing, and lacks by extra."""
+    """Versions of hexctl and of its packages, None if missing, and missing packages by extra."""
 
     hexctl: str | None
     versions: dict[str, str | None]

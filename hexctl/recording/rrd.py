@@ -21,16 +21,14 @@ RERUN = "0.41"
 #: Bound on a flush: a disk that hangs must not hang the program.
 FLUSH_TIMEOUT_S = 30.0
 
-#: The same on a nearly full disk: Rerun's writer dies of a write that does not fit, and a flush may then
-#: wait forever.
+#: The same on a nearly full disk: a write that does not fit kills Rerun's writer, and a flush may hang.
 FULL_TIMEOUT_S = 5.0
 
 #: Less free space than this is nearly full: Rerun writes no more at a time.
 FULL_BYTES = 4 * 1024 * 1024
 
 
-#: Filter of Rerun's messages, read at its import; and its file writer, whose warnings of a missing index are
-#: premature.
+#: Filter of Rerun's messages, read at its import; and its file writer, which warns prematurely.
 LOG_VARIABLE, SINK = "RUST_LOG", "re_log_encoding::rrd::file_sink"
 
 #: Source of warnings about unsaved data after a second Ctrl-C.

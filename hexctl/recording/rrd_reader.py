@@ -28,8 +28,7 @@ INDEX_END_BYTES = 32
 #: Kind of a message with a chunk.
 CHUNK = 2
 
-#: Fields of such a message: its store, its compression (2 is LZ4), the size of the Arrow stream, and the
-#: stream.
+#: Fields of such a message: store, compression (2 is LZ4), size of the Arrow stream, stream.
 STORE, COMPRESSION, LZ4, SIZE, STREAM = 1, 2, 2, 3, 5
 
 #: Field of a store with its kind, and the kinds.

@@ -15,8 +15,7 @@ from hexctl.robot.model import Robot
 
 Row = tuple[str, str]
 
-#: Placeholder of a missing result, which a viewer also shows while it loads. A walk that was cut off keeps
-#: it.
+#: Placeholder of a missing result, which a viewer also shows while it loads.
 PENDING: Row = ("**result**", "*appears when the recording is complete*")
 
 

@@ -8,8 +8,7 @@ from hexctl.errors import CommandRefusedError, MessageError
 from hexctl.server.leases import Lease
 from hexctl.wire.zenoh_messages import Command, CommandTag, decode_command
 
-#: Bound on the relative drift of two monotonic clocks: 100 ppm per crystal, up to 500 ppm for a slewing time
-#: service.
+#: Bound on the relative drift of two monotonic clocks: 100 ppm each, up to 500 ppm while NTP slews one.
 DRIFT = 1000e-6
 
 

@@ -30,9 +30,8 @@ class Arrival:
 class Inbox:
     """Bounded queue from Zenoh's threads to the robot's thread.
 
-    A lock wakes the reader: a condition variable costs two wake-ups, a fifth of a round trip. With
-    `queue.SimpleQueue`, `get` can block forever if a signal interrupts it as its timeout expires (CPython
-    3.11).
+    A lock wakes the reader: a condition variable costs two wake-ups, a fifth of a round trip. In CPython 3.11
+    `queue.SimpleQueue.get` can block forever if a signal interrupts it as its timeout expires.
     """
 
     def __init__(self, capacity: int = CAPACITY, *, time: TimeSource = WALL_TIME) -> None:

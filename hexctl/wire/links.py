@@ -184,8 +184,7 @@ class Link:
         names: custom keys of a robot, by kind.
         plain: True for a robot with only the ROS 2 messages: no description is compared, no lease taken,
             and its own watchdog decides what happens when commands stop.
-        named: False if neither endpoint nor link file was given: any robot may be at the default endpoint.
-            Ignored by equality.
+        named: False if neither endpoint nor link file was given: any robot may be there. Not compared.
     """
 
     endpoint: str = DEFAULT_ENDPOINT

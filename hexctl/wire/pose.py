@@ -31,8 +31,7 @@ UNKNOWN_VARIANCE = 1e6
 #: A coordinate with a greater variance counts as unmeasured: a standard deviation of 30 m, or five turns.
 MOST_VARIANCE = 1e3
 
-#: Variances that decide whether a half is measured: x and y, and the yaw. Planar odometry lacks z, roll and
-#: pitch.
+#: Variances that decide whether a half is measured: x and y, and the yaw, as in planar odometry.
 _JUDGED_POSITION, _JUDGED_ORIENTATION = [0, 7], [35]
 
 

@@ -83,9 +83,9 @@ LEASE_MS = 1000
 #: A busy computer may block the sending queue for longer than Zenoh's default of 1 ms; a tick is 20 ms.
 WAIT_BEFORE_DROP_US = 10_000
 
-#: Threads on which a robot's Zenoh session receives, sends, routes and accepts. Closing the connection of a
-#: viewer that reads nothing blocks one for 10 s, because Zenoh sets SO_LINGER: if all are blocked, no
-#: controller is heard.
+#: Threads of a robot's Zenoh session for receiving, sending, routing and accepting. Closing the connection
+#: of a viewer that reads nothing blocks one for 10 s (SO_LINGER); if all are blocked, no controller is
+#: heard.
 ROBOT_THREADS = {"rx": 256, "tx": 64, "net": 64, "acc": 64}
 
 #: Configures Zenoh's threads when a process opens its first session.

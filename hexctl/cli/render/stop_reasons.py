@@ -6,8 +6,7 @@ from hexctl.backends.clock import Standstill
 from hexctl.wire.links import CLEAR_COMMAND
 from hexctl.wire.zenoh_messages import SERVER_ENDED
 
-#: Where to look after a stop that the user did not request, by the reason up to a colon; {} is the clear
-#: command.
+#: Where to look after a stop that the user did not request, by the reason up to a colon; {} clears it.
 HINTS = {
     "state": "the robot's state did not come in time: the link, or the program that serves it, was silent",
     "expired": "commands did not reach the robot in time; a busy computer, or a bad link",

@@ -33,8 +33,7 @@ STEPS = "steps"
 
 SCENERY = (AXES, f"{AXES}/names")
 
-#: Up to this deviation the scale is about linear, and logarithmic beyond it; ends beyond `FAR_M` are
-#: clipped.
+#: Below this deviation the scale is about linear, above it logarithmic; it is clipped at `FAR_M`.
 LINEAR_M, FAR_M = 0.1, 4.0
 
 #: Height of the picture above the line, in gaits, which are one unit apart.

@@ -23,8 +23,7 @@ EXPIRY_OF_ROS_S = 0.5
 #: Poses that differ by at most this, in rad, are equal.
 SAME_RAD = 1e-6
 
-#: Velocities are clipped to these, in m/s and rad/s, and smaller ones are zero: squares stay finite and
-#: positive.
+#: Velocities in m/s and rad/s are clipped to these, and smaller ones are zero, to keep squares finite.
 FASTEST, SLOWEST = 100.0, 1e-6
 
 GAIT = "tripod"

@@ -14,8 +14,7 @@ from hexctl.wire.links import Endpoint
 #: Datagrams per system call (UIO_MAXIOV of Linux), and calls in a row.
 MOST_PER_CALL, MOST_CALLS = 1024, 4
 
-#: Receive buffer in bytes. The kernel counts about 800 per datagram; users other than root get at most
-#: net.core.rmem_max.
+#: Receive buffer in bytes, about 800 per datagram; without root limited by net.core.rmem_max.
 BUFFER_BYTES = 8 << 20
 
 #: Linux (asm-generic/socket.h): a program that the kernel runs per datagram, and a buffer of any size.

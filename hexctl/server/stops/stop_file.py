@@ -68,8 +68,7 @@ class StopFile:
     Args:
         where: port of its servos as typed, or endpoint of its server. Distinguishes robots of one name,
             unless it is a device, which may be renamed after a restart.
-        asked_only: store only stops that a client asked for, as for a simulation, which stands after a
-            restart.
+        asked_only: store only stops that a client asked for; a simulation stands after a restart.
 
     Attributes:
         trouble: why the current stop is not stored, or None.
