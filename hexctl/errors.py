@@ -1,7 +1,4 @@
-"""Errors that hexctl raises, each of which is also a built-in error.
-
-Every message says what was wrong, the value got, what is allowed and, if useful, a next step.
-"""
+"""Errors that hexctl raises, each of which is also a built-in error, and their wording."""
 
 import errno
 import re

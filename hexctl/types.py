@@ -1,7 +1,4 @@
-"""Common types: arrays, legs and joints, joint targets and robot state.
-
-Six legs of three joints each, in leg-major order.
-"""
+"""Common types: arrays, legs and joints (leg-major order), joint targets and robot state."""
 
 import math
 from collections.abc import Mapping

@@ -41,7 +41,7 @@ class Sighting:
         stopped: reason of a latched stop, or None.
         kept: whether the stop is on the disk.
         echoed: whether `at_rest` is known only from targets, because the servos do not report their angles.
-        cleared: id of the last cleared stop, and who cleared it; None if unreported.
+        cleared: id of the last cleared stop, and who cleared it.
     """
 
     at_s: float

@@ -20,12 +20,7 @@ NETWORK_PORTS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Device:
-    """A device file.
-
-    Attributes:
-        group: with read and write access; empty if only root has it.
-        usable: whether this process may read and write it.
-    """
+    """A device file, and the group with access to it, empty if only root has it."""
 
     path: str
     name: str

@@ -33,11 +33,9 @@ class Trials(Protocol):
 class Recordings:
     """Recordings that are read lazily: those of a session need not fit in memory.
 
-    Iteration skips unreadable recordings of a session, and reports each once to `on_damage`.
-
-    Attributes:
-        robot: of recordings that lack theirs.
-        of_sessions: files from a session, which may be missing or damaged.
+    Iteration skips unreadable files of sessions (`of_sessions`), and reports each once to `on_damage`.
+    `robot` is
+    for recordings that lack theirs.
     """
 
     paths: tuple[Path, ...]

@@ -41,12 +41,9 @@ MAX_WATCHED_TICKS = 180_000
 class LiveView:
     """Shows walks in a Rerun viewer while they run: a recorder of `run_trial`.
 
-    Rows go through a pipe to a feeder process, which sends them to the viewer. A viewer or feeder that dies
-    or hangs does not delay the robot: rows wait, and beyond a bound the live view is given up.
-
-    Attributes:
-        lost: why nothing is shown any longer, or None.
-        url: address for a browser, or None for a window.
+    Rows go through a pipe to a feeder process. A viewer or feeder that dies or hangs does not delay the
+    robot:
+    rows wait, and beyond a bound the view is `lost`. `url` is for a browser, None for a window.
     """
 
     def __init__(self, *, web: bool = False, options: Sequence[str] = ()) -> None:

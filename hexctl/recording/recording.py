@@ -49,7 +49,7 @@ INDEXED_S = 120.0
 
 
 class Recording:
-    """Writes a trial to an .rrd file: a recorder of `run_trial`, and a context manager or `close`."""
+    """Writes a trial to an .rrd file; a recorder of `run_trial` and a context manager."""
 
     block_ticks: int | None = None
 

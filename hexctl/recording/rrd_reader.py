@@ -39,9 +39,7 @@ MOST_RATIO = 256
 
 
 def read_chunks(path: Path) -> Iterator[Any]:
-    """Chunks of a file as Arrow record batches, including those of its layout.
-
-    A last message that was cut off is skipped, with a warning in the log.
+    """Chunks of a file as Arrow record batches, including its layout; a truncated last message is skipped.
 
     Raises InputError for a file that is missing, damaged, or of another version of Rerun, and
     MissingExtraError without Rerun.

@@ -87,12 +87,7 @@ class DiagnosisRun(Run):
         ask: AskOperator | None = None,
         stop_requested: StopRequested = never,
     ) -> DiagnosisResult:
-        """Make the standing test and judge it.
-
-        Args:
-            recorders: take the ticks in blocks in addition to the recording.
-            ask: called for each leg if no measurement shows the legs.
-            stop_requested: called every tick; True ends the test.
+        """Make the standing test and judge it; arguments as in `diagnose`, and recorders of its ticks.
 
         Raises RobotFaultError when the robot or its link fails.
         """

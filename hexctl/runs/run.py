@@ -85,8 +85,7 @@ class Run:
     Invalid options are refused at creation, before anything is opened or moves.
 
     Attributes:
-        broken: simulated failures: those of the spec, unless set otherwise before connecting. The walk
-            always believes those of the spec.
+        broken: simulated failures, by default those of the spec, which the walk always believes.
         notes: after connecting, warnings about the robot and about options without effect.
     """
 
@@ -192,13 +191,7 @@ class Run:
         stop_requested: StopRequested = never,
         should_stop: ShouldStop | None = None,
     ) -> RunResult:
-        """Walk as the spec says.
-
-        Args:
-            recorders: take the ticks in blocks in addition to the recording; each fails separately.
-            stop_requested: called every tick; True ends the walk with a soft stop, and before the first
-                command without a recording.
-            should_stop: checks the walk once a second, as in `run_trial`, such as a `Geofence`.
+        """Walk as the spec says; arguments as in `run`. A stop before the first command leaves no recording.
 
         Raises RobotFaultError when the robot or its link fails. A fall, a stop or an incomplete recording is
         part of the result.

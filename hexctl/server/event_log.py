@@ -75,11 +75,9 @@ class EventLog:
     ) -> None:
         """Report what differs from the last call, and a fault that is over while its stop is latched.
 
-        Args:
-            cleared: the stop that was cleared last.
-            ros: line on the ROS router.
-            doubt: line on an implausible position.
-            standstill: of this program; reported before its consequences.
+        `ros` and `doubt` are lines on the ROS router and on an implausible position. A standstill of this
+        program
+        is reported before its consequences.
         """
         if standstill is not None and standstill != self._standstill:
             self.add(f"{standstill}; {STALL_HELP}")

@@ -81,11 +81,7 @@ class RobotService(ServeOptions):
         on_started: Callable[[ServiceStarted], None] = lambda _: None,
         on_event: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """Serve until `stop_requested` returns True, which is called at every tick.
-
-        Args:
-            on_started: called once, when clients can connect.
-            on_event: takes a line for each change of controller, stop and posture.
+        """Serve until `stop_requested` returns True; arguments as in `serve`.
 
         Raises InputError for a robot, world or link that is not allowed, RobotFaultError when the servos
         cannot be reached or fail, or the endpoint cannot be used.

@@ -87,12 +87,9 @@ class DrivePage:
     One client drives at a time: the first that touches the stick, until it releases it or falls silent. Any
     may stop the robot. A stick that is held during a clear of a stop is ignored until it is released.
 
-    Args:
-        credentials: certificate and key for TLS; required beyond loopback.
-        token: required from clients; None makes one beyond loopback and none on it.
-        pictures: of a camera, opened and closed by the caller.
-
-    Raises InputError for an address beyond loopback without credentials.
+    Beyond loopback, credentials for TLS and a token are required; None makes a token. Raises InputError for
+    an
+    address beyond loopback without credentials.
     """
 
     def __init__(

@@ -151,13 +151,10 @@ class CertificateOptions:
 def make_certificates(folder: Path, *, hosts: list[str], days: int) -> None:
     """Create a folder with an authority, and a folder for each role with its certificate and key.
 
-    Robot and controllers also get the secret of the datagram stop.
-
-    Args:
-        folder: must not exist; created completely or not at all.
-        hosts: names and addresses under which clients reach the robot.
-
-    Raises InputError for a folder that exists or cannot be made, an invalid host, and days out of range.
+    The folder must not exist, and is created completely or not at all. Robot and controllers also get the
+    secret of the datagram stop. Raises InputError for a folder that exists or cannot be made, an invalid
+    host,
+    and days out of range.
     """
     _check_days(days)
     if folder.exists():

@@ -8,13 +8,11 @@ from hexctl.types import FloatArray, RobotState
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotSnapshot:
-    """State of a robot for publishing.
+    """State of a robot for publishing; `stamp_ns` is nanoseconds since 1970.
 
     Attributes:
         orientation: of the robot's IMU, (w, x, y, z), (4,); None without one.
-        stopped: reason of the stop, or None.
         posed_at_s: arrival of the newest external pose, by the robot's time source; None without one.
-        stamp_ns: nanoseconds since 1970.
     """
 
     state: RobotState

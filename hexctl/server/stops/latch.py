@@ -84,11 +84,9 @@ class StopLatch:
     def stop(self, request: str | None = None, *, by: str = UNNAMED, claim: str | None = None) -> Stop:
         """Stop the robot on request of a client.
 
-        A stop in force gets a new id and time, because a client that asks again has seen something.
-
-        Args:
-            request: the client's name for its request; a repeated one changes nothing.
-            claim: hash of the client's clear key; None uses the request's name.
+        A stop in force gets a new id and time, because a client that asks again has seen something; a
+        repeated
+        `request` changes nothing. `claim` is the hash of the client's clear key, by default the request.
         """
         with self._lock:
             return self._stopped_by(request, by, claim)

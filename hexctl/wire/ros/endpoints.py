@@ -19,12 +19,12 @@ SIZE = _LAYOUT.size
 
 @dataclass(frozen=True, slots=True)
 class Attachment:
-    """Attachment of a message, a request or an answer.
+    """Attachment of a message, a request or an answer, which repeats its request's number and identifier.
 
     Attributes:
-        sequence: counts the messages of a publisher from 1; an answer repeats its request's.
+        sequence: counts the messages of a publisher from 1.
         stamp_ns: time of sending, nanoseconds since 1970.
-        gid: identifier of the sender, 16 bytes; an answer repeats its request's.
+        gid: identifier of the sender, 16 bytes.
     """
 
     sequence: int
