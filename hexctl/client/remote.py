@@ -48,8 +48,7 @@ class RemoteRobots:
         """Stop every robot; `stopped` of each answer is its reason.
 
         A named request is one stop, however often it is repeated. An unnamed one is claimed by this user.
-        Raises
-        RobotFaultError unless at least one robot answers and all that answer have stopped.
+        Raises RobotFaultError unless at least one robot answers and all that answer have stopped.
         """
         if request is None:
             claimed = NewClaim()

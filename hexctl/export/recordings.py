@@ -34,8 +34,7 @@ class Recordings:
     """Recordings that are read lazily: those of a session need not fit in memory.
 
     Iteration skips unreadable files of sessions (`of_sessions`), and reports each once to `on_damage`.
-    `robot` is
-    for recordings that lack theirs.
+    `robot` is for recordings that lack theirs.
     """
 
     paths: tuple[Path, ...]

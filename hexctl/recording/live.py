@@ -42,8 +42,7 @@ class LiveView:
     """Shows walks in a Rerun viewer while they run: a recorder of `run_trial`.
 
     Rows go through a pipe to a feeder process. A viewer or feeder that dies or hangs does not delay the
-    robot:
-    rows wait, and beyond a bound the view is `lost`. `url` is for a browser, None for a window.
+    robot: rows wait, and beyond a bound the view is `lost`. `url` is for a browser, None for a window.
     """
 
     def __init__(self, *, web: bool = False, options: Sequence[str] = ()) -> None:

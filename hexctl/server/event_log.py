@@ -76,8 +76,7 @@ class EventLog:
         """Report what differs from the last call, and a fault that is over while its stop is latched.
 
         `ros` and `doubt` are lines on the ROS router and on an implausible position. A standstill of this
-        program
-        is reported before its consequences.
+        program is reported before its consequences.
         """
         if standstill is not None and standstill != self._standstill:
             self.add(f"{standstill}; {STALL_HELP}")

@@ -88,8 +88,7 @@ class DrivePage:
     may stop the robot. A stick that is held during a clear of a stop is ignored until it is released.
 
     Beyond loopback, credentials for TLS and a token are required; None makes a token. Raises InputError for
-    an
-    address beyond loopback without credentials.
+    an address beyond loopback without credentials.
     """
 
     def __init__(

@@ -153,8 +153,7 @@ def make_certificates(folder: Path, *, hosts: list[str], days: int) -> None:
 
     The folder must not exist, and is created completely or not at all. Robot and controllers also get the
     secret of the datagram stop. Raises InputError for a folder that exists or cannot be made, an invalid
-    host,
-    and days out of range.
+    host, and days out of range.
     """
     _check_days(days)
     if folder.exists():

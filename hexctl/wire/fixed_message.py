@@ -20,8 +20,7 @@ class FixedMessage:
     """Encoder of one message with constant names and lengths; thread-safe.
 
     It encodes a message once, locates its stamps and numbers (all doubles), and patches them in 3 us. The
-    general
-    encoder takes 0.2 ms for the transforms of 18 links, in the robot's control period.
+    general encoder takes 0.2 ms for the transforms of 18 links, in the robot's control period.
     """
 
     def __init__(self, make: Callable[[int, FloatArray], Any], count: int) -> None:

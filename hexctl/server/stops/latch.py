@@ -85,8 +85,8 @@ class StopLatch:
         """Stop the robot on request of a client.
 
         A stop in force gets a new id and time, because a client that asks again has seen something; a
-        repeated
-        `request` changes nothing. `claim` is the hash of the client's clear key, by default the request.
+        repeated `request` changes nothing. `claim` is the hash of the client's clear key, by default the
+        request.
         """
         with self._lock:
             return self._stopped_by(request, by, claim)
