@@ -1,7 +1,7 @@
 """hexctl walks a simulated or a real six-legged robot at 50 Hz.
 
-These are the names that most programs need. `docs/api` describes them, and others with the module to import
-them from. Names are imported when first used: `import hexctl` loads neither NumPy nor MuJoCo nor Rerun.
+These are the most common names; `docs/api` describes them and all others. They are imported when first used:
+`import hexctl` loads neither NumPy nor MuJoCo nor Rerun.
 """
 
 from importlib import import_module
@@ -71,14 +71,14 @@ __all__ = [
     # errors
     "HexctlError", "InputError", "MissingExtraError", "ReachError", "LimitError", "EStopError",
     "RobotFaultError",
-    # a camera over the floor, with names of its own
+    # a camera over the floor, with its own names
     "vision",
     # conformance suites for custom servos and optimizers; they need pytest
     "testing",
 ]
 # fmt: on
 
-#: Modules of the names. The packages `adapt` and `export` can be called themselves.
+#: Names by module. The packages `adapt` and `export` are callable.
 _MODULES = {
     # robots, worlds and gaits
     "robot.model": "Robot",

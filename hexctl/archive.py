@@ -1,7 +1,4 @@
-"""Archives: a head in JSON and arrays in one file (.npz), with a digest of both.
-
-Priors and repertoires are archives; what is read is checked against the digest.
-"""
+"""Archives of priors and repertoires: a head in JSON and arrays in one file (.npz), with a digest of both."""
 
 import hashlib
 import io
@@ -20,7 +17,7 @@ from hexctl.files import ARCHIVE_DAMAGE, atomic_write, damage_reason, open_archi
 #: Name of the head among the arrays of a file.
 _HEAD = "head"
 
-#: What the head of a file has besides the content.
+#: Entries of the head in addition to the content.
 _ADDED = ("format", "version", "digest")
 
 _DAMAGE: tuple[type[Exception], ...] = (*ARCHIVE_DAMAGE, AttributeError)
@@ -44,13 +41,7 @@ def content_digest(head: Mapping[str, Any], arrays: Arrays) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArchiveKind:
-    """A kind of archive.
-
-    Attributes:
-        name: such as `prior`.
-        versions: versions that can be read.
-        command: the command that writes one.
-    """
+    """A kind of archive, such as `prior`: readable versions, and the command that writes one."""
 
     name: str
     versions: tuple[int, ...]
@@ -62,10 +53,7 @@ class ArchiveKind:
         return f"hexctl {self.name}"
 
     def save(self, path: Path, version: int, head: Mapping[str, Any], arrays: Arrays) -> None:
-        """Write an archive; the file is the old one or the new one at any moment.
-
-        Raises ArchiveFileError when the disk refuses.
-        """
+        """Write an archive atomically; raises ArchiveFileError if the disk refuses."""
         added = {"format": self.format, "version": version, "digest": content_digest(head, arrays)}
         buffer = io.BytesIO()
         packed = np.array(json.dumps({**added, **head}))
@@ -77,20 +65,13 @@ class ArchiveKind:
             raise ArchiveFileError(f"{self.name}: {path} cannot be written: {error.strerror}") from error
 
     def read_head(self, path: Path | str) -> dict[str, Any]:
-        """Head of a file, with its format, version and digest.
-
-        Raises InputError for a file that is not of this kind, or of another version.
-        """
+        """Head of a file; raises InputError for a file of another kind or version."""
         return self._read(path, arrays=False)[0]
 
     def load(
         self, path: Path | str, make: Callable[[dict[str, Any], dict[str, NDArray[Any]]], Content]
     ) -> Content:
-        """What `make` makes of the head and the arrays of a file.
-
-        Raises InputError for a file that is not of this kind, is of another version, is cut off or was
-        altered, and for one that `make` cannot use.
-        """
+        """Content that `make` builds from a file; raises InputError for an unusable or altered file."""
         head, arrays = self._read(path, arrays=True)
         content = {name: value for name, value in head.items() if name not in _ADDED}
         try:
@@ -103,7 +84,7 @@ class ArchiveKind:
         return made
 
     def refused(self, path: Path | str, why: str) -> InputError:
-        """Error for a file that cannot be used."""
+        """Error for an unusable file."""
         return InputError(f"{self.name} {path}: {why}; allowed: a {self.name} as {self.command} writes it")
 
     def _read(self, path: Path | str, *, arrays: bool) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:

@@ -1,4 +1,4 @@
-"""Packages that can be called: `hexctl.adapt(...)` is a function, `hexctl.adapt.space` one of its parts."""
+"""Callable packages: `hexctl.adapt(...)` is a function, `hexctl.adapt.space` one of its modules."""
 
 import inspect
 import sys
@@ -8,14 +8,7 @@ from typing import Any
 
 
 def make_callable(package: str, module: str) -> None:
-    """Let a call of a package call the function of the same name in one of its modules.
-
-    The module is imported at the first call, so that importing another part of the package stays cheap.
-
-    Args:
-        package: name of the package, such as `hexctl.adapt`.
-        module: name of the module in it that has the function `adapt`.
-    """
+    """Let a call of a package import its module and call the function of the package's name in it."""
     name = package.rpartition(".")[2]
 
     class CallablePackage(ModuleType):

@@ -1,8 +1,4 @@
-"""Errors that hexctl raises, each of which is also a built-in error.
-
-Every message says what was wrong, the value got, what is allowed and, where it helps, what to do next.
-`check_type` refuses a value of the wrong type in those words, `argument` names an argument in them.
-"""
+"""Errors that hexctl raises, each of which is also a built-in error, and their wording."""
 
 import errno
 import re
@@ -12,22 +8,21 @@ from numbers import Integral, Real
 from reprlib import Repr
 from typing import Any
 
-#: The name of an argument as a message holds it, between marks that no text has.
+#: The name of an argument in a message, between marks that no text has.
 _ARGUMENT = re.compile("\0([a-z0-9_.]+)\0")
 
-#: What no line of text has: ends of lines, control codes, marks that reorder a line (bidirectional), bytes
-#: that are no UTF-8.
+#: Characters that no line may contain: line ends, control codes, bidirectional marks, invalid UTF-8.
 _UNPRINTABLE = re.compile("[\0-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 
-#: A very long value in a message: one word, or what is quoted; paths and commands to be typed are shorter.
+#: A very long value in a message: one word, or a quoted text; paths and commands are shorter.
 _LONG = re.compile("(?<=got ')[^'\0]{401,}(?=')|[^\\s'\"\0]{401,}")
 
-#: Characters that are left of such a value.
+#: Remaining characters of such a value.
 _LONG_SHOWN = 200
 
 
 def argument(name: str) -> str:
-    """Name of an argument in the message of a `HexctlError`: in Python itself, on the command line its flag.
+    """Name of an argument in the message of a `HexctlError`: on the command line its flag.
 
     raise InputError(f"{argument('seed')}: got {seed}; allowed: 0 or more")
     # str(error): seed: got -1; allowed: 0 or more
@@ -37,12 +32,12 @@ def argument(name: str) -> str:
 
 
 def printable(text: str) -> str:
-    """Text as one line that every terminal and encoding takes: what is unprintable in it is escaped."""
+    """Text as one line for every terminal and encoding, with unprintable characters escaped."""
     return _UNPRINTABLE.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), text)
 
 
 def printable_parts(value: Any) -> Any:
-    """JSON value with `printable` texts: what comes from the network or from a file of another person."""
+    """JSON value of an untrusted source with `printable` texts."""
     if isinstance(value, str):
         return printable(value)
     if isinstance(value, list):
@@ -59,14 +54,14 @@ def _line_of(message: str) -> str:
 
 
 def shortened(text: str) -> str:
-    """A message in which a value that is very long is cut: `got 'aaaa... (5000 characters)'`."""
+    """A message with very long values cut: `got 'aaaa... (5000 characters)'`."""
     return _LONG.sub(lambda found: f"{found[0][:_LONG_SHOWN]}... ({len(found[0])} characters)", text)
 
 
 class HexctlError(Exception):
     """Base class of hexctl's errors.
 
-    The text is one line, in which what is unprintable is escaped and a very long value is cut.
+    The text is one line, with unprintable characters escaped and very long values cut.
     """
 
     def __init__(self, message: str = "") -> None:
@@ -74,7 +69,7 @@ class HexctlError(Exception):
         super().__init__(_ARGUMENT.sub(r"\1", self._message))
 
     def worded(self, name: Callable[[str], str]) -> str:
-        """The text, with `name(argument)` in place of each argument that it names."""
+        """The text, with `name(argument)` in place of each argument."""
         return _ARGUMENT.sub(lambda found: name(found[1]), self._message)
 
 
@@ -83,11 +78,7 @@ class InputError(HexctlError, ValueError):
 
 
 class UnusedError(InputError):
-    """An option that nothing would use. Typed it is refused; that a file of settings has it does no harm.
-
-    Attributes:
-        field: name of the option's field.
-    """
+    """An unused option `field`: refused if typed, harmless in a file of settings."""
 
     def __init__(self, message: str = "", *, field: str = "") -> None:
         super().__init__(message)
@@ -98,12 +89,12 @@ class WrongTypeError(InputError, TypeError):
     """A value of a type that is not allowed."""
 
 
-#: Extras with dm_control, and the first Python for which labmaze, which it depends on, has no wheels.
+#: Extras with dm_control, and the first Python without wheels of its dependency labmaze.
 SIMULATING_EXTRAS, NO_SIMULATION_FROM = ("sim", "study", "demo", "all"), (3, 13)
 
 
 def install_command(extra: str) -> str:
-    """What installs an extra, and with which Python where it cannot be this one."""
+    """Command that installs an extra, with another Python if necessary."""
     command = f'pip install "hexctl[{extra}]"'
     elsewhere = extra in SIMULATING_EXTRAS and sys.version_info >= NO_SIMULATION_FROM
     return f"{command} with Python 3.11 or 3.12" if elsewhere else command
@@ -120,7 +111,7 @@ class MissingExtraError(HexctlError, ImportError):
         return type(self), (self._what, self._extra)
 
 
-#: The extra that installs an optional package.
+#: Extras by optional package.
 EXTRAS = {
     "mujoco": "sim",
     "dm_control": "sim",
@@ -173,37 +164,35 @@ class RecordingError(HexctlError, OSError):
     """A recording that could not be written or opened."""
 
 
-#: Numbers of system errors of a disk that is full, over its quota or broken, or of a file as large as can be.
+#: System errors of a disk that is full, over its quota or broken, or of a file of maximum size.
 _OF_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 
 def is_of_disk(error: BaseException | None) -> bool:
-    """Whether an error is that of a disk that takes nothing more: a fault, whatever was asked for."""
+    """Whether an error is that of a full or broken disk, which is always a fault."""
     return isinstance(error, OSError) and error.errno in _OF_DISK
 
 
-#: Number types: the abstract type that is accepted (a bool is not), and its name.
+#: Number types: the accepted abstract type (a bool is not one), and its name.
 _NUMBERS: dict[type, tuple[type, str]] = {float: (Real, "a number"), int: (Integral, "a whole number")}
 
 _NAMES = {str: "text", bool: "True or False", type(None): "None"}
 
-#: Characters of a value that a message shows.
+#: Maximum characters of a value in a message.
 MOST_SHOWN = 160
 
 
 def check_type(value: object, kind: type | tuple[type, ...], what: str, allowed: str | None = None) -> None:
     """Raise WrongTypeError unless a value is of a type, or of one of several.
 
-    `float` stands for any number and `int` for any whole number, numpy's included; a bool is neither.
+    `float` accepts any number and `int` any whole number, including numpy's, but no bool.
 
         check_type(gait, Gait, "plan.gait", "a Gait, as make_gait(robot, 'tripod') gives")
         # plan.gait: got 'tripod' (str); allowed: a Gait, as make_gait(robot, 'tripod') gives
 
     Args:
-        value: what was given.
-        kind: the type, or a tuple of types.
-        what: the name of the argument, as the caller knows it.
-        allowed: the end of the message; without one, it is made from the types.
+        what: the name of the argument.
+        allowed: the end of the message; None makes it from the types.
     """
     kinds = kind if isinstance(kind, tuple) else (kind,)
     if any(_is_a(value, one) for one in kinds):
@@ -213,13 +202,13 @@ def check_type(value: object, kind: type | tuple[type, ...], what: str, allowed:
 
 
 def check_callable(value: object, what: str, allowed: str) -> None:
-    """Raise WrongTypeError unless a value can be called, or is None; the words are those of `check_type`."""
+    """Raise WrongTypeError unless a value is callable or None, worded as by `check_type`."""
     if value is not None and not callable(value):
         raise WrongTypeError(f"{what}: got {shown(value)} ({type(value).__name__}); allowed: {allowed}")
 
 
 def shown(value: object) -> str:
-    """Short text of a value on one line, however large it is."""
+    """Short text of a value on one line, whatever its size."""
     short = Repr()
     short.maxlevel, short.maxlist, short.maxstring, short.maxother = 3, 20, 60, 60
     try:

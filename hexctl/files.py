@@ -1,4 +1,4 @@
-"""Files written atomically: a reader, or a power cut, finds the old file or the new one, never a part."""
+"""Atomic writes: a reader, or a power cut, finds the old file or the new one, never a part."""
 
 import errno
 import io
@@ -17,19 +17,19 @@ from typing import Any
 from hexctl.errors import InputError
 from hexctl.scratch import scratch_folder
 
-#: What is allowed for the folder of recordings and sessions, and the next step if it is another one.
+#: Allowed folders of recordings and sessions, and a next step.
 ALLOWED_FOLDER = "allowed: a folder; call hexctl from one that you can write to, or set HEXCTL_RUNS=FOLDER"
 
-#: Size of an archive, packed and unpacked; a prior has half a million bytes.
+#: Maximum size of an archive, packed and unpacked; a prior has half a million bytes.
 MOST_ARCHIVE_BYTES = 100_000_000
 
-#: Arrays in an archive; a landscape has five.
+#: Maximum arrays in an archive; a landscape has five.
 MOST_ARRAYS = 64
 
-#: What an element becomes when an array is read as numbers.
+#: Bytes of an element when an array is read as numbers.
 _NUMBER_BYTES = 8
 
-#: What numpy and zipfile raise for an archive (.npz) that is damaged.
+#: Exceptions of numpy and zipfile for a damaged archive (.npz).
 ARCHIVE_DAMAGE: tuple[type[Exception], ...] = (
     OSError,
     EOFError,
@@ -39,14 +39,14 @@ ARCHIVE_DAMAGE: tuple[type[Exception], ...] = (
     NotImplementedError,
     zipfile.BadZipFile,
     zlib.error,
-    MemoryError,  # of an array that claims to be larger than the computer
-    RuntimeError,  # zipfile, of a file that claims to be encrypted
-    tokenize.TokenError,  # numpy, of the header of an array that is cut off
+    MemoryError,  # an array with a header beyond the memory
+    RuntimeError,  # zipfile, for a file marked as encrypted
+    tokenize.TokenError,  # numpy, for a truncated array header
 )
 
 
 def state_folder() -> Path:
-    """Where stops and clear keys are kept: what systemd gave, or the user's own folder for it (XDG)."""
+    """Folder of stops and clear keys: from systemd, or the user's state folder (XDG)."""
     given = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
     if given:
         return Path(given)
@@ -55,7 +55,7 @@ def state_folder() -> Path:
 
 
 def is_file(path: Path) -> bool:
-    """Whether a path names a file; False also for one that no system can look up."""
+    """Whether a path is a file; False also for an invalid path."""
     try:
         return path.is_file()
     except (OSError, ValueError):
@@ -63,7 +63,7 @@ def is_file(path: Path) -> bool:
 
 
 def is_folder(path: Path) -> bool:
-    """Whether a path names a folder; False also for one that no system can look up."""
+    """Whether a path is a folder; False also for an invalid path."""
     try:
         return path.is_dir()
     except (OSError, ValueError):
@@ -71,7 +71,7 @@ def is_folder(path: Path) -> bool:
 
 
 def file_instead(folder: Path) -> str | None:
-    """`runs is a file, not a folder`, if that is so of a folder or one above it; else None."""
+    """`runs is a file, not a folder`, if that holds for a folder or one above it; else None."""
     file = next((one for one in (folder, *folder.parents) if is_file(one)), None)
     return None if file is None else f"{file} is a file, not a folder"
 
@@ -82,13 +82,13 @@ def folder_trouble(folder: Path, error: OSError) -> str:
 
 
 def check_writable(folder: Path) -> None:
-    """Raise InputError unless a folder is there or can be made, and may be written to."""
+    """Raise InputError unless a folder exists or can be made, and is writable."""
     if (trouble := write_trouble(folder)) is not None:
         raise InputError(f"{trouble}; {ALLOWED_FOLDER}")
 
 
 def write_trouble(folder: Path) -> str | None:
-    """Why a folder cannot be made or written to; None if it can."""
+    """Why a folder cannot be made or written to, or None."""
     if (instead := file_instead(folder)) is not None:
         return instead
     there = next((one for one in (folder, *folder.parents) if is_folder(one)), folder)
@@ -96,10 +96,10 @@ def write_trouble(folder: Path) -> str | None:
 
 
 def read_file(path: Path, most_bytes: int) -> bytes:
-    """Content of a file that another person has named.
+    """Content of an untrusted file.
 
-    Raises OSError for one that cannot be read, is larger than `most_bytes`, or is none: a pipe without a
-    writer and a device without an end would be read for ever.
+    Raises OSError for one that cannot be read, is larger than `most_bytes`, or is no regular file: a pipe or
+    a device could be endless.
     """
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
     try:
@@ -115,10 +115,9 @@ def read_file(path: Path, most_bytes: int) -> bytes:
 
 
 def open_archive(path: Path | str) -> Any:
-    """The archive (.npz) of a file that another person has made, to be used in `with`.
+    """The archive (.npz) of an untrusted file; a context manager.
 
-    Raises OSError as `read_file` does, ValueError for one that needs more memory than any of hexctl, and one
-    of `ARCHIVE_DAMAGE`, as reading its arrays does.
+    Raises OSError as `read_file` does, ValueError if it needs too much memory, and `ARCHIVE_DAMAGE`.
     """
     import numpy as np
 
@@ -130,12 +129,12 @@ def open_archive(path: Path | str) -> Any:
 
 
 def damage_reason(error: BaseException) -> str:
-    """Why an archive cannot be read, on one line that ends a message."""
+    """Why an archive cannot be read, as the end of a message."""
     return " ".join(str(error).split())[:120] or type(error).__name__
 
 
 def _check_size(packed: zipfile.ZipFile) -> None:
-    """Raise ValueError for an archive that would fill the memory; nothing but heads of arrays is unpacked."""
+    """Raise ValueError for an archive that would fill the memory; only heads of arrays are unpacked."""
     members = packed.infolist()
     if len(members) > MOST_ARRAYS:
         raise ValueError(f"it has {len(members)} arrays; allowed: {MOST_ARRAYS}")
@@ -149,7 +148,7 @@ def _check_size(packed: zipfile.ZipFile) -> None:
 
 
 def _unpacked_bytes(packed: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
-    """Memory that an array takes as its head declares it, or as numbers if these take more."""
+    """Memory of an array as its head declares it, or as numbers if these take more."""
     from numpy.lib import format as npy
 
     with packed.open(member) as file:
@@ -163,9 +162,9 @@ def _unpacked_bytes(packed: zipfile.ZipFile, member: zipfile.ZipInfo) -> int:
 
 
 def read_secret(path: Path, most_bytes: int) -> bytes:
-    """Content of a file with a key, which nobody but its owner may read or change.
+    """Content of a file with a key, to which only its owner may have access.
 
-    Raises OSError as `read_file` does, and PermissionError, which says what to type, for one that others may.
+    Raises OSError as `read_file` does, and PermissionError with the command to type.
     """
     content = read_file(path, most_bytes)
     others = path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO)
@@ -176,10 +175,7 @@ def read_secret(path: Path, most_bytes: int) -> bytes:
 
 
 def atomic_write(path: Path, content: str | bytes) -> None:
-    """Write a file, in place of an earlier one; it is on the disk when this returns. Text is UTF-8.
-
-    Raises OSError when the disk refuses; the earlier file is then as it was.
-    """
+    """Write a file durably, text as UTF-8; raises OSError and leaves the earlier file unchanged."""
     data = content.encode() if isinstance(content, str) else content
     with replacing(path) as draft:
         draft.write_bytes(data)
@@ -187,10 +183,9 @@ def atomic_write(path: Path, content: str | bytes) -> None:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Path of a draft, which takes a file's place, and its permissions, when the block ends.
+    """Path of a draft that replaces a file, with its permissions, when the block ends.
 
-    The block creates the draft. If the block raises, the draft is removed and the file is as it was.
-    Raises OSError when the disk refuses.
+    The block creates the draft. If it raises, the draft is removed. Raises OSError when the disk refuses.
     """
     with scratch_folder(path.parent, path.stem) as folder:
         draft = folder / f"{path.name}.part"

@@ -1,4 +1,4 @@
-"""Names of a package that are imported when they are first used, so that the package itself costs nothing."""
+"""Lazy imports of a package's names, to keep the import of the package fast."""
 
 from collections.abc import Callable, Mapping
 from importlib import import_module
@@ -6,12 +6,7 @@ from typing import Any
 
 
 def lazy_names(package: str, modules: Mapping[str, str]) -> Callable[[str], Any]:
-    """Function for `__getattr__` of a package; a missing extra and an unknown name are told.
-
-    Args:
-        package: name of the package, such as `hexctl.vision`.
-        modules: names by the module that they live in, below the package, with blanks between them.
-    """
+    """`__getattr__` of a package, from names separated by blanks by their module."""
     module_of = {name: module for module, names in modules.items() for name in names.split()}
 
     def load(name: str) -> Any:

@@ -21,23 +21,19 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 from hexctl.errors import InputError, UnusedError, argument, check_type
 
-#: A range with no more whole numbers than this is offered by the Tab key.
+#: The Tab key offers the numbers of a range with at most this many whole numbers.
 MAX_OFFERED = 10
 
-#: Units at the end of a field's name, which its flag leaves out.
+#: Units at the end of a field's name, which its flag omits.
 UNITS = ("_rad_s", "_rad", "_deg", "_hz", "_kg", "_m", "_s", "_c")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Range:
-    """The numbers that an option takes; its text stands in the help and in error messages.
+    """The numbers that an option accepts; its text appears in the help and in error messages.
 
     Attributes:
-        low: lowest value.
-        high: highest value.
         above: whether `low` itself is excluded.
-        whole: whether only whole numbers are allowed.
-        unit: unit, for error messages.
         degrees: whether the option is in degrees and its field in radians.
     """
 
@@ -65,7 +61,7 @@ class Range:
         return (isinstance(value, int) or math.isfinite(value)) and above and value <= self.high
 
     def parse(self, text: str | float) -> int | float:
-        """Return the number of a text; raises ValueError outside the range, nan and infinity included."""
+        """Return the number of a text; raises ValueError outside the range, for nan and for infinity."""
         try:
             value = int(text) if self.whole else float(text)
         except ValueError:
@@ -77,14 +73,14 @@ class Range:
         return math.radians(value) if self.degrees else value
 
     def check(self, what: str, value: float) -> None:
-        """Raise InputError for a value outside the range, and for one that is no number; `what` names it."""
+        """Raise InputError for a value outside the range or no number; `what` names it."""
         kind = "a whole number" if self.whole else "a number"
         check_type(value, int if self.whole else float, what, f"{kind}, {self._allowed}")
         if value not in self:
             raise InputError(f"{what}: got {value:g}; allowed: {self._allowed}")
 
     def complete(self, incomplete: str) -> list[str]:
-        """Numbers that the shell offers: all of a short range of whole numbers, else none."""
+        """Completions of the shell: all of a short range of whole numbers, else none."""
         if not self.whole or self.high - self.low >= MAX_OFFERED:
             return []
         numbers = map(str, range(int(self.low), int(self.high) + 1))
@@ -97,13 +93,12 @@ class Range:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Typed:
-    """How an option is typed, where its field does not say it.
+    """How an option is typed, if its field does not say it.
 
     Attributes:
-        flag: its name without hyphens; empty for the name of the field without its unit.
-        short: its one-letter name; empty for none.
-        parse: makes its value of a text; raises ValueError with what it got and what is allowed.
-        words: what the shell offers, a name in `hexctl.cli.completion`; empty for files.
+        flag: without hyphens; empty for the name of the field without its unit.
+        parse: makes the value of a text; raises ValueError with what it got and what is allowed.
+        words: completion, a name in `hexctl.cli.completion`; empty for files.
     """
 
     flag: str = ""
@@ -114,32 +109,21 @@ class Typed:
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """Group of an option in the help, where it is not that of the class that declares it first (`PANEL`)."""
+    """Group of an option in the help, if it is not `PANEL` of its first class."""
 
     name: str
 
 
-#: In the annotation of a field that is a keyword in Python only.
+#: Annotation of a field that is only a keyword in Python.
 UNTYPED = object()
 
-#: In the annotation of a field that few people need: `--help-all` shows it, `--help` does not.
+#: Annotation of a field that only `--help-all` shows.
 RARE = object()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Option:
-    """A field as an option.
-
-    Attributes:
-        name: of the field.
-        kind: type of the field, without what is annotated.
-        default: of the field.
-        text: its help, with the range in it.
-        range: of a number, or None.
-        typed: how it is typed.
-        rare: whether few people need it.
-        panel: its group in the help; empty for none.
-    """
+    """A field as an option: its type without annotations, and its help with the range."""
 
     name: str
     kind: Any
@@ -163,7 +147,7 @@ def flag_name(field: str) -> str:
 
 
 def listed(text: str) -> tuple[str, ...]:
-    """Parts of a text between commas."""
+    """Parts of a comma-separated text."""
     return tuple(part.strip() for part in text.split(",") if part.strip())
 
 
@@ -200,7 +184,7 @@ def _option(field: "Field[Any]", hint: Any, text: str, panel: str) -> Option | N
 
 
 def chosen_options(spec: Any) -> dict[str, str]:
-    """Return the options of a dataclass that are not at their defaults, by flag, as they would be typed."""
+    """Return the options of a dataclass that differ from their defaults, by flag, as typed."""
     values = ((option, getattr(spec, option.name)) for option in options_of(type(spec)))
     return {option.flag: _typed_text(value) for option, value in values if value != option.default}
 
@@ -213,10 +197,7 @@ def check_names(call: str, given: Iterable[str], spec: type, *further: str) -> N
 
 
 def check_fields(spec: Any) -> None:
-    """Check the values of a dataclass of options: plain types, choices and ranges.
-
-    Raises WrongTypeError, or InputError for a value outside its choices or range.
-    """
+    """Check types, choices and ranges of options; raises WrongTypeError or InputError."""
     hints = get_type_hints(type(spec), include_extras=True)
     for field in fields(spec):
         hint = hints[field.name]
@@ -225,13 +206,7 @@ def check_fields(spec: Any) -> None:
 
 
 def check_used(spec: Any, names: Container[str], where: str) -> None:
-    """Raise UnusedError for the first of some options that is not its default, as nothing would use it.
-
-    Args:
-        spec: the options.
-        names: of the options that nothing uses.
-        where: where they are used, such as `with physics`.
-    """
+    """Raise UnusedError for the first of some unused options that is set; `where` names their context."""
     for field in fields(spec):
         value = getattr(spec, field.name)
         if field.name in names and value != field.default:
@@ -263,7 +238,7 @@ def _check_value(what: str, value: Any, kind: Any, marks: Sequence[Any]) -> None
 
 
 def _docstrings(spec: type) -> dict[str, str]:
-    """First paragraphs of the docstrings of fields, those of base classes included."""
+    """First paragraphs of the docstrings of fields, including those of base classes."""
     found: dict[str, str] = {}
     for owner in reversed(spec.__mro__[:-1]):
         (declared,) = ast.parse(textwrap.dedent(inspect.getsource(owner))).body

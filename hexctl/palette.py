@@ -1,9 +1,7 @@
 """Colours that mean the same in the viewer and in the reports: green is straight, crimson is far off.
 
-Each colour of a line or a mark has a contrast of 3 to 1 or more (WCAG 2) on white, which is paper and the
-viewer's light theme, and on `BACKGROUND`. Those that stand side by side are told apart with colour blindness;
-they are those of Okabe and Ito (2008) where these are dark enough for white. The luminance of the scale falls
-with the deviation, so that its order survives grey print.
+Lines and marks have a contrast of at least 3 to 1 (WCAG 2) on white and on `BACKGROUND`. Adjacent ones are
+safe for colour blindness, mostly from Okabe and Ito (2008). The scale keeps its order in grey print.
 """
 
 import math
@@ -12,8 +10,7 @@ import numpy as np
 
 Color = tuple[int, int, int]
 
-#: Deviation at the end of a walk in m, and its colour. Between them colours blend over the logarithm of the
-#: deviation; beyond the ends they stay.
+#: Final deviation of a walk in m, and its colour: blended over its logarithm, constant beyond the ends.
 SCALE: tuple[tuple[float, Color], ...] = (
     (0.01, (0, 160, 110)),
     (0.025, (0, 150, 150)),
@@ -23,20 +20,19 @@ SCALE: tuple[tuple[float, Color], ...] = (
     (3.0, (200, 50, 110)),
 )
 
-#: The deviations that a legend names, in m.
+#: Deviations in a legend, in m.
 LEGEND_M = tuple(mark for mark, _ in SCALE)
 
-#: The one grey, of everything that does not count: light enough for `BACKGROUND` and dark enough for white.
-#: Lighter shades of it are given by opacity.
+#: The grey of everything that does not count, for `BACKGROUND` and for white. Lighter shades use opacity.
 GREY: Color = (120, 120, 124)
 
-#: A trial that does not count, the line of travel, the path of the body, and the best so far.
+#: An invalid trial, the line of travel, the path of the body, and the best so far.
 INVALID_COLOR: Color = GREY
 LINE_COLOR: Color = (80, 140, 240)
 WAY_COLOR: Color = (204, 130, 0)
 BEST_COLOR: Color = (210, 95, 0)
 
-#: Paths and level lines of the gaits that a robot would use anyway, and of any other one.
+#: Paths and horizontal lines of the baseline by gait, and of any other one.
 BASELINE_COLORS: dict[str, Color] = {
     "auto": (130, 140, 230),
     "demo": GREY,
@@ -44,7 +40,7 @@ BASELINE_COLORS: dict[str, Color] = {
 }
 OTHER_BASELINE_COLOR: Color = (0, 158, 115)
 
-#: One for each leg, from leg 1 on, and the evidence at which one is taken for failed.
+#: One for each leg, from leg 1 on, and the alarm level of the evidence.
 LEG_COLORS: tuple[Color, ...] = (
     (0, 120, 180),
     (210, 90, 0),
@@ -70,8 +66,8 @@ VERDICT_COLORS: dict[str, Color] = {
     "no evidence": GREY,
 }
 
-#: Optimizers of a study, and any other one: the five colours of Okabe and Ito that are dark enough for white,
-#: and the wine red of Tol's muted set.
+#: Optimizers of a study, and any other one: the five colours of Okabe and Ito that are dark enough for
+#: white, and the wine red of Tol's muted set.
 OPTIMIZER_COLORS: dict[str, Color] = {
     "pso": (0, 114, 178),
     "psosp": (0, 114, 178),
@@ -85,7 +81,7 @@ OPTIMIZER_COLORS: dict[str, Color] = {
 }
 OTHER_OPTIMIZER_COLORS: tuple[Color, ...] = ((0, 114, 178), (213, 94, 0), (0, 158, 115))
 
-#: Lengths of dashes and gaps of their lines, in line widths: those of one colour differ. Others are solid.
+#: Lengths of dashes and gaps of their lines, in line widths, which differ within a colour. Others are solid.
 OPTIMIZER_DASHES: dict[str, tuple[float, ...]] = {
     "psosp": (3.7, 1.6),
     "random": (3.7, 1.6),
@@ -94,16 +90,16 @@ OPTIMIZER_DASHES: dict[str, tuple[float, ...]] = {
 }
 OTHER_OPTIMIZER_DASHES = (5.0, 1.2, 2.0, 1.2)
 
-#: Bars that results are held against, and the best of all gaits.
+#: Reference bars of results, and the best of all gaits.
 BAR_COLOR: Color = (192, 57, 43)
 BEST_OF_ALL_COLOR: Color = GREY
 
-#: A remedy of a study that is left out, given in part, and complete; and others.
+#: A remedy of a study that is missing, partial, and complete; and others.
 REMEDY_COLORS: tuple[Color, Color, Color] = (GREY, (204, 130, 0), (0, 114, 178))
 OTHER_REMEDY_COLORS: tuple[Color, ...] = ((0, 158, 115), (204, 121, 167), (213, 94, 0))
 
-#: Background of every scene of the viewer, whatever its theme, and what is written and ruled on it. Texts
-#: have a background of the theme's own: dark grey, or in the light theme a grey of middle brightness.
+#: Background of every scene of the viewer, and of its texts and rules. Text panels have the background of
+#: the theme: dark grey, or a medium grey in the light theme.
 BACKGROUND: Color = (24, 28, 36)
 TEXT_COLOR: Color = (255, 255, 255)
 AXIS_COLOR: Color = (46, 53, 65)
@@ -111,7 +107,7 @@ AXIS_COLOR: Color = (46, 53, 65)
 #: A robot's trunk and links by joint kind, and the floor: in recordings, robot descriptions and pictures.
 BODY_COLOR: Color = (58, 110, 165)
 LINK_COLORS: dict[str, Color] = {"coxa": (126, 144, 164), "femur": (186, 198, 212), "tibia": (226, 232, 240)}
-#: Links of a failed leg, and of one that only the walk takes for failed.
+#: Links of a failed leg, and of one that only the walk considers failed.
 FAILED_COLORS: dict[str, Color] = {"coxa": (190, 44, 30), "femur": (226, 66, 42), "tibia": (246, 98, 66)}
 NOTICED_COLORS: dict[str, Color] = {"coxa": (204, 138, 0), "femur": (255, 176, 0), "tibia": (255, 204, 90)}
 GROUND_COLOR: Color = (52, 60, 70)
@@ -124,7 +120,7 @@ TARGET_BANDS: tuple[tuple[float, Color, str], ...] = (
 
 
 def deviation_color(deviation_m: float | None, *, valid: bool) -> Color:
-    """Colour of a trial by its deviation at the end, on either side; grey when invalid or unknown."""
+    """Colour of a trial by its final deviation to either side; grey if invalid or unknown."""
     if not valid or deviation_m is None or not math.isfinite(deviation_m):
         return INVALID_COLOR
     place = np.log(max(abs(deviation_m), LEGEND_M[0]))
@@ -136,7 +132,7 @@ def deviation_color(deviation_m: float | None, *, valid: bool) -> Color:
 
 
 def baseline_color(gait: str) -> Color:
-    """Colour of a gait that is walked without a search, by its name."""
+    """Colour of a gait of the baseline, by its name."""
     return BASELINE_COLORS.get(gait, OTHER_BASELINE_COLOR)
 
 

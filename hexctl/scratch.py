@@ -1,7 +1,6 @@
-"""Scratch folders: there while a process works; what a killed process has left goes at the next start.
+"""Scratch folders of a process; those of a killed process are removed at the next start.
 
-A folder is locked by the process that has made it. The lock goes with the process, however that ends, so a
-folder without one is abandoned: no age, number of a process or list of folders is needed.
+A folder is locked by its process, and the lock ends with it: a folder without a lock is abandoned.
 """
 
 import fcntl
@@ -14,28 +13,20 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-#: End of the name of a scratch folder.
 SUFFIX = ".part"
 
 _NAME = re.compile(rf".+-[0-9a-f]{{8}}{re.escape(SUFFIX)}")
 
-#: How often another folder is tried where one is removed in the moment before it is locked.
+#: Attempts if a folder is removed just before it is locked.
 TRIES = 8
 
-#: Folders that this process has looked through already.
+#: Folders that this process has already searched.
 _tidied: set[Path] = set()
 
 
 @contextmanager
 def scratch_folder(parent: Path | None = None, name: str = "hexctl") -> Iterator[Path]:
-    """A new folder, for this user alone, which is removed when the block ends, unless it was moved away.
-
-    Args:
-        parent: where it is made, hidden; None is the folder of the system for what is temporary.
-        name: begin of its name.
-
-    Raises OSError when the disk refuses.
-    """
+    """A new private folder, hidden in `parent`, removed at the block's end unless moved; raises OSError."""
     place = Path(tempfile.gettempdir()) if parent is None else parent
     remove_abandoned(place)
     folder, lock = _make(place, name if parent is None else f".{name}")
@@ -47,7 +38,7 @@ def scratch_folder(parent: Path | None = None, name: str = "hexctl") -> Iterator
 
 
 def remove_abandoned(parent: Path) -> None:
-    """Remove the scratch folders in a folder whose processes have ended, once in a process."""
+    """Remove abandoned scratch folders, once per process and parent."""
     if parent in _tidied:
         return
     _tidied.add(parent)
@@ -63,7 +54,6 @@ def remove_abandoned(parent: Path) -> None:
 
 
 def _is_ours(entry: os.DirEntry[str]) -> bool:
-    """Whether an entry is a scratch folder of this user."""
     return (
         _NAME.fullmatch(entry.name) is not None
         and entry.is_dir(follow_symlinks=False)
@@ -72,7 +62,6 @@ def _is_ours(entry: os.DirEntry[str]) -> bool:
 
 
 def _make(parent: Path, name: str) -> tuple[Path, int]:
-    """A new folder and the descriptor that locks it."""
     for _ in range(TRIES):
         folder = parent / f"{name}-{secrets.token_hex(4)}{SUFFIX}"
         folder.mkdir(mode=0o700)
@@ -83,12 +72,7 @@ def _make(parent: Path, name: str) -> tuple[Path, int]:
 
 
 def _locked(path: str, *, unlockable: bool = False) -> int | None:
-    """Descriptor that locks a folder; None where another has it, or it has just been removed.
-
-    Args:
-        path: of the folder.
-        unlockable: whether a descriptor without a lock will do, on disks that know no locks.
-    """
+    """Descriptor that locks a folder, or None; `unlockable` accepts disks without locks."""
     try:
         lock = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
     except OSError:

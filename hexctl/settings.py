@@ -1,4 +1,4 @@
-"""Settings: what files `hexctl.toml` and variables `HEXCTL_*` say where the command line says nothing.
+"""Settings: defaults from files `hexctl.toml` and variables `HEXCTL_*`.
 
     robot = "lab.yaml"
     backend = "zenoh"
@@ -8,8 +8,8 @@
     [run]
     duration = 20
 
-Variables come before the file of the folder, and that before the user's own. Light to import: a file is
-parsed only where there is one.
+Variables precede the file of the folder, which precedes the user's own. Light to import: a file is parsed
+only if it exists.
 """
 
 import os
@@ -24,14 +24,13 @@ from hexctl.errors import InputError, shown
 from hexctl.files import read_file
 from hexctl.typed_names import nearest_name
 
-#: Name of a file with settings.
 FILE = "hexctl.toml"
 
-#: Beginning of the variables; `HEXCTL_SETTINGS` names the only file to read, or `none`.
+#: Prefix of the variables; `HEXCTL_SETTINGS` names the only file to read, or `none`.
 PREFIX = "HEXCTL_"
 CHOSEN = "HEXCTL_SETTINGS"
 
-#: Settings of robot and connection, which every command follows that has a use for them.
+#: Settings of robot and connection, for every command that uses them.
 COMMON = {
     "robot": "a shipped name or a robot file",
     "backend": "what moves, as `--backend` says it",
@@ -43,14 +42,14 @@ COMMON = {
     "runs": "folder of recordings, sessions, priors and studies",
 }
 
-#: Table of a file below which those of commands may stand too: `[commands.keys.new]` beside `keys = "keys"`.
+#: Optional table around those of commands: `[commands.keys.new]` next to `keys = "keys"`.
 COMMANDS = "commands"
 
-#: Of these, folders; and names that may be paths.
+#: Settings that are folders; and settings that may be paths.
 FOLDERS = ("keys", "runs")
 NAMES_OR_PATHS = ("robot", "world", "link")
 
-#: Where runs are kept unless settings say otherwise.
+#: Default folder of runs.
 RUNS = Path("runs")
 
 MOST_BYTES = 100_000
@@ -58,12 +57,7 @@ MOST_BYTES = 100_000
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """Where a setting was said.
-
-    Attributes:
-        place: the file, or the variable.
-        key: the key in the file, such as `run.duration`; empty for a variable.
-    """
+    """Origin of a setting: a file and its key, such as `run.duration`, or a variable without key."""
 
     place: str
     key: str = ""
@@ -73,19 +67,17 @@ class Origin:
 
     @property
     def is_variable(self) -> bool:
-        """Whether it was said by a variable of the environment."""
+        """Whether it is a variable of the environment."""
         return not self.key
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """One value, as its file or variable has it.
+    """One value of a file or a variable.
 
     Attributes:
-        value: text; from a file also a number, True or False, or a list of them.
-        origin: where it was said.
-        folder: folder at which its relative paths begin.
-        nearby: whether it is of a file in the working folder or above, which may be of another person.
+        folder: base of its relative paths.
+        nearby: whether its file is in the working folder or above, and therefore possibly another person's.
     """
 
     value: Any
@@ -94,20 +86,13 @@ class Setting:
     nearby: bool = False
 
     def placed(self, text: str) -> str:
-        """A path of this setting: one that is not absolute begins at `folder`, `~` is the home folder."""
+        """A path of this setting: relative to `folder` unless absolute, `~` is the home folder."""
         return str(self.folder / _expanded(text))
 
 
 @dataclass(frozen=True, slots=True)
 class Layer:
-    """What one file says, or the variables; a layer that comes first has priority.
-
-    Attributes:
-        place: name of the file for messages, `environment` for variables.
-        values: of a file nested by command, as in TOML; of the environment by variable.
-        folder: folder of the file; None for the environment.
-        nearby: whether the file is in the working folder or above.
-    """
+    """Settings of one file (nested by command) or of the variables; earlier layers have priority."""
 
     place: str
     values: Mapping[str, Any]
@@ -119,7 +104,7 @@ class Layer:
         return self.option((), key)
 
     def option(self, command: tuple[str, ...], option: str) -> Setting | None:
-        """Setting of one option of a command: `("prior", "build"), "worlds"`; None where nothing is said."""
+        """Setting of one option of a command: `("prior", "build"), "worlds"`; None if absent."""
         words = (*command, option)
         if self.folder is None:
             name = PREFIX + "_".join(words).replace("-", "_").upper()
@@ -132,7 +117,7 @@ class Layer:
         return None
 
     def options(self, command: tuple[str, ...]) -> dict[str, Any]:
-        """Values that a file has for one command, by option; none for the environment."""
+        """Values of a file for one command, by option; none for the environment."""
         return {key: value for path in _tables(command) for key, value in self._table(path).items()}
 
     def _table(self, path: tuple[str, ...]) -> dict[str, Any]:
@@ -146,17 +131,17 @@ class Layer:
 
 
 def _tables(command: tuple[str, ...]) -> tuple[tuple[str, ...], ...]:
-    """Tables in which a file may have the options of a command; for none, the settings above all tables."""
+    """Tables with the options of a command; the empty command has the settings above all tables."""
     return (command, (COMMANDS, *command)) if command else ((),)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """What files and variables say, for programs and for the command line.
+    """Settings of files and variables, for programs and for the command line.
 
     Attributes:
-        layers: variables and files, those with priority first.
-        problems: why a file or a variable is not followed, one line each.
+        layers: variables and files, by priority.
+        problems: why a file or a variable is invalid, one line each.
     """
 
     layers: tuple[Layer, ...] = ()
@@ -165,12 +150,12 @@ class Settings:
 
     @property
     def values(self) -> dict[str, str]:
-        """Settings of robot and connection that are said, by their names in `COMMON`; paths as from here."""
+        """Settings of robot and connection by name in `COMMON`; paths relative to the current folder."""
         return {key: _text(key, setting) for key, setting in self._common.items()}
 
     @property
     def origins(self) -> dict[str, str]:
-        """Where each of `values` was said."""
+        """Origin of each of `values`."""
         return {key: str(setting.origin) for key, setting in self._common.items()}
 
     @property
@@ -179,10 +164,7 @@ class Settings:
         return Path(self.values.get("runs", RUNS))
 
     def of(self, *command: str) -> dict[str, Any]:
-        """Options that are said for one command, such as `of("run")` or `of("prior", "build")`, by option.
-
-        Of the files alone: which variable is whose option, the command line knows.
-        """
+        """Options in files for one command, such as `of("run")` or `of("prior", "build")`, by option."""
         options: dict[str, Any] = {}
         for layer in reversed(self.layers):
             options |= layer.options(command)
@@ -195,11 +177,8 @@ def read_settings(folder: Path | str = ".") -> Settings:
     settings = hexctl.read_settings()
     hexctl.run(robot=settings.values.get("robot", "ant"), record_folder=settings.runs)
 
-    Args:
-        folder: the folder, in place of the current one.
-
     Raises InputError for a file that cannot be read or is not TOML, and for a value of `COMMON` that is no
-    text. Options of commands are checked where they are used.
+    text. Options of commands are checked by the commands.
     """
     settings = find_settings(Path(folder))
     if settings.problems:
@@ -208,7 +187,7 @@ def read_settings(folder: Path | str = ".") -> Settings:
 
 
 def find_settings(folder: Path = Path()) -> Settings:
-    """Settings in force in a folder; what is wrong with them is in their `problems`."""
+    """Settings in force in a folder; errors are in their `problems`."""
     variables = {name: text for name, text in os.environ.items() if name.startswith(PREFIX)}
     layers, problems = [Layer("environment", variables, None)], []
     for path in settings_files(folder):
@@ -240,10 +219,10 @@ def is_port(place: object) -> bool:
 
 
 def settings_files(folder: Path = Path()) -> tuple[Path, ...]:
-    """Files with settings that a folder is under, those with priority first.
+    """Files with settings for a folder, by priority.
 
-    The nearest `hexctl.toml` from the folder upwards, to the root of its repository or the home folder; where
-    it lies in neither, only its own. Then that of the user, in the folder of configurations.
+    The nearest `hexctl.toml` upwards, as far as the root of the repository or the home folder; outside of
+    both only the folder's own. Then the user's, in the configuration folder.
     """
     if os.environ.get(CHOSEN):
         return _own_files()
@@ -252,7 +231,6 @@ def settings_files(folder: Path = Path()) -> tuple[Path, ...]:
 
 
 def _own_files() -> tuple[Path, ...]:
-    """Files that the user has chosen, or that lie in the user's folder of configurations."""
     chosen, users, home = os.environ.get(CHOSEN, ""), os.environ.get("XDG_CONFIG_HOME"), _home()
     if chosen:
         return () if chosen == "none" else (_expanded(chosen),)
@@ -261,7 +239,7 @@ def _own_files() -> tuple[Path, ...]:
 
 
 def _expanded(text: str) -> Path:
-    """Path with a home folder in place of `~`; as it is where that is unknown here, or no user's."""
+    """Path with `~` expanded, if the home folder is known."""
     path = Path(text)
     with suppress(RuntimeError, ValueError):
         return path.expanduser()
@@ -269,7 +247,6 @@ def _expanded(text: str) -> Path:
 
 
 def _is_there(path: Path) -> bool:
-    """Whether there is something of that name, readable or not."""
     try:
         path.lstat()
     except (OSError, ValueError):
@@ -278,7 +255,6 @@ def _is_there(path: Path) -> bool:
 
 
 def _upwards(folder: Path, home: Path | None) -> Iterator[Path]:
-    """Folders in which a file is looked for."""
     try:
         here = folder.resolve()
     except OSError:
@@ -291,7 +267,6 @@ def _upwards(folder: Path, home: Path | None) -> Iterator[Path]:
 
 
 def _home() -> Path | None:
-    """The user's home folder; None for a service that has none."""
     try:
         return Path.home()
     except RuntimeError:
@@ -299,7 +274,7 @@ def _home() -> Path | None:
 
 
 def shown_path(path: Path) -> str:
-    """Path as messages name it: relative in the current folder, with `~` in the home folder."""
+    """Path in messages: relative in the current folder, with `~` in the home folder."""
     home = _home()
     if path.is_absolute() and home is not None and path.is_relative_to(home) and home != Path("/"):
         return f"~/{path.relative_to(home)}"
@@ -307,7 +282,7 @@ def shown_path(path: Path) -> str:
 
 
 def _content(path: Path) -> dict[str, Any]:
-    """What a file says, keys with hyphens; raises InputError that names the file."""
+    """Keys get hyphens; raises InputError that names the file."""
     import tomllib
 
     name = shown_path(path)
@@ -329,7 +304,7 @@ def _content(path: Path) -> dict[str, Any]:
 
 
 def _hyphenated(table: Mapping[str, Any], place: str) -> dict[str, Any]:
-    """Table whose keys are written as options are; raises InputError for one key in two spellings."""
+    """Table with keys in the spelling of options; raises InputError for one key in two spellings."""
     plain: dict[str, Any] = {}
     for key, value in table.items():
         name = key.strip().casefold().replace("_", "-")
@@ -342,7 +317,7 @@ def _hyphenated(table: Mapping[str, Any], place: str) -> dict[str, Any]:
 def _check_once(
     table: Mapping[str, Any], below: Mapping[str, Any], place: str, path: tuple[str, ...]
 ) -> None:
-    """Raise InputError for an option that a table has, and the same one below `COMMANDS` as well."""
+    """Raise InputError for an option both in a table and below `COMMANDS`."""
     for key in table.keys() & below.keys():
         tables = isinstance(table[key], dict), isinstance(below[key], dict)
         if all(tables):
@@ -352,7 +327,7 @@ def _check_once(
 
 
 def _misspelt(variables: Mapping[str, str]) -> Iterator[str]:
-    """A line for each variable that is nearly one of `COMMON`; others may be of other programs."""
+    """Report only variables similar to `COMMON`, because others may belong to other programs."""
     for name in variables:
         word = name.removeprefix(PREFIX).lower()
         if word in COMMON or "_" in word or name == CHOSEN or (meant := nearest_name(word, COMMON)) is None:
@@ -362,7 +337,6 @@ def _misspelt(variables: Mapping[str, str]) -> Iterator[str]:
 
 
 def _text(key: str, setting: Setting) -> str:
-    """Value of a setting of robot or connection."""
     text = str(setting.value)
     is_path = key in FOLDERS or (key in NAMES_OR_PATHS and ("/" in text or bool(Path(text).suffix)))
     return setting.placed(text) if is_path else text

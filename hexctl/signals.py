@@ -2,10 +2,10 @@
 
 import signal
 
-#: Signals that always ask for a stop, also where a shell has made a background process ignore them.
+#: Signals that always request a stop, even if a shell made a background process ignore them.
 ASKED = (signal.SIGINT, signal.SIGTERM)
 
-#: Signals that cannot be handled, that end no process, or that say that the process itself is broken.
+#: Signals that cannot be handled, that end no process, or that report a broken process.
 _OTHERS = (
     *("SIGKILL", "SIGSTOP"),
     *("SIGCHLD", "SIGCONT", "SIGTSTP", "SIGTTIN", "SIGTTOU", "SIGURG", "SIGWINCH", "SIGINFO"),
@@ -14,7 +14,7 @@ _OTHERS = (
 
 
 def ending_signals() -> tuple[int, ...]:
-    """Return the numbers of all signals that would end this process and that it does not ignore, ascending.
+    """Return all signals that would end this process and that it does not ignore, ascending.
 
     SIGHUP, of a closed terminal, is ignored under `nohup`; Python ignores SIGPIPE and SIGXFSZ.
     """
@@ -23,5 +23,5 @@ def ending_signals() -> tuple[int, ...]:
 
 
 def _ignored(number: int) -> bool:
-    """Whether a signal is ignored, or handled by what is not Python."""
+    """Whether a signal is ignored, or has a handler outside of Python."""
     return signal.getsignal(number) in (signal.SIG_IGN, None)

@@ -1,4 +1,4 @@
-"""Where threads, clocks and timeouts get the time from."""
+"""The time source of threads, clocks and timeouts."""
 
 import threading
 import time
@@ -8,7 +8,7 @@ class TimeSource:
     """The monotonic time of this computer, and waiting on it; a subclass can simulate another."""
 
     def now(self) -> float:
-        """Time in s that never steps back; only differences mean anything."""
+        """Monotonic time in s; only differences count."""
         return time.monotonic()
 
     def sleep(self, duration_s: float) -> None:
@@ -16,7 +16,7 @@ class TimeSource:
         time.sleep(duration_s)
 
     def wait(self, event: threading.Event | threading.Condition, timeout_s: float | None = None) -> bool:
-        """Wait until an event is set or a condition notified, at most for a time in s; whether it was."""
+        """Wait until an event is set or a condition notified; return whether it was in time."""
         return event.wait(timeout_s)
 
     def join(self, thread: threading.Thread) -> None:
@@ -24,5 +24,5 @@ class TimeSource:
         thread.join()
 
 
-#: The time of this computer, for everything that is given no other.
+#: The default time source.
 WALL_TIME = TimeSource()

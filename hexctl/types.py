@@ -1,7 +1,4 @@
-"""Types that every part uses: arrays, legs and joints, joint targets and robot state.
-
-Six legs of three joints each, in leg-major order.
-"""
+"""Common types: arrays, legs and joints (leg-major order), joint targets and robot state."""
 
 import math
 from collections.abc import Mapping
@@ -34,41 +31,41 @@ BoolArray = NDArray[np.bool_]
 
 
 def chosen(condition: BoolArray | np.bool_, yes: FloatArray | float, no: FloatArray | float) -> FloatArray:
-    """`np.where`, at a tenth of its time for the scalars of a single robot."""
+    """`np.where`, ten times as fast for the scalars of a single robot."""
     if isinstance(condition, np.bool_):
         return yes if condition else no  # type: ignore[return-value]
     return np.where(condition, yes, no)
 
 
 def within(value: FloatArray, most: FloatArray) -> FloatArray:
-    """The value limited to -most .. most, or NaN; faster than NumPy for the scalars of a single robot."""
+    """Value clipped to -most .. most, or NaN; faster than NumPy for the scalars of a single robot."""
     if isinstance(value, np.floating):
         return most if value > most else -most if value < -most else value
     return np.minimum(np.maximum(value, -most), most)
 
 
 def any_of(condition: BoolArray | np.bool_) -> bool:
-    """Whether a condition holds anywhere; `condition.any()`, faster for a scalar."""
+    """`condition.any()`, faster for a scalar."""
     return bool(condition) if isinstance(condition, np.bool_) else bool(condition.any())
 
 
 def all_finite(values: FloatArray) -> bool:
-    """Whether a few numbers, (n,), are all finite: only then is their sum, which is the fastest to ask."""
+    """Whether a few numbers, (n,), are all finite: so is their sum, the fastest test."""
     return math.isfinite(sum(values.tolist()))
 
 
 class ArrayFields:
-    """Equality of dataclasses whose fields hold arrays.
+    """Equality of dataclasses with array fields.
 
-    Two values are equal if they are of one class and all their fields are: arrays by shape and elements,
-    also within tuples, lists and mappings; NaN equals NaN. A field with `compare=False` does not count. The
-    equality that a dataclass makes itself must be off, as it raises for arrays:
+    Two values are equal if their classes and all their fields are: arrays by shape and elements, also within
+    tuples, lists and mappings; NaN equals NaN. Fields with `compare=False` are ignored. The dataclass's own
+    equality must be off, because it raises for arrays:
 
         @dataclass(frozen=True, slots=True, eq=False)
         class Walk(ArrayFields):
             path_m: FloatArray
 
-    Such a class has no hash. One that needs a hash defines it, from fields that are equal where it is.
+    Such a class has no hash unless it defines one.
     """
 
     __slots__ = ()
@@ -116,10 +113,7 @@ def check_finite(value: object, shape: tuple[int, ...], what: str) -> None:
 
 
 def as_numbers(value: object, ending: tuple[int, ...], what: str) -> FloatArray:
-    """Finite numbers as an array whose shape has a given ending.
-
-    Raises WrongTypeError for other things than numbers, InputError for another shape or infinite numbers.
-    """
+    """Finite numbers as an array with a given end of its shape; raises WrongTypeError or InputError."""
     numbers = _numbers_of(value, what, f"numbers of a shape that ends in {ending}")
     if numbers.shape[max(0, numbers.ndim - len(ending)) :] != ending:
         raise InputError(f"{what}: got shape {numbers.shape}; allowed: a shape that ends in {ending}")
@@ -128,15 +122,7 @@ def as_numbers(value: object, ending: tuple[int, ...], what: str) -> FloatArray:
 
 
 def as_joint_angles(value: object, what: str, *, leading_shape: tuple[int, ...] | None = None) -> FloatArray:
-    """Joint angles as an array, leading shape + (18,).
-
-    Args:
-        value: an array, or sequences of numbers.
-        what: the name of the argument, for messages.
-        leading_shape: of the array; None for any.
-
-    Raises WrongTypeError for other things than numbers, InputError for another number of angles.
-    """
+    """Joint angles as an array, leading shape (None: any) + (18,); raises WrongTypeError or InputError."""
     angles_rad = _numbers_of(value, what, f"{N_JOINTS} joint angles in rad")
     shape = angles_rad.shape
     if leading_shape is None or shape[:-1] == leading_shape:
@@ -154,7 +140,7 @@ def as_joint_angles(value: object, what: str, *, leading_shape: tuple[int, ...] 
 
 
 def _numbers_of(value: object, what: str, allowed: str) -> FloatArray:
-    """Numbers as an array of floats; an array of floats is itself."""
+    """An array of floats is returned itself."""
     if isinstance(value, np.ndarray) and value.dtype == np.float64:
         return value
     try:
@@ -172,7 +158,7 @@ class JointTargets(ArrayFields):
 
     Attributes:
         joint_positions_rad: joint angles, shape (18,), leg-major order.
-        stamp_s: time of the command, on the clock of the servos that it is for.
+        stamp_s: time of the command, on the clock of its servos.
     """
 
     joint_positions_rad: FloatArray
@@ -181,15 +167,15 @@ class JointTargets(ArrayFields):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ServoReadings(ArrayFields):
-    """What single servos report, where they can; each (18,), leg-major, NaN where unknown.
+    """Readings of single servos; each (18,), leg-major, NaN if unknown.
 
     Attributes:
-        ages_s: since the position of each joint was measured; infinite for one that never was.
-        efforts: share of its greatest torque or power that each servo gives, -1 to 1.
+        ages_s: since the measurement of each joint's position; infinite without one.
+        efforts: share of the maximum torque or power of each servo, -1 to 1.
         currents_a: through the motors.
         voltages_v: at the servos.
         temperatures_c: of the servos.
-        errors: what each servo complains of, in few words; empty without.
+        errors: short fault description of each servo; empty without.
     """
 
     ages_s: FloatArray
@@ -201,12 +187,12 @@ class ServoReadings(ArrayFields):
 
     @property
     def hottest_joint(self) -> int | None:
-        """Index of the joint with the hottest servo, or None where no temperature is known."""
+        """Index of the joint with the hottest servo, or None if no temperature is known."""
         known = np.isfinite(self.temperatures_c)
         return int(np.nanargmax(self.temperatures_c)) if known.any() else None
 
     def to_json(self) -> dict[str, Any]:
-        """JSON values by attribute, numbers to three decimals; None for what is not known."""
+        """JSON values by attribute, numbers to three decimals; None if unknown."""
         numbers = {
             field.name: [round(one, 3) if math.isfinite(one) else None for one in value.tolist()]
             for field in fields(self)
@@ -216,10 +202,7 @@ class ServoReadings(ArrayFields):
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> "ServoReadings":
-        """Readings of `to_json`.
-
-        Raises KeyError, TypeError or ValueError for anything else.
-        """
+        """Inverse of `to_json`; raises KeyError, TypeError or ValueError for anything else."""
         numbers = {
             field.name: np.array([np.nan if one is None else one for one in data[field.name]], dtype=float)
             for field in fields(cls)
@@ -243,30 +226,28 @@ class ServoReadings(ArrayFields):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotState(ArrayFields):
-    """State of a robot at one moment, as its servos report it.
+    """State of a robot at one moment, as reported by its servos.
 
     Attributes:
         joint_positions_rad: shape (18,), leg-major order.
         stamp_s: time of the measurement, on the clock of the servos.
-        measured: True for positions from sensors, False where the last targets are echoed.
-        base_position_world: body frame origin in the world, (3,) in m, or None where unknown.
-        base_quaternion_world: body frame orientation (w, x, y, z), (4,), or None where unknown.
-        foot_contacts: which feet touch the floor, (6,), or None where unknown.
+        measured: True for positions from sensors, False for an echo of the targets.
+        base_position_world: body frame origin in the world, (3,) in m, or None if unknown.
+        base_quaternion_world: body frame orientation (w, x, y, z), (4,), or None if unknown.
+        foot_contacts: which feet touch the floor, (6,), or None if unknown.
         age_s: age of the measurement when it was read.
-        healthy: False when the robot reports a fault of its own.
-        fault: the fault in few words, or None where the robot gives none; of a healthy robot it says why
-            nothing new was measured for a while.
-        stopped: the reason for which the robot's own guard is stopped, or None.
-        battery_v: voltage of the battery, or None where unknown.
-        battery_share: remaining charge, 0 to 1, or None where unknown.
-        joint_torques_nm: torques that the actuators apply to the joints, (18,), positive the way the angle
-            grows, averaged over the control period up to the stamp where the servos can, else as they are
-            then; None where unknown.
-        servos: what single servos report, or None where nothing is known of them.
-        warnings: what is wrong with the robot that is no fault, in few words each.
-        current_a: that all servos together draw, or None where unknown.
+        healthy: False when the robot reports a fault.
+        fault: short description, or None; of a healthy robot, why there was no new measurement for a while.
+        stopped: reason of the stop of the robot's own guard, or None.
+        battery_v: None if unknown.
+        battery_share: remaining charge, 0 to 1, or None if unknown.
+        joint_torques_nm: torques of the actuators on the joints, (18,), positive with growing angle, mean of
+            the control period up to the stamp if possible, else momentary; None if unknown.
+        servos: readings of single servos, or None.
+        warnings: short descriptions of conditions that are no fault.
+        current_a: of all servos together, or None if unknown.
         stale_joints: joints whose servos have been silent for longer than usual, (18,): their positions and
-            torques are not those of the stamp; None where all are of one moment.
+            torques are older than the stamp; None if there are none.
     """
 
     joint_positions_rad: FloatArray

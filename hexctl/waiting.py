@@ -12,7 +12,7 @@ Value = TypeVar("Value")
 #: Pause between two tests of a condition.
 POLL_S = 0.01
 
-#: Descriptors below this can be waited for with `select`.
+#: Limit of descriptors for `select`.
 SELECTABLE = 1024
 
 
@@ -33,14 +33,7 @@ def wait_for(
 ) -> Value:
     """First true value of a condition, which is tested at least once and then every `poll_s`.
 
-    Args:
-        condition: whatever is waited for; anything that it raises ends the wait.
-        timeout_s: how long to wait.
-        message: text of the error, or a function that makes it when it is needed.
-        poll_s: pause between two tests.
-        time: where the timeout is measured and the pauses pass.
-
-    Raises RobotFaultError with the message when the condition is still false after the timeout.
+    Raises RobotFaultError with the message after the timeout, and what the condition raises.
     """
     value = _first_true(condition, timeout_s, poll_s, time)
     if value is None:
@@ -51,7 +44,6 @@ def wait_for(
 def _first_true(
     condition: Callable[[], Value | None], timeout_s: float, poll_s: float, time: TimeSource
 ) -> Value | None:
-    """First true value of a condition, or None when it is still false after the timeout."""
     deadline_s = time.now() + timeout_s
     while not (value := condition()):
         if time.now() >= deadline_s:
@@ -61,9 +53,9 @@ def _first_true(
 
 
 def wait_ready(descriptor: int, timeout_s: float, *, to_write: bool = False) -> bool:
-    """Wait until there is something to read, or bytes can be written; whether that came in time.
+    """Wait until a descriptor is readable or writable; return whether it was in time.
 
-    `select` knows no descriptor from 1024 on; `poll` counts in whole ms, and a bus has to wait for less.
+    `select` accepts no descriptor from 1024 on; `poll` counts in whole ms, and a bus needs shorter waits.
     """
     if descriptor >= SELECTABLE:
         poll = select.poll()

@@ -1,7 +1,6 @@
 """Shell completion of option values, once `hexctl --install-completion` has been run.
 
-Each function takes the text typed so far and imports what it needs only then, so that `hexctl --help` and the
-Tab key stay quick. Where none of its words fits, the shell offers files.
+Functions import late, to keep `hexctl --help` and the Tab key fast. Without a match the shell offers files.
 """
 
 from collections.abc import Callable, Iterable
@@ -14,7 +13,7 @@ Words = list[str]
 
 
 def _offered(words: Callable[[], Iterable[str]]) -> Callable[[str], Words]:
-    """Completion of words; an error completes to nothing, because the shell has no place for messages."""
+    """An error completes to nothing, because the shell has no place for messages."""
 
     def complete(incomplete: str) -> Words:
         try:
@@ -41,7 +40,7 @@ def _worlds() -> Iterable[str]:
 def _families() -> Iterable[str]:
     from hexctl.robot.configs import is_family
 
-    # Those that priors are built from: no leg of theirs fails on the way.
+    # Families for priors: none of their legs fails during a walk.
     return [name for name, content in _world_files() if is_family(content) and "failures" not in content]
 
 

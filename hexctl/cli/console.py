@@ -1,4 +1,4 @@
-"""The terminal: results on stdout, notes and progress on stderr, Ctrl-C, exit codes, where results go."""
+"""The terminal: results on stdout, notes and progress on stderr, Ctrl-C, exit codes."""
 
 import io
 import os
@@ -28,18 +28,18 @@ FAULT = 3
 ABORTED = 4
 INTERRUPTED = 130
 
-#: Reasons of a stop that are a fault of the robot or its link; `fault` may have details after a colon.
+#: Stop reasons that are a fault of the robot or its link; `fault` may have details after a colon.
 FAULTS = ("fault", "state", "pose lost", "expired")
 
-#: Signals of which a second one asks to quit without a soft stop.
+#: A second one of these signals quits without a soft stop.
 QUITS = (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT)
 
-#: Columns of output that goes to a file or a pipe: no line of a table is wrapped there.
+#: Width of output to a file or a pipe: no table line is wrapped.
 PIPE_COLUMNS = 400
 
 
 def code_of_stop(reason: str) -> int:
-    """Exit code of what was stopped for a reason: a fault, or anything else."""
+    """Exit code of a stop with a reason."""
     return FAULT if reason.partition(":")[0] in FAULTS else ABORTED
 
 
@@ -51,25 +51,24 @@ def code_of(result: "TrialResult") -> int:
 
 
 def never_commanded(outcome: "Mapping[str, Any]") -> bool:
-    """Whether a walk or a diagnosis was interrupted before the robot was told anything."""
+    """Whether a walk or a diagnosis was interrupted before the first command to the robot."""
     return outcome["stopped"] == "requested" and not outcome["ticks"]
 
 
 def note_never_commanded() -> None:
-    """Say that a command was interrupted before the robot was told anything."""
+    """Report an interrupt before the first command to the robot."""
     print_note("hexctl: interrupted before the robot was commanded")
 
 
 def printable_lines(text: str) -> str:
-    """Text of lines in which what is unprintable is escaped."""
+    """Text with unprintable characters escaped, except line ends."""
     return "\n".join(map(printable, text.split("\n")))
 
 
 def print_result(*parts: "RenderableType") -> None:
-    """Print on stdout: texts as they are, tables as wide as the terminal.
+    """Print on stdout: texts as they are, tables as wide as the terminal; a closed pipe is ignored.
 
-    A reader that has closed the pipe, as `head` does, is not an error. Raises RobotFaultError when the result
-    cannot be written, as on a full disk.
+    Raises RobotFaultError when the result cannot be written, as on a full disk.
     """
     text = "\n".join(printable_lines(part) if isinstance(part, str) else _rendered(part) for part in parts)
     try:
@@ -94,21 +93,21 @@ def _rendered(part: "RenderableType") -> str:
 
 
 def _discard_stdout() -> None:
-    """Point stdout to nowhere, so that Python does not report the closed pipe again when it exits."""
+    """Python would report the closed pipe again at its exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-#: Flags of the options of the command that was loaded, by the name of their fields. A session is an argument.
+#: Flags of the loaded command's options by field. A session is an argument.
 FLAGS = {"session": "session"}
 
 
 def flag_of(argument: str) -> str:
-    """Flag that gives an argument of the library on the command line: `--target` for `target_m`."""
+    """Flag of an argument of the library: `--target` for `target_m`."""
     return FLAGS.get(argument, f"--{flag_name(argument)}")
 
 
 def in_flags(error: HexctlError) -> str:
-    """Text of an error with the command line's flags in place of the library's arguments."""
+    """Text of an error with flags in place of the library's arguments."""
     return error.worded(flag_of)
 
 
@@ -118,18 +117,18 @@ def print_note(text: str) -> None:
 
 
 def print_question(text: str) -> None:
-    """Print a question on stderr and stay on its line."""
+    """Print a question on stderr without a line end."""
     typer.echo(printable_lines(text), err=True, nl=False)
 
 
 class StatusLine:
-    """A line on stderr that each new text replaces on a terminal; elsewhere each text is a line."""
+    """A line on stderr: each new text replaces it on a terminal, elsewhere each text is a line."""
 
     def __init__(self) -> None:
         self._shown = False
 
     def show(self, text: str) -> None:
-        """Show a text in place of the last one, cut to the width of the terminal."""
+        """Replace the text, cut to the width of the terminal."""
         if not sys.stderr.isatty():
             print_note(text)
             return
@@ -138,12 +137,12 @@ class StatusLine:
         self._shown = True
 
     def print_above(self, text: str) -> None:
-        """Print a line that stays; the next text is shown below it."""
+        """Print a permanent line above the status."""
         self.end()
         print_note(text)
 
     def end(self) -> None:
-        """End the line that is shown; it stays."""
+        """End the current line, which stays."""
         if self._shown:
             print_note("")
         self._shown = False
@@ -158,22 +157,17 @@ class StatusLine:
 
 
 def note_no_window(error: Exception) -> None:
-    """Say why a walk is not shown."""
+    """Report why a walk is not shown."""
     print_note(f"hexctl: {error}; continuing without a window")
 
 
 def note_refusal(why: str, *, then: str = "") -> None:
-    """Say that nothing listens where a robot should be, while it is still tried; `then` is said behind."""
+    """Report that nothing listens at a robot's endpoint while connecting goes on; `then` follows."""
     print_note(f"hexctl: {why}; trying for some seconds more{then}")
 
 
 def make_bar(counter: str | None = None, *, quiet: bool = False) -> "Progress":
-    """Progress bar on stderr with the time left, not yet started; it disappears when it stops.
-
-    Args:
-        counter: format of the progress; None counts whole things, done of all.
-        quiet: True for a bar that shows nothing, as where stderr is not a terminal.
-    """
+    """Progress bar on stderr with the time left, not yet started; `counter` is its format."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -189,7 +183,7 @@ def make_bar(counter: str | None = None, *, quiet: bool = False) -> "Progress":
 
 
 def print_above(bar: "Progress", text: str, *, err: bool) -> None:
-    """Print a line above a bar; where the bar shows nothing, on stderr or stdout."""
+    """Print a line above a bar; if the bar is hidden, on stderr or stdout."""
     if bar.disable:
         typer.echo(printable_lines(text), err=err)
     else:
@@ -197,13 +191,13 @@ def print_above(bar: "Progress", text: str, *, err: bool) -> None:
 
 
 class StopOnInterrupt:
-    """While open, signals that end a process only set `requested`; two of `QUITS` raise KeyboardInterrupt.
+    """Turns signals that end a process into `requested`; two of `QUITS` raise KeyboardInterrupt.
 
-    The others never raise: SIGXCPU comes every second, and SIGHUP may come from the kernel and from a shell.
-    SIGHUP says that the terminal is closed; what is printed from then on goes nowhere.
+    The others never raise: SIGXCPU comes every second, and SIGHUP may come from both kernel and shell. After
+    SIGHUP, a closed terminal, output is discarded.
 
     Args:
-        plain: whether there is no soft stop that a second one would leave out.
+        plain: whether there is no soft stop that a second signal would skip.
 
     Attributes:
         terminal_gone: whether SIGHUP has come.
@@ -246,7 +240,7 @@ class StopOnInterrupt:
             os.write(sys.stderr.fileno(), text.encode())
 
     def _leave_terminal(self) -> None:
-        """Point what was printed on a terminal that has gone to nowhere: writing there is an error."""
+        """Writing to a closed terminal is an error."""
         for stream in self._terminals:
             if not os.isatty(stream):
                 os.dup2(os.open(os.devnull, os.O_WRONLY), stream)

@@ -34,7 +34,6 @@ def doctor(context: typer.Context, as_json: JsonOption = False) -> None:
 
 
 def _rows(checkup: "Checkup") -> list[tuple[str, str]]:
-    """What the computer has, a line each."""
     machine, packages, found = checkup.machine, checkup.packages, checkup.connections
     memory = "unknown" if machine.memory_mb is None else "{} MB free of {} MB".format(*machine.memory_mb)
     granted = "real-time priority granted" if machine.realtime else "no real-time priority"
@@ -72,12 +71,10 @@ def _processor(checkup: "Checkup") -> str:
     return f"{machine.processor}, {machine.cores} cores{load}{governor}"
 
 
-#: Where settings would be.
 NO_SETTINGS = "none: no hexctl.toml here, above, or in ~/.config/hexctl"
 
 
 def _settings(checkup: "Checkup") -> str:
-    """What is in force, by file."""
     by_origin: dict[str, list[str]] = {}
     for one in checkup.settings.values:
         by_origin.setdefault(one.origin, []).append(f"{one.key} = {one.value}")
@@ -85,7 +82,7 @@ def _settings(checkup: "Checkup") -> str:
 
 
 def _devices(devices: "tuple[Device, ...]") -> str:
-    """Devices, with the group of those that may not be used."""
+    """Devices, with the group that gives access to the others."""
     texts = [
         " ".join(filter(None, (device.path, device.name and f"({device.name})")))
         + ("" if device.usable else f" not allowed, {_whose(device)}")
@@ -95,5 +92,4 @@ def _devices(devices: "tuple[Device, ...]") -> str:
 
 
 def _whose(device: "Device") -> str:
-    """Who may use a device."""
     return f"group {device.group}" if device.group else "for root alone"

@@ -13,18 +13,18 @@ from hexctl.cli.interrupts import (
     raise_deferred,
 )
 
-#: Modules of which something may still run when a command is over.
+#: Modules with threads or calls that may outlast a command.
 MAY_HANG = ("recording.rrd", "study.walking")
 
 
 def main() -> None:
     """Load the command line, run it, and exit with its code."""
     defer_in_imports()
-    # Matrices are small here: threads of the linear algebra wait for one another longer than they work, and
-    # take the cores from the simulation and the 50 Hz loop. Read when NumPy and SciPy are imported.
+    # Matrices are small here: threads of the linear algebra wait longer than they work, and take cores from
+    # the simulation and the 50 Hz loop. Read when NumPy and SciPy are imported.
     for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
-    # The last that Python does is to restore the default, with which Ctrl-C ends a process by its signal.
+    # Python's last act restores the default, with which Ctrl-C would end the process by its signal.
     atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
     stops = sys.argv[1:2] == ["estop"]
     interrupted = (
@@ -48,8 +48,7 @@ def main() -> None:
     forget_deferred()
     rrd, walking = (sys.modules.get(f"hexctl.{name}") for name in MAY_HANG)
     if (rrd is not None and rrd.stuck()) or (code and walking is not None and walking.simulating()):
-        # Python would wait for Rerun, and Rerun for a disk that takes nothing more; or for walks that nothing
-        # stops, and crash where another Ctrl-C cuts that short.
+        # Python would wait for Rerun on a full disk, or for walks, and crash at another Ctrl-C.
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)
@@ -57,5 +56,5 @@ def main() -> None:
 
 
 def _quit(*_: object) -> None:
-    """Quit: the command is over, and a Ctrl-C while its threads end need not wait for them."""
+    """A Ctrl-C while threads end need not wait for them."""
     os._exit(INTERRUPTED)

@@ -9,13 +9,13 @@ from typer.core import TyperGroup
 #: A command with more options than this shows them in groups.
 MOST_UNGROUPED = 8
 
-#: Group of options that have none: what is printed, and help.
+#: Group of options without one: output and help.
 LAST = "Output"
 
-#: Widest line of a help text, in characters; a narrower terminal makes it narrower.
+#: Maximum width of a help text, in characters.
 WIDTH = 100
 
-#: What stands for a value in the help, by what Typer writes.
+#: Metavariables in the help, by those of Typer.
 METAVARS = {"<int>": "N", "<float>": "N", "<path>": "FILE"}
 
 
@@ -63,7 +63,7 @@ def _first_paragraph(text: str) -> str:
 
 
 def _grouped(options: Sequence[Any]) -> dict[str, list[Any]]:
-    """Options by their group, in the order of their first options; what is printed comes last."""
+    """Options by group, in the order of their first options; output is last."""
     if len(options) - 1 <= MOST_UNGROUPED:  # without --help
         return {"Options": list(options)}
     groups: dict[str, list[Any]] = {}
@@ -73,7 +73,6 @@ def _grouped(options: Sequence[Any]) -> dict[str, list[Any]]:
 
 
 def _flags(option: Any, ctx: Any) -> str:
-    """An option as it is typed, with what stands for its value."""
     flags = ", ".join((*option.opts, *option.secondary_opts))
     metavar = option.metavar
     if metavar is None:
@@ -82,7 +81,7 @@ def _flags(option: Any, ctx: Any) -> str:
 
 
 def _text(param: Any, ctx: Any) -> str:
-    """Help of an option or an argument, with its default where the text does not name it."""
+    """Help of a parameter, with its default unless the text has it."""
     text, default = param.help or "", param.get_default(ctx, call=False)
     if not isinstance(default, str | float | int) or default is False or not text or "(default: " in text:
         return str(text)

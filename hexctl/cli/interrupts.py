@@ -1,8 +1,4 @@
-"""Ctrl-C while the program starts: what is being imported is imported first.
-
-Python raises KeyboardInterrupt wherever it is, and an extension module that is cut off half way raises what
-comes, or prints tracebacks that nobody can catch. Imports light.
-"""
+"""Defers Ctrl-C during imports, which it may break with uncatchable tracebacks. Imports light."""
 
 import os
 import signal
@@ -11,17 +7,17 @@ from types import FrameType
 
 INTERRUPTED = 130
 
-#: How every stop of a robot that failed ends, also one that was interrupted before it began.
+#: Last sentence of every stop of a robot that failed or was interrupted.
 NOT_CONFIRMED = "The robot is NOT confirmed stopped: use the switch of its servos' supply"
 
-#: How soon after an interrupt is asked again whether the import has ended.
+#: Interval at which a deferred interrupt checks whether the import has ended.
 AGAIN_S = 0.02
 
 
 def defer_in_imports() -> None:
-    """Let Ctrl-C raise KeyboardInterrupt as Python does, but not before an import has ended.
+    """Let Ctrl-C raise KeyboardInterrupt after the end of an import.
 
-    A second one does not wait for it: it ends the process. A process that ignores Ctrl-C goes on ignoring it.
+    A second one ends the process immediately. A process that ignores Ctrl-C continues to do so.
     """
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGALRM, _interrupt)
@@ -29,19 +25,19 @@ def defer_in_imports() -> None:
 
 
 def raise_deferred() -> None:
-    """Raise KeyboardInterrupt where one waits for the end of an import."""
+    """Raise a deferred KeyboardInterrupt."""
     if signal.setitimer(signal.ITIMER_REAL, 0)[0] > 0:
         raise KeyboardInterrupt
 
 
 def forget_deferred() -> None:
-    """Raise no KeyboardInterrupt any more that waits: the command is over."""
+    """Drop a deferred KeyboardInterrupt: the command is over."""
     signal.setitimer(signal.ITIMER_REAL, 0)
     signal.signal(signal.SIGALRM, signal.SIG_IGN)
 
 
 def importing(frame: FrameType | None) -> bool:
-    """Whether a frame, or one that called it, imports a module."""
+    """Whether a frame, or one of its callers, imports a module."""
     while frame is not None:
         if frame.f_code.co_filename.startswith("<frozen importlib"):
             return True

@@ -1,4 +1,4 @@
-"""Commands whose modules are imported when they are called: neither the help nor a stop waits for others."""
+"""Commands whose modules are imported when they are called, for a fast help and a fast stop."""
 
 import importlib
 from collections.abc import Iterator, Mapping, MutableMapping
@@ -15,14 +15,7 @@ from hexctl.cli.settings import Commands
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Where a command is found, and what the list of commands says about it.
-
-    Attributes:
-        module: has a function or a group of commands with the name of the command.
-        panel: group of the command in the help.
-        summary: what it does, one sentence.
-        kind: class of the command in its module; empty for `SettingsCommand`.
-    """
+    """A command in the list of commands: its module, panel and summary, and its class if special."""
 
     module: str
     panel: str
@@ -31,8 +24,6 @@ class Command:
 
 
 class _Loaded(MutableMapping[str, Any]):
-    """Commands by name, each built when it is first asked for."""
-
     def __init__(self, commands: Mapping[str, Command]) -> None:
         self._declared, self._built = commands, dict[str, Any]()
 
@@ -62,7 +53,7 @@ class LazyCommands(HelpGroup):
         self.commands, self._declared, self._listing = _Loaded(declared), declared, False
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return a command; while the help is written only its name and summary."""
+        """Return a command; for a help text only its name and summary."""
         if cmd_name not in self._declared:
             return None
         if not self._listing:

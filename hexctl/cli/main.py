@@ -1,4 +1,4 @@
-"""The `hexctl` command: its sub-commands, and how errors become a line and an exit code."""
+"""The `hexctl` command: its sub-commands, and the conversion of errors to a line and an exit code."""
 
 import os
 import sys
@@ -39,7 +39,7 @@ def _cut_off() -> Iterator[None]:
 
 WALK, ROBOT, NETWORK, STUDY = "Walk and adapt", "Your robot", "Over the network", "Simulate a lot"
 
-#: All commands, in the order of the help: the module of each, its group in the help, and what it does.
+#: All commands, in the order of the help: module, group in the help, and summary.
 COMMANDS = {
     "run": Command("hexctl.cli.walk.run_command", WALK, "Walk, record it, and say how it went."),
     "adapt": Command(
@@ -150,7 +150,7 @@ COMMANDS = {
 
 
 class _Commands(LazyCommands):
-    """The commands; an interrupt of one passes through Typer, which would end it without a word."""
+    """Typer would end an interrupted command silently; this passes the interrupt on."""
 
     def __init__(self, **attributes: Any) -> None:
         super().__init__(COMMANDS, **attributes)
@@ -223,12 +223,11 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
     return code if isinstance(code, int) else 0
 
 
-#: Commands that print what an argument may be, by its name in the help text.
+#: Commands that list the values of an argument, by its name in the help text.
 LISTED_BY = {"SESSION": "hexctl sessions list"}
 
 
 def _bad_value(error: typer.BadParameter) -> str:
-    """Message about a value that is not allowed: which option or argument, what it got, what is allowed."""
     if (origin := origin_of(error)) is not None:
         return f"{origin}: {error.message}"
     if error.param is not None and not error.message and error.param.metavar in LISTED_BY:
@@ -240,7 +239,7 @@ def _bad_value(error: typer.BadParameter) -> str:
 
 
 def _print_error(message: str, code: int) -> int:
-    """Print an error as one line, a help text as it is; the exit code."""
+    """Errors are one line, a help text is printed as it is; returns the exit code."""
     if not message.strip():
         return code
     text = (

@@ -1,4 +1,4 @@
-"""Options that say what is printed and recorded."""
+"""Options of output and recording."""
 
 from typing import Annotated
 

@@ -1,4 +1,4 @@
-"""Progress of what takes long, such as studies, priors and scans of a bus, and its interruption."""
+"""Progress and interruption of long work, such as studies, priors and scans of a bus."""
 
 import signal
 from collections.abc import Callable, Iterable, Iterator
@@ -20,14 +20,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def interruptible(count: "Callable[[WalkCache], tuple[int, int]]", what: str = "gaits") -> Iterator[None]:
-    """Take all signals that end a process like Ctrl-C, and turn them into exit code 130.
-
-    What was simulated until then is saved; a line on stderr says how much.
-
-    Args:
-        count: how many gaits, or whatever `what` says, a cache has, and how many there are in all.
-        what: is counted.
-    """
+    """Turn all signals that end a process into exit code 130, with a line on the saved walks."""
     interrupted = False
 
     def interrupt(number: int, _frame: FrameType | None) -> None:
@@ -54,7 +47,7 @@ def interruptible(count: "Callable[[WalkCache], tuple[int, int]]", what: str = "
 
 
 class WithBar:
-    """Shows a progress bar for as long as a block runs."""
+    """Shows a progress bar while a block runs."""
 
     _bar: "Progress"
 
@@ -76,7 +69,7 @@ class ScanProgress(WithBar):
         self._task: TaskID | None = None
 
     def show(self, asked: int, of: int) -> None:
-        """Show how many have been asked."""
+        """Show the number of queried ids."""
         if self._task is None:
             self._task = self._bar.add_task(self._text, total=of)
             if self._bar.disable:
@@ -85,11 +78,7 @@ class ScanProgress(WithBar):
 
 
 class StudyProgress(WithBar):
-    """Progress on stderr: a bar on a terminal, else one line for each finished set of walks.
-
-    Args:
-        notes: lines to print before the work begins.
-    """
+    """Progress on stderr: a bar on a terminal, else a line per finished set of walks; `notes` come first."""
 
     def __init__(self, notes: Iterable[str] = ()) -> None:
         self._notes = iter(notes)
@@ -97,7 +86,7 @@ class StudyProgress(WithBar):
         self._task = self._bar.add_task("", total=None, visible=False)
 
     def stage(self, what: str, total: int) -> None:
-        """Begin another part of the work."""
+        """Begin a part of the work."""
         self._first_notes()
         self._bar.remove_task(self._task)
         self._task = self._bar.add_task(what, total=total)
@@ -120,9 +109,6 @@ class StudyProgress(WithBar):
 
 
 def finish(planned: "PlannedWork[ResultT]", notes: Iterable[str] = ()) -> "ResultT":
-    """Run what is planned, with its progress on stderr; Ctrl-C ends it with exit code 130.
-
-    `notes` are printed before the work begins.
-    """
+    """Run planned work with its progress on stderr, after `notes`; Ctrl-C ends it with exit code 130."""
     with interruptible(planned.saved, planned.plan.UNIT), StudyProgress(notes) as progress:
         return planned.run(progress=progress)

@@ -1,4 +1,4 @@
-"""Prompts for the operator beside the robot, of trials and of a calibration: on stderr, answers on stdin."""
+"""Prompts for the operator of trials, calibrations and diagnoses: on stderr, answers on stdin."""
 
 import math
 import os
@@ -22,7 +22,7 @@ HELP = 'two numbers in metres such as "4.1 -0.12", or fell, skip, again, quit'
 
 
 def can_answer() -> bool:
-    """Whether an answer can come: not where stdin is closed or /dev/null."""
+    """Whether an answer is possible: not if stdin is closed or /dev/null."""
     try:
         mode = os.fstat(sys.stdin.fileno()).st_mode
     except (AttributeError, OSError, ValueError):
@@ -31,13 +31,13 @@ def can_answer() -> bool:
 
 
 def check_answerable(what: str = "--ask") -> None:
-    """Raise InputError if no answer can come; `what` needs one."""
+    """Raise InputError if no answer is possible; `what` needs one."""
     if not can_answer():
         raise InputError(f"{what}: no answer can come on stdin; allowed: a terminal, or lines from a pipe")
 
 
 def ask_consent(text: str, *, yes: bool) -> None:
-    """Ask whether a servo may move, unless `yes`; raises InputError without a consent."""
+    """Ask whether a servo may move, unless `yes`; raises InputError without consent."""
     if yes:
         return
     if not can_answer():
@@ -53,7 +53,7 @@ def ask_consent(text: str, *, yes: bool) -> None:
 
 
 class TrialPrompt:
-    """The operator of trials that are measured by hand; once a stop is requested the answer is quit."""
+    """The operator of manually measured trials; a requested stop answers with quit."""
 
     def __init__(self, spec: SessionSpec, stop_requested: StopRequested) -> None:
         self._spec, self._stop_requested = spec, stop_requested
@@ -103,12 +103,10 @@ class TrialPrompt:
 
 
 def _walk_name(index: int, gait: str = "") -> str:
-    """Name of a trial, or of a walk with a gait that the robot would use anyway."""
     return "the baseline" if index == BASELINE_INDEX else f"trial {index}{gait}"
 
 
 def _front(heading_deg: float) -> str:
-    """Placement of a body that will travel in a direction in its own frame."""
     if heading_deg == 0:
         return "its front along the line"
     side = "right" if heading_deg > 0 else "left"
@@ -116,7 +114,7 @@ def _front(heading_deg: float) -> str:
 
 
 class CalibrationPrompt:
-    """The operator of a calibration: questions on stderr, answers in lines, never waited for."""
+    """The operator of a calibration: questions on stderr, answers in lines, never blocking."""
 
     def __init__(self) -> None:
         self._lines = StdinLines()
@@ -130,10 +128,7 @@ class CalibrationPrompt:
         print_question(f"{text} ")
 
     def poll(self) -> str | None:
-        """The next whole line without its end, or None while there is none.
-
-        Raises EndedError after the last line of an input that has ended.
-        """
+        """The next complete line without its end, or None; raises EndedError after the end of the input."""
         line = self._lines.poll()
         if line is None and not self._lines.ended:
             return None
@@ -145,18 +140,14 @@ class CalibrationPrompt:
 
 
 class StdinLines:
-    """Lines of stdin, read without waiting for more than a given time.
-
-    Attributes:
-        ended: True once stdin has ended and its last line was taken.
-    """
+    """Lines of stdin with a bounded wait; `ended` is True after the last one was taken."""
 
     def __init__(self) -> None:
         self.ended = False
         self._pending = b""
 
     def poll(self, wait_s: float = 0.0) -> str | None:
-        """The next line without its end, waited for up to a time; None while there is none."""
+        """The next line without its end, or None after the wait."""
         while b"\n" not in self._pending:
             if self.ended or not select.select([sys.stdin], [], [], wait_s)[0]:
                 return None
@@ -170,13 +161,13 @@ class StdinLines:
 
 
 class LegPrompt:
-    """The operator of a diagnosis that sees nothing itself: which legs move as they should."""
+    """The operator of a diagnosis without measurements, who reports which legs move properly."""
 
     def __init__(self) -> None:
         self._lines = StdinLines()
 
     def moved(self, leg: int) -> bool | None:
-        """Ask whether a leg lifted, swung and stood again; None for an operator who ends the questions."""
+        """Ask whether a leg lifted, swung and stood again; None ends the questions."""
         question = f"leg {leg} was told to lift, swing and stand again: did it? yes, no or quit: "
         while True:
             print_question(question)

@@ -1,6 +1,6 @@
-"""Settings as defaults of options: `hexctl.toml` and `HEXCTL_*` where nothing was typed.
+"""Settings as defaults of options: `hexctl.toml` and `HEXCTL_*`.
 
-A setting is parsed and checked as if it had been typed. Light to import: `hexctl --help` needs it.
+A setting is parsed and checked like a typed option. Light to import: `hexctl --help` needs it.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
 FunctionT = TypeVar("FunctionT", bound=Callable[..., Any])
 
-#: Options that only a person at the keyboard gives: consent, the end of a stop, links that nothing guards.
+#: Options that must be typed: consent, the end of a stop, unprotected links.
 TYPED_ONLY = ("yes", "clear", "ready", "insecure", "ros-drive", "trust", "help-all")
 
-#: Options whose value may be code to be imported, as `module:Name`.
+#: Options whose value may be importable code, as `module:Name`.
 CODE_OPTIONS = ("backend", "policy", "optimizer", "objective", "optimizers", "methods")
 
-#: Commands that do their work whatever is wrong with the settings, and say it: a stop, and the look at them.
+#: Commands that work even with invalid settings, and report them.
 UNSTOPPABLE = (("estop",), ("doctor",))
 
 #: Commands that follow each setting of robot and connection; None: all that have the option.
@@ -45,10 +45,10 @@ FOLLOWERS: Mapping[str, tuple[tuple[str, ...], ...] | None] = {
     "keys": None,
 }
 
-#: Commands whose `--connect` is the port of servos whatever the backend.
+#: Commands whose `--connect` is the port of servos for every backend.
 ON_PORT = ("serve", "calibrate", "servos")
 
-#: Backends whose device is no bus of servos; the commands of `hexctl servos` do not follow it.
+#: Backends whose device is not a servo bus; the commands of `hexctl servos` ignore it.
 WITHOUT_BUS = ("mavlink", *PWM_DRIVERS)
 
 #: Key of a context's `meta` with the origins of its settings, by parameter.
@@ -56,14 +56,14 @@ _ORIGINS = "hexctl.settings.origins"
 
 
 class _FollowsSettings:
-    """A command whose options that were not typed follow the settings."""
+    """A command whose omitted options follow the settings."""
 
     def __init__(self, *arguments: Any, **more: Any) -> None:
         text = more.get("help")
         super().__init__(*arguments, **{**more, "help": text if text is None else _unwrapped(text)})
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse arguments, with settings as defaults; not for a help text, a completion or a group."""
+        """Parse arguments with settings as defaults, except for a help text, a completion or a group."""
         if not ctx.resilient_parsing:
             typed, rest, _ = self.make_parser(ctx).parse_args(args=list(args))  # type: ignore[attr-defined]
             alone = not (rest and isinstance(self, TyperGroup))
@@ -76,7 +76,7 @@ class _FollowsSettings:
         return rest  # type: ignore[no-any-return]
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command; say which settings it follows, and name their place in errors about them."""
+        """Run the command; report the settings in use, and name their place in errors about them."""
         origins = ctx.meta.get(_ORIGINS, {})
         for place, options in _by_place(ctx, origins).items():
             print_note(f"hexctl: {place} sets {', '.join(options)}")
@@ -94,10 +94,10 @@ class SettingsCommand(GroupedHelp, _FollowsSettings, TyperCommand):
 
 
 class SettingsGroup(_FollowsSettings, HelpGroup):
-    """A group of commands with options of its own, which follow the settings."""
+    """A group of commands whose options follow the settings."""
 
 
-#: Width of help texts, and what asks for them.
+#: Width of help texts, and their options.
 _CONTEXT = {"max_content_width": WIDTH, "help_option_names": ["--help", "-h"]}
 
 
@@ -105,7 +105,7 @@ class Commands(typer.Typer):
     """A group of commands that follow the settings."""
 
     def __init__(self, **more: Any) -> None:
-        """Make a group; help texts are plain, so that `--help` need not import what draws boxes."""
+        """Make a group with plain help texts, because boxes would import more."""
         more.setdefault("cls", HelpGroup)
         super().__init__(rich_markup_mode=None, context_settings=_CONTEXT, **more)
 
@@ -116,29 +116,25 @@ class Commands(typer.Typer):
 
 
 def _unwrapped(text: str) -> str:
-    """A help text with its paragraphs on one line each: lines that are wrapped are not wrapped again."""
+    """One line per paragraph: Typer would wrap wrapped lines again."""
     return "\n\n".join(" ".join(paragraph.split()) for paragraph in cleandoc(text).split("\n\n"))
 
 
 def origin_of(error: typer.BadParameter) -> "Origin | None":
-    """Where the value was said that an error is about; None where it was typed."""
+    """Origin of the setting that an error is about; None for a typed value."""
     origins = {} if error.ctx is None else error.ctx.meta.get(_ORIGINS, {})
     return None if error.param is None else origins.get(error.param.name)
 
 
 def runs_folder() -> Path:
-    """Folder of recordings, sessions, priors and studies: `runs`, unless settings say otherwise."""
+    """Folder of recordings, sessions, priors and studies: `runs` by default."""
     from hexctl.settings import find_settings
 
     return find_settings().runs
 
 
 def _said(ctx: Any, typed: Mapping[str, Any]) -> "dict[str, tuple[Setting, Any]]":
-    """Settings that a command follows, by parameter, each with its value as if it had been typed.
-
-    Raises InputError for the first thing that is wrong with the settings, unless the command is one of
-    `UNSTOPPABLE`: that does without what is wrong, and says it.
-    """
+    """Typed values of settings that a command follows; raises InputError unless in `UNSTOPPABLE`."""
     from hexctl.settings import find_settings
 
     path, settings = _path(ctx), find_settings()
@@ -160,7 +156,7 @@ def _said(ctx: Any, typed: Mapping[str, Any]) -> "dict[str, tuple[Setting, Any]]
 
 
 def _drop_unused(ctx: Any) -> None:
-    """Take back settings that nothing would use with what was typed: in a file they do no harm."""
+    """Drop settings that the typed options make unused: in a file they do no harm."""
     origins, unused = ctx.meta.get(_ORIGINS), getattr(ctx.command.callback, "unused", None)
     for name, default in unused(ctx.params, origins).items() if origins and unused else ():
         ctx.params[name] = default
@@ -169,12 +165,11 @@ def _drop_unused(ctx: Any) -> None:
 
 
 def _path(ctx: Any) -> tuple[str, ...]:
-    """Names of a command, from outside, without the program's."""
     return () if ctx.parent is None else (*_path(ctx.parent), ctx.info_name)
 
 
 class _Following:
-    """Which settings one call of a command follows, by what was typed."""
+    """Selects the settings that one call of a command follows."""
 
     def __init__(
         self, ctx: Any, path: tuple[str, ...], settings: "Settings", typed: Mapping[str, Any]
@@ -185,10 +180,9 @@ class _Following:
         self._found: dict[str, Setting] = {}
 
     def settings(self) -> "dict[str, Setting]":
-        """Settings by parameter."""
-        if "resume" in self._typed:  # a session goes on as it was begun
+        if "resume" in self._typed:  # a session keeps its settings
             return {}
-        # What a link or a simulation takes depends on these, in this order.
+        # The use of other options depends on these, in this order.
         first = [option for option in ("backend", "link", "connect", "listen") if option in self._options]
         for option in dict.fromkeys((*first, *self._options)):
             if self._options[option].name in self._typed or option in TYPED_ONLY:
@@ -207,7 +201,7 @@ class _Following:
         return None
 
     def _common(self, option: str) -> str | None:
-        """The setting of robot and connection that an option follows here; None for none."""
+        """The setting of robot and connection that an option follows, or None."""
         if option not in FOLLOWERS or self._path not in (FOLLOWERS[option] or (self._path,)):
             return None
         on_port = self._program in ON_PORT or self._backend not in (None, "zenoh")
@@ -218,7 +212,7 @@ class _Following:
 
     @property
     def _has_port(self) -> bool:
-        """Whether the common setting is the port of servos, and those of this command are there."""
+        """Whether the common setting is the port of this command's servos."""
         from hexctl.settings import is_endpoint
 
         backend = str(self._any("backend")).lower() if self._program == "servos" else str(self._backend)
@@ -227,7 +221,7 @@ class _Following:
         return not (place is None or is_endpoint(place)) and backend not in without and ":" not in backend
 
     def _useful(self, option: str, *, on_link: bool) -> bool:
-        """Whether an option has a use with what was typed and found so far."""
+        """Whether an option has a use with the values typed and found so far."""
         from hexctl.settings import is_port
 
         if option == "robot":
@@ -235,13 +229,12 @@ class _Following:
         if option == "backend":
             return self._path != ("serve",) or self._any("backend") != "zenoh"
         if option == "world":
-            return True  # dropped where the backend has none
+            return True  # dropped if the backend has none
         if option == "connect" and is_port(self._any("connect")):
             return False
         return on_link and self._link_follows(option)
 
     def _link_follows(self, option: str) -> bool:
-        """Whether the setting of a link's option has a use beside those that were typed."""
         typed = {"connect", "listen", "link"} & self._typed.keys()
         if self._path == ("view",) and not typed:
             return False  # recordings are viewed
@@ -254,7 +247,6 @@ class _Following:
 
     @property
     def _backend(self) -> str | None:
-        """The backend of the command; None where it has none."""
         if "backend" not in self._options:
             return None
         return str(self._value("backend") or self._options["backend"].default or "sim").lower()
@@ -265,13 +257,12 @@ class _Following:
         return self._typed.get(self._options[option].name) if option in self._options else None
 
     def _any(self, common: str) -> Any:
-        """Value of a setting of robot and connection, whatever the command."""
         found = (layer.common(common) for layer in self._layers)
         return next((setting.value for setting in found if setting is not None), None)
 
 
 def _problems(root: Any, settings: "Settings") -> Iterator[str]:
-    """A line for each key of a file, and each variable of a command, that stands for no option."""
+    """A line for each key of a file, and each variable of a command, that matches no option."""
     from hexctl.settings import CHOSEN, COMMON, PREFIX
 
     for layer in settings.layers:
@@ -285,7 +276,6 @@ def _problems(root: Any, settings: "Settings") -> Iterator[str]:
 
 
 def _unknown_keys(command: Any, table: Mapping[str, Any], place: str, path: tuple[str, ...]) -> Iterator[str]:
-    """A line for each key of a table that is neither a command nor an option of this one."""
     from hexctl.settings import COMMANDS, COMMON
 
     options = [flag for param in command.params if (flag := _flag(param))]
@@ -314,25 +304,19 @@ def _unknown_keys(command: Any, table: Mapping[str, Any], place: str, path: tupl
 
 
 def _owner_hint(commands: Mapping[str, Any], key: str) -> str:
-    """The first command that has an option, as the table in which it stands; empty for none."""
     owners = (name for name in commands if key in map(_flag, commands[name].params))
     owner = next(owners, None)
     return "" if owner is None else f"; an option of a command stands in its table, such as [{owner}]"
 
 
 def is_option(root: Any, variable: str) -> bool:
-    """Whether a variable such as `HEXCTL_RUN_SEED` stands for an option that may be a setting.
-
-    Args:
-        root: the program's command, which has all others below it.
-        variable: its name.
-    """
+    """Whether a variable such as `HEXCTL_RUN_SEED` is an option that may be a setting."""
     options, option = _meant(root, variable)
     return option in options and option not in TYPED_ONLY
 
 
 def _meant(root: Any, variable: str) -> tuple[list[str], str]:
-    """Options of the command that a variable begins with, and the one that it ends with; empty for none."""
+    """Command's options and option name of a variable; empty for none."""
     from hexctl.settings import PREFIX
 
     command, words = root, variable.removeprefix(PREFIX).lower().split("_")
@@ -344,7 +328,6 @@ def _meant(root: Any, variable: str) -> tuple[list[str], str]:
 
 
 def _unknown_variable(root: Any, name: str) -> Iterator[str]:
-    """A line about a variable that begins with the name of a command and does not end with an option."""
     options, option = _meant(root, name)
     if not option:
         return
@@ -355,12 +338,11 @@ def _unknown_variable(root: Any, name: str) -> Iterator[str]:
 
 
 def _flag(param: Any) -> str:
-    """Name of an option without hyphens; empty for an argument."""
     return next((name[2:] for name in param.opts if name.startswith("--")), "")
 
 
 def _check_no_code(option: str, setting: "Setting") -> None:
-    """Raise InputError for code that a file in the working folder names: it may be of another person."""
+    """Refuse code in a file of the working folder, which may be another person's."""
     if setting.nearby and option in CODE_OPTIONS and ":" in str(setting.value):
         raise InputError(
             f"{setting.origin}: got {shown(setting.value)}, code to be imported; allowed here: names that "
@@ -369,7 +351,7 @@ def _check_no_code(option: str, setting: "Setting") -> None:
 
 
 def _as_typed(param: Any, setting: "Setting") -> Any:
-    """Value of a setting in the form in which the command line has it; raises InputError for another type."""
+    """Value of a setting in the form of the command line; raises InputError for another type."""
     value = setting.value
     if param.is_flag:
         return _switched(setting)
@@ -382,7 +364,6 @@ def _as_typed(param: Any, setting: "Setting") -> Any:
 
 
 def _switched(setting: "Setting") -> bool:
-    """Value of an option that is given or not."""
     words = {"true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}
     value = setting.value
     if setting.origin.is_variable and str(value).lower() in words:
@@ -393,7 +374,7 @@ def _switched(setting: "Setting") -> bool:
 
 
 def _one_text(param: Any, setting: "Setting", value: Any) -> str:
-    """Text of one value; a path begins at the file's folder."""
+    """A relative path starts at the file's folder."""
     from hexctl.settings import FOLDERS, NAMES_OR_PATHS
 
     if isinstance(value, bool) or not isinstance(value, str | int | float):
@@ -410,7 +391,7 @@ def _one_text(param: Any, setting: "Setting", value: Any) -> str:
 
 
 def _by_place(ctx: Any, origins: "Mapping[str, Origin]") -> dict[str, list[str]]:
-    """Options that follow settings, as they would be typed, by file or variable."""
+    """Options that follow settings, as typed, by file or variable."""
     lines: dict[str, list[str]] = {}
     for param in ctx.command.params:
         if (origin := origins.get(param.name)) is not None:
@@ -425,7 +406,7 @@ def _by_place(ctx: Any, origins: "Mapping[str, Origin]") -> dict[str, list[str]]
 
 
 def _with_origin(text: str, ctx: Any, origins: "Mapping[str, Origin]") -> str | None:
-    """Text of an error with the place of the setting that it is about; None where it is about none."""
+    """Text of an error with the place of its setting; None if it is about none."""
     for param in ctx.command.params:
         origin = origins.get(param.name)
         for beginning in (f"--{_flag(param)}: ", f"{_flag(param)}: "):

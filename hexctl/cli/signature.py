@@ -1,4 +1,4 @@
-"""The options of a dataclass as options of a command."""
+"""Turns the fields of a dataclass into options of a command."""
 
 import inspect
 from collections.abc import Callable, Container, Mapping, Sequence
@@ -20,12 +20,11 @@ from hexctl.options import Option, options_of
 def with_options(
     spec: type, *, but: Container[str] = (), rare: Container[str] = ()
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command the options of a dataclass. It gets their values by field, as its first argument.
+    """Give a command the options of a dataclass, as a dict by field in its first argument.
 
     Args:
-        spec: the dataclass.
         but: fields that are not options of this command.
-        rare: fields that few people need here, besides those that are rare everywhere.
+        rare: additional fields that are rare for this command.
     """
     options = [
         replace(option, rare=option.rare or option.name in rare)
@@ -57,14 +56,7 @@ def with_options(
 def _unused(
     spec: type, options: Sequence[Option], values: Mapping[str, Any], said: Container[str]
 ) -> dict[str, Any]:
-    """Defaults of options that settings say and that nothing would use, by field.
-
-    Args:
-        spec: dataclass of the options.
-        options: of the command.
-        values: of the options, by field.
-        said: fields that settings say.
-    """
+    """Defaults of unused options that settings give (`said`), by field."""
     asked = {option.name: _frozen(values[option.name]) for option in options}
     defaults, usual = dict[str, Any](), {option.name: option.default for option in options}
     while True:
@@ -77,18 +69,17 @@ def _unused(
                 return defaults  # typed: the command refuses it
             defaults[error.field] = usual[error.field]
         except (HexctlError, TypeError):
-            return defaults  # of something else, which the command tells
+            return defaults  # another error, which the command reports
         else:
             return defaults
 
 
 def _frozen(value: Any) -> Any:
-    """A value as the defaults of dataclasses have it: a list is a tuple."""
+    """Dataclass defaults are hashable: a list becomes a tuple."""
     return tuple(value) if isinstance(value, list) else value
 
 
 def _help_all(context: typer.Context, wanted: bool) -> None:
-    """Print the help with all options."""
     if not wanted:
         return
     for parameter in context.command.params:
@@ -115,7 +106,6 @@ _HELP_ALL = inspect.Parameter(
 
 
 def _parameter(option: Option) -> inspect.Parameter:
-    """Parameter of a command's function, as Typer reads it."""
     kind, info = _kind_of(option)
     info.hidden, info.rich_help_panel = option.rare, option.panel or None
     if option.typed.short:
@@ -150,12 +140,11 @@ def _kind_of(option: Option) -> tuple[Any, Any]:
 
 
 def _is_texts(kind: Any) -> bool:
-    """Whether a type is a sequence whose items may be texts: an option that is typed several times."""
+    """Whether a type is a sequence of texts: an option that is typed several times."""
     items = get_args(kind)
     return get_origin(kind) is Sequence and str in (get_args(items[0]) or items)
 
 
 def _parser(parse: Callable[[str], Any]) -> Callable[[Any], Any]:
-    """Parser that leaves a default as it is."""
     parsed = checked(parse)
     return lambda value: parsed(value) if isinstance(value, str) else value

@@ -1,4 +1,4 @@
-"""Suggestions at the end of a message about a command line that is not understood."""
+"""Suggestions in messages about an invalid command line."""
 
 import re
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import Any
 
 from typer.exceptions import TyperException
 
-#: Commands by other words that people type for them, of the program or of a group.
+#: Commands of the program or of a group, by common synonyms.
 SYNONYMS = {
     "walk": "run",
     "simulate": "run",
@@ -40,7 +40,7 @@ _EXTRA = re.compile(r"Got unexpected extra argument")
 
 
 def usage_text(error: TyperException) -> str:
-    """Message about a command line that is not understood, with what may have been meant."""
+    """Message about an invalid command line, with a suggestion."""
     if near := getattr(error, "possibilities", None):
         vars(error)["possibilities"] = near[:1]  # best first; the message would sort them by name
     text: str = error.format_message()
@@ -55,7 +55,7 @@ def usage_text(error: TyperException) -> str:
 
 
 def _as_option(context: Any, extra: str) -> str:
-    """The option of a command that takes an argument which stands alone; empty for none."""
+    """The option of a command that takes a positional argument as its value; empty for none."""
     flags = {flag for param in context.command.params for flag in param.opts}
     name = extra.split(" ")[0]
     if "--robot" in flags and (name in _robots() or Path(name).suffix in (".yaml", ".yml")):

@@ -1,7 +1,4 @@
-"""Values of options: numbers, words of a list, and which options were typed.
-
-Light to import: `hexctl --help` needs only these.
-"""
+"""Values of options: numbers, words of a list, and which options were typed. Imports light."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, get_args
@@ -12,7 +9,7 @@ from hexctl.options import Range
 
 
 def checked(parse: Callable[[str], Any]) -> Callable[[str], Any]:
-    """Parser of an option, of a function that raises ValueError with what it got and what is allowed."""
+    """Option's parser from a function that raises ValueError with what it got and what is allowed."""
 
     def parsed(text: str) -> Any:
         try:
@@ -24,13 +21,13 @@ def checked(parse: Callable[[str], Any]) -> Callable[[str], Any]:
 
 
 def number(flag: str, allowed: Range, text: str) -> Any:
-    """Option that takes a number; `{}` in the help text stands for its range."""
+    """Option with a number; `{}` in the help text stands for its range."""
     shown = text.replace("{}", str(allowed))
     return typer.Option(flag, parser=checked(allowed.parse), autocompletion=allowed.complete, help=shown)
 
 
 def choice(flag: str, literal: Any, text: str) -> Any:
-    """Option that takes one of the words of a `Literal`, which the shell offers too."""
+    """Option with one of the words of a `Literal`, which the shell completes."""
     words = get_args(literal)
 
     def parse(word: str) -> str:
@@ -45,13 +42,13 @@ def choice(flag: str, literal: Any, text: str) -> Any:
 
 
 def rare(option: Any) -> Any:
-    """Option that `--help` leaves out, for commands with `--help-all`."""
+    """Option that `--help` hides, for commands with `--help-all`."""
     option.hidden = True
     return option
 
 
 def given(context: typer.Context) -> Mapping[str, Any]:
-    """Values of the options and arguments that were typed, by flag (`--seed`) or by argument name."""
+    """Values of the typed options and arguments, by flag (`--seed`) or by argument name."""
     return {
         next((name for name in parameter.opts if name.startswith("--")), str(parameter.name)): value
         for parameter in context.command.params
@@ -66,5 +63,5 @@ def is_typed(context: typer.Context, name: str) -> bool:
 
 
 def is_said(context: typer.Context, name: str) -> bool:
-    """Whether a parameter was typed or follows a setting, so that its value is not its default."""
+    """Whether a parameter was typed or follows a setting."""
     return getattr(context.get_parameter_source(name), "name", "DEFAULT") != "DEFAULT"

@@ -1,1 +1,1 @@
-"""Clients of robots on the network that do not command them: stop, clear, status, failures."""
+"""Clients that supervise robots on the network without commanding them: stop, clear, status, failures."""

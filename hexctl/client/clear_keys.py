@@ -1,4 +1,4 @@
-"""Clear keys of the stops that this user asked for: a stop is cleared quickly by whoever shows them."""
+"""Clear keys of the stops that this user asked for: with them a stop can be cleared quickly."""
 
 import os
 import re
@@ -13,16 +13,12 @@ from hexctl.wire.stop import CLAIM_DIGITS, CLEAR_KEY_BYTES, claim_of, new_clear_
 #: Keys on the disk; older ones are removed.
 MOST_KEPT = 64
 
-#: Keys that this process made, by claim: it needs no disk to clear its own stops.
+#: Keys that this process made, by claim: it can clear its own stops without the disk.
 _OWN: dict[str, str] = {}
 
 
 class NewClaim:
-    """Claim of a stop that this process is about to ask for.
-
-    Attributes:
-        claim: hash of the clear key, 16 hexadecimal digits: the name of the request.
-    """
+    """Claim of a stop that this process is about to ask for: hash of a clear key, and request's name."""
 
     def __init__(self) -> None:
         self._key = new_clear_key()
@@ -30,7 +26,7 @@ class NewClaim:
         self._writer = threading.Thread(target=self._write, name="clear key", daemon=True)
 
     def keep(self) -> None:
-        """Keep the key for `hexctl estop --clear` of this user; never waits for the disk."""
+        """Store the key for `hexctl estop --clear` of this user; never waits for the disk."""
         _OWN[self.claim] = self._key
         with suppress(RuntimeError):  # pressed twice, or the computer has no thread left
             self._writer.start()
@@ -55,10 +51,7 @@ class NewClaim:
 class StopOrder:
     """Whether a client wants its robots stopped, and under which claim: a new one after each clear.
 
-    A stop under a claim that was cleared would be one without a claim, which anybody clears after a second.
-
-    Attributes:
-        wanted: set while the robots are to be stopped.
+    Under a cleared claim, anyone could clear the next stop after a second.
     """
 
     def __init__(self) -> None:
@@ -77,7 +70,7 @@ class StopOrder:
         self._claim.keep()
 
     def cleared(self, request: bytes) -> None:
-        """Take a new claim where that of a request was cleared."""
+        """Take a new claim if that of the request was cleared."""
         with self._lock:
             if request == self.request:
                 self._claim = NewClaim()
@@ -112,7 +105,7 @@ def _key_for(claim: object) -> str | None:
 
 
 def _is_claim(claim: object) -> bool:
-    """Whether a value from the network is a claim, and no path."""
+    """Whether a value from the network is a claim, and not a path."""
     return isinstance(claim, str) and re.fullmatch(f"[0-9a-f]{{{CLAIM_DIGITS}}}", claim) is not None
 
 

@@ -1,4 +1,4 @@
-"""A client's datagrams of a stop: they ask, stop and ask again until the robot is seen to be at rest."""
+"""A client's stop datagrams: query, stop, and query again until the robot is at rest."""
 
 import math
 import secrets
@@ -17,35 +17,31 @@ from hexctl.wire.links import Endpoint, Link, Role
 from hexctl.wire.stop_datagram import DATAGRAM_BYTES, NONCE_BYTES, Kind, StopDatagram
 from hexctl.wire.stop_secret import find_stop_secret
 
-#: Pause between two datagrams of a stop, and of questions while there is none.
+#: Pause between two datagrams of a stop, and of queries without a stop.
 STOP_PERIOD_S, ASK_PERIOD_S = 0.05, 0.25
 
-#: Questions whose answers still count.
+#: Queries whose answers still count.
 MOST_ASKED = 256
 
-#: Addresses of a host to which datagrams go.
+#: Addresses of a host to which datagrams are sent.
 MOST_ADDRESSES = 4
 
-#: A robot that has not answered for this long may have another address.
+#: After this silence the robot's address is looked up again.
 LOOK_UP_AGAIN_S = 5.0
 
-#: What `socket.getaddrinfo` finds.
+#: Result of `socket.getaddrinfo`.
 Addresses = list[tuple[socket.AddressFamily, tuple[object, ...]]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sighting:
-    """What a robot said of itself.
+    """State that a robot reported, at a time on time.monotonic.
 
     Attributes:
-        at_s: when, on time.monotonic.
-        stopped: why it is stopped by a stop that stays, or None.
-        stop_id: id of that stop, or None.
-        at_rest: whether no joint moves.
+        stopped: reason of a latched stop, or None.
         kept: whether the stop is on the disk.
-        robot: its name.
-        echoed: whether it knows that by its targets alone, as its servos do not report their angles.
-        cleared: id of the stop that was cleared last, and who cleared it; None where it does not say.
+        echoed: whether `at_rest` is known only from targets, because the servos do not report their angles.
+        cleared: id of the last cleared stop, and who cleared it.
     """
 
     at_s: float
@@ -59,12 +55,7 @@ class Sighting:
 
 
 class DatagramStop:
-    """Asks a robot by datagram, and stops it once it is told to; a thread of its own does.
-
-    Args:
-        link: to the robot.
-        order: whether the robot is to stop, and under which name.
-        see: called with each answer that came, on the thread.
+    """Queries a robot by datagram, and stops it when ordered, on its own thread, which calls `see`.
 
     Attributes:
         trouble: why no datagram can be sent, or None.
@@ -88,7 +79,7 @@ class DatagramStop:
         self.obeyed: bytes | None = None
 
     def begin(self) -> None:
-        """Begin to ask, once; what is wrong with the secret or the address is trouble, not an error."""
+        """Start the thread once; a bad secret or address is trouble, not an error."""
         if self._thread.ident is not None:
             return
         try:
@@ -106,7 +97,7 @@ class DatagramStop:
             self._thread.start()
 
     def wake(self) -> None:
-        """Look at once whether the robot is to stop."""
+        """Check immediately whether the robot is to stop."""
         with suppress(OSError):
             self._wake_write.send(b".")
 
@@ -128,7 +119,6 @@ class DatagramStop:
                 time.sleep(STOP_PERIOD_S)
 
     def _ask_once(self) -> None:
-        """Send one datagram, and take what comes until the next one is due."""
         period_s = STOP_PERIOD_S if self._order.wanted.is_set() else ASK_PERIOD_S
         self._follow_host()
         self._send()
@@ -138,7 +128,7 @@ class DatagramStop:
                 break
 
     def _follow_host(self) -> None:
-        """Look up where the host is, again while it is silent, and send there."""
+        """A silent robot may have a new address."""
         if (found := self._found) is not None:
             self._found = None
             if found != self._addresses:
@@ -148,7 +138,7 @@ class DatagramStop:
         looks_up = self._looking_up is not None and self._looking_up.is_alive()
         if not looks_up and silent_s > (LOOK_UP_AGAIN_S if self._sockets else ASK_PERIOD_S):
             self._looked_up_s = now_s
-            # On a thread of its own: names take seconds where the network is down, and a stop does not wait.
+            # Resolving takes seconds on a broken network, and a stop must not wait.
             self._looking_up = threading.Thread(target=self._look_up, name="robot's address", daemon=True)
             self._looking_up.start()
 
@@ -164,7 +154,6 @@ class DatagramStop:
         self.wake()
 
     def _open(self, addresses: Addresses) -> None:
-        """Sockets to some addresses, in place of those to others."""
         for one in self._sockets:
             one.close()
         self._addresses, self._sockets = addresses, {}
@@ -177,14 +166,13 @@ class DatagramStop:
                 self._sockets.setdefault(one, []).append(address)
 
     def _send(self) -> None:
-        """Send a datagram to each address, each with its own nonce: a robot answers a nonce only once."""
+        """Each datagram gets its own nonce: a robot answers a nonce only once."""
         for one, addresses in self._sockets.items():
             for address in addresses:
                 with suppress(OSError):
                     one.sendto(self._next_datagram(), address)
 
     def _next_datagram(self) -> bytes:
-        """A stop if the robot is to stop and its epoch is known, otherwise a question."""
         nonce = secrets.token_bytes(NONCE_BYTES)
         self._asked.append(nonce)
         datagram = StopDatagram(kind=Kind.ASK, nonce=nonce)
@@ -194,7 +182,7 @@ class DatagramStop:
         return datagram.packed(self._secret)
 
     def _wait(self, timeout_s: float) -> bool:
-        """Take what comes within a time; whether something has to be sent at once."""
+        """Take what arrives within a time; return whether to send immediately."""
         poll = select.poll()  # unlike select, also in a program with thousands of open files
         sockets = {one.fileno(): one for one in (*self._sockets, self._wake_read)}
         for number in sockets:
@@ -208,7 +196,7 @@ class DatagramStop:
         return at_once
 
     def _take(self, data: bytes) -> bool:
-        """Take an answer; whether it lets the robot be stopped at once."""
+        """Take an answer; return whether the robot can now be stopped."""
         with suppress(HexctlError, ValueError):
             answer = StopDatagram.unpacked(data, self._secret)
             if answer.kind is not Kind.STATE:

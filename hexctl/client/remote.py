@@ -1,4 +1,4 @@
-"""Robots on a link, seen from outside: their status, and a stop for all of them."""
+"""Robots on a link as a client sees them: their status, and a stop for all of them."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -17,10 +17,9 @@ from hexctl.wire.links import KeyMap, Link, Role, load_link
 from hexctl.wire.stop import HOLD_S, MOST_CLAIMS, MOST_OTHERS_HOLD_S, MOST_UNCLAIMED_HOLD_S
 from hexctl.wire.zenoh_session import open_session
 
-#: Instead of a robot's name: every robot on the link.
+#: Matches every robot on the link, in place of a name.
 ANY_ROBOT = "*"
 
-#: How long a robot may take to answer.
 ANSWER_TIMEOUT_S = 5.0
 
 
@@ -37,24 +36,19 @@ class RemoteRobots:
         return self._link
 
     def statuses(self) -> list[dict[str, Any]]:
-        """Status of each robot that answers (docs/protocol.md); empty where none does."""
+        """Status of each robot that answers (docs/protocol.md), possibly none."""
         answers = ask(self._session, self._keys.describe, timeout_s=ANSWER_TIMEOUT_S)
         return [status_of(answer) for answer in answers]
 
     def await_statuses(self) -> list[dict[str, Any]]:
-        """Status of each robot, waiting for one that is just coming up.
-
-        Raises RobotFaultError when no robot answers.
-        """
+        """Status of each robot, also of one that is starting; raises RobotFaultError without any."""
         return [status_of(answer) for answer in self._ask(self._keys.describe)]
 
     def stop(self, request: str | None = None) -> list[dict[str, Any]]:
-        """Stop every robot, also those that others started; `stopped` of each answer is its reason.
+        """Stop every robot; `stopped` of each answer is its reason.
 
-        A request with a name is one stop, however often and by whatever way it comes. Without a name it is
-        claimed, and this user can clear it quickly.
-
-        Raises RobotFaultError unless each robot that answers has stopped, and one has answered.
+        A named request is one stop, however often it is repeated. An unnamed one is claimed by this user.
+        Raises RobotFaultError unless at least one robot answers and all that answer have stopped.
         """
         if request is None:
             claimed = NewClaim()
@@ -67,16 +61,16 @@ class RemoteRobots:
         return answers
 
     def clear(self, *, waiting: Callable[[str, float], None] | None = None) -> list[dict[str, Any]]:
-        """Clear the stop that each robot has now; `stopped` of each answer is None, or why it is stopped.
+        """Clear the current stop of each robot; `stopped` of each answer is None, or why it is stopped.
 
-        A stop is cleared once it may be: of this user after a second, of others after minutes. `cleared` of
-        each answer is the stop that was meant, as the status has it, and `error` says why it was refused.
+        Waits until the stop may be cleared: a second for this user's, minutes for others'. In each answer
+        `cleared` is the stop in the form of the status, and `error` says why it was refused.
 
         Args:
-            waiting: called before a wait for a stop of others, with who asked for it and the wait in s.
+            waiting: called before a wait for another's stop, with its requester and the wait in s.
 
-        Raises InputError for a robot of another user on a link that was not named, and RobotFaultError unless
-        each robot that answers has done it, and one has answered.
+        Raises InputError for another user's robot on the default link, and RobotFaultError unless at least
+        one robot answers and all that answer have cleared.
         """
         statuses = self.await_statuses()
         for status in statuses:
@@ -86,7 +80,6 @@ class RemoteRobots:
     def _clear(
         self, status: dict[str, Any], waiting: Callable[[str, float], None] | None
     ) -> list[dict[str, Any]]:
-        """Clear the stop that a status tells of."""
         stop = status.get("stop")
         asked: dict[str, Any] = {"op": "clear", "owner": owner_name()}
         if isinstance(stop, dict):
@@ -102,16 +95,16 @@ class RemoteRobots:
         return [{**answer, "cleared": stop} for answer in answers]
 
     def fail(self, text: str) -> list[dict[str, Any]]:
-        """Let a leg of every simulated robot fail, as `5:limp` says; `failures` of each answer has them all.
+        """Let a leg of every simulated robot fail, as in `5:limp`; `failures` of each answer lists all.
 
-        Raises InputError for a text that is not allowed, and for a robot of another user on a link that was
-        not named; RobotFaultError where a robot refuses, as a real one does, and where none answers.
+        Raises InputError for an invalid text, and for another user's robot on the default link;
+        RobotFaultError if a robot refuses, as a real one does, or none answers.
         """
         parse_failure_now(text)
         return self._change({"op": "fail", "failure": text})
 
     def heal(self, leg: int) -> list[dict[str, Any]]:
-        """Let a leg of every simulated robot be whole again; raises what `fail` raises."""
+        """Restore a leg of every simulated robot; raises what `fail` raises."""
         parse_leg(str(leg), "leg")
         return self._change({"op": "heal", "leg": leg})
 
@@ -129,7 +122,6 @@ class RemoteRobots:
         return answers
 
     def _ask(self, key: str, content: dict[str, Any] | None = None) -> list[dict[str, Any]]:
-        """Answers of all robots; raises RobotFaultError when there is none."""
         silence = (
             f"no robot answers at {self._link.endpoint}; is hexctl serve running there, and may this end ask?"
         )
@@ -137,7 +129,7 @@ class RemoteRobots:
 
 
 def _wait_to_clear(stop: dict[str, Any], waiting: Callable[[str, float], None] | None) -> list[str]:
-    """Wait until a stop of a status may be cleared; the keys to show."""
+    """Wait until a stop may be cleared; return the keys to present."""
     claims = _claims_of(stop)
     keys = keys_for(claims)
     if not claims or len(keys) == len(claims):
@@ -151,7 +143,7 @@ def _wait_to_clear(stop: dict[str, Any], waiting: Callable[[str, float], None] |
 
 
 def _wait_s(told_s: object, most_s: float) -> float:
-    """How long to wait, by what a robot said, which may be anything."""
+    """The value from the network may be anything."""
     return min(most_s, max(0.0, told_s)) if isinstance(told_s, float) else HOLD_S
 
 
@@ -169,14 +161,7 @@ def remote_robots(
     insecure: bool = False,
     link: str | None = None,
 ) -> Iterator[RemoteRobots]:
-    """Robots on a link while the block runs.
-
-    Args:
-        role: a viewer asks for the status, a controller may stop too.
-        connect: Zenoh endpoint; None is that of the link, or the default.
-        credentials: folder of certificates, or None.
-        insecure: whether a link beyond this computer may do without certificates.
-        link: name or path of a link file, or None.
+    """Robots on a link, for viewers or controllers; a context manager. Other arguments as in `ReadyStop`.
 
     Raises InputError for a link that is not allowed, RobotFaultError when nothing listens there.
     """

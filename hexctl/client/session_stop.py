@@ -1,4 +1,4 @@
-"""A client's session for a stop: opened beforehand where there is time, it asks until all is at rest."""
+"""A client's session for a stop, opened in advance if possible; it queries until all robots are at rest."""
 
 import threading
 import time
@@ -14,25 +14,16 @@ from hexctl.wire.stop import LIFTED_BY_LEASE
 if TYPE_CHECKING:
     from hexctl.client.remote import RemoteRobots
 
-#: Pause between two questions after a stop, and before one; and before a session is tried again.
+#: Pause between two queries after a stop, and before one; also between attempts to open a session.
 WATCH_PERIOD_S, ASK_PERIOD_S = 0.1, 0.5
 
 
 class SessionStop:
-    """Asks the robots on a link over a session, and stops them once it is told to; a thread of its own does.
-
-    Args:
-        link: to the robots.
-        order: whether the robots are to stop, and under which name.
-        see: called with what all of them said together, on the thread.
-        again: whether a session that cannot be opened is tried again.
+    """Queries the robots on a link over a session, and stops them when ordered, on its own thread.
 
     Attributes:
-        error: why there is no session now, or why a robot has not stopped; None while all is well.
-        answers: of the robots to the stop, the last of each.
-        obeyed: name of the stop to which they answered, unless one has cleared it since; else None.
-        opened: whether there is a session.
-        ended: whether the thread does no more.
+        error: why there is no session, or why a robot has not stopped; otherwise None.
+        obeyed: name of the stop that they confirmed, unless one has cleared it since; otherwise None.
     """
 
     def __init__(
@@ -47,8 +38,8 @@ class SessionStop:
         self._again = again
         self._due = threading.Event()
         self._ends = self._all_stay = False
-        self._known: set[str] = set()  # robots that have to stop: of the last look before, and all since
-        self._stop_ids: dict[bytes, set[str]] = {}  # of the stop under the name that was used last
+        self._known: set[str] = set()  # robots that have to stop
+        self._stop_ids: dict[bytes, set[str]] = {}  # by name of the last stop
         self.error: HexctlError | None = None
         self.answers: list[dict[str, Any]] = []
         self.obeyed: bytes | None = None
@@ -61,11 +52,11 @@ class SessionStop:
         self._thread.start()
 
     def wake(self) -> None:
-        """Look at once whether the robots are to stop."""
+        """Check immediately whether the robots are to stop."""
         self._due.set()
 
     def end(self) -> None:
-        """Let the thread end, which takes as long as a session that just opens."""
+        """Let the thread end, after a session that is just opening."""
         self._ends = True
         self._due.set()
 
@@ -84,7 +75,6 @@ class SessionStop:
             self.ended = True
 
     def _once(self) -> None:
-        """Ask over one session until the end; raises HexctlError where that fails."""
         from zenoh import ZError
 
         try:
@@ -108,10 +98,7 @@ class SessionStop:
                 self._pause(WATCH_PERIOD_S if self._order.wanted.is_set() else ASK_PERIOD_S)
 
     def _stop(self, robots: "RemoteRobots") -> None:
-        """Ask all robots to stop; under the same name it renews nothing of those that have stopped.
-
-        Another id than before is of another stop: the one under this name was cleared meanwhile.
-        """
+        """Ask all robots to stop; a new id under the same name means that the stop was cleared meanwhile."""
         request, told = self._order.request, self._stop_ids
         answers = robots.stop(request.hex())
         if request in told and not _stop_ids(answers) <= told[request]:
@@ -124,7 +111,6 @@ class SessionStop:
         self.answers = [one for one in self.answers if not _names([one]) & names] + answers
 
     def _look(self, robots: "RemoteRobots") -> None:
-        """Ask all robots, and tell what they are together."""
         asked_s, pressed = time.monotonic(), self._order.wanted.is_set()
         self._all_stay = False
         statuses = robots.statuses()
@@ -163,12 +149,10 @@ class SessionStop:
 
 
 def _stays(status: dict[str, Any]) -> bool:
-    """Whether the robot of a status is stopped by a stop that stays."""
     return status.get("stopped") not in (None, LIFTED_BY_LEASE)
 
 
 def _cleared(statuses: list[dict[str, Any]]) -> tuple[str, str] | None:
-    """Id of the stop that was cleared last, and who cleared it, of the first robot that says it."""
     cleared = (one for status in statuses if isinstance(one := status.get("cleared"), dict))
     return next(((str(one.get("id")), str(one.get("by"))) for one in cleared), None)
 
@@ -178,5 +162,4 @@ def _stop_ids(answers: list[dict[str, Any]]) -> set[str]:
 
 
 def _names(messages: list[dict[str, Any]]) -> set[str]:
-    """Names of the robots that sent messages."""
     return {str(one.get("robot", "?")) for one in messages}

@@ -1,4 +1,4 @@
-"""Stopping a robot from anywhere: by datagram and by session at once, until it is seen to be at rest."""
+"""Stops a robot by datagram and by session at the same time, until it is at rest."""
 
 import threading
 import time
@@ -18,25 +18,24 @@ from hexctl.wire import TIME_TO_LIVE_S
 from hexctl.wire.connection_diagnosis import is_refused
 from hexctl.wire.links import Endpoint, Link, load_link
 
-#: A robot has to be seen at rest for this long, with no longer pause between two looks.
+#: A robot has to be seen at rest for this long, with at most this pause between two answers.
 RESTS_S, MOST_PAUSE_S = 0.5, 0.4
 
-#: How long a robot may take to be reached, and then to come to rest.
+#: Maximum time to reach a robot, and then until it is at rest.
 REACH_S, REST_TIMEOUT_S = 6.0, 5.0
 
-#: Without an answer to any datagram for this long, a session that has failed decides.
+#: After this time without an answer to datagrams, a failed session is an error.
 DATAGRAM_S = 1.0
 
 POLL_S, WATCH_S, EARLY_POLL_S = 0.01, 0.1, 0.001
 
-#: A press without a confirmation for this long is trouble; the end waits for one for so long.
+#: A press without confirmation for this long is trouble; closing waits for one at most this long.
 CONFIRM_S, END_S = 0.5, 2.0
 
-#: How long a slow disk may take to keep the key that clears the stop.
+#: Maximum wait until the clear key is on the disk.
 KEY_WRITE_S = 1.0
 
 
-#: What still stops a robot whose network carries neither way.
 OVERLOADED = (
     "If its network is overloaded, hexctl estop on its own computer still works, and a robot that is "
     f"commanded over that network stops by itself {TIME_TO_LIVE_S:g} s after the last command"
@@ -45,20 +44,18 @@ OVERLOADED = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StopResult:
-    """A robot that was stopped, and seen to stay at rest.
+    """A robot that was stopped and stayed at rest.
 
     Attributes:
-        stopped: why it is stopped: `estop`, or what else was wrong before.
-        stop_id: id by which the stop is cleared; None if the robot did not report it.
-        at_rest: whether no joint moves; always True.
+        stopped: `estop`, or the reason of an earlier stop.
+        stop_id: id for clearing the stop; None if the robot did not report it.
+        at_rest: always True.
         kept: whether the stop will survive a restart of the server.
-        robot: name of the robot.
-        ways: by which the robot confirmed it: `datagram`, `session`.
+        ways: `datagram` and `session` that confirmed it.
         took_s: time until the first confirmation of the stop.
         rested_s: time until it was first seen at rest, and stayed so.
-        answers: of the session, with the robot's identity; empty where it was locked out.
-        echoed: whether its servos do not report their angles: all that is known then is that their targets
-            no longer change.
+        answers: of the session, with the robot's identity; empty without a session.
+        echoed: whether rest is known only from constant targets, because servos do not report their angles.
     """
 
     stopped: str
@@ -75,13 +72,7 @@ class StopResult:
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """How a robot can be reached now.
-
-    Attributes:
-        robot: its name, empty before it was heard of.
-        ways: which are open: `datagram`, `session`.
-        trouble: why the others are not, in words; empty where both are.
-    """
+    """How a robot can be reached: ways are `datagram` and `session`, `trouble` is about missing ones."""
 
     robot: str
     ways: tuple[str, ...]
@@ -96,20 +87,19 @@ class Reach:
 
 
 class ReadyStop:
-    """A stop that is connected beforehand: `press` stops the robot, also while strangers fill its port.
+    """A stop that connects in advance: `press` stops the robot even if its port is flooded.
 
         with ReadyStop(connect="tls/robot.local:7447", credentials=Path("keys")) as ready:
             ready.press()
             print(ready.wait_for_rest().stopped)
 
     Args:
-        connect: Zenoh endpoint of the robot; None is that of the link, or the default.
-        credentials: folder of certificates, or None.
-        insecure: whether a link beyond this computer may do without certificates.
-        link: a link, or name or path of a link file, or None.
-        again: whether a session that cannot be opened is tried again.
-        stays: whether a robot is stopped again where the stop is cleared, until the block ends; else a press
-            is one stop.
+        connect: Zenoh endpoint of the robot; None takes that of the link, or the default.
+        credentials: folder of certificates.
+        insecure: whether a link to another computer may lack certificates.
+        link: a link, or name or path of a link file.
+        again: whether to retry a session that cannot be opened.
+        stays: whether to stop the robot again if the stop is cleared, until the block ends.
 
     Raises InputError for an endpoint or a link that is not allowed.
     """
@@ -131,7 +121,7 @@ class ReadyStop:
         )
         Endpoint.parse(self._link.endpoint)
         self._order, self._stays, self._confirmed = StopOrder(), stays, threading.Event()
-        self._lock = threading.Lock()  # over what both ways have seen
+        self._lock = threading.Lock()  # guards the sightings of both ways
         self._pressed_s = self._begun_s = 0.0
         self._seen: dict[str, Sighting] = {}
         self._rested: dict[str, float] = {}
@@ -140,7 +130,7 @@ class ReadyStop:
         self._session = SessionStop(self._link, self._order, partial(self._see, "session"), again=again)
 
     def __enter__(self) -> Self:
-        """Begin to reach the robot; returns at once."""
+        """Start to connect; returns immediately."""
         self._begun_s = time.monotonic()
         self._datagrams.begin()
         self._session.begin()
@@ -149,7 +139,7 @@ class ReadyStop:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """End; a press that is one stop gets the time to be confirmed."""
+        """End; without `stays`, wait for the confirmation of a press."""
         if not self._stays and self._pressed_s:
             self._confirmed.wait(END_S)
             self._order.wait_kept(KEY_WRITE_S)
@@ -157,15 +147,11 @@ class ReadyStop:
         self._datagrams.end()
 
     def end_datagrams(self) -> None:
-        """End what `press_by_datagram` has begun."""
+        """End the datagrams of `press_by_datagram`."""
         self._datagrams.end()
 
     def press_by_datagram(self, wait_s: float) -> None:
-        """Stop the robot before sessions are loaded, which takes longer than the stop; then use `with`.
-
-        Args:
-            wait_s: how long the robot may take to confirm it; the stop goes on being sent after that.
-        """
+        """Stop the robot before the slow import of sessions, waiting for a confirmation; then use `with`."""
         self.press()
         self._datagrams.begin()
         until_s = time.monotonic() + wait_s
@@ -174,11 +160,11 @@ class ReadyStop:
 
     @property
     def link(self) -> Link:
-        """Link to the robot, as it was when this was made."""
+        """Link to the robot, as resolved at creation."""
         return self._link
 
     def press(self) -> None:
-        """Stop the robot now, by all ways; may be called from any thread, and never waits."""
+        """Stop the robot by all ways; thread-safe, never waits."""
         if not self._order.wanted.is_set():
             self._pressed_s = time.monotonic()
             self._confirmed.clear()
@@ -193,7 +179,7 @@ class ReadyStop:
 
     @property
     def trouble(self) -> str | None:
-        """Why the last press is not confirmed by the robot, or None."""
+        """Why the robot has not confirmed the last press, or None."""
         if self._confirmed.is_set() or not 0 < self._pressed_s < time.monotonic() - CONFIRM_S:
             return None
         why = self.reach.trouble or "it has not stopped"
@@ -201,7 +187,7 @@ class ReadyStop:
 
     @property
     def reach(self) -> Reach:
-        """How the robot can be reached now."""
+        """How the robot can currently be reached."""
         now_s = time.monotonic()
         with self._lock:
             fresh = {way: one for way, one in self._seen.items() if now_s - one.at_s < SILENCE_S}
@@ -214,14 +200,13 @@ class ReadyStop:
         return Reach(robot, tuple(sorted(fresh)), "; ".join(trouble))
 
     def wait_for_rest(self, *, identity_s: float = 0.0) -> StopResult:
-        """Wait until the robot is at rest and has stayed so for half a second.
+        """Wait until the robot has been at rest for half a second.
 
         Args:
-            identity_s: how long to wait then for the session, which has the robot's identity, if it may still
-                open.
+            identity_s: further wait for a session that is opening, which has the robot's identity.
 
         Raises InputError for certificates that are not allowed, RobotFaultError for a robot that cannot be
-        reached, that does not stop, or that moves on.
+        reached, does not stop, or keeps moving.
         """
         self.press()
         rests_since_s = time.monotonic()
@@ -238,14 +223,10 @@ class ReadyStop:
             time.sleep(POLL_S)
 
     def _session_is_over(self) -> bool:
-        """Whether the session has answered, or will not."""
         return bool(self._session.answers) or self._session.ended or self._session.error is not None
 
     def watch(self, result: StopResult) -> Iterator[str]:
-        """Report what becomes of a stop: a line for each change, without end.
-
-        From the first line that is asked for, the robot is not stopped again if the stop is cleared.
-        """
+        """Yield a line for each change of a stopped robot, which is then no longer stopped again."""
         self._order.wanted.clear()
         watch = StopWatch(result.stop_id)
         while True:
@@ -256,7 +237,6 @@ class ReadyStop:
             time.sleep(WATCH_S)
 
     def _see(self, way: str, sighting: Sighting) -> None:
-        """Take what a robot said, from the thread of a way."""
         with self._lock:
             self._take(way, sighting)
 
@@ -272,24 +252,20 @@ class ReadyStop:
         if before is not None and before.at_s >= self._pressed_s:  # one alone may have been asked for before
             self._confirmed.set()
             if not self._stays and (way == "session" or not self._session.opened):
-                self._order.wanted.clear()  # not yet while a session may add who asks
+                self._order.wanted.clear()  # not while a session may still add the requester
         if not sighting.at_rest:
             self._rested.pop(way, None)
         elif way not in self._rested or before is None or sighting.at_s - before.at_s > MOST_PAUSE_S:
             self._rested[way] = sighting.at_s
 
     def _rested_since_s(self) -> float | None:
-        """Since when the robot has been at rest, once that was long enough; None before.
-
-        What one way has seen does not count where the other has seen since that a robot is not at rest.
-        """
+        """One way's rest does not count if the other has since seen motion."""
         for way, since_s in self._rested.items():
             if self._seen[way].at_s - since_s >= RESTS_S and not self._moved_since(since_s):
                 return since_s
         return None
 
     def _moved_since(self, at_s: float) -> bool:
-        """Whether a robot was seen to move, by the newest answer of a way: of after a time, and fresh."""
         from_s = max(at_s, time.monotonic() - SILENCE_S)
         return any(
             one.at_s > from_s and (one.stopped is None or not one.at_rest) for one in self._seen.values()
@@ -308,7 +284,7 @@ class ReadyStop:
             )
 
     def _out_of_reach(self) -> HexctlError:
-        """The error about a robot that was not reached; if it may be there, with what else stops it."""
+        """The error about an unreachable robot, with the other means that stop it."""
         error = self._session.error or RobotFaultError(
             f"no robot answers at {self._link.endpoint}: {self.reach.trouble}"
         )
@@ -342,15 +318,10 @@ def estop(
     insecure: bool = False,
     link: str | None = None,
 ) -> StopResult:
-    """Stop a robot on the network and see it come to rest, whichever client commands it.
+    """Stop a robot on the network and wait until it is at rest, whichever client commands it.
 
-    Args:
-        connect: Zenoh endpoint of the robot; None is that of the link, or the default.
-        credentials: folder of certificates, or None.
-        insecure: whether a link beyond this computer may do without certificates.
-        link: name or path of a link file, or None.
-
-    Raises what `ReadyStop.wait_for_rest` raises, and InputError for a link that is not allowed.
+    Arguments are those of `ReadyStop`. Raises what `ReadyStop.wait_for_rest` raises, and InputError for a
+    link that is not allowed.
     """
     with ReadyStop(
         connect=connect, credentials=credentials, insecure=insecure, link=link, again=False
@@ -365,12 +336,12 @@ def clear_stop(
     insecure: bool = False,
     link: str | None = None,
 ) -> list[dict[str, Any]]:
-    """Clear the stop that a robot on the network has now; the robot moves when a client commands it.
+    """Clear the current stop of a robot on the network; it moves at its next command.
 
-    Arguments are those of `estop`. The answers of the robots: `stopped` is None, or why it is still stopped,
-    with `error` where the clear was refused; `cleared` is the stop that was meant.
+    Arguments are those of `estop`. In each robot's answer `stopped` is None or the remaining reason, `error`
+    says why the clear was refused, and `cleared` is the stop that was meant.
 
-    Raises InputError for a link that is not allowed, and RobotFaultError where no robot answers.
+    Raises InputError for a link that is not allowed, and RobotFaultError if no robot answers.
     """
     from hexctl.client.remote import remote_robots
     from hexctl.wire.links import Role

@@ -1,4 +1,4 @@
-"""Watch a stopped robot: report if the stop is cleared, by whom, and if the robot moves again."""
+"""Watches a stopped robot: reports who clears the stop, and whether the robot moves again."""
 
 from collections.abc import Collection
 from enum import Enum
@@ -7,15 +7,14 @@ from hexctl.client.datagram_stop import Sighting
 from hexctl.errors import printable
 from hexctl.wire.stop import MAX_BY
 
-#: A robot that has not answered for this long is silent, in s.
 SILENCE_S = 1.5
 
-#: How long a report waits for the session, which knows who cleared the stop, in s.
+#: How long a report waits for the session, which knows who cleared the stop.
 NAME_WAIT_S = 1.0
 
 
 class State(Enum):
-    """State of a robot after a stop, with its words for an operator; `{by}` is who cleared the stop."""
+    """State of a robot after a stop, with its text; `{by}` is who cleared the stop."""
 
     STOPPED = "the robot is stopped and at rest"
     JOINTS_MOVE = "the robot is stopped, and its joints MOVE"
@@ -25,23 +24,14 @@ class State(Enum):
 
 
 class StopWatch:
-    """Reports each change of a stopped robot once.
-
-    Args:
-        stop_id: of the stop in force; None if the robot did not report it.
-    """
+    """Reports each change of a stopped robot once; `stop_id` is None if the robot did not report it."""
 
     def __init__(self, stop_id: str | None) -> None:
         self._stop_id = stop_id
         self._reported, self._changed_s = State.STOPPED, 0.0
 
     def change(self, seen: Collection[Sighting], at_s: float) -> str | None:
-        """Return a line about a change since the last report, or None.
-
-        Args:
-            seen: newest sighting by each way.
-            at_s: time of now, on time.monotonic.
-        """
+        """Line about a change since the last report, or None; `seen` has the newest sighting of each way."""
         state, by = _state_of(seen, at_s), self._clearer(seen)
         if state is self._reported:
             self._changed_s = at_s
@@ -53,7 +43,6 @@ class StopWatch:
         return state.value.format(by=f" by {by}" if by else "")
 
     def _clearer(self, seen: Collection[Sighting]) -> str:
-        """Who cleared the stop, empty if that is not known."""
         cleared = (one.cleared for one in seen if one.cleared is not None)
         return next((printable(by)[:MAX_BY] for stop_id, by in cleared if stop_id == self._stop_id), "")
 

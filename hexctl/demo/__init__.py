@@ -1,1 +1,1 @@
-"""A leg fails in mid-walk and the robot walks on without it: `hexctl.demo.rescue.demo()`."""
+"""A leg fails during a walk and the robot continues without it: `hexctl.demo.rescue.demo()`."""

@@ -1,10 +1,10 @@
-"""The demo: a leg fails in mid-walk, the robot recovers by itself, and a gait for the other legs is searched.
+"""The demo: a leg fails during a walk, the robot recovers, and a gait for the other legs is searched.
 
     result = demo()
     print(result.recovered.trial.distance_m, result.adaptation.best, result.picture)
 
-The walk is made twice, once without recovery, and the search is `hexctl.adapt(failed_leg=5, budget=20)`, all
-of it in one simulated world that no prior and no threshold of hexctl was made with.
+The walk is made with and without recovery; the search is `hexctl.adapt(failed_leg=5, budget=20)`. The
+simulated world is held out: no prior and no threshold was made with it.
 """
 
 import math
@@ -32,20 +32,20 @@ from hexctl.robot.failure import FailureEvent
 from hexctl.robot.failure_grammar import parse_failure_event
 from hexctl.runs.run import RunResult, run
 
-#: The robot, its gait on six legs, and the world. From 500 on, worlds of this family are in no prior and no
-#: threshold. This is the first of them in which the robot without recovery keeps 60 % of its speed or less.
+#: The robot, its gait on six legs, and the world. Worlds of this family from 500 on are held out. This is
+#: the first in which the robot without recovery keeps 60 % of its speed or less.
 ROBOT, GAIT, WORLD = "ant", "tripod", "transfer:500"
 
-#: What fails, and when; the length of the walk.
+#: Failure and its time, and the length of the walk.
 EVENT, WALK_S = parse_failure_event("5:locked@6.3"), 15.0
 
 #: Policies of the walk without recovery and of the one with it.
 WALK_ON, RECOVER = "walk-on", "glide"
 
-#: Time over which the speeds before the failure and at the end of the walk are taken: three gait cycles.
+#: Averaging time of the speeds before the failure and at the end: three gait cycles.
 SPEED_S = 10 / 3
 
-#: The race of both walks begins a second before the failure: the recordings begin a second before the walks.
+#: The race begins a second before the failure: the recordings begin a second before the walks.
 PICTURE: dict[str, Any] = {
     "captions": ("no recovery", "with recovery"),
     "from_s": 6.4,
@@ -54,7 +54,7 @@ PICTURE: dict[str, Any] = {
     "fps": 12.5,
 }
 
-#: Share of the speed from which on it counts as all of it.
+#: Minimum share of the speed that counts as all of it.
 ALL_OF_IT = 0.995
 
 OnWalk = Callable[[RunResult], object]
@@ -62,12 +62,11 @@ OnWalk = Callable[[RunResult], object]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DemoResult:
-    """Result of the demo; what did not take place, because a stop was requested, is None.
+    """Result of the demo; parts after an interrupt are None.
 
     Attributes:
-        event: what failed, and when.
-        world: world of the walks and of the search.
-        folder: folder of the recordings of both walks, and of the picture.
+        world: of the walks and of the search.
+        folder: of both recordings, and of the picture.
         walked_on: the walk without recovery.
         recovered: the walk with recovery.
         adaptation: the search for a gait that goes straight without the leg and without feedback.
@@ -86,7 +85,7 @@ class DemoResult:
 
     @property
     def interrupted(self) -> bool:
-        """Whether a stop was requested before the demo was over."""
+        """Whether a stop was requested before the end of the demo."""
         return self.adaptation is None or self.adaptation.ended == "interrupted"
 
     @property
@@ -124,19 +123,19 @@ def demo(
     on_confirmation: OnConfirmation | None = None,
     stop_requested: StopRequested = never,
 ) -> DemoResult:
-    """Let a leg fail in mid-walk, recover, search a gait for the other legs, and draw the walks as a race.
+    """Let a leg fail during a walk, recover, search a gait for the other legs, and draw the walks as a race.
 
     Args:
         budget: most trials of the search.
-        folder: where the session goes, and a folder for the walks.
-        note: is told what a person should know; by default it is logged.
+        folder: of the session, and of a folder for the walks.
+        note: takes notes for the user; logged by default.
         on_folder: called with the new folder of the walks and of the picture.
         on_walk: called with each of the two walks, first the one without recovery.
         on_begin: called with the session before its first trial.
-        on_trial: called with the session and each trial, once it is stored.
-        on_baseline: called with the session and each walk of the baseline, once it is stored.
-        on_confirmation: called with the session and each walk at a finer time step, once it is stored.
-        stop_requested: asked every tick; True ends the demo softly.
+        on_trial: called with the session and each stored trial.
+        on_baseline: called with the session and each stored walk of the baseline.
+        on_confirmation: called with the session and each stored walk at a finer time step.
+        stop_requested: called every tick; True ends the demo softly.
 
     Raises InputError for a budget or a folder that is not allowed, MissingExtraError without MuJoCo or Rerun.
     """
@@ -194,7 +193,7 @@ def share_in_words(kept: float) -> str:
 def walk_and_fail(
     policy: str, recording: Path | None, *, world: str = WORLD, stop_requested: StopRequested = never
 ) -> RunResult:
-    """Walk on the line until the leg of the demo fails, and go on by a policy; recorded, or None: not."""
+    """Walk on the line until the leg of the demo fails, and continue by a policy; None records nothing."""
     try:
         return run(
             robot=ROBOT,
@@ -216,16 +215,11 @@ def walk_and_fail(
 
 
 def _named(walks: list[RunResult]) -> dict[str, Any]:
-    """The walks that were made, by field of the result."""
     return dict(zip(("walked_on", "recovered"), walks, strict=False))
 
 
 class _Drawing(threading.Thread):
-    """Draws both walks as a race while the search goes on; one that is interrupted ends with the process.
-
-    Attributes:
-        drawn: the picture, or why there is none, by field of the result; empty until then.
-    """
+    """Draws both walks as a race during the search; `drawn` is then a field of the result."""
 
     def __init__(self, walks: Sequence[RunResult], into: Path) -> None:
         super().__init__(name="race", daemon=True)
@@ -234,7 +228,6 @@ class _Drawing(threading.Thread):
         self.drawn: dict[str, Any] = {}
 
     def run(self) -> None:
-        """Draw."""
         try:
             self.drawn = {"picture": export(*self._recordings, output=self._path, **PICTURE)}
         except HexctlError as error:
@@ -242,13 +235,12 @@ class _Drawing(threading.Thread):
 
 
 def _remove_empty(folder: Path) -> None:
-    """Remove a folder unless something is in it."""
     with suppress(OSError):
         folder.rmdir()
 
 
 def _new_folder(folder: Path) -> Path:
-    """A new folder for the walks; raises InputError where it cannot be made."""
+    """Raises InputError if it cannot be made."""
     stem, number = f"demo-{datetime.now():%Y%m%d-%H%M%S}", 1
     while True:
         path = folder / (stem if number == 1 else f"{stem}_{number}")

@@ -1,1 +1,1 @@
-"""What this computer has and what works on it, for bug reports: `hexctl.doctor.checkup.doctor()`."""
+"""State of this computer for bug reports: `hexctl.doctor.checkup.doctor()`."""

@@ -1,4 +1,4 @@
-"""What a computer has for hexctl, and what works on it.
+"""State of a computer for hexctl, and which uses work on it.
 
 checkup = doctor()
 print(checkup.works["simulate walks"] or "simulates")
@@ -19,7 +19,7 @@ from hexctl.doctor.settings_check import SettingsFound, no_option, read_settings
 from hexctl.errors import install_command
 from hexctl.export.render import RENDERERS
 
-#: Packages that each use needs, and the extra that brings them.
+#: Packages that each use needs, and the extra that installs them.
 USES: dict[str, tuple[str, tuple[str, ...]]] = {
     "simulate walks": ("sim", ("mujoco", "dm-control")),
     "record walks, view them in a browser": ("view", ("rerun-sdk",)),
@@ -32,22 +32,19 @@ USES: dict[str, tuple[str, tuple[str, ...]]] = {
     "boards on I2C": ("i2c", ("smbus2",)),
 }
 
-#: Variables of the environment that change what hexctl does.
+#: Environment variables that influence hexctl.
 VARIABLES = ("MUJOCO_GL", "DISPLAY", "WAYLAND_DISPLAY", "OMP_NUM_THREADS")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Checkup:
-    """What a computer has, and what works on it; it names no person and no other computer.
+    """State of a computer, and which uses work; without names of persons or other computers.
 
     Attributes:
-        machine: system, processor, memory, disk, punctuality.
-        packages: versions of packages, and what extras lack.
-        drawing: what draws without a screen.
-        connections: serial ports, I2C buses, gamepads, network ports.
-        variables: variables of the environment that are set.
-        settings: what files `hexctl.toml` and variables `HEXCTL_*` say.
-        works: by use, None where it works, else what is missing and what to do about it.
+        packages: versions, and missing packages of extras.
+        drawing: renderers without a screen.
+        variables: set environment variables.
+        works: by use, None if it works, else what is missing and a next step.
     """
 
     machine: Machine
@@ -64,12 +61,12 @@ class Checkup:
 
 
 def doctor(folder: Path | str = RUNS, *, is_option: Callable[[str], bool] = no_option) -> Checkup:
-    """Look at this computer; it takes a few seconds, moves nothing and opens no device.
+    """Examine this computer; it takes a few seconds, moves nothing and opens no device.
 
     Args:
-        folder: where runs would be recorded, for the disk.
-        is_option: whether a variable such as `HEXCTL_RUN_SEED` stands for an option of a command, which the
-            command line knows; without it those are told as unknown.
+        folder: of runs, for the disk.
+        is_option: whether a variable such as `HEXCTL_RUN_SEED` is an option of a command; without it those
+            are reported as unknown.
     """
     machine, packages = read_machine(Path(folder)), read_packages()
     drawing, connections = read_drawing(), read_connections()
@@ -85,14 +82,13 @@ def doctor(folder: Path | str = RUNS, *, is_option: Callable[[str], bool] = no_o
 
 
 def _without_host(name: str, text: str) -> str:
-    """Value of a variable, without the name of the computer that a screen may be at."""
+    """Drop the computer's name from a display."""
     return f"given:{text.rpartition(':')[2]}" if name == "DISPLAY" and not text.startswith(":") else text
 
 
 def _works(
     machine: Machine, packages: Packages, drawing: Drawing, connections: Connections
 ) -> Iterator[tuple[str, str | None]]:
-    """Each use, and what it lacks."""
     for use, (extra, names) in USES.items():
         reason = _lacking(packages.lacks(*names), extra)
         if reason is None and use.startswith(("GIF", "MP4")) and not drawing.draws:
@@ -125,7 +121,6 @@ def _lacking(names: tuple[str, ...], extra: str) -> str | None:
 
 
 def _unusable(devices: tuple[Device, ...], none: str) -> str | None:
-    """Why none of some devices can be used; None where one can."""
     if not devices:
         return none
     if any(device.usable for device in devices):

@@ -1,4 +1,4 @@
-"""Where robots are connected: serial ports, I2C buses, gamepads, and network ports, and who may use them."""
+"""Connections to robots: serial ports, I2C buses, gamepads and network ports, and their permissions."""
 
 import grp
 import os
@@ -10,7 +10,7 @@ from pathlib import Path
 from hexctl.backends.serial_ports import serial_ports
 from hexctl.teleop.gamepad import find_gamepads
 
-#: Network ports that hexctl listens at unless told otherwise, and what for.
+#: Default network ports of hexctl, and their use.
 NETWORK_PORTS = {
     ("tcp", 7447): "hexctl serve",
     ("udp", 7447): "stop by datagram",
@@ -20,14 +20,7 @@ NETWORK_PORTS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Device:
-    """A device file.
-
-    Attributes:
-        path: such as `/dev/ttyUSB0`.
-        name: what its adapter calls itself; empty where nothing tells.
-        group: group that may read and write it; empty where root alone may.
-        usable: whether this process may read and write it.
-    """
+    """A device file, and the group with access to it, empty if only root has it."""
 
     path: str
     name: str
@@ -37,7 +30,7 @@ class Device:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NetworkPort:
-    """A network port of this computer: `tcp` or `udp`, its number, what it is for, and whether it is free."""
+    """A network port of this computer: `tcp` or `udp`, its number, its use, and whether it is free."""
 
     protocol: str
     number: int
@@ -47,14 +40,7 @@ class NetworkPort:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Connections:
-    """Devices and network ports.
-
-    Attributes:
-        serial: serial ports.
-        i2c: I2C buses.
-        gamepads: gamepads, as the kernel's events.
-        network: network ports that hexctl listens at.
-    """
+    """Devices, and the default network ports of hexctl."""
 
     serial: tuple[Device, ...]
     i2c: tuple[Device, ...]
@@ -84,17 +70,13 @@ def _device(path: str, name: str = "") -> Device:
 
 
 def _group_of(found: os.stat_result) -> str:
-    """Group that may read and write a device; empty for root, which nobody is to join, and where it may not.
-
-    Raises KeyError for a group without a name.
-    """
+    """Group with access to a device, or empty; raises KeyError for a group without a name."""
     shared = stat.S_IRGRP | stat.S_IWGRP
     may = found.st_mode & shared == shared and found.st_gid != 0
     return grp.getgrgid(found.st_gid).gr_name if may else ""
 
 
 def _is_free(number: int, protocol: str = "tcp") -> bool:
-    """Whether a server could listen at a port of loopback."""
     kind = socket.SOCK_STREAM if protocol == "tcp" else socket.SOCK_DGRAM
     with socket.socket(socket.AF_INET, kind) as probe:
         if protocol == "tcp":  # with datagrams it would share the port

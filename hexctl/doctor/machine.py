@@ -1,4 +1,4 @@
-"""The computer itself: system, processor, memory, disk, and how punctual it is."""
+"""The computer itself: system, processor, memory, disk, and timing."""
 
 import os
 import platform
@@ -12,10 +12,10 @@ from pathlib import Path
 from hexctl.backends.clock import PERIOD_S, request_realtime_priority
 from hexctl.settings import shown_path
 
-#: How many control periods the punctuality is measured for.
+#: Control periods of the timing measurement.
 MEASURED_TICKS = 25
 
-#: Size of a recording of a walk of 30 s, for the room on the disk.
+#: Size of a recording of a walk of 30 s, for the disk.
 WALK_MB = 4.0
 
 
@@ -24,18 +24,11 @@ class Machine:
     """A computer.
 
     Attributes:
-        system: name and version of the operating system.
-        architecture: such as `x86_64` or `aarch64`.
-        python: version of Python, and where it is.
-        processor: its name.
-        cores: processor cores that this process may use.
-        load: processes that want to run, on the mean of the last minute, or None.
-        governor: how the processor saves power, or None.
-        memory_mb: memory that is free, and all of it, or None.
-        disk_free_mb: room on the disk of the folder for runs.
-        folder_writable: whether that folder can be written.
-        realtime: whether the kernel grants real-time priority.
-        late_ms: by how much the latest of some ticks of 20 ms was late.
+        cores: available to this process.
+        load: mean of the last minute, or None.
+        memory_mb: free and total, or None.
+        disk_free_mb: on the disk of the folder for runs.
+        late_ms: maximum lateness of some ticks of 20 ms.
     """
 
     system: str
@@ -112,10 +105,7 @@ def _memory_mb() -> tuple[int, int] | None:
 
 
 def _punctuality() -> tuple[bool, float]:
-    """Whether real-time priority is granted, and the greatest lateness of a tick with it, or without, in ms.
-
-    It is asked for on a thread of its own, which ends with the measurement.
-    """
+    """Whether a temporary thread gets real-time priority, and its maximum lateness in ms."""
     found: list[tuple[bool, float]] = []
 
     def measure() -> None:

@@ -1,25 +1,19 @@
-"""Which packages of hexctl are installed, by the extra that brings them."""
+"""Installed packages of hexctl, by extra."""
 
 import re
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 
-#: Name of a requirement, and the extra that it belongs to, as `Requires-Dist` has them.
+#: Name and extra of a requirement, in the form of `Requires-Dist`.
 _REQUIREMENT = re.compile(r"^([A-Za-z0-9._-]+)(\[[^]]*\])?[^;]*(?:;.*extra == ['\"]([\w-]+)['\"])?")
 
-#: Extras for those who work on hexctl, and the one that is all others.
+#: Extras for developers, and the sum of all others.
 _NOT_FOR_USE = ("all", "dev", "docs", "testing")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Packages:
-    """Installed packages.
-
-    Attributes:
-        hexctl: version of hexctl, None where it is imported without being installed.
-        versions: version of each package that hexctl or an extra needs; None where it is not installed.
-        extras: by extra, the packages that it lacks.
-    """
+    """Versions of hexctl and of its packages, None if missing, and missing packages by extra."""
 
     hexctl: str | None
     versions: dict[str, str | None]
@@ -31,7 +25,7 @@ class Packages:
 
 
 def installed(name: str) -> str | None:
-    """Version of a package, None where it is not installed."""
+    """Version of a package, or None."""
     try:
         return version(name)
     except PackageNotFoundError:
@@ -39,7 +33,7 @@ def installed(name: str) -> str | None:
 
 
 def read_packages() -> Packages:
-    """Packages that are installed here."""
+    """Installed packages."""
     needed = _requirements()
     versions = {name: installed(name) for names in needed.values() for name in names}
     return Packages(
@@ -54,7 +48,7 @@ def read_packages() -> Packages:
 
 
 def _requirements() -> dict[str, list[str]]:
-    """Packages by extra, those that are always needed under an empty name; extras of extras are resolved."""
+    """Packages by extra, required ones under an empty name; extras of extras are resolved."""
     try:
         lines = requires("hexctl") or []
     except PackageNotFoundError:
@@ -75,7 +69,6 @@ def _requirements() -> dict[str, list[str]]:
 
 
 def _with_others(extra: str, own: dict[str, list[str]], others: dict[str, list[str]]) -> list[str]:
-    """Packages of an extra and of the extras that it names."""
     names = list(own.get(extra, []))
     for other in others.get(extra, []):
         names += _with_others(other, own, others)

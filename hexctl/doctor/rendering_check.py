@@ -1,4 +1,4 @@
-"""What draws without a screen, and whether there is a screen."""
+"""Renderers without a screen, and whether there is a screen."""
 
 import os
 import subprocess
@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 from hexctl.export.render import RENDERERS
 
-#: How long a graphics library may take to say what it is.
+#: Maximum time of a graphics library's answer.
 TIMEOUT_S = 30.0
 
-#: Run as a program of its own: a broken graphics library may end its process.
+#: A separate program: a broken graphics library may kill its process.
 PROGRAM = """
 import os, sys
 os.environ["MUJOCO_GL"] = sys.argv[1]
@@ -23,24 +23,19 @@ print(GL.glGetString(GL.GL_RENDERER).decode())
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drawing:
-    """What draws.
-
-    Attributes:
-        renderers: by `egl` and `osmesa`, what draws with it, or None where nothing does.
-        display: whether a screen is named, where a window could open.
-    """
+    """Available renderers: name by `egl` and `osmesa`, or None; and whether there is a screen."""
 
     renderers: dict[str, str | None]
     display: bool
 
     @property
     def draws(self) -> bool:
-        """Whether anything draws without a screen."""
+        """Whether it can draw without a screen."""
         return any(name is not None for name in self.renderers.values())
 
 
 def read_drawing() -> Drawing:
-    """What draws here."""
+    """Renderers of this computer."""
     return Drawing(
         renderers={name: _renderer(name) for name in RENDERERS},
         display=sys.platform != "linux"
@@ -49,7 +44,7 @@ def read_drawing() -> Drawing:
 
 
 def _renderer(name: str) -> str | None:
-    """What draws with a library, asked in a process of its own; None where nothing does."""
+    """Name of a library's renderer from a separate process, or None."""
     try:
         done = subprocess.run(
             [sys.executable, "-P", "-c", PROGRAM, name],  # -P: no module of the working folder

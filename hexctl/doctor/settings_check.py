@@ -1,4 +1,4 @@
-"""The settings of a computer: which files and variables are followed, and what they say."""
+"""The settings of a computer: files and variables in force, and their values."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -7,19 +7,13 @@ from typing import Any
 
 from hexctl.settings import CHOSEN, COMMON, PREFIX, Layer, find_settings
 
-#: Settings that name other computers, by the last word of their key; their values are not told.
+#: Settings that name other computers, by the last word of their key; their values are hidden.
 ADDRESSES = ("connect", "listen", "camera", "dask", "ros", "page", "host", "port")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SettingFound:
-    """One setting that is in force.
-
-    Attributes:
-        key: its key in a file, such as `run.duration`, or its variable.
-        value: its value as text; `given` for one that may name another computer.
-        origin: the file, or `environment`.
-    """
+    """One setting in force; its value is `given` if it may name another computer."""
 
     key: str
     value: str
@@ -28,13 +22,7 @@ class SettingFound:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SettingsFound:
-    """What files and variables say.
-
-    Attributes:
-        values: settings in force.
-        problems: why a file or a variable is not followed, one line each.
-        unknown: variables `HEXCTL_*` that are no setting, by name; what they say is not told.
-    """
+    """Settings in force, lines on invalid files and variables, and unknown variables `HEXCTL_*`."""
 
     values: tuple[SettingFound, ...]
     problems: tuple[str, ...]
@@ -42,16 +30,12 @@ class SettingsFound:
 
 
 def no_option(_variable: str) -> bool:
-    """False: without the command line no variable is known to stand for an option of a command."""
+    """False: without the command line no variable is known to be an option of a command."""
     return False
 
 
 def read_settings_found(is_option: Callable[[str], bool] = no_option) -> SettingsFound:
-    """Settings in force in the current folder; what one file says is left out where another comes first.
-
-    Args:
-        is_option: whether a variable stands for an option of a command, which the command line knows.
-    """
+    """Settings in force in the current folder; `is_option` recognizes variables of commands."""
     settings = find_settings()
     found: dict[str, SettingFound] = {}
     unknown: list[str] = []

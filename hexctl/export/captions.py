@@ -1,4 +1,4 @@
-"""Text on pictures: a line below one walk, and the names, messages and distances of a race."""
+"""Text on pictures: a caption below one walk, and the names, messages and distances of a race."""
 
 import math
 from dataclasses import dataclass
@@ -11,10 +11,10 @@ from hexctl.palette import BACKGROUND, TEXT_COLOR, Color
 
 Picture = NDArray[np.uint8]
 
-#: Height of a caption, that of its letters, and that of the smallest letters.
+#: Heights of a caption, of its letters, and of the smallest letters.
 CAPTION_PX, LETTER_PX, SMALLEST_PX = 26, 14, 7
 
-#: Height of a line of text and of its letters, by the width of the picture.
+#: Heights of a line of text and of its letters, as shares of the picture's width.
 BAR_SHARE, LETTER_SHARE = 0.068, 0.039
 
 #: A message is shown on its colour for this long, and the winner's until the end.
@@ -23,7 +23,7 @@ FLASH_S = 1.3
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """A message on a walk: the time of the film from which it is shown, its text and its colour."""
+    """A message on a walk, shown from a time of the film on."""
 
     at_s: float
     text: str
@@ -32,7 +32,7 @@ class Message:
 
 
 def make_caption(text: str, width_px: int) -> Picture:
-    """A line of text as a bar below a picture, smaller where it does not fit."""
+    """A line of text as a bar below a picture, with smaller letters if necessary."""
     from PIL import Image, ImageDraw
 
     bar = Image.new("RGB", (width_px, CAPTION_PX), BACKGROUND)
@@ -70,7 +70,6 @@ class RaceBar:
         return np.asarray(bar)
 
     def _draw_message(self, draw: Any, message: Message, *, flashes: bool) -> None:
-        """Draw a message on its colour while it is new, and later in its colour."""
         width_px, height_px = self._size_px
         font = fitted_font(draw, message.text, self._letter_px, 0.38 * width_px)
         at, pad_px = (0.6 * width_px, height_px / 2), self._letter_px / 3
@@ -83,7 +82,7 @@ class RaceBar:
 
 
 def fitted_font(draw: Any, text: str, letter_px: int, room_px: float) -> Any:
-    """The font of a text, with smaller letters where it does not fit."""
+    """Font in which a text fits, at most `letter_px` high."""
     from PIL import ImageFont
 
     while letter_px > SMALLEST_PX and draw.textlength(text, font=ImageFont.load_default(letter_px)) > room_px:
@@ -97,6 +96,5 @@ def even_pixels(pixels: float) -> int:
 
 
 def _lighter(color: Color) -> Color:
-    """A colour half way to white, which is read on the dark background."""
     red, green, blue = ((part + 255) // 2 for part in color)
     return red, green, blue

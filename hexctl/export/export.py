@@ -1,4 +1,4 @@
-"""One call for every export: what is given, to which format, where to."""
+"""One function for all exports: sources, format, output."""
 
 import csv
 import json
@@ -32,7 +32,7 @@ from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.scratch import scratch_folder
 
-#: Columns of readings of single servos: what is before and behind the name of the joint.
+#: Columns of servo readings: prefix and suffix of the joint's name.
 READING_COLUMNS = {
     "temperatures_c": ("temperature", "c"),
     "voltages_v": ("voltage", "v"),
@@ -42,7 +42,7 @@ READING_COLUMNS = {
 
 
 def trial_columns(trial: RecordedTrial) -> dict[str, Any]:
-    """Columns of a trial by name, (T,) each; NaN, or an empty text, where nothing was recorded."""
+    """Columns of a trial by name, (T,) each; NaN, or an empty text, if nothing was recorded."""
     ticks = len(trial)
     columns: dict[str, Any] = {"stamp_ns": trial.stamps_ns}
     contacts = {} if trial.foot_contacts is None else {"foot_contacts": trial.foot_contacts}
@@ -72,7 +72,7 @@ def trial_columns(trial: RecordedTrial) -> dict[str, Any]:
 
 
 def write_csv(trial: RecordedTrial, path: Path) -> None:
-    """Write a trial as CSV; numbers have all their digits, and what is unknown is empty."""
+    """Write a trial as CSV; numbers have all their digits, unknown ones are empty."""
     columns = trial_columns(trial)
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
@@ -81,7 +81,7 @@ def write_csv(trial: RecordedTrial, path: Path) -> None:
 
 
 def write_parquet(trial: RecordedTrial, path: Path) -> None:
-    """Write a trial as Parquet; the plan and the outcome are metadata of the table, as JSON in `hexctl`."""
+    """Write a trial as Parquet; plan and outcome are metadata of the table, as JSON in `hexctl`."""
     try:
         import pyarrow as pa
         import pyarrow.parquet as pq
@@ -98,9 +98,9 @@ def _texts(column: Any) -> list[Any]:
     return ["" if value != value else value for value in column.tolist()]
 
 
-#: Endings by which a format is recognised.
+#: File suffixes of formats.
 SUFFIXES = {".xml": "mjcf", **{f".{name}": name for name in FORMATS if name not in ("mjcf", "lerobot")}}
-#: What the names of outputs end with where none is given; datasets and bags are folders.
+#: Suffixes of default output names; datasets and bags are folders.
 ENDINGS = {"mjcf": ".xml", "mcap": "-mcap", "lerobot": "-lerobot"}
 
 
@@ -113,20 +113,20 @@ def export(
     on_damage: OnDamage = log_damage,
     **options: Any,
 ) -> Path:
-    """Write a robot, a recording or a session in a format of other programs; give where it lies.
+    """Write a robot, a recording or a session in a format of other programs; return its path.
 
     Args:
         sources: a robot (name, file or `Robot`), recordings (.rrd), or the name of a session. Several
             recordings make one LeRobot dataset, and two of them race in a GIF or MP4.
-        to: the format; None goes by the ending of `output`.
-        output: the new file or folder; None gives it the name of the source.
-        folder: where sessions lie.
-        on_progress: told how much is done, and how much there is.
-        on_damage: told of each recording of a session that is missing or damaged; the others are written.
-            By default it is logged.
+        to: None takes it from the suffix of `output`.
+        output: the new file or folder; None takes the name of the source.
+        folder: of sessions.
+        on_progress: takes the number of finished items and the total.
+        on_damage: takes the error of each missing or damaged recording of a session, which is skipped; logged
+            by default.
         options: further fields of `ExportOptions`, such as `fps`.
 
-    Raises InputError for what cannot be exported, an output that exists, or a disk that refuses;
+    Raises InputError for a source that cannot be exported, an output that exists, or a full disk;
     MissingExtraError for a format whose library is not installed.
     """
     if not sources:
@@ -155,7 +155,7 @@ def export(
 
 
 def _check_used(asked: ExportOptions, kind: str, *, table: bool) -> None:
-    """Raise InputError for options that the format would ignore; `table` is one of a session's trials."""
+    """Raise InputError for options that the format would ignore; `table` is a table of a session's trials."""
     if kind not in ("gif", "mp4") and asked.given:
         names = ", ".join(map(argument, asked.given))
         raise InputError(f"{names}: got it for {kind}; allowed: for gif and mp4")
@@ -166,7 +166,6 @@ def _check_used(asked: ExportOptions, kind: str, *, table: bool) -> None:
 
 
 def _refuse_robots(sources: Sequence[str | Path | Robot], kind: str) -> None:
-    """Raise InputError for a robot where a recording or a session is needed."""
     for source in sources:
         name = source.name if isinstance(source, Robot) else str(source)
         if isinstance(source, Robot) or name in config_names("robots") or name.endswith((".yaml", ".yml")):
@@ -203,7 +202,6 @@ def _output(source: str | Path | Robot, kind: str, output: str | Path | None) ->
 
 
 def _free(path: Path) -> Path:
-    """The path; raises InputError where something is there."""
     if path.exists() or path.is_symlink():
         raise InputError(f"export: {path} exists; allowed: a new name, nothing is replaced")
     return path
@@ -225,7 +223,7 @@ def _write_robot(sources: Sequence[str | Path | Robot], kind: str, path: Path, *
 def _write_trials(
     trials: Trials, kind: str, path: Path, picture: PictureOptions, on_progress: OnProgress
 ) -> None:
-    """Write recordings; formats that hold only one of them get a folder with a part for each."""
+    """Formats of a single recording get a folder with a part for each."""
     if kind == "lerobot":
         from hexctl.export.lerobot import write_lerobot
 
@@ -264,7 +262,7 @@ def _writer(kind: str) -> Callable[[RecordedTrial, Path], None]:
 
 @contextmanager
 def _draft(path: Path) -> Iterator[Path]:
-    """Path of the same name in a hidden folder beside it, from where it is moved when it is whole."""
+    """Path in a hidden sibling folder, from where the complete output is moved."""
     with scratch_folder(path.parent, path.stem) as folder:
         draft = folder / path.name
         yield draft

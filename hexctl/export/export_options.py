@@ -1,4 +1,4 @@
-"""Options of an export: which format, where to, and how pictures look."""
+"""Options of an export: format, output, and pictures."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -13,7 +13,6 @@ TrialFormat = Literal["mcap", "csv", "parquet", "lerobot", "gif", "mp4"]
 Format = Literal[RobotFormat, TrialFormat]
 Camera = Literal["side", "top", "follow"]
 
-#: Formats of robots and of recordings.
 ROBOT_FORMATS, TRIAL_FORMATS = get_args(RobotFormat), get_args(TrialFormat)
 FORMATS = get_args(Format)
 
@@ -25,7 +24,7 @@ LENGTH_S = Range(low=0, high=86_400, above=True, unit="s")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PictureOptions:
-    """How GIF and MP4 look."""
+    """Options of GIF and MP4."""
 
     PANEL: ClassVar = "GIF and MP4"
 
@@ -61,7 +60,7 @@ class PictureOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportOptions(PictureOptions):
-    """What is exported to which format."""
+    """Source robot, format and output of an export."""
 
     PANEL: ClassVar = "Format"
 

@@ -1,4 +1,4 @@
-"""Recorded trials as a LeRobot dataset (v3), one episode each: what imitation learning reads."""
+"""Recorded trials as a LeRobot dataset (v3) for imitation learning, one episode each."""
 
 import json
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ from hexctl.types import JOINT_NAMES, N_LEGS, FloatArray
 #: Frames per second: one for each tick.
 FPS = round(1 / PERIOD_S)
 
-#: Where the frames lie, and where what is said of the episodes.
+#: Paths of the frames and of the episodes' metadata.
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 
@@ -42,16 +42,9 @@ SCALARS = {
 def write_lerobot(trials: Trials, folder: Path, on_progress: OnProgress) -> None:
     """Write trials of one robot as a LeRobot dataset into a new folder.
 
-    `action` are the joint angles that were sent, `observation.state` those that came back, both in rad.
-    Pose and contacts are part of it where all trials have them. Frames are evenly spaced: where ticks were
-    late, values are interpolated.
-
-    Args:
-        trials: the episodes.
-        folder: the new folder.
-        on_progress: told how many episodes are done, and how many there are.
-
-    Raises InputError for trials of several robots, and MissingExtraError without pandas and pyarrow.
+    `action` contains the commanded joint angles, `observation.state` the measured ones, both in rad. Pose and
+    contacts are included if all trials have them. Frames are evenly spaced, with interpolated values. Raises
+    InputError for trials of several robots, and MissingExtraError without pandas and pyarrow.
     """
     pa, pq, pandas = _libraries()
     facts = [_Facts.of(trial) for trial in trials]
@@ -85,8 +78,8 @@ def write_lerobot(trials: Trials, folder: Path, on_progress: OnProgress) -> None
 
 
 def task_of(trial: RecordedTrial) -> str:
-    """What a trial was to do, in words."""
-    if "heading_deg" not in trial.properties:  # driven, or cut off: nobody knows what was to be done
+    """Text of a trial's task."""
+    if "heading_deg" not in trial.properties:  # driven, or cut off: the task is unknown
         return title_of(trial)
     heading = float(trial.properties["heading_deg"])
     way = "walk ahead" if heading == 0 else f"walk at {heading:g} degrees"
@@ -105,8 +98,6 @@ def _libraries() -> tuple[Any, Any, Any]:
 
 @dataclass(frozen=True, slots=True)
 class _Facts:
-    """What must be known of all episodes before the first is written."""
-
     robot: str
     task: str
     posed: bool
@@ -119,7 +110,6 @@ class _Facts:
 
 
 def _vectors(facts: Sequence[_Facts]) -> list[str]:
-    """Vectors that all trials have."""
     missing = set()
     if not all(one.posed for one in facts):
         missing.add("observation.pose")
@@ -129,7 +119,6 @@ def _vectors(facts: Sequence[_Facts]) -> list[str]:
 
 
 def _frames(trial: RecordedTrial, names: list[str], number: int, before: int, task: int) -> dict[str, Any]:
-    """Columns of an episode, evenly spaced."""
     length = round(float(trial.time_s[-1]) * FPS) + 1
     times_s = np.arange(length) / FPS
     pose = np.column_stack([trial.base_position_world, trial.base_quaternion_world])
@@ -178,7 +167,6 @@ def _episode(number: int, text: str, before: int, length: int, columns: dict[str
 
 
 def _stats(values: FloatArray) -> dict[str, list[float]]:
-    """Least, greatest, mean, standard deviation and number of frames, by component."""
     exact = values.astype(float)
     return {
         "min": exact.min(axis=0).tolist(),

@@ -1,4 +1,4 @@
-"""A recorded trial as MCAP: the messages that ROS 2, Foxglove, PlotJuggler and Rerun understand."""
+"""A recorded trial as MCAP, in messages for ROS 2, Foxglove, PlotJuggler and Rerun."""
 
 import heapq
 import json
@@ -18,11 +18,11 @@ from hexctl.robot.formats.urdf import urdf_of
 from hexctl.scratch import scratch_folder
 from hexctl.types import JOINT_NAMES, N_LEGS, FloatArray
 
-#: The frame in which the base is placed.
+#: The frame of the base's pose.
 ODOM = "odom"
 
-#: Topics, their types, and whether one that comes late still gets the last message. What was commanded has
-#: names that no robot listens to: a bag that is played back must not drive one.
+#: Types of topics, and whether late subscribers get the last message. Names of commands are not those of a
+#: robot: a replayed bag must not drive one.
 TOPICS: dict[str, tuple[str, bool]] = {
     "/robot_description": ("std_msgs/msg/String", True),
     "/tf_static": ("tf2_msgs/msg/TFMessage", True),
@@ -42,10 +42,10 @@ TOPICS: dict[str, tuple[str, bool]] = {
 #: Levels of rcl_interfaces/Log.
 LOG_LEVELS = {"INFO": 20, "WARN": 30, "ERROR": 40}
 
-#: Covariance of what is not measured (REP 145).
+#: Covariance of an unmeasured quantity (REP 145).
 UNMEASURED = np.array([-1.0, *[0.0] * 8])
 
-#: Names of what servos report, in diagnostics.
+#: Names of servo readings in diagnostics.
 READING_NAMES = {
     "temperatures_c": "temperature (C)",
     "voltages_v": "voltage (V)",
@@ -60,13 +60,7 @@ Stamped = tuple[int, str, Any]
 
 
 def write_mcap(trial: RecordedTrial, path: Path) -> None:
-    """Write a trial to a new MCAP file, or to a new folder that `ros2 bag play` takes.
-
-    Args:
-        trial: what is written. Values are those of the recording, bit for bit.
-        path: the new file, where it ends in `.mcap`; else the new folder, with the .mcap and its
-            `metadata.yaml` in it.
-    """
+    """Write a trial to a new MCAP file if `path` ends in `.mcap`, else to a folder for `ros2 bag play`."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with scratch_folder(path.parent, path.stem) as draft:
         bag = draft / path.stem
@@ -80,7 +74,7 @@ def _write_bag(trial: RecordedTrial, folder: Path) -> None:
     from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
     writer = Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP)
-    # Of the modes of compression, the one inside of the file: others read nothing else.
+    # The compression inside of the file is the only one that all readers support.
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
     for name, value in trial.properties.items():
         writer.set_custom_data(name, json.dumps(value))
@@ -98,7 +92,6 @@ def _write_bag(trial: RecordedTrial, folder: Path) -> None:
 
 
 def _contents(trial: RecordedTrial) -> Iterator[tuple[int, str, bytes]]:
-    """All messages of a trial as CDR in the order of time, those that are kept for late listeners first."""
     yield from _serialized(_kept(trial))
     parts = (
         _tf(trial),
@@ -140,7 +133,7 @@ def _make(kind: str, **fields: Any) -> Any:
 
 
 def _kept_qos() -> Any:
-    """Reliable and transient local, with a depth of one: the last message is kept for late listeners."""
+    """Reliable and transient local, with a depth of one: late subscribers get the last message."""
     from rosbags.interfaces import (
         Qos,
         QosDurability,
@@ -184,15 +177,12 @@ def _quaternion(wxyz: Iterable[float]) -> Any:
 
 
 def _short(values: FloatArray) -> FloatArray:
-    """Derived values to seven digits: the zeros behind them compress well."""
+    """Derived values to seven digits, which compress well."""
     return values.astype(np.float32).astype(np.float64)
 
 
 def _tf(trial: RecordedTrial) -> Iterator[Stamped]:
-    """Every moving link at every tick, and the base where its place is known.
-
-    The parts of the message are made once and changed from tick to tick: of 30 s there are 30,000.
-    """
+    """Parts of the message are reused from tick to tick, because 30 s have 30,000."""
     links = link_transforms(trial.robot, trial.measured_rad)
     stamp, at, turn = _stamp(0), _vector((0.0, 0.0, 0.0)), _quaternion((1.0, 0.0, 0.0, 0.0))
     base = _placed(_header(stamp, ODOM), BASE_LINK, at, turn)
@@ -211,7 +201,6 @@ def _tf(trial: RecordedTrial) -> Iterator[Stamped]:
 
 
 def _links(stamp: Any, links: LinkTransforms, quaternions: FloatArray) -> Iterator[Any]:
-    """Transforms of links that lie on others."""
     headers = {parent: _header(stamp, parent) for parent in set(links.parents)}
     places = zip(links.translations_m.tolist(), quaternions.tolist(), strict=True)
     for parent, child, (at, turn) in zip(links.parents, links.children, places, strict=True):
@@ -253,7 +242,7 @@ def _torques(trial: RecordedTrial) -> Iterator[Stamped]:
 
 
 def _odometry(trial: RecordedTrial) -> Iterator[Stamped]:
-    """Pose in `odom` as it was recorded; the twist in `base_link` is its derivative."""
+    """Pose in `odom` as recorded; the twist in `base_link` is its derivative."""
     rows = np.flatnonzero(trial.posed)
     if rows.size < 2:
         return
@@ -284,7 +273,7 @@ def _odometry(trial: RecordedTrial) -> Iterator[Stamped]:
 
 
 def _imu(trial: RecordedTrial) -> Iterator[Stamped]:
-    """The orientation of a robot that knows no place: only an IMU tells it."""
+    """For a robot without a position, whose orientation has no other topic."""
     if trial.posed.any():
         return
     known = np.isfinite(trial.base_quaternion_world).all(axis=-1)
@@ -320,7 +309,7 @@ def _commands(trial: RecordedTrial) -> Iterator[Stamped]:
 
 
 def _contacts(trial: RecordedTrial) -> Iterator[Stamped]:
-    """Feet that touch the floor, leg 1 to 6, where that changes."""
+    """Feet that touch the floor, leg 1 to 6, when they change."""
     if trial.foot_contacts is None:
         return
     dimension = _make("std_msgs/msg/MultiArrayDimension", label="leg", size=N_LEGS, stride=N_LEGS)
@@ -333,7 +322,7 @@ def _contacts(trial: RecordedTrial) -> Iterator[Stamped]:
 
 
 def _battery(trial: RecordedTrial) -> Iterator[Stamped]:
-    """The voltage of the battery, as the servos feel it: the median of theirs."""
+    """The median of the servos' voltages."""
     nan, none = float("nan"), np.empty(0, dtype=np.float32)
     for stamp_ns, volts in _stamped(trial, trial.servos.get("voltages_v")):
         if not np.isfinite(volts).any():
@@ -361,7 +350,6 @@ def _battery(trial: RecordedTrial) -> Iterator[Stamped]:
 
 
 def _diagnostics(trial: RecordedTrial) -> Iterator[Stamped]:
-    """What single servos report, one status for each."""
     rows = sorted({row for samples in trial.servos.values() for row in samples.rows.tolist()})
     spread = {
         READING_NAMES[name]: dict(zip(samples.rows.tolist(), samples.values, strict=True))
@@ -392,7 +380,6 @@ def _diagnostics(trial: RecordedTrial) -> Iterator[Stamped]:
 
 
 def _log(trial: RecordedTrial) -> Iterator[Stamped]:
-    """What happened, as log messages."""
     for event in trial.events:
         stamp_ns = int(trial.stamps_ns[event.row])
         message = _make(
@@ -409,6 +396,5 @@ def _log(trial: RecordedTrial) -> Iterator[Stamped]:
 
 
 def _stamped(trial: RecordedTrial, samples: Samples | None) -> Iterator[tuple[int, FloatArray]]:
-    """Times and values of what is not recorded at every tick."""
     if samples is not None:
         yield from zip(trial.stamps_ns[samples.rows].tolist(), samples.values, strict=True)

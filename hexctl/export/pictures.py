@@ -1,4 +1,4 @@
-"""Pictures that move, drawn by MuJoCo itself without a screen: GIF and MP4 of one walk, or a race of two."""
+"""Animations, drawn by MuJoCo without a screen: GIF and MP4 of one walk, or a race of two."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -15,25 +15,25 @@ from hexctl.export.recordings import OnProgress, Trials, title_of
 from hexctl.export.render import RunRenderer
 from hexctl.recording.recorded_trial import RecordedTrial
 
-#: Width of a picture if none is asked for.
+#: Default width of a picture.
 USUAL_WIDTH_PX = 480
 
-#: Pictures per second where none are asked for: a GIF is several times as large as an MP4.
+#: Default pictures per second: a GIF is several times as large as an MP4.
 GIF_FPS, MP4_FPS = 20.0, 50.0
 
-#: Height of a picture of one run, by its width.
+#: Height of a picture of one run, as a share of its width.
 HEIGHT_SHARE = 0.75
-#: Colours of a GIF, and the pictures from which they are taken.
+#: Colours of a GIF, and the number of pictures from which they are taken.
 GIF_COLORS, PALETTE_FRAMES = 48, 6
 
 
 def write_pictures(trials: Trials, path: Path, options: PictureOptions, on_progress: OnProgress) -> None:
-    """Draw one walk, or two as a race, into a new GIF or MP4, by the ending of its name.
+    """Draw one walk, or two as a race, into a new GIF or MP4, by its suffix.
 
     The walks of a race begin at the same moment; the shorter one stands still at its end.
 
-    Raises InputError for more runs, and for other captions or cameras than that, MissingExtraError without
-    MuJoCo, Pillow or PyAV, and HexctlError where the machine has nothing that draws without a screen.
+    Raises InputError for more runs, and for unsuitable captions or cameras, MissingExtraError without MuJoCo,
+    Pillow or PyAV, and HexctlError if the machine cannot draw without a screen.
     """
     if len(trials) > 2:
         raise InputError(f"export: got {len(trials)} recordings; allowed: one, or two for a race")
@@ -58,15 +58,13 @@ class _Stage(Protocol):
         """The picture at a time, (height, width, 3)."""
 
     def moments_s(self) -> Sequence[float]:
-        """Times from which there are other colours in the picture."""
+        """Times of changed colours."""
 
     def close(self) -> None:
-        """Free what it draws with."""
+        """Free its resources."""
 
 
 class _OneRun:
-    """One run, with a line of text below it if there is one."""
-
     def __init__(self, run: RecordedTrial, options: PictureOptions) -> None:
         width_px = even_pixels(options.width_px or USUAL_WIDTH_PX)
         camera = options.camera or "follow"
@@ -75,22 +73,17 @@ class _OneRun:
         self._bar = None if not options.captions else make_caption(options.captions[0], width_px)
 
     def picture(self, time_s: float) -> Picture:
-        """The picture at a time, (height, width, 3)."""
         scene = self._renderer.draw(_row(self._run, time_s))
         return scene if self._bar is None else np.vstack([scene, self._bar])
 
     def moments_s(self) -> Sequence[float]:
-        """Times at which legs change their colours."""
         return _color_changes_s(self._run)
 
     def close(self) -> None:
-        """Free what it draws with."""
         self._renderer.close()
 
 
 class _Race:
-    """Two runs in one scene."""
-
     def __init__(
         self, runs: Sequence[RecordedTrial], options: PictureOptions, times_s: Sequence[float]
     ) -> None:
@@ -110,49 +103,41 @@ class _Race:
         )
 
     def picture(self, time_s: float) -> Picture:
-        """The picture at a time, (height, width, 3)."""
         return self._renderer.draw(time_s)
 
     def moments_s(self) -> Sequence[float]:
-        """Times at which legs change their colours, or something is announced."""
         pairs = zip(self._runs, self._starts_s, strict=True)
         changes_s = [at_s - start_s for run, start_s in pairs for at_s in _color_changes_s(run)]
         return [*changes_s, *self._renderer.moments_s]
 
     def close(self) -> None:
-        """Free what it draws with."""
         self._renderer.close()
 
 
 def _row(run: RecordedTrial, time_s: float) -> int:
-    """Tick of a run that is shown at a second of its recording."""
     found = int(np.searchsorted(run.time_s, time_s + 1e-6, side="right")) - 1
     return min(max(found, 0), len(run) - 1)
 
 
 def _color_changes_s(run: RecordedTrial) -> list[float]:
-    """Seconds of the recording at which a leg is in another condition than before."""
     changes = np.flatnonzero((np.diff(run.leg_conditions, axis=0) != 0).any(axis=1)) + 1
     return [float(at_s) for at_s in run.time_s[changes]]
 
 
 @dataclass(frozen=True, slots=True)
 class _Film:
-    """A film that is to be written: what draws it, the times of its pictures, and their number per second."""
-
     stage: _Stage
     times_s: Sequence[float]
     fps: float
     on_progress: OnProgress
 
     def pictures(self) -> Iterator[Picture]:
-        """All pictures in order; each counts as done when the next one is asked for."""
+        """All pictures in order; each counts as done when the next one is requested."""
         for done, time_s in enumerate(self.times_s, start=1):
             yield self.stage.picture(time_s)
             self.on_progress(done, len(self.times_s))
 
     def sample(self) -> Picture:
-        """A few pictures, one below another, with all colours of the film."""
         evenly = np.linspace(0, len(self.times_s) - 1, PALETTE_FRAMES).astype(int)
         after = np.searchsorted(self.times_s, np.asarray(self.stage.moments_s(), dtype=float))
         shown = np.union1d(evenly, after[after < len(self.times_s)])
@@ -168,7 +153,6 @@ def _starts_s(runs: Sequence[RecordedTrial]) -> list[float]:
 
 
 def _times_s(runs: Sequence[RecordedTrial], options: PictureOptions, fps: float) -> list[float]:
-    """Times of the pictures in the film's own seconds."""
     whole_s = max(float(run.time_s[-1]) - start_s for run, start_s in zip(runs, _starts_s(runs), strict=True))
     from_s = options.from_s or 0.0
     if from_s >= whole_s:
@@ -180,7 +164,6 @@ def _times_s(runs: Sequence[RecordedTrial], options: PictureOptions, fps: float)
 
 
 def _check_captions(captions: Sequence[str], runs: Sequence[RecordedTrial]) -> None:
-    """Raise InputError for captions that are not one for each run."""
     if captions and len(captions) != len(runs):
         raise InputError(
             f"{argument('captions')}: got {len(captions)} for {len(runs)} recordings; allowed: one for each"
@@ -188,7 +171,7 @@ def _check_captions(captions: Sequence[str], runs: Sequence[RecordedTrial]) -> N
 
 
 def _write_gif(path: Path, film: _Film) -> None:
-    """Write a GIF whose pictures share one set of colours, undithered: what does not move costs nothing."""
+    """Pictures share one palette without dithering, so that static areas compress to nothing."""
     try:
         from PIL import Image
     except ModuleNotFoundError as error:
@@ -203,7 +186,6 @@ def _write_gif(path: Path, film: _Film) -> None:
 
 
 def _write_mp4(path: Path, film: _Film) -> None:
-    """Write an MP4 (H.264) that browsers and slides play."""
     try:
         import av
     except ModuleNotFoundError as error:

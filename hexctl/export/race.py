@@ -24,28 +24,28 @@ from hexctl.recording.recorded_trial import RecordedTrial
 from hexctl.robot.rotations import product
 from hexctl.types import FloatArray
 
-#: Directions of the fixed camera: its elevation in degrees.
+#: Elevations of the fixed camera in degrees.
 CAMERAS = {"side": 34.0, "top": 88.0}
 #: Vertical angle of view: a narrow one shows both lanes in nearly the same size.
 FOVY_DEG = 7.0
 #: Brightness of the light from above.
 LIGHT = 0.55
 
-#: Width of a lane, and room around the course, in stance radii of the larger robot.
+#: Width of a lane, and margin around the course, in stance radii of the larger robot.
 LANE_SHARE, ROOM_SHARE = 2.3, 1.5
-#: Heights of the scene that are allowed, by its width.
+#: Limits of the scene's height, as shares of its width.
 LOWEST, HIGHEST = 0.3, 0.8
 
 #: The finish line is where the winner is this long before the end, on a multiple of `FINISH_STEP_M`.
 CHEER_S, FINISH_STEP_M = 1.2, 0.05
 
-#: How far the lanes go on beyond the picture.
+#: Length of the lanes beyond the picture.
 BEYOND_M = 9.0
 
-#: Squares of the finish line, and how far its paint is above the lanes, and these above the floor.
+#: Squares of the finish line, and the distance from paint to lanes and from lanes to floor.
 SQUARE_M, PAINT_M = 0.03, 0.002
 
-#: Projection onto the floor along the light, and the opacity from which on a solid has a shadow.
+#: Projection onto the floor along the light, and the minimum opacity for a shadow.
 FLATTEN = np.array([[1.0, 0.0, -0.2], [0.0, 1.0, 0.3], [0.0, 0.0, 0.01]])
 SOLID = 0.5
 
@@ -57,7 +57,7 @@ FAILED_BADGE: Color = (214, 52, 36)
 DETECTED_BADGE: Color = (196, 120, 0)
 WON_BADGE: Color = (0, 138, 88)
 
-#: How a failure is announced, by its last word in the events of a recording.
+#: Texts of failures, by the last word of the events of a recording.
 VERBS = {
     "locked": "locks",
     "limp": "goes limp",
@@ -68,13 +68,7 @@ VERBS = {
 
 
 class Racer:
-    """A walk in a lane: poses along its own line of travel, on its own floor, with the line as x axis.
-
-    Attributes:
-        trial: the recorded walk.
-        start_s: second of the recording at which the film begins.
-        progress_m: distance along the line at each tick, (T,); None where the position is unknown.
-    """
+    """A walk in a lane along its line of travel; `start_s` is in the recording, `progress_m` is (T,)."""
 
     def __init__(self, trial: RecordedTrial, start_s: float, lane_m: float) -> None:
         self.trial, self.start_s = trial, start_s
@@ -86,17 +80,17 @@ class Racer:
         self.progress_m = self._positions_m[:, 0] if trial.posed.any() else None
 
     def row(self, time_s: float) -> int:
-        """Tick that is shown at a time of the film."""
+        """Tick at a time of the film."""
         at_s = time_s + self.start_s + 1e-6
         found = int(np.searchsorted(self.trial.time_s, at_s, side="right")) - 1
         return min(max(found, 0), len(self.trial) - 1)
 
     def place(self, row: int) -> None:
-        """Put the robot where it was at a tick."""
+        """Put the robot at its pose of a tick."""
         self._robot.place(row, self._positions_m[row], product(self._turn, self._quaternions[row]))
 
     def trail_m(self, row: int) -> FloatArray:
-        """Where the body was until a tick, just above the floor, (N, 3); NaN before its walk began."""
+        """Path of the body until a tick, just above the floor, (N, 3); NaN before its walk began."""
         at = np.arange(0, row + 1, PIECE_TICKS)
         way = self._positions_m[at].copy()
         way[:, 2] = self.trial.robot.foot_radius_m / 4
@@ -104,11 +98,11 @@ class Racer:
         return way
 
     def distance_m(self, time_s: float) -> float:
-        """Distance along the line at a time of the film; NaN where it is unknown."""
+        """Distance along the line at a time of the film, or NaN."""
         return math.nan if self.progress_m is None else float(self.progress_m[self.row(time_s)])
 
     def messages(self) -> Iterator[Message]:
-        """What broke, and that the walk noticed it and reacted, each when it happened."""
+        """Failures, detections and reactions."""
         film_s = self.trial.time_s - self.start_s
         broke_s: dict[int, float] = {}
         for event in self.trial.events:
@@ -137,18 +131,7 @@ class RaceRenderer:
         camera: str,
         width_px: int,
     ) -> None:
-        """Lay out the lanes and the finish line, so that all of the film is in the picture.
-
-        Args:
-            trials: the two walks; the first one is on the far lane.
-            starts_s: second of each recording at which the film begins.
-            captions: a name for each.
-            times_s: times of the pictures.
-            camera: one of `CAMERAS`.
-            width_px: of the picture.
-
-        Raises what `open_context` raises.
-        """
+        """Lay out the lanes, the first trial on the far one; raises what `open_context` raises."""
         self._reach_m = max(trial.robot.stance_radius_m for trial in trials)
         self._lane_m = LANE_SHARE * self._reach_m
         sides = (self._lane_m / 2, -self._lane_m / 2)
@@ -178,16 +161,13 @@ class RaceRenderer:
         self._camera.lookat = ((low_m + high_m) / 2, 0.0, self._top_m() / 2)
 
     def _span_m(self) -> tuple[float, float]:
-        """What the picture shows along the course."""
         room_m = ROOM_SHARE * self._reach_m
         return self._course.start_m - room_m, self._course.end_m + room_m
 
     def _top_m(self) -> float:
-        """Height above the floor that has to be in the picture."""
         return 1.4 * max(racer.trial.robot.standing_height_m for racer in self.racers)
 
     def _height_share(self) -> float:
-        """Height of the scene by its width: both lanes with their robots."""
         low_m, high_m = self._span_m()
         elevation = math.radians(self._elevation_deg)
         tall_m = 2.04 * self._lane_m * math.sin(elevation) + self._top_m() * math.cos(elevation)
@@ -212,7 +192,7 @@ class RaceRenderer:
         return np.vstack([far, scene, near])
 
     def _draw_robots(self, rows: Sequence[int]) -> None:
-        """Put both robots into the scene: the first one with the floor and the light of its model."""
+        """The first robot brings the floor and the light of its model."""
         mujoco, parts = self._mujoco, self._mujoco.mjtCatBit
         for racer, row in zip(self.racers, rows, strict=True):
             racer.place(row)
@@ -226,7 +206,7 @@ class RaceRenderer:
         )
 
     def _draw_shadows(self) -> None:
-        """Add the robots' solids flattened onto the lanes: MuJoCo's own shadows take twice the time."""
+        """Flattened solids: MuJoCo's own shadows take twice the time."""
         dynamic = int(self._mujoco.mjtCatBit.mjCAT_DYNAMIC)
         for geom in list(self._scene.geoms[: self._scene.ngeom]):
             if geom.category == dynamic and geom.rgba[3] > SOLID:
@@ -234,7 +214,6 @@ class RaceRenderer:
                 add_geom(self._scene, geom.type, SHADOW_COLOR, geom.size, at_m, FLATTEN @ geom.mat)
 
     def _draw_lanes(self) -> None:
-        """Add the lanes, their lines of travel, and the start and the finish line."""
         low_m, high_m = self._span_m()
         width_m, foot_m = self._lane_m, self.racers[0].trial.robot.foot_radius_m
         for side, color in zip((0, -1), LANE_COLORS, strict=True):
@@ -256,7 +235,6 @@ class RaceRenderer:
             self._draw_finish(self._course.finish_m)
 
     def _draw_finish(self, finish_m: float) -> None:
-        """Add two columns of squares, black and white."""
         squares = round(2 * self._lane_m / SQUARE_M)
         size_m = 2 * self._lane_m / squares
         for column in range(2):
@@ -275,14 +253,7 @@ class RaceRenderer:
 
 @dataclass(frozen=True, slots=True)
 class _Course:
-    """Where the race begins and ends, along the lines of travel, and who wins.
-
-    Attributes:
-        start_m: where the distances begin: at the body that is furthest behind as the film begins.
-        end_m: the furthest that a body comes.
-        finish_m: the finish line; None where nobody gets anywhere.
-        won: the winner, and the time of the film at which it is there; None without one.
-    """
+    """Extent of the race from the rearmost body, its finish line and winner, if any."""
 
     start_m: float
     end_m: float
@@ -291,7 +262,6 @@ class _Course:
 
     @classmethod
     def of(cls, racers: Sequence[Racer], times_s: Sequence[float]) -> "_Course":
-        """The course of a film."""
         ways_m = np.array([[racer.distance_m(time_s) for time_s in times_s] for racer in racers])
         ways_m = np.nan_to_num(ways_m)
         start_m, end_m = float(ways_m[:, 0].min()), float(ways_m.max())
@@ -308,7 +278,6 @@ class _Course:
         return cls(start_m, end_m, finish_m, winner)
 
     def messages(self, racer: Racer) -> list[Message]:
-        """All messages on a walk, in the order of time."""
         found = list(racer.messages())
         if self.won is not None and self.won[0] is racer:
             found.append(Message(self.won[1], "wins", WON_BADGE, math.inf))

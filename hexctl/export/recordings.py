@@ -1,4 +1,4 @@
-"""Recordings to export: those that are given, or those of a session, read when they are needed."""
+"""Recordings to export, given directly or by a session, and read lazily."""
 
 import json
 from collections.abc import Callable, Iterator, Sequence
@@ -12,7 +12,7 @@ from hexctl.recording.recorded_trial import RecordedTrial, read_trial
 from hexctl.recording.rrd_reader import OnDamage, log_damage
 from hexctl.robot.model import Robot
 
-#: What is told while an export runs: how much is done, and how much there is.
+#: Takes the number of finished items of an export, and the total.
 OnProgress = Callable[[int, int], object]
 
 
@@ -20,7 +20,7 @@ class Trials(Protocol):
     """Trials that can be counted and read one by one."""
 
     def __len__(self) -> int:
-        """How many there are."""
+        """Number of trials."""
 
     def __getitem__(self, index: int, /) -> RecordedTrial:
         """One of them."""
@@ -31,15 +31,10 @@ class Trials(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Recordings:
-    """Recordings that are read when they are needed: those of a session need not fit in memory.
+    """Recordings that are read lazily: those of a session need not fit in memory.
 
-    Whoever goes through all of them does not get what a session has lost: `on_damage` is told of it, once.
-
-    Attributes:
-        paths: the files.
-        robot: the robot of recordings that do not hold theirs.
-        of_sessions: those of the files that a session names, of which some may be missing or damaged.
-        on_damage: is told of each of these that cannot be read.
+    Iteration skips unreadable files of sessions (`of_sessions`), and reports each once to `on_damage`.
+    `robot` is for recordings that lack theirs.
     """
 
     paths: tuple[Path, ...]
@@ -55,10 +50,7 @@ class Recordings:
         return read_trial(self.paths[index], self.robot)
 
     def __iter__(self) -> Iterator[RecordedTrial]:
-        """Each that can be read.
-
-        Raises InputError for one that was given itself and cannot be read, and where nothing can.
-        """
+        """Readable trials; raises InputError for an unreadable file outside sessions, and without any."""
         for path in self.paths:
             trial = self._trial(path)
             if trial is not None:
@@ -68,7 +60,7 @@ class Recordings:
             raise InputError(f"export: none of {count} recordings can be read; allowed: one or more that can")
 
     def _trial(self, path: Path) -> RecordedTrial | None:
-        """The trial of a file; None for one that a session has lost. What was read once must be again."""
+        """None for a lost recording of a session. A file that was readable once must stay so."""
         if self._readable.get(path) is False:
             return None
         try:
@@ -94,10 +86,7 @@ def recordings_to_export(
     robot: Robot | None = None,
     on_damage: OnDamage = log_damage,
 ) -> Recordings:
-    """Recordings that are given, or those of a session that is; the rest as of `Recordings`.
-
-    Raises InputError for anything else, and for a session without recordings.
-    """
+    """Recordings of files or of a session; raises InputError for anything else, and without any."""
     found: list[Path] = []
     given: set[Path] = set()
     for source in sources:
@@ -111,7 +100,7 @@ def recordings_to_export(
 
 
 def title_of(trial: RecordedTrial) -> str:
-    """Robot, gait and the failed legs that the walk was told of, in a line."""
+    """Robot, gait and announced failed legs of a trial, in a line."""
     told = trial.properties
     failed = {str(told["failed_leg"]): told.get("failure", "failed")} if "failed_leg" in told else {}
     failed |= json.loads(told.get("further_failures", "{}"))

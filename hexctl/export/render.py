@@ -1,4 +1,4 @@
-"""Pictures of a recorded trial by MuJoCo, without a screen: EGL, and where that does not work OSMesa."""
+"""Pictures of a recorded trial by MuJoCo without a screen, with EGL or OSMesa."""
 
 import os
 from collections.abc import Sequence
@@ -18,36 +18,36 @@ from hexctl.robot.formats.mjcf import CAMERAS as _CAMERAS
 from hexctl.robot.formats.mjcf import mjcf_of
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_LEGS, FloatArray
 
-#: Cameras, all of which go along with the robot.
+#: Cameras, all of which follow the robot.
 CAMERAS = tuple(_CAMERAS)
 
-#: What draws without a screen, in the order in which they are tried, and the Debian packages of each.
+#: Renderers without a screen in the order of attempts, and the Debian packages of each.
 RENDERERS = {"egl": "libegl1 libgl1 libgl1-mesa-dri", "osmesa": "libosmesa6"}
 
-#: Colours and opacity of a leg's links by its condition; those of a whole leg are the robot's own.
+#: Colours and opacity of a leg's links by its condition; an intact leg has the robot's own.
 LEG_LOOKS = {
     "noticed": (NOTICED_COLORS, 1.0),
     "failed": (FAILED_COLORS, 1.0),
     "missing": (FAILED_COLORS, 0.15),
 }
 
-#: Geoms of a scene: more than the robot and its way have.
+#: Maximum geoms of a scene, enough for the robot and its trail.
 MOST_GEOMS = 1000
 
-#: The way of the body is drawn in pieces of this many ticks, the last so many of them.
+#: Ticks of a piece of the trail, and the maximum number of pieces.
 PIECE_TICKS, MOST_PIECES = 10, 600
 
 
 class NoRendererError(HexctlError, RuntimeError):
-    """The machine has nothing that draws without a screen."""
+    """The machine cannot draw without a screen."""
 
 
 def open_context(width_px: int, height_px: int) -> Any:
     """A current OpenGL context without a screen.
 
-    The environment variable `MUJOCO_GL`, where it is `egl` or `osmesa`, allows only that one.
+    If the environment variable `MUJOCO_GL` is `egl` or `osmesa`, only that one is tried.
 
-    Raises NoRendererError that says what to install, and MissingExtraError without MuJoCo.
+    Raises NoRendererError with the packages to install, and MissingExtraError without MuJoCo.
     """
     try:
         import mujoco  # noqa: F401
@@ -70,7 +70,7 @@ def open_context(width_px: int, height_px: int) -> Any:
 
 
 class Canvas:
-    """A picture that MuJoCo draws into. Close it: its context belongs to the thread that made it."""
+    """An image that MuJoCo draws into. Close it: its context belongs to the thread that made it."""
 
     def __init__(self, width_px: int, height_px: int) -> None:
         """Open a context of that size; raises what `open_context` raises."""
@@ -82,7 +82,7 @@ class Canvas:
         self._pixels = np.empty((height_px, width_px, 3), dtype=np.uint8)
 
     def new_scene(self, model: Any) -> Any:
-        """An empty scene that is drawn with the textures of a model, without shadows and reflections."""
+        """An empty scene with the textures of a model, without shadows and reflections."""
         mujoco = self._mujoco
         scene = mujoco.MjvScene(model, MOST_GEOMS)
         scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
@@ -107,12 +107,7 @@ class Canvas:
 
 
 class PosedRobot:
-    """The model of a robot, put where a trial had it.
-
-    Attributes:
-        model: of MuJoCo.
-        data: its state.
-    """
+    """The MuJoCo model of a robot and its state, in poses of a trial."""
 
     def __init__(self, trial: RecordedTrial, floor_quaternion: FloatArray) -> None:
         """Make the model, on a floor of an orientation (w, x, y, z)."""
@@ -126,7 +121,7 @@ class PosedRobot:
         self._legs = _Legs(self.model)
 
     def place(self, row: int, position_m: FloatArray, quaternion: FloatArray) -> None:
-        """Put the robot at a pose with the joints of a tick, its legs in the colours of their conditions."""
+        """Put the robot at a pose with the joints and leg colours of a tick."""
         mujoco, trial, qpos = self._mujoco, self._trial, self.data.qpos
         qpos[:3], qpos[3:7], qpos[7:] = position_m, quaternion, trial.measured_rad[row]
         mujoco.mj_kinematics(self.model, self.data)
@@ -139,10 +134,7 @@ class RunRenderer:
     """Draws ticks of a trial. Close it: the context belongs to the thread that made it."""
 
     def __init__(self, trial: RecordedTrial, camera: str, width_px: int, height_px: int) -> None:
-        """Make the model of the robot, a scene, and a context of that size.
-
-        Raises what `open_context` raises.
-        """
+        """Make model, scene and context; raises what `open_context` raises."""
         self._canvas = Canvas(width_px, height_px)
         import mujoco
 
@@ -157,7 +149,7 @@ class RunRenderer:
         self._camera.fixedcamid = self.model.camera(camera).id
 
     def place(self, row: int) -> None:
-        """Put the robot where it was at a tick, its legs in the colours of their conditions."""
+        """Put the robot at its pose of a tick, with its leg colours."""
         self._robot.place(row, self._positions_m[row], self._quaternions[row])
 
     def draw(self, row: int) -> NDArray[np.uint8]:
@@ -178,14 +170,14 @@ class RunRenderer:
 
 
 def add_trail(scene: Any, trail_m: FloatArray, radius_m: float) -> None:
-    """Add the last pieces of a way through points of the world, (N, 3), to a scene; not through NaN."""
+    """Add the last pieces of a trail through points of the world, (N, 3), except NaN, to a scene."""
     for begin, end in pairwise(trail_m[-MOST_PIECES:]):
         if np.isfinite([begin, end]).all():
             add_line(scene, begin, end, radius_m, TRAIL_COLOR)
 
 
 def add_line(scene: Any, begin: FloatArray, end: FloatArray, radius_m: float, color: Color) -> None:
-    """Add a line between two points of the world to a scene, as long as there is room for it."""
+    """Add a line between two points of the world to a scene, unless it is full."""
     import mujoco
 
     geom = add_geom(scene, mujoco.mjtGeom.mjGEOM_CAPSULE, color)
@@ -194,7 +186,7 @@ def add_line(scene: Any, begin: FloatArray, end: FloatArray, radius_m: float, co
 
 
 def add_box(scene: Any, low_m: Sequence[float], high_m: Sequence[float], color: Color) -> None:
-    """Add a box along the axes of the world, between two corners, to a scene, as long as there is room."""
+    """Add a box along the axes of the world, between two corners, to a scene, unless it is full."""
     import mujoco
 
     low, high = np.asarray(low_m, dtype=float), np.asarray(high_m, dtype=float)
@@ -209,16 +201,7 @@ def add_geom(
     at_m: FloatArray | None = None,
     axes: FloatArray | None = None,
 ) -> Any:
-    """Add a solid to a scene and return it; None where there is no room.
-
-    Args:
-        scene: of MuJoCo.
-        kind: of the solid, an `mjtGeom`.
-        color: red, green, blue.
-        size_m: half sizes along its axes, (3,); None leaves them to the caller.
-        at_m: position, (3,); None is the origin.
-        axes: of the solid as columns, (3, 3); None are those of the world.
-    """
+    """Add a solid (`mjtGeom`, half sizes, axes as columns) to a scene and return it; None if full."""
     import mujoco
 
     if scene.ngeom >= scene.maxgeom:
@@ -227,14 +210,12 @@ def add_geom(
     rgba = np.array([*(part / 255 for part in color), 1.0], dtype=np.float32)
     size_m, at_m = (np.zeros(3) if given is None else given for given in (size_m, at_m))
     mujoco.mjv_initGeom(geom, kind, size_m, at_m, (np.eye(3) if axes is None else axes).ravel(), rgba)
-    geom.size[:] = size_m  # as in a scene, which for capsules and cylinders is not as in a model
+    geom.size[:] = size_m  # capsules and cylinders differ from a model
     scene.ngeom += 1
     return geom
 
 
 class _Legs:
-    """Colours of the legs of a model."""
-
     def __init__(self, model: Any) -> None:
         self._model = model
         self._materials, self._colors = model.geom_matid.copy(), model.geom_rgba.copy()
@@ -242,7 +223,6 @@ class _Legs:
         self._geoms = [np.flatnonzero(model.geom_bodyid == link) for link in links]
 
     def paint(self, conditions: NDArray[np.int64]) -> None:
-        """Give legs the looks of their conditions, indices in `LEG_CONDITIONS`, (6,)."""
         model = self._model
         model.geom_matid[:], model.geom_rgba[:] = self._materials, self._colors
         for leg in range(N_LEGS):
@@ -257,10 +237,7 @@ class _Legs:
 
 
 def _trail_world(trial: RecordedTrial) -> FloatArray:
-    """Where the body was above the floor at every `PIECE_TICKS`-th tick, (N, 3), NaN before its walk began.
-
-    It lies a little higher above the floor's plane than the line of travel, which it covers.
-    """
+    """Path of the body in pieces, (N, 3), NaN before its walk, just above the line of travel."""
     at = np.arange(0, len(trial), PIECE_TICKS)
     way = trial.base_position_world[at]
     way[trial.walk_s[at] <= 0] = np.nan
@@ -273,7 +250,7 @@ def _trail_world(trial: RecordedTrial) -> FloatArray:
 
 
 def positions_m(trial: RecordedTrial) -> FloatArray:
-    """Positions of the base, (T, 3): where they are unknown, above the origin, or the last known one."""
+    """Positions of the base, (T, 3); unknown ones are the last known one, or above the origin."""
     found_m = trial.base_position_world.copy()
     known = trial.posed
     if not known.any():
@@ -284,7 +261,7 @@ def positions_m(trial: RecordedTrial) -> FloatArray:
 
 
 def quaternions(trial: RecordedTrial) -> FloatArray:
-    """Orientations of the base as w, x, y, z, (T, 4): level and straight ahead where they are unknown."""
+    """Orientations of the base as w, x, y, z, (T, 4); unknown ones are level and straight ahead."""
     found = trial.base_quaternion_world.copy()
     found[~np.isfinite(found).all(axis=-1)] = (1.0, 0.0, 0.0, 0.0)
     return np.asarray(found)

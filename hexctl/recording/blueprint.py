@@ -21,7 +21,7 @@ from hexctl.recording.series import (
 )
 from hexctl.robot.model import Robot
 
-#: The eye, as seen along the line of travel, in stance radii: behind, to the right, above.
+#: The eye along the line of travel, in stance radii: behind, to the right, above.
 EYE = (-1.1, -2.1, 1.5)
 
 
@@ -35,17 +35,11 @@ def make_blueprint(
     live: bool = False,
     several: bool = False,
 ) -> Any:
-    """Blueprint of a trial's recording.
+    """Blueprint of a trial's recording, optionally with evidence against legs (`watched`) and `servos`.
 
     Args:
-        robot: who walks.
-        heading_rad: where it is asked to walk.
-        floor: what it walks on.
-        watched: whether its legs are watched; the layout then has the evidence against each.
-        servos: whether its servos may report temperatures and voltages; the layout then has them.
-        live: whether it is shown while it walks; the time cursor then follows it, and the events are in
-            front, as there is no summary yet.
-        several: whether it is one of several recordings; their list is then open.
+        live: whether it is shown during the walk: the time cursor follows, and events replace the summary.
+        several: whether to open the list of recordings.
     """
     import rerun.blueprint as rrb
 
@@ -82,7 +76,7 @@ def make_blueprint(
 
 
 def side_panels(*, several: bool) -> tuple[Any, Any]:
-    """The panels at both sides: the list of recordings, open if there are several, and the selection."""
+    """The list of recordings, open if there are several, and the selection."""
     import rerun.blueprint as rrb
 
     left = rrb.BlueprintPanel(state="expanded" if several else "hidden")
@@ -138,7 +132,7 @@ def up_to_cursor() -> Any:
 
 
 def _lanes_view() -> Any:
-    """Lanes of the trial's phases, the guard and the gait; states whose colour is enough have no label."""
+    """Lanes of the trial's phases, the guard and the gait; states in `WORDLESS` have no label."""
     import rerun.blueprint as rrb
 
     lanes = load_rerun().StateConfiguration(
@@ -168,19 +162,18 @@ def _events_view() -> Any:
 
 
 def plot_of(series: Series, **more: Any) -> Any:
-    """View of a series over the time that all views share."""
+    """View of a series over the shared time axis."""
     return plot(series.path, series.title, **more)
 
 
 def plot(origin: str, name: str, **more: Any) -> Any:
-    """View of scalars over the time that all views share."""
+    """View of scalars over the shared time axis."""
     import rerun.blueprint as rrb
 
     return rrb.TimeSeriesView(origin=origin, name=name, axis_x=_linked(), **more)
 
 
 def _linked() -> Any:
-    """Time axis that all views share: zooming into one zooms into all."""
     import rerun.blueprint as rrb
 
     return rrb.TimeAxis(link="LinkToGlobal")

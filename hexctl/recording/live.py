@@ -1,4 +1,4 @@
-"""Live view: walks and robots on the network, shown in a viewer through a pipe that does not block."""
+"""Live view: walks and robots on the network, shown in a viewer through a non-blocking pipe."""
 
 import os
 import pickle
@@ -25,7 +25,6 @@ from hexctl.robot.rotations import yaw_rad
 from hexctl.types import JointTargets, RobotState
 from hexctl.waiting import wait_for
 
-#: Ticks of a block: ten updates a second.
 LIVE_BLOCK_TICKS = 5
 
 #: Bytes that may wait for a slow viewer before the live view is given up: a minute of walking.
@@ -35,29 +34,19 @@ MAX_WAITING_BYTES = 8_000_000
 END_TIMEOUT_S = 5.0
 
 
-#: After an hour of states another recording begins: a recording is kept in memory, here and by the feeder.
+#: After an hour of states a new recording begins: recordings are kept in memory, here and by the feeder.
 MAX_WATCHED_TICKS = 180_000
 
 
 class LiveView:
     """Shows walks in a Rerun viewer while they run: a recorder of `run_trial`.
 
-    Rows go through a pipe to a feeder process, which talks to the viewer. A viewer or feeder that dies or
-    hangs does not delay the robot: rows that do not fit into the pipe wait, and beyond a bound the live view
-    is given up.
-
-    Attributes:
-        lost: why nothing is shown any longer, or None.
-        block_ticks: ticks of the blocks that it wants from a log.
-        url: address for a browser, or None for a window.
+    Rows go through a pipe to a feeder process. A viewer or feeder that dies or hangs does not delay the
+    robot: rows wait, and beyond a bound the view is `lost`. `url` is for a browser, None for a window.
     """
 
     def __init__(self, *, web: bool = False, options: Sequence[str] = ()) -> None:
-        """Start viewer and feeder.
-
-        Args:
-            web: serve the viewer to a browser instead of opening a window.
-            options: further options of Rerun, such as `--save FILE`.
+        """Start viewer and feeder, with further options of Rerun, such as `--save FILE`.
 
         Raises RecordingError when they cannot start, MissingExtraError without Rerun.
         """
@@ -69,7 +58,7 @@ class LiveView:
         where = web_options(port, web_port) if web else ["--bind", LOCAL, "--port", str(port)]
         command = [str(viewer_binary()), *where, *options]
         self._viewer = _start(command)
-        # -P: a file in the working folder stands for no module.
+        # -P: no file in the working folder replaces a module.
         feeder = [sys.executable, "-P", "-m", "hexctl.recording.live_feed", str(port)]
         self._feeder = _start(feeder, stdin=subprocess.PIPE)
         assert self._feeder.stdin is not None  # noqa: S101  asked for
@@ -95,22 +84,12 @@ class LiveView:
         watched: bool = False,
         servos: bool = False,
     ) -> None:
-        """Begin another walk.
-
-        Args:
-            robot: the robot that walks.
-            plan: what it is asked to do.
-            title: name of the walk in the viewer.
-            floor: what it walks on; None is an even, level floor.
-            looks: robot file whose meshes are drawn; None draws solids.
-            watched: whether the walk watches its legs.
-            servos: whether the servos may report temperatures and voltages.
-        """
+        """Begin another walk, with arguments as for a `Recording`; `looks` is a robot file with meshes."""
         header = {"robot": robot, "plan": plan, "title": title, "floor": floor, "looks": looks}
         self._send({**header, "watched": watched, "servos": servos})
 
     def write_block(self, log: TickLog, start: int, stop: int) -> None:
-        """Pass rows [start, stop) of a log on. What it raises is kept in `lost` too."""
+        """Pass rows [start, stop) of a log on; an exception is also stored in `lost`."""
         try:
             self._send({**rows_of(log, start, stop), "at_s": time.time()})
         except Exception as error:
@@ -123,7 +102,7 @@ class LiveView:
         return self._viewer.poll() is None
 
     def wait(self) -> None:
-        """Wait until the viewer is closed by its user."""
+        """Wait until the user closes the viewer."""
         self._viewer.wait()
 
     def close(self, *, leave_viewer: bool = True) -> None:
@@ -144,7 +123,6 @@ class LiveView:
             self._viewer.wait()
 
     def _send(self, message: dict[str, Any]) -> None:
-        """Write a message as far as the pipe takes it, without waiting."""
         if self.lost is not None:
             return
         self._waiting += pickle.dumps(message, protocol=5)
@@ -153,13 +131,11 @@ class LiveView:
             self.lost = "the live view is too slow and was given up"
 
     def _passed_on(self) -> bool:
-        """Whether no bytes wait any more, after another attempt to write them."""
         if self._waiting and self.lost is None:
             self._push()
         return not self._waiting or self.lost is not None
 
     def _push(self) -> None:
-        """Write waiting bytes as far as the pipe takes them."""
         try:
             del self._waiting[: os.write(self._pipe, self._waiting)]
         except BlockingIOError:
@@ -169,7 +145,7 @@ class LiveView:
 
 
 def rows_of(log: TickLog, start: int, stop: int) -> dict[str, Any]:
-    """Rows [start, stop) of a log and what happened in them, which `append` of the feeder takes."""
+    """Rows [start, stop) of a log and their events, as `append` of the feeder takes them."""
     return {
         "rows": {name: log.rows(name, start, stop) for name in COLUMN_NAMES},
         "frame": log.frame,
@@ -186,7 +162,7 @@ def rows_of(log: TickLog, start: int, stop: int) -> dict[str, Any]:
 
 
 def open_window(on_problem: Callable[[RecordingError], object]) -> LiveView | None:
-    """Window for a walk; without a screen `on_problem` gets the reason, and the walk goes unseen."""
+    """Window for a walk; without a screen `on_problem` gets the reason."""
     try:
         check_display()
     except RecordingError as error:
@@ -207,16 +183,12 @@ def watch_states(
     """Show a robot's states at 50 Hz until the viewer is closed or a stop is requested.
 
     Args:
-        live: the viewer; it stays open.
-        robot: whose states they are.
-        read: gives the latest state, with its stamp on the clock whose time it is given in s.
-        place: where the robot is, for titles.
-        stop_requested: asked at every tick.
-        failures: gives the legs of a simulation that have failed, None where that is unknown.
+        read: returns the latest state; its argument and the state's stamp are in s on one clock.
+        failures: current failures of a simulation, or None if unknown.
 
     Raises RobotFaultError when the live view is lost, and what `read` raises.
     """
-    # The layout needs some plan; a viewer is not told what the robot's controller does.
+    # The layout needs a plan, and a viewer does not know that of the robot's controller.
     plan = TrialPlan(gait=make_gait(robot, "demo"))
     while not stop_requested() and live.open:
         title = f"{robot.name} at {place}, from {time.strftime('%H:%M:%S')}"
@@ -232,7 +204,6 @@ def _watch_recording(
     stop_requested: Callable[[], bool],
     failures: Callable[[], tuple[Failure, ...] | None],
 ) -> None:
-    """Show states for as long as one recording may last."""
     log = TickLog()
     log.phase = "walk"
     clock = WallClock(PERIOD_S)
@@ -251,7 +222,7 @@ def _watch_recording(
 
 
 def _start(command: Sequence[str], stdin: int = subprocess.DEVNULL) -> "subprocess.Popen[bytes]":
-    """Start a process without our terminal: no output there, no Ctrl-C from there."""
+    """Detached from our terminal: no output there, no Ctrl-C from there."""
     try:
         return subprocess.Popen(
             command,

@@ -62,7 +62,7 @@ class Feed:
 
 
 def append(log: TickLog, block: dict[str, Any]) -> None:
-    """Append the rows of a block, as `rows_of` gives them, and what happened in them."""
+    """Append the rows of a block and their events, as made by `rows_of`."""
     start = len(log)
     log.frame, log.pose_known = block["frame"], block["pose_known"]
     log.contacts_known = block["contacts_known"]
@@ -74,7 +74,7 @@ def append(log: TickLog, block: dict[str, Any]) -> None:
 
 
 def _meshes(looks: str | None) -> Meshes:
-    """Meshes of a robot file, if one is named; none if they cannot be loaded any longer."""
+    """Meshes of a robot file; none if they can no longer be loaded."""
     try:
         return load_meshes(looks) if looks is not None else {}
     except InputError:
@@ -82,7 +82,7 @@ def _meshes(looks: str | None) -> Meshes:
 
 
 def wait_for_viewer(port: int) -> None:
-    """Wait until a viewer listens; data sent before would be lost."""
+    """Wait until a viewer listens; earlier data would be lost."""
     for _ in range(round(VIEWER_TIMEOUT_S / 0.1)):
         try:
             socket.create_connection((LOCAL, port), timeout=1.0).close()
@@ -112,7 +112,7 @@ def main(port: str) -> None:
 
 
 def messages(source: BinaryIO) -> Iterator[dict[str, Any]]:
-    """Messages that `LiveView` wrote, until the stream ends or is cut off."""
+    """Messages of `LiveView`, until the stream ends or is cut off."""
     with suppress(EOFError, pickle.UnpicklingError):
         while True:
             yield pickle.load(source)  # noqa: S301  from our own parent process

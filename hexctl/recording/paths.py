@@ -2,7 +2,7 @@
 
 from hexctl.types import JOINT_KINDS, N_LEGS
 
-#: Time since the walk began, which is the time of results and events; 0 before it.
+#: Time since the walk began, as in results and events; 0 before it.
 WALK_TIMELINE = "walk_time"
 #: Time since the first tick of the trial, and the time of day then.
 TIMELINE = "trial_time"
@@ -21,18 +21,18 @@ BODY = "world/robot/body"
 FRAME = "world/robot/frame"
 DEVIATION = "deviation"
 MARGIN = "stability_margin"
-#: 18 scalars, ten times a second: the torque of each joint in N m.
+#: 18 scalars at 10 Hz: the torque of each joint in N m.
 TORQUES = "joint_torques"
-#: 18 scalars each, once a second: what the servos report in degrees Celsius, V and A, and ages of angles.
+#: 18 scalars each, at 1 Hz: the servos' degrees Celsius, V and A, and ages of angles.
 TEMPERATURES, VOLTAGES, CURRENTS = "servos/temperatures", "servos/voltages", "servos/currents"
 AGES = "servos/ages"
-#: Three scalars, ten times a second: the velocity that a steered walk commands, m/s, m/s and rad/s.
+#: Three scalars at 10 Hz: the commanded velocity of a steered walk, m/s, m/s and rad/s.
 VELOCITY = "commanded_velocity"
-#: The same as an arrow above the body, as far as it goes in two seconds.
+#: The same as an arrow above the body: the distance of two seconds.
 VELOCITY_ARROW = "world/robot/body/velocity"
-#: Seven scalars, ten times a second: the evidence against each leg, and 1, at which it is an alarm.
+#: Seven scalars at 10 Hz: the evidence against each leg, and the alarm level, 1.
 SUSPICION = "leg_suspicion"
-#: Which legs are broken, where that is known, and which the walk suspects and takes for broken.
+#: Broken legs, if known, and legs that the walk suspects or considers broken.
 BROKEN, NOTICED = "failures/world", "failures/noticed"
 PHASE = "phase"
 GUARD = "guard"
@@ -46,10 +46,7 @@ def leg_path(leg: int) -> str:
 
 
 def link_path(leg: int, kind: str) -> str:
-    """Entity of a link, such as `world/robot/leg5/coxa/hip/femur`: a child of the previous link.
-
-    It has the solid, the rotation of its joint, and two scalars: commanded and measured angle in rad.
-    """
+    """Entity of a link with its angles in rad, such as `world/robot/leg5/coxa/hip/femur`."""
     joints = ("", "/hip", "/knee")
     links = zip(joints, JOINT_KINDS, strict=True)
     steps = [f"{joint}/{link}" for joint, link in links]
@@ -67,12 +64,12 @@ def foot_path(leg: int) -> str:
 
 
 def noticed_path(leg: int) -> str:
-    """Entity of the mark at the hip of a leg that the walk takes for broken without having been told."""
+    """Entity of the mark at the hip of a leg whose failure the walk detected."""
     return f"{leg_path(leg)}/noticed"
 
 
 def label_path(path: str) -> str:
-    """Entity that shows the label of a foot or of a mark: a label has the colour of its point."""
+    """Entity of the label of a foot or of a mark: a label has the colour of its point."""
     return f"{path}/label"
 
 

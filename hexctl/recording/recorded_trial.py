@@ -24,7 +24,7 @@ from hexctl.types import JOINT_KINDS, N_LEGS, ArrayFields, BoolArray, FloatArray
 
 Rows = NDArray[np.int64]
 
-#: What a recording shows of a leg: whole, taken for failed by the walk alone, failed, or failed and gone.
+#: State of a leg: intact, considered failed only by the walk, failed, or missing.
 LEG_CONDITIONS = ("whole", "noticed", "failed", "missing")
 
 #: A body without a known position is drawn at its start, less often than every tick.
@@ -33,12 +33,7 @@ UNPOSED_GAP_NS = round(2.5 * PERIOD_S * 1e9)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Samples(ArrayFields):
-    """Values that are not recorded at every tick.
-
-    Attributes:
-        rows: ticks at which they were, (N,), ascending.
-        values: (N, width), NaN where unknown.
-    """
+    """Values at some ticks (`rows`, ascending), (N, width), NaN if unknown."""
 
     rows: Rows
     values: FloatArray
@@ -52,7 +47,7 @@ class Samples(ArrayFields):
 
 @dataclass(frozen=True, slots=True)
 class RecordedEvent:
-    """Something that happened: the tick, how grave it is (`INFO`, `WARN`, `ERROR`), and what it was."""
+    """An event: its tick, its level (`INFO`, `WARN`, `ERROR`), and its text."""
 
     row: int
     level: str
@@ -61,30 +56,27 @@ class RecordedEvent:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedTrial(ArrayFields):
-    """What a recording holds of a trial. Joint angles are as exact as they were recorded, 8 microradians.
+    """A trial in a recording. Joint angles have an error of at most 8 microradians.
 
     Attributes:
-        path: its file.
-        robot: the robot that walked.
-        properties: what was asked for and what came of it, as `hexctl run --json` names it; the `title`
-            alone for a drive and for a trial that was cut off.
+        properties: plan and result, named as by `hexctl run --json`; only the `title` for a drive and for a
+            trial that was cut off.
         stamps_ns: time of each tick since 1970, (T,); their start is exact to half a second.
-        time_s: the same since the first tick, (T,).
-        walk_s: since the walk began, (T,); 0 before it.
-        phases: index of the part of the trial in `hexctl.control.trace.PHASES`, (T,).
-        commanded_rad: joint angles that were sent, (T, 18).
-        measured_rad: joint angles that came back, (T, 18).
-        base_position_world: (T, 3) in m, NaN where unknown.
-        base_quaternion_world: (T, 4) as w, x, y, z, NaN where unknown.
-        foot_contacts: which feet touch the floor, (T, 6), or None where they are not felt.
-        torques_nm: of the joints, 18 wide, ten times a second.
-        velocity_body: commanded, forward and left in m/s, turn in rad/s, ten times a second.
-        leg_conditions: index of the condition of each leg in `LEG_CONDITIONS`, (T, 6). A leg has failed where
-            the walk was told so or a simulation broke it.
-        leg_suspicion: the evidence against each leg, an alarm at 1, 6 wide, ten times a second.
-        servos: what single servos report, 18 wide, once a second, by attribute of `ServoReadings`.
-        events: what happened, in order.
-        floor_quaternion: orientation of the floor, (4,) as w, x, y, z.
+        time_s: time since the first tick, (T,).
+        walk_s: time since the walk began, (T,); 0 before it.
+        phases: index in `hexctl.control.trace.PHASES`, (T,).
+        commanded_rad: joint angles, (T, 18).
+        measured_rad: joint angles, (T, 18).
+        base_position_world: (T, 3) in m, NaN if unknown.
+        base_quaternion_world: (T, 4) as w, x, y, z, NaN if unknown.
+        foot_contacts: (T, 6), or None if not measured.
+        torques_nm: 18 wide, at 10 Hz.
+        velocity_body: commanded, forward and left in m/s, turn in rad/s, at 10 Hz.
+        leg_conditions: index in `LEG_CONDITIONS`, (T, 6); failed as announced to the walk or simulated.
+        leg_suspicion: evidence against each leg, 1 is an alarm, 6 wide, at 10 Hz.
+        servos: 18 wide, at 1 Hz, by attribute of `ServoReadings`.
+        events: in order of time.
+        floor_quaternion: (4,) as w, x, y, z.
         course_world: both ends of the line of travel, just above the floor, (2, 3) in m; None without one.
     """
 
@@ -114,7 +106,7 @@ class RecordedTrial(ArrayFields):
 
     @property
     def noticed(self) -> list[dict[str, Any]]:
-        """Failures that the walk noticed, as `hexctl run --json` names them."""
+        """Failures that the walk detected, named as by `hexctl run --json`."""
         return list(json.loads(self.properties.get("noticed", "[]")))
 
     @property
@@ -130,14 +122,13 @@ class RecordedTrial(ArrayFields):
 
 
 def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
-    """Trial of a recording (.rrd) that `hexctl run` or `hexctl adapt` made.
+    """Trial of a recording (.rrd) of `hexctl run` or `hexctl adapt`.
 
     Args:
-        path: the file.
-        robot: the robot that walked; None takes it from the recording.
+        robot: None takes it from the recording.
 
-    Raises InputError for a file that is missing, damaged or no recording of a trial, and for one that does
-    not hold its robot; MissingExtraError without Rerun.
+    Raises InputError for a file that is missing, damaged or no recording of a trial, or that lacks its robot;
+    MissingExtraError without Rerun.
     """
     path = Path(path)
     check_name(path)
@@ -174,8 +165,7 @@ def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
 def _joints(columns: "_Columns", path: Path) -> tuple[Rows, FloatArray]:
     """Times of the ticks in ns, (T,), and commanded and measured angles of the joints, (T, 2, 18).
 
-    A program that was killed may have written more ticks of some joints than of others: what not all of them
-    have is left out, here and of all other columns.
+    Surplus ticks of single joints, as after a kill, are dropped here and in all other columns.
     """
     links = [paths.link_path(leg, kind) for leg in paths.LEGS for kind in JOINT_KINDS]
     series = [columns.numbers(link, "Scalars:scalars", 2) for link in links]
@@ -191,8 +181,6 @@ def _joints(columns: "_Columns", path: Path) -> tuple[Rows, FloatArray]:
 
 
 class _Columns:
-    """The chunks of a recording by entity, and their components as arrays in the order of time."""
-
     def __init__(self, path: Path) -> None:
         self._chunks: dict[str, list[Any]] = defaultdict(list)
         self._end_ns: int | None = None
@@ -200,11 +188,10 @@ class _Columns:
             self._chunks[entity_of(batch)].append(batch)
 
     def cut(self, end_ns: int) -> None:
-        """Leave out what is later than a time."""
         self._end_ns = end_ns
 
     def numbers(self, entity: str, component: str, width: int) -> tuple[Rows, FloatArray]:
-        """Times in ns, (N,), and values, (N, width), of a component that holds numbers."""
+        """Times in ns, (N,), and values, (N, width), of a numeric component."""
         parts = [
             (times, np.asarray(_flat(values), dtype=float).reshape(-1, width))
             for times, values in self._rows(entity, component)
@@ -212,7 +199,7 @@ class _Columns:
         return _joined(parts, np.empty((0, width)))
 
     def texts(self, entity: str, component: str) -> tuple[Rows, list[str]]:
-        """Times in ns, (N,), and texts of a component that holds one per row, or none, which is empty."""
+        """Times in ns, (N,), and texts of a component with at most one per row; empty without one."""
         rows = [
             (int(time), next(iter(texts), ""))
             for times, values in self._rows(entity, component)
@@ -222,7 +209,6 @@ class _Columns:
         return np.array([time for time, _ in rows], dtype=np.int64), [text for _, text in rows]
 
     def properties(self, name: str) -> dict[str, Any]:
-        """Values of a property by name; lists of one are plain values."""
         found: dict[str, Any] = {}
         for batch in self._chunks.get(f"/__properties/{name}", ()):
             for column in set(batch.schema.names) - {"rerun.controls.RowId"}:
@@ -231,14 +217,12 @@ class _Columns:
         return dict(sorted(found.items()))
 
     def name(self) -> str:
-        """Name of the recording, empty without one."""
         for batch in self._chunks.get("/__properties", ()):
             if "RecordingInfo:name" in batch.schema.names:
                 return str(batch.column("RecordingInfo:name").to_pylist()[0][0])
         return ""
 
     def static_quaternion(self, entity: str) -> FloatArray:
-        """Orientation of an entity that does not move, (4,) as w, x, y, z."""
         for batch in self._chunks.get(f"/{entity}", ()):
             if "Transform3D:quaternion" in batch.schema.names:
                 return wxyz(np.asarray(_flat(batch.column("Transform3D:quaternion")), dtype=float)[:4])
@@ -271,7 +255,6 @@ class _Columns:
         ]
 
     def _rows(self, entity: str, component: str) -> Iterator[tuple[Rows, Any]]:
-        """Times and values of the rows that have a component, chunk by chunk."""
         for batch in self._batches(entity, component):
             values = batch.column(component)
             times_ns = _times(batch, paths.TIMELINE)
@@ -282,34 +265,31 @@ class _Columns:
 
 
 class _Ticks:
-    """The ticks of a trial, by which what is recorded less often is placed."""
+    """The ticks of a trial, which place sparser records."""
 
     def __init__(self, times_ns: Rows) -> None:
         self.times_ns = times_ns
 
     def rows(self, times_ns: Rows) -> Rows:
-        """Row of each time: the tick at it, or the last one before."""
+        """Row of the tick at or before each time."""
         found = np.searchsorted(self.times_ns, times_ns, side="right") - 1
         return np.asarray(np.clip(found, 0, len(self.times_ns) - 1), dtype=np.int64)
 
     def samples(self, columns: _Columns, series: Series) -> Samples:
-        """The numbers of a series."""
         times_ns, values = columns.numbers(series.path, "Scalars:scalars", len(series.names))
         return Samples(self.rows(times_ns), values)
 
     def held(self, times_ns: Rows, states: list[str], names: tuple[str, ...]) -> Rows:
-        """Index of the state at each tick, of states told where they change, (T,)."""
+        """Index of the state at each tick, from states that are recorded when they change, (T,)."""
         indices = np.array([names.index(state) if state in names else 0 for state in states], dtype=np.int64)
         return self.last(times_ns, indices, 0)
 
     def last(self, times_ns: Rows, values: Rows, before: int) -> Rows:
-        """The last value at each tick, (T,)."""
         found = np.searchsorted(times_ns, self.times_ns, side="right")
         return np.asarray(np.concatenate([[before], values])[found])
 
 
 def _robot(columns: _Columns, path: Path) -> Robot:
-    """The robot that the recording holds."""
     try:
         return robot_from_json(str(columns.properties("robot")["model"]))
     except (HexctlError, KeyError) as error:
@@ -319,7 +299,7 @@ def _robot(columns: _Columns, path: Path) -> Robot:
 
 
 def _pose(columns: _Columns, at: _Ticks) -> tuple[FloatArray, FloatArray]:
-    """Position (T, 3) and orientation (T, 4) of the base, NaN where unknown."""
+    """Position (T, 3) and orientation (T, 4) of the base, NaN if unknown."""
     ticks = len(at.times_ns)
     position_m, quaternion = np.full((ticks, 3), np.nan), np.full((ticks, 4), np.nan)
     times_ns, places_m = columns.numbers(paths.ROBOT, "Transform3D:translation", 3)
@@ -332,7 +312,7 @@ def _pose(columns: _Columns, at: _Ticks) -> tuple[FloatArray, FloatArray]:
 
 
 def _posed(times_ns: Rows, places_m: FloatArray) -> BoolArray:
-    """Which rows are of a known position, not of a body that is drawn at its start for want of one."""
+    """A body without a known position is drawn at its start."""
     if not len(times_ns):
         return np.zeros(0, dtype=bool)
     rare = np.diff(times_ns, append=times_ns[-1:]) > UNPOSED_GAP_NS
@@ -348,7 +328,6 @@ def _course(columns: _Columns) -> FloatArray | None:
 
 
 def _contacts(columns: _Columns, at: _Ticks) -> BoolArray | None:
-    """Which feet touch the floor, (T, 6); None where the robot does not feel it."""
     touching = style.packed(style.TOUCHING_COLOR)
     contacts, felt = np.zeros((len(at.times_ns), N_LEGS), dtype=bool), False
     for leg in paths.LEGS:
@@ -359,7 +338,7 @@ def _contacts(columns: _Columns, at: _Ticks) -> BoolArray | None:
 
 
 def _leg_conditions(columns: _Columns, at: _Ticks) -> Rows:
-    """Index of the condition of each leg, (T, 6), by the labels at its foot and at its hip."""
+    """Index of the condition of each leg, (T, 6), from the labels at its foot and its hip."""
     indices = np.zeros((len(at.times_ns), N_LEGS), dtype=np.int64)
     for leg in paths.LEGS:
         for entity, condition in (
@@ -383,7 +362,6 @@ def _failed_condition(label: str) -> str:
 
 
 def _without_alarm(samples: Samples) -> Samples:
-    """Evidence without the constant line of the alarm that is drawn beside it."""
     return Samples(samples.rows, samples.values[:, :N_LEGS])
 
 
@@ -399,14 +377,12 @@ def _times(batch: Any, timeline: str) -> Rows:
 
 
 def _flat(values: Any) -> Any:
-    """Numbers of lists, however deep."""
     while hasattr(values, "flatten") and hasattr(values.type, "value_type"):
         values = values.flatten()
     return values
 
 
 def _joined(parts: list[tuple[Rows, Any]], empty: Any) -> tuple[Rows, Any]:
-    """Parts in the order of time."""
     if not parts:
         return np.empty(0, dtype=np.int64), empty
     times, values = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))

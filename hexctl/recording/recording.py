@@ -1,4 +1,4 @@
-"""One recording: a trial as a Rerun file that opens laid out."""
+"""One recording: a trial as a Rerun file with its layout."""
 
 import time
 import uuid
@@ -37,8 +37,8 @@ from hexctl.robot.model import Robot
 
 APPLICATION_ID = "hexctl"
 
-#: Rows are written when there are this many: chunks cost time and space. Of a walk that is not more than
-#: twice as fast as real time also when the last write was this long ago: what a crash may lose.
+#: Number of rows per write: chunks cost time and space. A walk up to twice as fast as real time also writes
+#: after this much time, which bounds the loss in a crash.
 BLOCK_TICKS = 2000
 BLOCK_S = 2.0
 MOST_PACE = 2.0
@@ -49,10 +49,7 @@ INDEXED_S = 120.0
 
 
 class Recording:
-    """Writes a trial to an .rrd file while it runs: a recorder of `run_trial`.
-
-    Use as a context manager, or call `close`.
-    """
+    """Writes a trial to an .rrd file; a recorder of `run_trial` and a context manager."""
 
     block_ticks: int | None = None
 
@@ -68,20 +65,17 @@ class Recording:
         watched: bool = False,
         servos: bool = False,
     ) -> None:
-        """Create the file, with the scene and the layout in it.
+        """Create the file with scene and layout.
 
         Args:
             path: the new file; missing folders are made.
-            robot: the robot that walks.
-            plan: what it is asked to do.
             title: heading of the text panel and name of the recording.
-            floor: what it walks on; None is an even, level floor.
+            floor: None is an even, level floor.
             meshes: of the robot's parts; None draws solids of its geometry.
-            watched: whether the walk watches its legs; the layout then has the evidence against them.
-            servos: whether the servos may report temperatures and voltages; the layout then has them.
+            watched: whether the walk monitors its legs; adds the evidence to the layout.
+            servos: whether the servos may report temperatures and voltages; adds them to the layout.
 
-        Raises InputError for a file that exists or cannot be written, and
-        MissingExtraError without Rerun.
+        Raises InputError for a file that exists or cannot be written, MissingExtraError without Rerun.
         """
         rr = load_rerun()
         self.path = path
@@ -102,7 +96,7 @@ class Recording:
         self._indexed = plan.duration_s <= INDEXED_S
         save_stream(self._stream, path, blueprint, index=self._indexed)
         self._stream.send_recording_name(title)
-        # With it a recording can be exported without the robot's file, as it was then.
+        # It allows an export without the robot's file.
         self._stream.send_property("robot", rr.AnyValues(name=robot.name, model=robot_to_json(robot)))
         send_scene(self._stream, robot, plan, floor, meshes or {}, servos=servos)
         self._send_summary(None, {})
@@ -117,11 +111,7 @@ class Recording:
         self.close()
 
     def write_block(self, log: TickLog, start: int, stop: int) -> None:
-        """Add rows [start, stop) of a log; blocks come in order and without gaps.
-
-        Blocks of a simulation come too fast for a chunk each and are written together. Due rows are written
-        part by part, one part per call, so that no call takes long.
-        """
+        """Add the next rows [start, stop) of a log; due rows are written one part per call."""
         if start == 0:
             self._began_at_s = self._beginning_s(log, stop)
         self._log, self._due = log, stop
@@ -131,19 +121,11 @@ class Recording:
             self._begin_to_write()
 
     def _is_due(self, rows: int) -> bool:
-        """Whether so many rows are to be written now."""
         passed_s = time.monotonic() - self._written_at_s
         return rows >= BLOCK_TICKS or passed_s >= max(BLOCK_S, rows * PERIOD_S / MOST_PACE)
 
     def finish(self, result: TrialResult, facts: Mapping[str, Any]) -> None:
-        """Add the outcome, as text and as properties, close the file, and check that it is whole.
-
-        Args:
-            result: of the trial.
-            facts: further properties, such as world, seed and backend.
-
-        Raises RecordingError when the disk did not take everything.
-        """
+        """Add the outcome, as text and properties, and close. Raises RecordingError if it is incomplete."""
         rr = load_rerun()
         self._write_all()
         flush(self._stream, self.path)
@@ -166,7 +148,7 @@ class Recording:
             disconnect(stream)
 
     def discard(self) -> None:
-        """Close the file and delete it: nothing was done that it could show."""
+        """Close and delete the file."""
         self.close()
         self.path.unlink(missing_ok=True)
 
@@ -177,7 +159,6 @@ class Recording:
         self._stream.log(paths.SUMMARY, document, static=True)
 
     def _write_all(self) -> None:
-        """Send all rows that are not written yet."""
         self._write_parts()
         self._begin_to_write()
         self._write_parts()
@@ -187,7 +168,6 @@ class Recording:
             self._write_part()
 
     def _begin_to_write(self) -> None:
-        """Take the rows that are due; `_write_part` sends them."""
         start, self._written, self._written_at_s = self._written, self._due, time.monotonic()
         if self._log is not None and self._stream is not None and self._due > start:
             block = Block(self._stream, self._subject, self._log, start, self._due, self._began_at_s)
@@ -198,9 +178,8 @@ class Recording:
         self._last = block
 
     def _write_part(self) -> None:
-        """Send the next part of the rows that were taken."""
         parts, due = self._parts, self._due
-        # After rows that cannot be sent nothing is tried: the file can still be closed.
+        # After rows that cannot be sent, skip the rest: the file can still be closed.
         self._parts, self._due = None, self._written
         for _ in parts or ():
             self._parts = parts
@@ -208,9 +187,6 @@ class Recording:
         self._due = due
 
     def _beginning_s(self, log: TickLog, stop: int) -> float:
-        """Wall clock at the first tick of a log, in s since 1970.
-
-        A simulation's first block spans more of its own time than has passed since there is a recording.
-        """
+        """A simulation's first block spans more of its own time than has passed."""
         times_s = log.rows("time_s", 0, stop)
         return max(self._created_at_s, time.time() - float(times_s[-1] - times_s[0]))

@@ -15,33 +15,28 @@ from typing import Any, BinaryIO, Self
 from hexctl.errors import InputError, MissingExtraError, RecordingError, argument
 from hexctl.files import file_instead
 
-#: The version of Rerun that hexctl needs: each minor version may change the format of files.
+#: Required version of Rerun: each minor version may change the file format.
 RERUN = "0.41"
 
 #: Bound on a flush: a disk that hangs must not hang the program.
 FLUSH_TIMEOUT_S = 30.0
 
-#: The same where the disk is nearly full: Rerun's writer dies of a write that does not fit, and a flush may
-#: then wait for it for ever.
+#: The same on a nearly full disk: a write that does not fit kills Rerun's writer, and a flush may hang.
 FULL_TIMEOUT_S = 5.0
 
-#: A disk with less room than this is nearly full: more than Rerun writes at once.
+#: Less free space than this is nearly full: Rerun writes no more at a time.
 FULL_BYTES = 4 * 1024 * 1024
 
 
-#: Which messages Rerun writes to stderr, read when it is imported; and its writer of files, which warns
-#: of a missing index there, and whose errors are told by hexctl.
+#: Filter of Rerun's messages, read at its import; and its file writer, which warns prematurely.
 LOG_VARIABLE, SINK = "RUST_LOG", "re_log_encoding::rrd::file_sink"
 
-#: What of a recording that was cut off, by a second Ctrl-C, is in no file yet, it drops with a warning.
+#: Source of warnings about unsaved data after a second Ctrl-C.
 UNSENT = "re_sdk::log_sink"
 
 
 def load_rerun() -> Any:
-    """The `rerun` module.
-
-    Raises MissingExtraError when it is not installed.
-    """
+    """The `rerun` module; raises MissingExtraError when it is not installed."""
     try:
         with _without_footer_warnings():
             import rerun
@@ -52,7 +47,7 @@ def load_rerun() -> Any:
 
 @contextmanager
 def _without_footer_warnings() -> Iterator[None]:
-    """Have Rerun, which is imported meanwhile, not warn of files that get their index when they are done."""
+    """Suppress warnings of files that get their index when they are closed."""
     if "rerun" in sys.modules:
         yield
         return
@@ -69,9 +64,9 @@ def _without_footer_warnings() -> Iterator[None]:
 
 
 class Layout:
-    """A layout (blueprint) of Rerun as an argument of its calls, which leaves nothing of it behind.
+    """A layout (blueprint) of Rerun that frees its streams; a context manager.
 
-    Rerun makes a stream of a layout, which refers to itself and would be kept for ever.
+    Rerun's own stream of a layout refers to itself and would never be freed.
     """
 
     def __init__(self, blueprint: Any) -> None:
@@ -84,25 +79,22 @@ class Layout:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Let the streams go, once the call has taken what is in them."""
+        """Free the streams after the call has read them."""
         for stream in self._streams:
             stream.disconnect()
         self._streams.clear()
 
     def to_blueprint(self) -> Self:
-        """What Rerun asks a layout for."""
+        """The layout, for Rerun."""
         return self
 
     def _log_to_stream(self, stream: Any) -> None:
-        """Write the layout into a stream that Rerun has made for it."""
         self._streams.append(stream)
         self._blueprint._log_to_stream(stream)  # noqa: SLF001  as Rerun would
 
 
 def save_stream(stream: Any, path: Path, blueprint: Any, *, index: bool = True) -> None:
-    """Have a stream write to a file that opens with a layout.
-
-    Rerun keeps what its index needs in memory until the file is closed.
+    """Connect a stream to a file that opens with a layout. An index is kept in memory until it is closed.
 
     Raises RecordingError for a file that cannot be written, or was deleted since it was made.
     """
@@ -115,10 +107,7 @@ def save_stream(stream: Any, path: Path, blueprint: Any, *, index: bool = True) 
 
 
 def flush(stream: Any, path: Path) -> None:
-    """Make sure that everything sent to a stream is in its file.
-
-    Raises RecordingError when the disk did not take it, or its folder was deleted.
-    """
+    """Write a stream to its file; raises RecordingError if the disk is full or the folder was deleted."""
     try:
         room = os.statvfs(path.parent)
     except OSError as error:
@@ -145,35 +134,29 @@ def _gone(path: Path, error: OSError) -> RecordingError:
 
 
 def disconnect(stream: Any) -> None:
-    """Close a stream, which may lose what was not flushed, and free those that were closed before."""
+    """Close a stream, which may lose unflushed data, and free closed ones."""
     _bounded(stream.disconnect, FULL_TIMEOUT_S if _abandoned else FLUSH_TIMEOUT_S)
     free_streams()
 
 
 def free_streams() -> None:
-    """Free closed streams that nothing refers to: Rerun keeps them for ever, 4 MB and two threads each.
-
-    Not in a program that has a recording of its own for all of Rerun (`rerun.init`): it would be let go too.
-    """
+    """Free closed streams, which Rerun keeps, with 4 MB and two threads each; not with `rerun.init`."""
     rr = load_rerun()
     if not _abandoned and rr.get_global_data_recording() is None:
         _bounded(rr.bindings.flush_and_cleanup_orphaned_recordings, FULL_TIMEOUT_S)
 
 
-#: Calls into Rerun that have not come back.
+#: Calls into Rerun that have not returned.
 _abandoned: list[Thread] = []
 
 
 def stuck() -> bool:
-    """Whether a call into Rerun has not come back: the interpreter could then wait for it when it ends."""
+    """Whether a call into Rerun has not returned: the interpreter could wait for it at its end."""
     return any(thread.is_alive() for thread in _abandoned)
 
 
 def _bounded(call: Callable[[], object], timeout_s: float) -> Exception | None:
-    """What a call raised, or TimeoutError when it has not come back in time; it is then left behind.
-
-    It runs on a thread of its own, so that signals are heard meanwhile.
-    """
+    """Exception of a call, or TimeoutError if it is abandoned. A thread keeps signals working."""
     raised: list[Exception] = []
 
     def run() -> None:
@@ -191,7 +174,7 @@ def _bounded(call: Callable[[], object], timeout_s: float) -> Exception | None:
     return raised[0] if raised else None
 
 
-#: Rerun recognises its files by this suffix.
+#: Rerun recognizes its files by this suffix.
 SUFFIX = ".rrd"
 
 #: A file with an index ends with this, up to a few bytes.
@@ -202,10 +185,7 @@ ROOM_BYTES = 500_000
 
 
 def create_file(path: Path) -> None:
-    """Make an empty file and the folders above it: Rerun itself would overwrite an existing file silently.
-
-    Raises InputError for a file that exists or cannot be written.
-    """
+    """Make an empty file and its folders; raises InputError if it exists or cannot be written."""
     create_folders(path)
     try:
         with path.open("xb") as file:
@@ -217,10 +197,7 @@ def create_file(path: Path) -> None:
 
 
 def create_folders(path: Path) -> None:
-    """Make the folders above a recording.
-
-    Raises InputError where they cannot be made.
-    """
+    """Make the folders above a recording; raises InputError if they cannot be made."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -238,7 +215,7 @@ def _unwritable(path: Path, error: OSError) -> InputError:
 
 
 def _check_room(file: BinaryIO, path: Path) -> None:
-    """Raise OSError, and remove the file, when the disk has no room for the start of a recording."""
+    """Remove the file and raise OSError if the disk has no room for the start of a recording."""
     try:
         os.posix_fallocate(file.fileno(), 0, ROOM_BYTES)
         file.truncate(0)
@@ -248,7 +225,7 @@ def _check_room(file: BinaryIO, path: Path) -> None:
 
 
 def reopen(path: Path) -> BinaryIO:
-    """Open a recording that was closed, to check its end; raises RecordingError if it was deleted."""
+    """Open a closed recording, to check its end; raises RecordingError if it was deleted."""
     try:
         return path.open("rb")
     except OSError as error:
@@ -265,14 +242,14 @@ def check_whole(path: Path) -> None:
 
 
 def check_there(path: Path) -> None:
-    """Raise InputError for a recording that is missing, or something else than a file."""
+    """Raise InputError for a recording that is missing, or not a file."""
     if not path.is_file():
         what = "no file" if path.exists() else "not there"
         raise InputError(f"recording: {path} is {what}; allowed: a recording that hexctl run made")
 
 
 def check_name(path: Path, what: str = "recording") -> None:
-    """Raise InputError for a name that Rerun would not open; `what` is the argument that it was given as."""
+    """Raise InputError for a name that Rerun would not open; `what` is the argument's name in messages."""
     if path.suffix != SUFFIX:
         raise InputError(f"{what}: got {path}; allowed: a name that ends in {SUFFIX}")
 
@@ -286,5 +263,5 @@ def probe_file(path: Path) -> None:
         path.unlink()
     finally:
         for folder in new:
-            with suppress(OSError):  # not made, or another process has put something there meanwhile
+            with suppress(OSError):  # missing, or used by another process
                 folder.rmdir()

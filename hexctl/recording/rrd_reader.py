@@ -1,7 +1,6 @@
-"""Reads files of Rerun (.rrd) with Arrow: Rerun's own reader ends the process at some damage.
+"""Reads files of Rerun (.rrd) with Arrow: Rerun's own reader kills the process at some damage.
 
-A file is a head and messages, each with its kind and its length. The message of a chunk is a protobuf message
-with an Arrow stream, compressed with LZ4, as Rerun writes it in the version `RERUN`.
+Messages of chunks are protobuf with an LZ4-compressed Arrow stream, in the version `RERUN`.
 """
 
 import logging
@@ -17,33 +16,30 @@ from hexctl.recording.rrd import END, RERUN, check_there, reopen
 
 _LOG = logging.getLogger(__name__)
 
-#: Called with the error of each recording that is left out.
+#: Called with the error of each skipped recording.
 OnDamage = Callable[[InputError], object]
 
-#: How a file begins, the rest of its head, and the head of a message.
+#: Start of a file, length of the rest of its head, and the head of a message.
 MAGIC, HEAD_BYTES, MESSAGE_HEAD = b"RRF2", 12, struct.Struct("<QQ")
 
-#: Bytes behind the last message of a file with an index: where it is, and `END`.
+#: Bytes after the last message of a file with an index: its place, and `END`.
 INDEX_END_BYTES = 32
 
-#: Kind of a message that holds a chunk.
+#: Kind of a message with a chunk.
 CHUNK = 2
 
-#: Fields of such a message: its store, how it is compressed (2 is LZ4), the size of the Arrow stream, and
-#: the stream.
+#: Fields of such a message: store, compression (2 is LZ4), size of the Arrow stream, stream.
 STORE, COMPRESSION, LZ4, SIZE, STREAM = 1, 2, 2, 3, 5
 
-#: The field of a store that holds its kind, and the kinds.
+#: Field of a store with its kind, and the kinds.
 STORE_KIND, RECORDING, LAYOUT = 1, 1, 2
 
-#: LZ4 compresses no better than this: a size beyond is damage.
+#: LZ4 compresses no better than this: a greater ratio is damage.
 MOST_RATIO = 256
 
 
 def read_chunks(path: Path) -> Iterator[Any]:
-    """Chunks of a file as Arrow record batches, those of its layout included.
-
-    The last message may be cut off, as by a power cut; it is left out, with a warning in the log.
+    """Chunks of a file as Arrow record batches, including its layout; a truncated last message is skipped.
 
     Raises InputError for a file that is missing, damaged, or of another version of Rerun, and
     MissingExtraError without Rerun.
@@ -53,10 +49,7 @@ def read_chunks(path: Path) -> Iterator[Any]:
 
 
 def rerun_chunks(path: Path) -> Iterator[Any]:
-    """Chunks of a recording as Rerun's own, without those of its layout.
-
-    Raises what `read_chunks` raises.
-    """
+    """Chunks of a recording as Rerun's objects, without its layout; raises what `read_chunks` raises."""
     from rerun.chunk import Chunk
 
     for store, batch in _read(path):
@@ -68,12 +61,12 @@ def rerun_chunks(path: Path) -> Iterator[Any]:
 
 
 def log_damage(error: InputError) -> None:
-    """Log the error of a recording that is left out."""
+    """Log the error of a skipped recording."""
     _LOG.warning("left out: %s", error)
 
 
 def check_recording(path: Path) -> None:
-    """Raise InputError for a file that is not there, or does not begin as a recording."""
+    """Raise InputError for a file that is missing, or does not begin as a recording."""
     check_there(path)
     try:
         with path.open("rb") as file:
@@ -85,16 +78,13 @@ def check_recording(path: Path) -> None:
 
 
 def check_viewable(path: Path) -> None:
-    """Raise what `read_chunks` raises for a recording, at which a viewer would end too."""
+    """Raise what `read_chunks` raises for a recording on which a viewer would crash."""
     for _ in read_chunks(path):
         pass
 
 
 def check_end(path: Path, start: int) -> None:
-    """Raise RecordingError unless complete messages follow the first `start` bytes of a recording.
-
-    These are messages themselves, and what the file held when it was last flushed.
-    """
+    """Raise RecordingError unless complete messages follow the first `start` bytes of a recording."""
     at = start
     with reopen(path) as file:
         size = file.seek(0, os.SEEK_END)
@@ -117,7 +107,6 @@ def entity_of(batch: Any) -> str:
 
 
 def _read(path: Path) -> Iterator[tuple[int, Any]]:
-    """The store and the record batch of each chunk of a file."""
     try:
         import pyarrow
     except ImportError as error:
@@ -157,18 +146,16 @@ def _chunk_messages(file: BinaryIO, path: Path) -> Iterator[bytes]:
 
 
 def _is_index_end(rest: bytes) -> bool:
-    """Whether a file ends with the place of its index, which is no message."""
     return len(rest) == INDEX_END_BYTES and END in rest
 
 
 @lru_cache
 def _warn_of_rest(path: Path, left_out_bytes: int) -> None:
-    """Log once that a file was not read to its end: it may be read several times."""
+    """Cached, because a file may be read several times."""
     _LOG.warning("%s is cut off or damaged: its last %d bytes are left out", path, left_out_bytes)
 
 
 def _store(fields: dict[int, Any]) -> int:
-    """Whether a chunk belongs to the recording or to its layout."""
     store: int = dict(_fields(_bytes(fields, STORE)))[STORE_KIND]
     if store not in (RECORDING, LAYOUT):
         raise ValueError(f"a chunk of store {store!r}")
@@ -176,7 +163,6 @@ def _store(fields: dict[int, Any]) -> int:
 
 
 def _bytes(fields: dict[int, Any], number: int) -> bytes:
-    """A field that holds bytes."""
     value = fields[number]
     if not isinstance(value, bytes):
         raise ValueError(f"field {number} is a number")
@@ -184,7 +170,6 @@ def _bytes(fields: dict[int, Any], number: int) -> bytes:
 
 
 def _batch(fields: dict[int, Any]) -> Any:
-    """The record batch of a message, with all of its content checked."""
     import pyarrow
 
     stream, size = _bytes(fields, STREAM), int(fields.get(SIZE, 0))

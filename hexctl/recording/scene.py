@@ -22,7 +22,7 @@ from hexctl.robot.model import Robot
 from hexctl.robot.rotations import xyzw
 from hexctl.types import JOINT_KINDS, N_LEGS, ArrayFields, FloatArray
 
-#: What the eye sees to each side of the robot, in stance radii. The viewer uses this size or the layout's
+#: Visible distance to each side of the robot, in stance radii. The viewer uses this size or the layout's
 #: eye, whichever it gets first; both give the same picture.
 FRAME_SHARE = 1.3
 
@@ -51,7 +51,7 @@ def path_end_m(robot: Robot, plan: TrialPlan) -> FloatArray:
 def send_scene(
     stream: Any, robot: Robot, plan: TrialPlan, floor: Floor, meshes: Meshes, *, servos: bool
 ) -> None:
-    """Send the static part of a recording to its stream; `servos` is whether single servos may report."""
+    """Send the static part of a recording; `servos` is whether single servos may report."""
     rr = load_rerun()
     stream.log(paths.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     _send_floor(stream, floor, path_end_m(robot, plan))
@@ -67,7 +67,7 @@ def send_scene(
 
 
 def _send_frame(stream: Any, robot: Robot) -> None:
-    """Send a triangle without area that spans what the eye sees of the robot and around it."""
+    """Send a triangle without area that spans the visible surroundings of the robot."""
     reach = FRAME_SHARE * robot.stance_radius_m
     corners = [[-reach, -reach, -robot.standing_height_m], [reach, reach, 0.0]]
     stream.log(
@@ -76,7 +76,6 @@ def _send_frame(stream: Any, robot: Robot) -> None:
 
 
 def _send_looks(stream: Any, robot: Robot) -> None:
-    """Send the static properties of what is drawn on the floor."""
     rr, foot_m = load_rerun(), robot.foot_radius_m
     foot = rr.Points3D.from_fields(radii=[1.2 * foot_m])
     for path, color, radius, *ends in (
@@ -106,7 +105,7 @@ def _send_floor(stream: Any, floor: Floor, end_m: FloatArray) -> None:
 
 
 def send_body(stream: Any, robot: Robot, meshes: Meshes) -> None:
-    """Send the trunk and a mark at its front: the `ant` looks alike from all sides."""
+    """Send the trunk and a mark at its front: the `ant` is symmetric."""
     rr = load_rerun()
     if "body" in meshes:
         stream.log(paths.BODY, *_asset(meshes["body"], style.BODY_COLOR), static=True)
@@ -124,7 +123,7 @@ def send_body(stream: Any, robot: Robot, meshes: Meshes) -> None:
 
 
 def send_leg(stream: Any, robot: Robot, plan: TrialPlan, meshes: Meshes, leg: int) -> None:
-    """Send mount, links and foot of a leg; their colours, which change when it fails, are tracks."""
+    """Send mount, links and foot of a leg; their colours change with a failure and are tracks."""
     rr = load_rerun()
     failure = next((one for one in plan.failures if one.leg == leg), None)
     yaw = rr.RotationAxisAngle([0, 0, 1], radians=float(robot.mount_yaws_rad[leg - 1]))
@@ -146,7 +145,6 @@ def send_leg(stream: Any, robot: Robot, plan: TrialPlan, meshes: Meshes, leg: in
 
 
 def _trunk(robot: Robot) -> Any:
-    """Solid of the trunk."""
     rr = load_rerun()
     length, width, height = robot.body.size_m
     look = {"colors": [style.BODY_COLOR], "fill_mode": "solid"}
@@ -156,10 +154,9 @@ def _trunk(robot: Robot) -> Any:
 
 
 def _link(robot: Robot, index: int, failure: Failure | None, meshes: Meshes) -> list[Any]:
-    """Components that draw a link, but its colour."""
     kind = JOINT_KINDS[index]
     missing = failure is not None and failure.kind == "missing"
-    # A missing leg is drawn as an outline, which a mesh does not have.
+    # A missing leg is drawn as an outline, which a mesh lacks.
     if kind in meshes and not missing:
         return _asset(meshes[kind], None)
     outward, up = robot.link_vectors_m[index]
@@ -173,7 +170,7 @@ def _link(robot: Robot, index: int, failure: Failure | None, meshes: Meshes) -> 
 
 
 def _asset(mesh: PartMesh, color: style.Color | None) -> list[Any]:
-    """A mesh and its pose, in a colour if one is given and the mesh has none of its own."""
+    """A mesh and its pose; `color` applies to a mesh without colours."""
     rr = load_rerun()
     w, x, y, z = mesh.quaternion.tolist()
     pose = rr.InstancePoses3D(
@@ -184,32 +181,24 @@ def _asset(mesh: PartMesh, color: style.Color | None) -> list[Any]:
 
 
 def _series(kind: str) -> Any:
-    """Names, colours and widths of a joint's two plotted angles."""
     names = [f"{kind} commanded", f"{kind} measured"]
     return load_rerun().SeriesLines(names=names, colors=style.SERIES[kind], widths=[3.0, 1.2])
 
 
-#: Floor drawn on all sides of the planned path; an even one has only four corners.
+#: Margin of the floor around the planned path; an even one has only four corners.
 FLOOR_MARGIN_M = 2.0
 EVEN_MARGIN_M = 50.0
 
 #: More vertices than this are thinned out, to keep the file small.
 MAX_VERTICES = 40_000
 
-#: An even floor lies this much below the feet, so that lines drawn on it stay visible.
+#: An even floor lies this much below the feet, to keep lines on it visible.
 SUNK_M = 0.002
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorMesh(ArrayFields):
-    """Triangles in the floor's plane.
-
-    Attributes:
-        positions: (V, 3) in m.
-        triangles: (T, 3) indices of vertices.
-        normals: (V, 3).
-        colors: (V, 3), red, green, blue.
-    """
+    """Triangles in the floor's plane: positions (V, 3) in m, indices (T, 3), normals, RGB colours."""
 
     positions: NDArray[np.float32]
     triangles: NDArray[np.uint32]
@@ -218,12 +207,7 @@ class FloorMesh(ArrayFields):
 
 
 def make_floor_mesh(heights_m: FloatArray | None, path_end_m: FloatArray) -> FloorMesh:
-    """Mesh of the floor around a straight path from the origin to `path_end_m`, (2,) in m.
-
-    Args:
-        heights_m: the whole height field (rows along y, columns along x), or None for an even floor.
-        path_end_m: end of a walk without slip.
-    """
+    """Mesh of heights (rows along y) around a straight path from the origin to `path_end_m`, (2,)."""
     margin_m = EVEN_MARGIN_M if heights_m is None else FLOOR_MARGIN_M
     low = np.minimum(path_end_m, 0.0) - margin_m
     high = np.maximum(path_end_m, 0.0) + margin_m
@@ -242,13 +226,11 @@ def _coordinates(count: int) -> FloatArray:
 
 
 def _cells(low_m: float, high_m: float, count: int) -> NDArray[np.int64]:
-    """Grid points of the field within a range, at least the two at its edge."""
     inside = np.flatnonzero((_coordinates(count) >= low_m) & (_coordinates(count) <= high_m))
     return inside if inside.size > 1 else np.array([0, 1])
 
 
 def _grid_mesh(x: FloatArray, y: FloatArray, heights: FloatArray) -> FloorMesh:
-    """Mesh of heights (len(y), len(x)) over a rectangular grid."""
     positions = np.stack([*np.meshgrid(x, y), heights], axis=-1)
     slope_y, slope_x = np.gradient(heights, y, x)
     normals = np.stack([-slope_x, -slope_y, np.ones_like(heights)], axis=-1)

@@ -13,15 +13,9 @@ COARSE_BITS = 8
 
 
 class Series(NamedTuple):
-    """Numbers of one entity.
+    """Numbers of one entity, with a line each in a plot; `bits` are stored binary places.
 
     Attributes:
-        path: the entity.
-        title: of the plot.
-        names: of the lines, one for each number.
-        colors: of the lines.
-        bits: binary places that are stored.
-        widths: of the lines; None leaves them to the viewer.
         source: column of the log, or attribute of `ServoReadings`; None if a track calculates the numbers.
     """
 
@@ -74,10 +68,10 @@ SUSPICION = Series(
 TEMPERATURES = _of_joints(paths.TEMPERATURES, "servos (°C)", "temperatures_c")
 VOLTAGES = _of_joints(paths.VOLTAGES, "servos (V)", "voltages_v")
 
-#: What is stored ten times a second of the log, where all of it is known.
+#: Series at 10 Hz of the log, if all of it is known.
 SAMPLED = (TORQUES, VELOCITY)
 
-#: What single servos report, once a second.
+#: Reports of single servos, at 1 Hz.
 SERVOS = (
     TEMPERATURES,
     VOLTAGES,
@@ -85,5 +79,5 @@ SERVOS = (
     _of_joints(paths.AGES, "ages of the joint angles (s)", "ages_s"),
 )
 
-#: What each walk has, where it is known.
+#: Series of each walk, if known.
 WALK = (DEVIATION, MARGIN, SUSPICION, *SAMPLED)

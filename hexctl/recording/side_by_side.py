@@ -1,4 +1,4 @@
-"""Recordings of walks that are opened together: all in one scene, and each with the list of recordings."""
+"""Recordings that are opened together: a common scene of all walks, and a copy of each recording."""
 
 import math
 import uuid
@@ -25,25 +25,16 @@ SIDE_BY_SIDE_ID = "hexctl side by side"
 #: Distance between walks, in stance radii of the largest robot.
 LANE_SHARE = 2.8
 
-#: Where the eye is, by the length of what is shown: to the right of it, and above.
+#: Position of the eye as a share of the scene's length: to the right, and above.
 EYE = (0.62, 0.42)
 
-#: What of each recording the common scene has, besides its result: its world and its deviation.
+#: Entities of each recording in the common scene, besides its result.
 SHOWN = (paths.WORLD, paths.DEVIATION)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Lane:
-    """A walk of the scene.
-
-    Attributes:
-        root: entity of everything that it has.
-        trial: the walk.
-        name: tells it apart from the others.
-        address: URL of its own recording.
-        left_m: its distance from the first lane, negative to the right.
-        color: of its plots.
-    """
+    """A walk of the scene; `root` is its entity, `left_m` its lateral offset, negative to the right."""
 
     root: str
     trial: RecordedTrial
@@ -54,15 +45,14 @@ class _Lane:
 
 
 def write_together(recordings: Sequence[Path], folder: Path, base: str = "") -> list[Path]:
-    """Write a recording with all walks in one scene, and a copy of each walk that its texts lead to.
+    """Write a recording with all walks in one scene, and a linked copy of each walk.
 
-    All begin to walk at the same moment of `walk_time`. The common scene has the floor of the first one. Each
-    file opens with the list of recordings. For a single walk there is only its copy.
+    All begin at the same moment of `walk_time`, on the floor of the first one. A single walk only gets its
+    copy.
 
     Args:
-        recordings: of trials.
-        folder: where the new files go, first the common scene.
-        base: URL under which they are found, with a slash at its end; without one they are files.
+        folder: of the new files; the common scene is the first one returned.
+        base: URL of the folder with a trailing slash; without one, links lead to files.
 
     Raises what `read_trial` raises, and RecordingError when the disk did not take everything.
     """
@@ -81,7 +71,7 @@ def write_together(recordings: Sequence[Path], folder: Path, base: str = "") -> 
 
 
 def names_of(trials: Sequence[RecordedTrial]) -> list[str]:
-    """Names that tell walks apart, such as `recovered: ant tripod, transfer:500`; numbered if they agree."""
+    """Distinct names of walks, such as `recovered: ant tripod, transfer:500`; numbered if equal."""
     names = [_name(trial) for trial in trials]
     return [
         name if names.count(name) == 1 else f"{name} ({number})" for number, name in enumerate(names, start=1)
@@ -89,7 +79,7 @@ def names_of(trials: Sequence[RecordedTrial]) -> list[str]:
 
 
 def _name(trial: RecordedTrial) -> str:
-    """First what the walk did about a failure: lists of recordings show the beginning of a name."""
+    """The recovery comes first: lists of recordings cut long names."""
     told = trial.properties
     parts = [str(part) for part in (told.get("title", trial.path.stem), told.get("world")) if part]
     reactions = {one["did"] for one in trial.noticed}
@@ -99,7 +89,6 @@ def _name(trial: RecordedTrial) -> str:
 
 
 def _copy(trial: RecordedTrial, name: str, path: Path) -> None:
-    """Write a recording once more, with another name and with the list of recordings open."""
     heading_rad = math.radians(float(trial.properties.get("heading_deg", 0.0)))
     flags = {"watched": trial.leg_suspicion.rows.size > 0, "servos": bool(trial.servos)}
     blueprint = make_blueprint(trial.robot, heading_rad, _floor(trial), several=True, **flags)
@@ -114,7 +103,6 @@ def _copy(trial: RecordedTrial, name: str, path: Path) -> None:
 
 
 def _floor(trial: RecordedTrial) -> Floor:
-    """The plane of a trial's floor; a recording keeps no heights."""
     return Floor(trial.floor_quaternion, trial.floor_normal_world, None)
 
 
@@ -148,7 +136,6 @@ def _write_scene(path: Path, lanes: Sequence[_Lane]) -> None:
 
 
 def _walk_chunks(lane: _Lane, *, with_floor: bool) -> Iterator[Any]:
-    """What a recording has of its walk, below the entity of its lane."""
     for chunk in rerun_chunks(lane.trial.path):
         entity = chunk.entity_path.lstrip("/")
         floor = entity == paths.GROUND and not with_floor
@@ -158,7 +145,6 @@ def _walk_chunks(lane: _Lane, *, with_floor: bool) -> Iterator[Any]:
 
 
 def _send_looks(stream: Any, lane: _Lane) -> None:
-    """Send the place of a lane, its name above the robot, the colour of its deviation, and its result."""
     rr, robot = load_rerun(), lane.trial.robot
     stream.log(lane.root, rr.Transform3D(translation=[0.0, lane.left_m, 0.0]), static=True)
     above = [[0.0, 0.0, 1.2 * robot.standing_height_m]]
@@ -170,7 +156,6 @@ def _send_looks(stream: Any, lane: _Lane) -> None:
 
 
 def _summary(lane: _Lane) -> Any:
-    """Text panel: the result of a walk in a few lines."""
     told = lane.trial.properties
     rows = [("result", told.get("status", "cut off"))]
     if "distance_m" in told:
@@ -188,7 +173,6 @@ def _summary(lane: _Lane) -> Any:
 
 
 def _layout(lanes: Sequence[_Lane]) -> Any:
-    """Layout of the common scene: the walks, their deviations and their results."""
     import rerun.blueprint as rrb
 
     deviations = [f"+ {lane.root}/{paths.DEVIATION}" for lane in lanes]
@@ -213,7 +197,6 @@ def _layout(lanes: Sequence[_Lane]) -> Any:
 
 
 def _scene_view(lanes: Sequence[_Lane]) -> Any:
-    """3-D view of all lanes, from the side, with an eye that stands still."""
     import rerun.blueprint as rrb
 
     ends_m = np.concatenate([_ends_m(lane) for lane in lanes])
@@ -238,7 +221,7 @@ def _scene_view(lanes: Sequence[_Lane]) -> Any:
 
 
 def _ends_m(lane: _Lane) -> Any:
-    """Where a walk begins and ends in the common scene, (2, 3); its start if its place is unknown."""
+    """Start and end of a walk in the common scene, (2, 3); only its start if its place is unknown."""
     known = np.flatnonzero(lane.trial.posed)
     ends = lane.trial.base_position_world[known[[0, -1]]] if known.size else np.zeros((1, 3))
     return ends * [1.0, 1.0, 0.0] + [0.0, lane.left_m, 0.0]

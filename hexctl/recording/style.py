@@ -18,7 +18,6 @@ Color = tuple[int, ...]
 GRID_COLOR = (255, 255, 255, 26)
 NOSE_COLOR = (240, 240, 240)
 WHITE = (255, 255, 255)
-#: A leg that was noticed to have failed.
 NOTICED_COLOR = NOTICED_COLORS["femur"]
 TOUCHING_COLOR = (64, 220, 120)
 LIFTED_COLOR = (96, 108, 124)
@@ -26,7 +25,7 @@ UNFELT_COLOR = (206, 212, 220)
 TRAIL_COLOR = DEVIATION_COLOR = WAY_COLOR
 COURSE_COLOR = LINE_COLOR
 
-#: The ribbon between line and trail, by the side that the robot is on; the fourth number is the opacity.
+#: The ribbon between line and trail, by side of the robot; the fourth number is the opacity.
 LEFT_COLOR = (70, 190, 230, 110)
 RIGHT_COLOR = (226, 96, 190, 110)
 
@@ -38,7 +37,7 @@ PLUMB_COLOR = (200, 206, 214)
 #: Commanded and measured angle, by joint.
 SERIES = JOINT_COLORS
 
-#: The states of a foot: commanded to be in stance or swing; and with what is felt: lifted or touching.
+#: States of a foot: commanded to be in stance or swing; with contacts also lifted or touching.
 STANCE, SWING = "stance", "swing"
 COMMANDED_STATES = (STANCE, SWING)
 HANGS, DRAGS = "stance without contact", "swing with contact"
@@ -51,27 +50,26 @@ STOPPED = "stopped"
 #: Lanes of failures while nothing is wrong.
 WHOLE, WATCHING = "all legs whole", "no leg noticed"
 
-#: How states of broken legs begin, and those of legs taken for broken: each lane has a colour of its own.
+#: Prefixes of states of broken legs, and of legs considered broken: each lane has its own colour.
 BROKEN, NOTICED = "broken: ", "noticed: "
 
 
 def broken_state(words: str) -> str:
-    """State of the lane of what is broken, as `leg 5 limp`; none for no words."""
+    """State of the lane of broken legs, such as `leg 5 limp`; empty for no words."""
     return f"{BROKEN}{words}" if words else WHOLE
 
 
 def noticed_state(words: str) -> str:
-    """State of the lane of what the walk takes for broken; none for no words."""
+    """State of the lane of detected failures; empty for no words."""
     return f"{NOTICED}{words}" if words else WATCHING
 
 
 def label_of(state: str) -> str:
-    """Text of a state in its lane: short, and empty where the colour is enough."""
+    """Text of a state in its lane: short, and empty if the colour suffices."""
     return " " if state in WORDLESS else state.removeprefix(BROKEN).removeprefix(NOTICED)
 
 
 def _failure_words() -> list[str]:
-    """Words of all single failed legs, and of two and three legs."""
     legs = range(1, N_LEGS + 1)
     kinds = [
         *FAILURE_KINDS,
@@ -81,7 +79,7 @@ def _failure_words() -> list[str]:
     return [f"leg {leg} {kind}" for leg in legs for kind in kinds] + [f"legs {few}" for few in several]
 
 
-#: States of the lanes and their colours. Those in `WORDLESS` have no label: their colour is enough.
+#: Colours of the states of lanes. Those in `WORDLESS` have no label.
 LANE_COLORS = {
     STANCE: (206, 212, 220),
     SWING: (38, 43, 52),
@@ -104,6 +102,6 @@ WORDLESS = (*FELT_STATES, *GUARD_STATES[:2], WHOLE, WATCHING)
 
 
 def packed(color: Color) -> int:
-    """Colour, with its opacity if it has one, as Rerun packs it: 0xRRGGBBAA."""
+    """Colour as Rerun packs it: 0xRRGGBBAA."""
     red, green, blue, alpha = (*color, 255)[:4]
     return red << 24 | green << 16 | blue << 8 | alpha

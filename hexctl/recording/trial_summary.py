@@ -15,8 +15,7 @@ from hexctl.robot.model import Robot
 
 Row = tuple[str, str]
 
-#: What stands for a result until there is one, which a viewer also shows while it loads a finished walk. That
-#: of a walk that was cut off keeps it.
+#: Placeholder of a missing result, which a viewer also shows while it loads.
 PENDING: Row = ("**result**", "*appears when the recording is complete*")
 
 
@@ -28,16 +27,7 @@ def make_markdown(
     stability: float | None,
     facts: Mapping[str, Any],
 ) -> str:
-    """Text panel in Markdown; without a result it says when there will be one.
-
-    Args:
-        title: heading.
-        robot: the robot that walked.
-        plan: what was asked for.
-        result: of the trial.
-        stability: share of the walk with the centre of gravity above the feet that stand, None if unknown.
-        facts: anything else, a row each.
-    """
+    """Text panel in Markdown, with a placeholder for a missing result."""
     outcome = [PENDING] if result is None else _result_rows(result, stability)
     controller = None if result is None else result.controller
     rows = [*outcome, *_plan_rows(robot, plan, controller), *_fact_rows(result, facts)]
@@ -80,11 +70,7 @@ def make_properties(
 
 
 def held_in_words(outcome: Mapping[str, Any]) -> str:
-    """What a walk held by feedback, why it was no more, and what kept it from it.
-
-    Args:
-        outcome: plain values of a trial result.
-    """
+    """Hold of a walk, why it was reduced, and what disturbed it, from the plain values of a trial result."""
     hold, caveat = outcome.get("hold", "none"), outcome.get("hold_caveat")
     why = f": {caveat}" if caveat else ""
     if hold == "none":
@@ -99,13 +85,7 @@ def held_in_words(outcome: Mapping[str, Any]) -> str:
 
 
 def posture_in_words(posture: Posture, swing_share: float, size_m: float | None = None) -> str:
-    """How the body stands and the feet swing where it is not as in the paper; else empty.
-
-    Args:
-        posture: of the gait.
-        swing_share: of the gait.
-        size_m: of the robot; None gives lengths as shares of it.
-    """
+    """Differences of posture and swing from the paper's, or empty; lengths as shares without `size_m`."""
     size, unit = (100.0, "% of its size") if size_m is None else (size_m, "m")
     forward, left = (f"{size * share:+g} {unit}" for share in posture.shift)
     above = "higher" if posture.body_raise > 0 else "lower"
@@ -186,7 +166,6 @@ def _result_rows(result: TrialResult, stability: float | None) -> Iterator[Row]:
 
 
 def _fact_rows(result: TrialResult | None, facts: Mapping[str, Any]) -> Iterator[Row]:
-    """Facts that are known and not already in the rows of plan or result."""
     told = {"robot", "gait", "failed_leg", "failure", *(result.to_dict() if result is not None else ())}
     for key, value in facts.items():
         if key not in told and value not in (None, [], {}):
@@ -199,7 +178,6 @@ def _table(rows: Any) -> str:
 
 
 def _cell(value: Any) -> str:
-    """Value as text that cannot break a table."""
     if isinstance(value, list):
         value = ", ".join(map(str, value))
     if isinstance(value, Mapping):
@@ -209,7 +187,6 @@ def _cell(value: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Value that a property can hold; nested values become JSON."""
     simple = (str, int, float, bool)
     if isinstance(value, simple):
         return value

@@ -27,7 +27,7 @@ NO_DISPLAY = "the viewer finds no display"
 
 
 def viewer_binary() -> Path:
-    """Path of Rerun's executable; the `rerun` on the PATH is a wrapper that does not pass signals on.
+    """Rerun's executable; the `rerun` on the PATH is a wrapper that does not pass signals on.
 
     Raises MissingExtraError when it is not installed.
     """
@@ -52,7 +52,7 @@ def open_viewer(paths: Sequence[Path]) -> int:
     """
     for path in paths:
         check_viewable(path)
-    # A port of its own: another viewer that is open keeps what it shows.
+    # A separate port: another open viewer keeps its content.
     command = [str(viewer_binary()), "--bind", LOCAL, "--port", "auto", *map(str, paths)]
     try:
         viewer = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, errors="replace")
@@ -70,14 +70,7 @@ def open_viewer(paths: Sequence[Path]) -> int:
 
 
 def newest_recording(folder: Path, *, leave_out: str | None = None) -> Path:
-    """Latest recording in a folder or in the folders below it.
-
-    Args:
-        folder: where to look.
-        leave_out: a file name that does not count.
-
-    Raises InputError when there is none, or a file in place of the folder.
-    """
+    """Latest recording below a folder, except `leave_out`; raises InputError without any."""
     if (instead := file_instead(folder)) is not None:
         raise InputError(f"{instead}; allowed: a folder of recordings")
     found = [path for path in folder.rglob("*.rrd") if path.is_file() and path.name != leave_out]
@@ -93,7 +86,6 @@ def check_display() -> None:
 
 
 def _why(messages: str, paths: Sequence[Path]) -> str:
-    """One line on why the viewer ended, with the way out where there is no screen."""
     names = " ".join(map(str, paths))
     if any(word in messages for word in ("DISPLAY", "WAYLAND", "neither", "NoDisplay", "XOpenDisplay")):
         return (
@@ -107,12 +99,7 @@ def _why(messages: str, paths: Sequence[Path]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class WebViewer:
-    """A viewer that is being served.
-
-    Attributes:
-        url: address for a browser.
-        process: Rerun's server.
-    """
+    """A viewer that is being served; `url` is for a browser."""
 
     url: str
     process: "subprocess.Popen[bytes]"
@@ -135,10 +122,7 @@ def web_url(port: int, web_port: int) -> str:
 
 @contextmanager
 def serve_web(web_port: int, urls: Sequence[str]) -> Iterator[WebViewer]:
-    """Serve the viewer, showing recordings at some URLs, to browsers until the block ends.
-
-    Raises RecordingError for a server that cannot start, MissingExtraError without Rerun.
-    """
+    """Serve the viewer with recordings at some URLs; raises RecordingError or MissingExtraError."""
     command = [
         str(viewer_binary()),
         "--bind",
@@ -162,10 +146,7 @@ def serve_web(web_port: int, urls: Sequence[str]) -> Iterator[WebViewer]:
 
 
 def _page(web_port: int, urls: Sequence[str]) -> str:
-    """Address of the viewer's page that shows what is at some URLs, in the dark theme.
-
-    Without a theme the page takes the browser's, and light lines are drawn on white.
-    """
+    """Always in the dark theme: light lines would be invisible on white."""
     return f"{web_origin(web_port)}/?{urlencode([('theme', 'dark'), *(('url', url) for url in urls)])}"
 
 
@@ -182,10 +163,10 @@ def free_port() -> int:
 
 
 class FileServer:
-    """HTTP server on loopback for the recordings that are added to it; use as a context manager."""
+    """HTTP server on loopback for added recordings; use as a context manager."""
 
     def __init__(self, origin: str) -> None:
-        """Listen at a free port of loopback; pages of one origin, such as http://127.0.0.1:9090, may read."""
+        """Listen at a free loopback port; pages of one origin, such as http://127.0.0.1:9090, may read."""
         self._files: dict[str, Path] = {}
         self._server = ThreadingHTTPServer((LOCAL, 0), self._handler(origin))
         self._thread = Thread(target=self._server.serve_forever, daemon=True)
@@ -201,14 +182,11 @@ class FileServer:
         self._server.server_close()
 
     def base(self, folder: str) -> str:
-        """URL below which the files of a folder are served."""
+        """Base URL of the files of a folder."""
         return f"http://{LOCAL}:{self._server.server_port}/{quote(folder, safe='')}/"
 
     def add(self, folder: str, path: Path) -> str:
-        """Serve a recording below a folder and return its URL.
-
-        Raises InputError for a missing or damaged file or a file of another kind.
-        """
+        """Serve a recording below a folder and return its URL; raises InputError for a bad file."""
         check_viewable(path)
         self._files[f"/{folder}/{path.name}"] = path
         return self.base(folder) + quote(path.name)
@@ -222,7 +200,7 @@ class FileServer:
         class Handler(BaseHTTPRequestHandler):
             def do_GET(self) -> None:
                 if self.headers.get("Host") != f"{LOCAL}:{server_port()}":
-                    self.send_error(HTTPStatus.FORBIDDEN)  # a page of another name that leads here
+                    self.send_error(HTTPStatus.FORBIDDEN)  # a foreign host name, as by DNS rebinding
                     return
                 try:
                     file = files[unquote(self.path)].open("rb")
@@ -238,6 +216,6 @@ class FileServer:
                     shutil.copyfileobj(file, self.wfile)
 
             def log_message(self, *_: Any) -> None:
-                """Say nothing."""
+                """Log nothing."""
 
         return Handler

@@ -1,4 +1,4 @@
-"""One diagnosis at rest on any backend, recorded: what `hexctl diagnose` does, as a library call."""
+"""One recorded diagnosis at rest on any backend: `hexctl diagnose` as a library call."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -19,10 +19,10 @@ from hexctl.robot.failure_grammar import option_of, read_failures_before
 from hexctl.runs.run import Run
 from hexctl.runs.run_spec import RunSpec
 
-#: Time to come to the stance and to rest, before the first probe.
+#: Time to reach the stance and to settle before the first probe.
 SETTLE_S = 0.8
 
-#: Asked after a leg has made its lift: did it lift, swing and stand again? None ends the questions.
+#: Called with a leg after its lift: whether it lifted, swung and stood again; None ends the questions.
 AskOperator = Callable[[int], bool | None]
 
 
@@ -31,10 +31,9 @@ class DiagnosisResult:
     """Result of a diagnosis.
 
     Attributes:
-        diagnosis: what was found, leg by leg.
-        trial: how the standing test ended: its `status` is `ok` where all of it was made.
-        outcome: everything as plain values, the object that `hexctl diagnose --json` prints.
-        recording: the recording, or None.
+        diagnosis: findings by leg.
+        trial: the standing test; its `status` is `ok` if it is complete.
+        outcome: the object that `hexctl diagnose --json` prints.
         recording_error: why the recording is incomplete, or None.
     """
 
@@ -52,14 +51,11 @@ class DiagnosisResult:
 class DiagnosisRun(Run):
     """A run whose controller makes the standing test: connected and recorded like a walk.
 
-    The failure of its spec is what a simulation breaks; the diagnosis is not told.
+    The failure of its spec is simulated, but unknown to the diagnosis.
     """
 
     def __init__(self, spec: RunSpec) -> None:
-        """Check a spec, of which the gait and the motion do not count.
-
-        Raises InputError for what is not allowed, LimitError for a robot without room around its stance.
-        """
+        """Check a spec, whose gait and motion are ignored; raises InputError or LimitError."""
         failures = read_failures_before(spec.failure, None, "a failure before the diagnosis, such as 5:limp")
         if failures and not spec.simulated:
             name, value = option_of(failures[0])
@@ -77,7 +73,7 @@ class DiagnosisRun(Run):
 
     @property
     def title(self) -> str:
-        """Robot and what is done, the title of recordings and live views."""
+        """Title of recordings and live views."""
         return f"{self.robot.name} diagnosis"
 
     @property
@@ -91,12 +87,7 @@ class DiagnosisRun(Run):
         ask: AskOperator | None = None,
         stop_requested: StopRequested = never,
     ) -> DiagnosisResult:
-        """Make the standing test and judge it.
-
-        Args:
-            recorders: take the ticks in blocks beside the recording.
-            ask: asked leg by leg where nothing that the robot measures shows its legs.
-            stop_requested: asked every tick; True ends the test.
+        """Make the standing test and judge it; arguments as in `diagnose`, and recorders of its ticks.
 
         Raises RobotFaultError when the robot or its link fails.
         """
@@ -120,7 +111,6 @@ class DiagnosisRun(Run):
         return self._test
 
     def _found(self) -> Diagnosis:
-        """Diagnosis of the test as far as it came."""
         if self.diagnosis is None:
             test = self._test or StandingTest(self.robot, 0.02)
             self.diagnosis = diagnosis_of(test.observed, self.robot)
@@ -133,7 +123,6 @@ class DiagnosisRun(Run):
         return {**self._found().to_dict(), **{name: whole[name] for name in (*kept, *where)}}
 
     def _ask_operator(self, found: Diagnosis, ask: AskOperator, stop_requested: StopRequested) -> Diagnosis:
-        """Lift the legs once more, one at a time, and ask after each."""
         moved: dict[int, bool] = {}
         for probe in sorted(LIFTS, key=lambda lift: lift.legs):
             if stop_requested() or not self._make_alone(probe):
@@ -146,7 +135,7 @@ class DiagnosisRun(Run):
         return self.diagnosis
 
     def _make_alone(self, probe: Probe) -> bool:
-        """Make one probe, then rest; False where the robot was stopped."""
+        """Make one probe, then rest; return False after a stop."""
         guard = self._guard
         assert guard is not None  # noqa: S101  it is connected
         try:
@@ -164,14 +153,14 @@ def diagnose(
     stop_requested: StopRequested = never,
     **where: Any,
 ) -> DiagnosisResult:
-    """Find out which leg of a standing robot has failed: `diagnose(failure="5:limp:femur")`.
+    """Find the failed leg of a standing robot: `diagnose(failure="5:limp:femur")`.
 
     Args:
-        ask: asked leg by leg where nothing that the robot measures shows its legs: whether the leg with this
-            number lifted, swung and stood again; None ends the questions.
-        stop_requested: asked every tick; True ends the test.
-        where: fields of `RecordedOptions`, such as robot and backend. The diagnosis is not told of failures
-            that a simulation has.
+        ask: called with each leg's number if no measurement shows the legs: whether it lifted, swung and
+            stood again; None ends the questions.
+        stop_requested: called every tick; True ends the test.
+        where: fields of `RecordedOptions`, such as robot and backend. Simulated failures are unknown to the
+            diagnosis.
 
     Raises InputError before anything moves, RobotFaultError for a robot or a link that fails.
     """

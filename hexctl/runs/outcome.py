@@ -16,7 +16,7 @@ from hexctl.runs.run_spec import RunSpec
 
 
 def gait_values(spec: RunSpec, plan: TrialPlan) -> dict[str, Any]:
-    """The gait of a plan, with the name that its spec gives it."""
+    """The gait of a plan, with its name in the spec."""
     gait = plan.gait
     return {
         "name": spec.gait_text,
@@ -30,7 +30,7 @@ def gait_values(spec: RunSpec, plan: TrialPlan) -> dict[str, Any]:
 
 
 def failure_values(plan: TrialPlan, events: Sequence[FailureEvent], until_s: float) -> dict[str, Any]:
-    """Failures of a plan, and those of events that came before a time of the walk."""
+    """Failures of a plan, and those of events before a time of the walk."""
     in_order = sorted(events, key=lambda event: event.at_s)
     return {
         "failed_leg": plan.belief.leg if plan.belief else None,
@@ -41,13 +41,7 @@ def failure_values(plan: TrialPlan, events: Sequence[FailureEvent], until_s: flo
 
 
 def tick_values(guard: Guard, log: TickLog, wall_s: float) -> dict[str, Any]:
-    """What the ticks of a walk took, and what the guard counted.
-
-    Args:
-        guard: of the robot that walked.
-        log: of the walk.
-        wall_s: how long it took by the clock on the wall.
-    """
+    """Timing of the ticks of a walk, which took `wall_s` of the wall clock, and counters of the guard."""
     work_us = log["work_s"] * 1e6  # (ticks,)
     quantiles = np.percentile(work_us, [50, 99, 100]) if len(log) else np.zeros(3)
     return {
@@ -63,7 +57,7 @@ def tick_values(guard: Guard, log: TickLog, wall_s: float) -> dict[str, Any]:
 
 
 def world_text(spec: RunSpec) -> str | None:
-    """Name of the simulated world; None on a robot that is not simulated here."""
+    """Name of the world of a simulation in this process, or None."""
     if not spec.simulated:
         return None
     world = spec.world
@@ -71,10 +65,7 @@ def world_text(spec: RunSpec) -> str | None:
 
 
 def events_seen(log: TickLog) -> list[FailureEvent]:
-    """Legs that a simulation at the other end of a link let fail and heal, before the walk at its start.
-
-    What was broken when the link began is no event.
-    """
+    """Failures and healings of a remote simulation during the link; those before the walk at its start."""
     if log.walk_from is None:
         return []
     times_s, last = log["time_s"], len(log) - 1

@@ -1,4 +1,4 @@
-"""One walk on any backend, recorded: what `hexctl run` does, as a library call."""
+"""One recorded walk on any backend: `hexctl run` as a library call."""
 
 import math
 import time
@@ -49,10 +49,10 @@ if TYPE_CHECKING:
     from hexctl.recording.recording import Recording
 
 
-#: By how much a self-rotation may miss its goal.
+#: Tolerance of a self-rotation.
 MISS_RAD = math.radians(2.0)
 
-#: How long a robot that has connected may take to tell where it is.
+#: How long a connected robot may take to report its position.
 POSITION_COMES_S = 1.0
 
 
@@ -61,11 +61,9 @@ class RunResult:
     """Result of a run.
 
     Attributes:
-        trial: result of the trial.
-        outcome: everything as plain values, the object that `hexctl run --json` prints.
-        recording: the recording, or None.
+        outcome: the object that `hexctl run --json` prints.
         recording_error: why the recording is incomplete, or None.
-        recorder_failures: recorders that raised and were left out from then on.
+        recorder_failures: recorders that raised and were skipped from then on.
         log: every tick.
     """
 
@@ -84,28 +82,15 @@ class RunResult:
 class Run:
     """A run: as a context manager it connects the robot and opens the recording, `walk` walks.
 
-    Everything that can be refused is refused when it is made, before anything is opened or moves.
+    Invalid options are refused at creation, before anything is opened or moves.
 
     Attributes:
-        spec: what it does.
-        robot: the robot of the spec.
-        plan: the trial of the spec.
-        broken: what a simulation breaks: the failures of the spec, unless set otherwise before connecting.
-            The walk is told the spec's.
-        notes: once connected, what an operator should know about the robot that answered, and options
-            without effect.
+        broken: simulated failures, by default those of the spec, which the walk always believes.
+        notes: after connecting, warnings about the robot and about options without effect.
     """
 
     def __init__(self, spec: RunSpec, *, controller: "CustomController | None" = None) -> None:
-        """Check a spec.
-
-        Args:
-            spec: what the run does.
-            controller: walks instead of the plan's own walk, as in `run_trial`.
-
-        Raises InputError for what is not allowed, ReachError or LimitError for a walk that the legs cannot
-        make.
-        """
+        """Check a spec; raises InputError, or ReachError or LimitError for an infeasible walk."""
         spec.check()
         check_controller(controller)
         self.spec, self._controller = spec, controller
@@ -134,8 +119,7 @@ class Run:
         """Connect the robot, then create the recording.
 
         Raises RobotFaultError for a robot that cannot be reached, InputError for a recording that cannot be
-        created and for a leg that is to heal while it is whole, MissingExtraError for an extra that is not
-        installed.
+        created and for the healing of an intact leg, MissingExtraError for an extra that is not installed.
         """
         check_healings(self.spec.events, self._world_events, [one.leg for one in self.broken])
         options = BackendOptions.of(
@@ -168,38 +152,36 @@ class Run:
 
     @property
     def title(self) -> str:
-        """Robot and gait, the title of recordings and live views."""
+        """Title of recordings and live views: robot and gait."""
         return f"{self.robot.name} {self._walk_text}"
 
     @property
     def _what(self) -> str:
-        """What is done, in the name of a recording."""
         return self._walk_text.replace(",", "").replace(" ", "-") or "gait"
 
     @property
     def _walk_text(self) -> str:
-        """The gait in words; before it the name of a custom controller, which follows a gait if asked to."""
         gait = self.spec.gait_text if self._has_gait else None
         return " ".join(filter(None, (controller_name(self._controller), gait)))
 
     @property
     def _has_gait(self) -> bool:
-        """Whether a gait leads the walk: under a custom controller only one that was asked for."""
+        """A custom controller has one only if it was asked for."""
         return controller_name(self._controller) is None or self.spec.gait_text != DEFAULT_GAIT
 
     @property
     def robot_file(self) -> Path | None:
-        """File of the robot, None for a robot that is not from a file."""
+        """File of the robot, or None."""
         return None if self._file is None else self._file.path
 
     @property
     def recording_path(self) -> Path | None:
-        """File of the recording; None without one, and before the robot is connected."""
+        """File of the recording; None without one, and before connecting."""
         return None if self._recording is None else self._recording.path
 
     @cached_property
     def floor(self) -> Floor | None:
-        """Floor of the simulated world, None on a robot that is not simulated here."""
+        """Floor of the world of a simulation in this process, or None."""
         return make_floor(self._world, self.spec.seed) if self.spec.simulated else None
 
     def walk(
@@ -209,13 +191,7 @@ class Run:
         stop_requested: StopRequested = never,
         should_stop: ShouldStop | None = None,
     ) -> RunResult:
-        """Walk as the spec says.
-
-        Args:
-            recorders: take the ticks in blocks beside the recording; each fails alone.
-            stop_requested: asked every tick; True ends the walk with a soft stop, without a recording where
-                nothing was commanded before.
-            should_stop: looks at the walk once a second, as in `run_trial`, such as a `Geofence`.
+        """Walk as the spec says; arguments as in `run`. A stop before the first command leaves no recording.
 
         Raises RobotFaultError when the robot or its link fails. A fall, a stop or an incomplete recording is
         part of the result.
@@ -254,7 +230,6 @@ class Run:
         )
 
     def _without_effect(self) -> list[str]:
-        """What was asked for and changes nothing, in words."""
         end_s, rotation = self.plan.duration_s, self.spec.self_rotation
         late = [str(event) for event in self._world_events if event.at_s >= end_s]
         notes = [f"{', '.join(late)} of the world changes nothing: the end is at {end_s:g} s"] if late else []
@@ -264,7 +239,7 @@ class Run:
         return [*notes, f"--self-rotation {rotation} changes nothing: {why}"]
 
     def _doubts(self) -> list[str]:
-        """Whether more than one failed leg lets the robot walk, in words where that is doubtful."""
+        """Warn if the robot may be unable to walk with more than one failed leg."""
         plan = self.plan
         if not plan.further_failures or not plan.travel:
             return []
@@ -273,17 +248,17 @@ class Run:
         return [note for note in (doubt(found), dragged) if note is not None]
 
     def _suit_rotation(self) -> None:
-        """Turn the failed leg away after all where `auto` took it for granted that the line can be held."""
+        """Turn the failed leg away after all if `auto` relied on a line that cannot be held."""
         spec = self.spec
         unasked = spec.self_rotation == AUTO_ROTATION and spec.hold == "auto"
         taken = unasked and self.plan.self_rotation == "none" and not self.plan.further_failures
         if taken and self.plan.belief is not None and not self._position_comes():
-            # The hold stays what was asked for: the result says why less was held.
+            # The requested hold stays: the result reports why less was held.
             self.plan = replace(plan_of(replace(spec, hold="heading"), self.robot), hold=spec.hold)
             check_plan(self.robot, self.plan)
 
     def _position_comes(self) -> bool:
-        """Whether the robot tells a position, which may come a little after its joints."""
+        """The position may arrive a little after the joints."""
         guard = self._guard
         assert guard is not None  # noqa: S101  it is connected
         timeout_s = POSITION_COMES_S if self.spec.paced else 0.0
@@ -321,7 +296,6 @@ class Run:
             raise MissingExtraError("recording (or walk with --no-record)", "view") from error
 
     def _new_path(self, folder: Path) -> Path:
-        """Path in a folder that no run has used, named by time, robot, gait and failure."""
         now = datetime.now().strftime("%Y%m%d-%H%M%S")
         failed = "".join(f"_leg{one.leg}-{one.kind}" for one in self.plan.failures)
         stem = f"{now}_{self.robot.name}_{self._what}{failed}"
@@ -338,7 +312,6 @@ class Run:
         return path
 
     def _outcome(self, trial: TrialResult, log: TickLog, wall_s: float) -> dict[str, Any]:
-        """Everything of a walk as plain values."""
         assert self._guard is not None  # noqa: S101  connected, or there would be no trial
         planned = (*self._world_events, *self.spec.events) if self.spec.simulated else events_seen(log)
         return {
@@ -357,12 +330,11 @@ class Run:
 
     @property
     def _world_events(self) -> tuple[FailureEvent, ...]:
-        """Legs that the simulated world lets fail and heal."""
         return self._world.events if self.spec.simulated else ()
 
 
 def _as_it_may_stand(robot: Robot, plan: TrialPlan) -> list[TrialPlan]:
-    """The plan with its heading in the body, turned a little either way as a self-rotation may leave it."""
+    """The plan with its heading in the body, and with the tolerance of a self-rotation to either side."""
     heading_rad = plan.heading_rad - turn_needed_rad(robot, plan)
     return [replace(plan, heading_rad=heading_rad + off_rad) for off_rad in (0.0, -MISS_RAD, MISS_RAD)]
 
@@ -380,17 +352,16 @@ def run(
 
     Args:
         spec: what to do; or the fields of `RunSpec` as keywords.
-        controller: walks instead of the plan's own walk: a function of step and state that returns 18 joint
-            angles in rad, a `Controller`, or what makes one of a `WalkStart`. Result and recording have its
-            name.
-        recorders: take the ticks in blocks beside the recording; each fails alone.
-        stop_requested: asked every tick; True ends the walk with a soft stop.
-        should_stop: looks at the walk once a second, as in `run_trial`, such as a `Geofence`.
+        controller: replaces the plan's own walk: a function of step and state that returns 18 joint angles
+            in rad, a `Controller`, or a function that makes one of a `WalkStart`. It names the recording.
+        recorders: take the ticks in blocks in addition to the recording; each fails separately.
+        stop_requested: called every tick; True ends the walk with a soft stop.
+        should_stop: checks the walk once a second, as in `run_trial`, such as a `Geofence`.
         options: fields of `RunSpec`, such as `failure="5:limp"` or `failure=["5:limp", "2:locked@8"]`;
             `record=False` leaves no recording.
 
-    Raises what `Run` raises: InputError, ReachError and LimitError before anything moves, RobotFaultError for
-    a robot or a link that fails.
+    Raises InputError, ReachError and LimitError before anything moves, RobotFaultError for a robot or a link
+    that fails.
     """
     keywords = "a RunSpec, or its fields as keywords, as run(gait='tripod')"
     check_type(spec, (RunSpec, NoneType), "run", keywords)

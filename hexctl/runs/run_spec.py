@@ -1,4 +1,4 @@
-"""What a run does: its options, checked, and the plan of its trial."""
+"""Checked options of a run, and the plan of its trial."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -52,7 +52,6 @@ from hexctl.robot.model import Robot
 
 
 def _shift(text: str) -> tuple[float, float]:
-    """Two numbers of a text such as `0.02,-0.01`."""
     try:
         forward, left = (float(part) for part in text.split(","))
     except ValueError:
@@ -62,7 +61,7 @@ def _shift(text: str) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunSpec(RecordedOptions, WalkOptions):
-    """What a run does: which robot, where, and how it walks. Its fields are the options of `hexctl run`."""
+    """Robot, backend and walk of a run. Its fields are the options of `hexctl run`."""
 
     PANEL: ClassVar = "Walk"
 
@@ -147,12 +146,12 @@ class RunSpec(RecordedOptions, WalkOptions):
 
     @property
     def failures(self) -> tuple[Failure, ...]:
-        """Failures of legs that failed before the walk, by leg."""
+        """Failures before the walk, by leg."""
         return read_failures(self.failure).failures
 
     @property
     def events(self) -> tuple[FailureEvent, ...]:
-        """Failures that come to a simulation during the walk, and legs that heal."""
+        """Simulated failures during the walk, and healings."""
         return (*read_failures(self.failure).events, *read_healings(self.heal))
 
     @property
@@ -167,7 +166,7 @@ class RunSpec(RecordedOptions, WalkOptions):
 
     @property
     def asks_for_best(self) -> bool:
-        """Whether its gait, or one that it changes to, is `best`, which `best_gait` finds."""
+        """Whether a gait is `best`, which `best_gait` finds."""
         return names_best(self.gait) or any(names_best(text.rpartition("@")[0]) for text in self.then)
 
     @property
@@ -176,11 +175,7 @@ class RunSpec(RecordedOptions, WalkOptions):
         return self.record is not None or self.record_folder is not None
 
     def made_policy(self, *, failures_come: bool) -> RecoveryPolicy:
-        """The policy of the walk; raises InputError for a name that is not allowed.
-
-        Args:
-            failures_come: whether legs of a simulation fail during the walk.
-        """
+        """The recovery policy, also for simulated failures during the walk; raises InputError."""
         usual = default_policy(simulated=self.simulated, failures_come=failures_come)
         policy = usual if self.policy is None else self.policy
         return make_policy(policy) if isinstance(policy, str) else policy
@@ -192,8 +187,8 @@ class RunSpec(RecordedOptions, WalkOptions):
         return str(gait) if isinstance(gait, str | int) else ",".join(str(slot) for slot in gait)
 
     def check(self) -> None:
-        """Raise InputError for options that the backend would ignore, and for a recording that cannot be."""
-        # A failure is the plan's too: on a robot that is not simulated it tells the controller.
+        """Raise InputError for options that the backend would ignore, and for an impossible recording."""
+        # A failure also belongs to the plan: on a real robot it informs the controller.
         check_options(self.backend, **option_values(self, but=("robot", "failure", "events")))
         for event in self.events:
             check_options(self.backend, names={"events": _option_of(event)}, events=str(event))
@@ -233,7 +228,6 @@ class RunSpec(RecordedOptions, WalkOptions):
 
 
 def _option_of(event: FailureEvent) -> str:
-    """Field that asks for an event."""
     return "heal" if event.failure is None else "failure"
 
 
@@ -247,10 +241,7 @@ def spec_of(options: Mapping[str, Any]) -> RunSpec:
 
 
 def plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
-    """Plan of the trial of a spec.
-
-    Raises InputError for a gait, a posture or a motion that is not allowed.
-    """
+    """Plan of the trial of a spec; raises InputError for a bad gait, posture or motion."""
     if spec.failed_leg == AUTO_LEG:
         raise InputError(
             f"{argument('failed_leg')}: got {AUTO_LEG}, which stands for a leg; allowed: 1..6, or the "
@@ -267,7 +258,7 @@ def plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
 
 
 def _gait_of(spec: RunSpec, robot: Robot) -> Gait:
-    """Gait of a spec in its posture; for `auto` the default one, which has everything but its slots."""
+    """For `auto` the default gait, of which only the slots are replaced."""
     if isinstance(spec.gait, Gait):
         return spec.gait
     if names_best(spec.gait):
@@ -294,7 +285,6 @@ def _gait_of(spec: RunSpec, robot: Robot) -> Gait:
 
 
 def _asked_plan(spec: RunSpec, gait: Gait) -> TrialPlan:
-    """Plan of a spec with a gait, without changes."""
     in_place = spec.turn_rate_rad_s is not None and spec.heading_rad is None
     rotation = suited_rotation(
         "none" if len(spec.failures) > 1 else spec.self_rotation,
@@ -326,7 +316,6 @@ def _check_recoverable(plan: TrialPlan, robot: Robot) -> None:
 
 
 def _besides(failures: Sequence[Failure]) -> tuple[str, str]:
-    """Gaits that stand for others, for messages."""
     return AUTO, BEST if failures else f"{BEST} (with a failed leg)"
 
 
@@ -345,7 +334,6 @@ def _name_and_time(text: str) -> tuple[str, float]:
 
 
 def _check_found(spec: RunSpec) -> None:
-    """Raise InputError for options of a gait that `auto` finds by itself with more than one failed leg."""
     names = (spec.gait, *(text.rpartition("@")[0] for text in spec.then))
     if len(spec.failures) < 2 or AUTO not in names:
         return
@@ -362,7 +350,7 @@ def _check_found(spec: RunSpec) -> None:
 def _changes_of(
     texts: Sequence[str], robot: Robot, plan: TrialPlan, *, stand_up: bool
 ) -> tuple[GaitChange, ...]:
-    """Changes of gait of a walk; raises InputError for times that do not ascend."""
+    """Raises InputError for times that do not ascend."""
     changes = tuple(_change_of(text, robot, plan, stand_up=stand_up) for text in texts)
     for (first, before), (second, after) in pairwise(zip(texts, changes, strict=True)):
         if after.at_s <= before.at_s:
@@ -374,10 +362,9 @@ def _changes_of(
 
 
 def _change_of(text: str, robot: Robot, plan: TrialPlan, *, stand_up: bool) -> GaitChange:
-    """Change of gait of a text such as `wave@10`, in the posture of the plan's gait.
+    """Change of gait of a text such as `wave@10`, in the posture of the plan's gait, but without its crawl.
 
-    Swings and shift of the body that are those of a crawl end with it. With `stand_up` the body stands up
-    with the gait `auto` for more failed legs than one.
+    With `stand_up` the body stands up for the gait `auto` with more than one failed leg.
     """
     name, time_s = _name_and_time(text)
     if names_best(name):

@@ -1,4 +1,1 @@
-"""A server for any LegServos: a robot on the network with leases and stops.
-
-`hexctl.server.service.serve(robot="ant")` serves a robot.
-"""
+"""A server for any LegServos: a robot on the network with leases and stops (`service.serve`)."""

@@ -8,28 +8,19 @@ from hexctl.errors import CommandRefusedError, MessageError
 from hexctl.server.leases import Lease
 from hexctl.wire.zenoh_messages import Command, CommandTag, decode_command
 
-#: Bound on the relative drift of two monotonic clocks: 100 ppm for each crystal, and up to 500 ppm for a time
-#: service that slews one of them. A faster slew (chrony may) makes commands late.
+#: Bound on the relative drift of two monotonic clocks: 100 ppm each, up to 500 ppm while NTP slews one.
 DRIFT = 1000e-6
 
 
 class TransitDelay:
-    """Delay of each message relative to the fastest one so far; the clocks of both ends need not agree.
-
-    The first message counts as on time. A message that was held up by an interrupted link shows its delay.
-    """
+    """Delay of each message relative to the fastest one so far; the two clocks need not agree."""
 
     def __init__(self) -> None:
         self._fastest_s: float | None = None
         self._at_s = 0.0
 
     def delay_s(self, stamp_s: float, arrived_s: float) -> float:
-        """Time by which a message took longer than the fastest one so far, in s.
-
-        Args:
-            stamp_s: when it was sent, on the sender's clock.
-            arrived_s: when it arrived, on the receiver's clock.
-        """
+        """Time by which a message took longer than the fastest one so far, in s."""
         took_s = arrived_s - stamp_s
         if self._fastest_s is None:
             self._fastest_s, self._at_s = took_s, arrived_s
@@ -44,12 +35,8 @@ class CommandCounters:
     """Counts of the commands that arrived since the server began.
 
     Attributes:
-        accepted: reached the guard and passed it.
-        refused: reached the guard, which refused them.
-        malformed: could not be decoded.
-        stale_owner: carried no lease, an expired one or another client's.
-        out_of_order: repeated a sequence number or followed a later one.
-        late: took longer than their time to live.
+        stale_owner: without the current lease.
+        late: older than their time to live.
         lost: sequence numbers that never arrived.
         overflowed: messages of any kind that a full inbox dropped.
     """
@@ -66,13 +53,7 @@ class CommandCounters:
 
 @dataclass(frozen=True, slots=True)
 class Checked:
-    """A command to execute.
-
-    Attributes:
-        command: its content.
-        delay_s: how much longer than the fastest command it took.
-        good_for_s: how long it stays valid from its arrival.
-    """
+    """A command to execute, its delay behind the fastest one, and its remaining validity."""
 
     command: Command
     delay_s: float
@@ -90,10 +71,7 @@ class CommandHandler:
         self._transit = TransitDelay()
 
     def admits(self, attachment: bytes | None, lease: Lease | None) -> bool:
-        """Whether a command that has just arrived may wait for its turn: one of the lease in force.
-
-        Safe on any thread. What does not belong here is counted, and so never takes the place of what does.
-        """
+        """Whether a command that has just arrived has the current lease; others are counted. Thread-safe."""
         carried = CommandTag.lease_in(attachment)
         if carried is not None and lease is not None and carried == (lease.lease_id, lease.sequence):
             return True
@@ -101,10 +79,7 @@ class CommandHandler:
         return False
 
     def check(self, payload: bytes, attachment: bytes | None, lease: Lease | None, at_s: float) -> Checked:
-        """Command to execute, of the current lease, in order and on time.
-
-        Raises MessageError or CommandRefusedError, counted, for any other.
-        """
+        """Command in order and on time; others are counted, and raise MessageError or CommandRefusedError."""
         try:
             command = decode_command(payload, attachment)
         except MessageError:

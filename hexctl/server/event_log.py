@@ -17,19 +17,18 @@ from hexctl.wire.stop import ESTOP, Clear, Stop
 #: Lines that wait for a slow reader; further ones are dropped and counted.
 WAITING_LINES = 256
 
-#: How long closing waits for the last lines to be read.
+#: How long `close` waits for the last lines to be read.
 END_TIMEOUT_S = 0.5
 
-#: What to do about a computer that stalls.
 STALL_HELP = "close other programs on this computer, or use a faster one"
 
-#: A stop for silence this soon after a standstill of this program was caused by it.
+#: A stop for silence this soon after a standstill of this program is attributed to it.
 CAUSED_WITHIN_S = 1.0
 
 #: Reasons to stop that a standstill of this program causes.
 SILENCES = ("expired", "state", "pose lost")
 
-#: Lines for postures; `commanded` has none, as its controller is reported.
+#: Lines for postures; `commanded` has none, because its controller is reported.
 POSTURES = {
     "holding": "holds its pose",
     "sitting": "sits down: commands have stopped",
@@ -39,21 +38,12 @@ POSTURES = {
 
 
 class EventLog:
-    """Reports changes of the robot's controller, stop and posture, one line each.
-
-    A thread of its own calls `report`: a terminal that is paused must not delay the robot.
-    """
+    """Reports changes of the robot's controller, stop and posture on a thread, which may block."""
 
     def __init__(
         self, report: Callable[[str], None], *, clear: str = CLEAR_COMMAND, time: TimeSource = WALL_TIME
     ) -> None:
-        """Report nothing yet.
-
-        Args:
-            report: takes a line.
-            clear: command that ends a stop of the robot.
-            time: in which standstills end.
-        """
+        """Create a log; `report` takes a line, `clear` is the command that ends a stop."""
         self._report, self._clear, self._time = report, clear, time
         self._lines: queue.Queue[str | None] = queue.Queue(WAITING_LINES)
         self._controller: str | None = None
@@ -85,9 +75,8 @@ class EventLog:
     ) -> None:
         """Report what differs from the last call, and a fault that is over while its stop is latched.
 
-        `stop` is the one in force and `cleared` the one that was cleared last: they say who asked.
-        `ros` is a line on the ROS router, `doubt` one on a position that is not believed; a
-        standstill of this program itself comes before what followed from it.
+        `ros` and `doubt` are lines on the ROS router and on an implausible position. A standstill of this
+        program is reported before its consequences.
         """
         if standstill is not None and standstill != self._standstill:
             self.add(f"{standstill}; {STALL_HELP}")
@@ -106,7 +95,7 @@ class EventLog:
             if warning not in warnings and not more_mute:
                 self.add(f"servos: no longer {warning}")
         self._warnings = warnings
-        # A stop takes the robot from its controller, which has not left by itself.
+        # A stop revokes the lease: its controller did not disconnect.
         lost = self._controller if controller is None and stopped not in (None, self._stopped) else None
         if controller != self._controller and lost is None:
             self.add(f"commanded by {controller}" if controller else f"{self._controller} has left")
@@ -121,10 +110,7 @@ class EventLog:
     def _note_stop(
         self, stopped: str | None, by: str | None, cleared: Clear | None, lost: str | None
     ) -> None:
-        """Report a stop, its end, and who asked for either, also of one that was in force already.
-
-        `lost` is the controller that the stop has taken the robot from.
-        """
+        """Report a latched stop too once its requester is known; `lost` is its former controller."""
         ended = None if cleared is None or cleared == self._cleared else f"cleared by {cleared.by}"
         before, before_by = self._stopped, self._stop_by
         self._stopped, self._stop_by, self._cleared = stopped, by, cleared
@@ -143,7 +129,6 @@ class EventLog:
             self.add(f"still stopped{asked}")
 
     def _cause(self, stopped: str, by: str | None) -> str:
-        """A reason to stop in words; the cause of a silence that this program made is its standstill."""
         if by and stopped == ESTOP:
             return ESTOP
         ended_s = -math.inf if self._standstill is None else self._standstill.ended_s
@@ -152,14 +137,14 @@ class EventLog:
         return reason_in_words(stopped)
 
     def close(self) -> None:
-        """Report the lines that wait, as long as the reader takes them in time."""
+        """Report the waiting lines, unless the reader is too slow."""
         if self._writer is not None:
             with suppress(queue.Full):
                 self._lines.put_nowait(None)
             self._writer.join(END_TIMEOUT_S)
 
     def add(self, event: str) -> None:
-        """Report one line, as soon as the reader takes it; never waits."""
+        """Queue one line; never waits."""
         if self._writer is None:
             self._writer = threading.Thread(target=self._write, name="event log", daemon=True)
             self._writer.start()

@@ -10,14 +10,11 @@ SIT_AFTER_S = 10.0
 
 
 class IdleSupervisor:
-    """Moves a robot whose commands have ended: it sits down after a while and its torque is disabled.
+    """Lets a robot whose commands have ended sit down after a while, then disables its torque.
 
-    With hot servos it sits down at once. Any other stop but for an expired command makes it hold its pose.
-    After such a stop it does not move before the next command, even when the stop is cleared: the operator
-    who clears it may be touching the robot.
-
-    Attributes:
-        name: `idle` before the first command, then `commanded`, `holding`, `sitting` or `limp`.
+    With hot servos it sits down immediately. After any stop except for an expired command it holds its pose
+    until the next command, even if the stop is cleared: the operator may be touching the robot. `name` is
+    `idle` before the first command, then `commanded`, `holding`, `sitting` or `limp`.
     """
 
     def __init__(self, guard: Guard, *, sit_after_s: float = SIT_AFTER_S) -> None:
@@ -31,15 +28,11 @@ class IdleSupervisor:
         self._sitting_since_s = 0.0
 
     def commanded(self, now_s: float) -> None:
-        """Note that a command reached the servos, at a time on their clock."""
+        """Note that a command reached the servos at `now_s` on their clock."""
         self.name, self._commanded_at_s, self._held = "commanded", now_s, False
 
     def controlled(self, now_s: float) -> None:
-        """Note that a client has got the right to command: it does not find a robot that begins to sit.
-
-        A robot that is sitting down stops at that. Without a command it sits down after the same time, from
-        now on.
-        """
+        """Note a new lease: it interrupts sitting down, and restarts the time without commands."""
         self._commanded_at_s = now_s
         if self.name == "sitting" and not self._guard.hot:
             self.name = "holding"
@@ -62,7 +55,7 @@ class IdleSupervisor:
             self.name = "holding"
 
     def sit(self, now_s: float) -> None:
-        """Sit down now, at a time on the clock of the servos, from wherever the joints are."""
+        """Sit down from the current joint angles; `now_s` is on the clock of the servos."""
         self._held = False
         self._begin_to_sit(now_s)
 
@@ -81,7 +74,6 @@ class IdleSupervisor:
             self.name, self._sitting_since_s = "sitting", now_s
 
     def _sit(self, now_s: float) -> None:
-        """One step of sitting down; at its end the torque is disabled."""
         share = (now_s - self._sitting_since_s) / SITTING_S
         if share > 1:
             self.go_limp()

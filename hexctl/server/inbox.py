@@ -11,23 +11,16 @@ from hexctl.time_source import WALL_TIME, TimeSource
 #: More messages than arrive in a tick; a full queue drops its oldest.
 CAPACITY = 64
 
-#: Of each kind only so many wait, less than the capacity together: a flood of one displaces no other.
+#: Limit for each kind; their sum is below the capacity, so a flood of one kind displaces no other.
 MOST_WAITING = {"command": 16, "pose": 8, "ros": 8, "lease": 8, "estop": 8, "describe": 8, "failure": 4}
 
-#: Queries: one that comes too soon is not taken, and repeated by its client. Of everything else the newest
-#: count: the oldest of a flood is dropped.
+#: Queries: surplus ones are dropped, and the client repeats them. Of other kinds, the oldest are dropped.
 QUERIES = ("lease", "estop", "describe", "failure")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Arrival:
-    """A message that arrived.
-
-    Attributes:
-        kind: the kind of message, as in `KeyMap`.
-        item: a Zenoh sample or query.
-        at_s: time of arrival, by the time source of the inbox.
-    """
+    """A message that arrived: its kind in `KeyMap`, a Zenoh sample or query, and its time."""
 
     kind: str
     item: Any
@@ -35,14 +28,10 @@ class Arrival:
 
 
 class Inbox:
-    """Bounded queue from Zenoh's threads, which only put, to the robot's thread, which takes.
+    """Bounded queue from Zenoh's threads to the robot's thread.
 
-    A lock wakes the reader: one wake-up per arrival, where a condition variable costs two, a fifth of a round
-    trip. `queue.SimpleQueue` is not usable: its `get` can block forever when a signal interrupts it as its
-    timeout expires, or when it is woken for an item that was already taken (CPython 3.11).
-
-    Attributes:
-        overflowed: arrivals dropped unread so far.
+    A lock wakes the reader: a condition variable costs two wake-ups, a fifth of a round trip. In CPython 3.11
+    `queue.SimpleQueue.get` can block forever if a signal interrupts it as its timeout expires.
     """
 
     def __init__(self, capacity: int = CAPACITY, *, time: TimeSource = WALL_TIME) -> None:
@@ -53,7 +42,7 @@ class Inbox:
         self.overflowed = 0
 
     def put(self, kind: str, item: Any) -> None:
-        """Append an arrival, but for a query of a kind of which enough wait; never waits."""
+        """Append an arrival, except a surplus query; never waits."""
         alike = [one for one in list(self._waiting) if one.kind == kind]
         if len(alike) >= MOST_WAITING.get(kind, self._capacity):
             self.overflowed += 1
@@ -70,7 +59,7 @@ class Inbox:
             self._bell.release()
 
     def take(self, timeout_s: float) -> Arrival | None:
-        """Oldest arrival, after waiting for one up to a timeout; None when there is none."""
+        """Oldest arrival, or None after the timeout."""
         deadline_s = self._time.now() + timeout_s
         while (arrival := self._oldest()) is None:
             left_s = deadline_s - self._time.now()

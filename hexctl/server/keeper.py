@@ -1,9 +1,8 @@
-"""The keeper: a process that looks after a robot on a bus when the one that serves it has gone.
+"""The keeper: a process that lets a robot on a bus sit down after its server has died or hangs.
 
-Most servos hold their last goal until told otherwise, also when their computer's program was killed or
-hangs. The keeper waits on a pipe for the ticks of the server. When the pipe closes, or no tick comes for a
-second, it ends what is left of the server, opens the port, and lets the robot sit down softly, or hold, as
-the robot file says.
+Most servos hold their last goal without a program. The keeper waits on a pipe for the ticks of the server.
+When the pipe closes, or no tick comes for a second, it kills the server, opens the port, and lets the robot
+sit down softly or hold, as its robot file says.
 """
 
 import contextlib
@@ -32,34 +31,33 @@ from hexctl.robot.servos.drivers import BUS_DRIVERS
 from hexctl.signals import ending_signals
 from hexctl.types import JOINT_NAMES, FloatArray, JointTargets, RobotState
 
-#: Backends that it can reach after the server: they tell whether their servos hold.
+#: Backends that it can reach after the server: they know whether their servos hold.
 KEPT_BACKENDS = (*BUS_DRIVERS, "pca9685")
 
 #: A server that is silent for this long hangs.
 SILENT_S = 1.0
 
-#: Byte of a tick, and the one with which the server ends the keeper.
+#: Byte of a tick, and the byte with which the server dismisses the keeper.
 TICK, GOODBYE = b".", b"q"
 
-#: How long joints are given to settle, and how near their goals they are then.
+#: Time for joints to settle, and how near to their goals they then are.
 SETTLES_S, ARRIVED_RAD = 0.4, 0.35
 
-#: With more joints that do not follow, those of two legs, it is not known that the robot has sat down.
+#: If more joints do not follow (those of two legs), the robot may not have sat down.
 MOST_LEFT = 6
 
-#: How often it is tried to open the port, and for how long: its lock goes with the server's process.
+#: Period and duration of attempts to open the port: its lock ends with the server's process.
 TRY_S, TRIES_S = 0.1, 5.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeeperSpec:
-    """What a keeper looks after.
+    """Robot that a keeper looks after.
 
     Attributes:
-        backend: name of the backend on the bus.
         robot: name or path of the robot file.
-        connect: port of the bus, or None for that of the robot file.
-        sits: whether the robot is let down; else it holds.
+        connect: port of the bus; None takes that of the robot file.
+        sits: whether the robot sits down; otherwise it holds.
     """
 
     backend: str
@@ -74,25 +72,17 @@ class KeeperSpec:
 
 @lru_cache(maxsize=1)
 def _options(spec: KeeperSpec) -> BackendOptions:
-    """Options of the backend; the robot file is read once, for it may be half edited when it is needed."""
     file = load_robot_file(spec.robot)
     return BackendOptions(robot=file.robot, robot_file=file, connect=spec.connect)
 
 
 class Keeper:
-    """The server's end: a keeper that runs until `dismiss`, or until the server has gone.
-
-    Args:
-        spec: what it looks after.
-
-    Attributes:
-        lost: whether it has ended although the server lives, as seen at the last tick.
-    """
+    """The server's end of a keeper; `lost` is whether it has ended while the server lives."""
 
     def __init__(self, spec: KeeperSpec) -> None:
         words = {**asdict(spec), "server": os.getpid()}
         self._process = subprocess.Popen(
-            # -P: a file in the working folder stands for no module.
+            # -P: no file in the working folder replaces a module.
             [sys.executable, "-P", "-m", "hexctl.server.keeper", json.dumps(words)],
             stdin=subprocess.PIPE,
             start_new_session=True,  # Ctrl-C in the terminal is for the server
@@ -103,7 +93,7 @@ class Keeper:
         self.lost = False
 
     def tick(self) -> None:
-        """Say that the server lives; never waits."""
+        """Report that the server lives; never waits."""
         try:
             os.write(self._pipe.fileno(), TICK)
         except BlockingIOError:
@@ -112,12 +102,12 @@ class Keeper:
             self.lost = True
 
     def goodbye(self) -> None:
-        """Say that the server begins to end as it should."""
+        """Report that the server begins an orderly end."""
         with contextlib.suppress(OSError):
             os.write(self._pipe.fileno(), GOODBYE)
 
     def dismiss(self) -> None:
-        """End the keeper: the server has ended as it should."""
+        """End the keeper after an orderly end of the server."""
         self.goodbye()
         self._close()
         self._process.wait()
@@ -132,10 +122,7 @@ class Keeper:
 
 
 def wait_for_the_end(pipe: int, silent_s: float = SILENT_S) -> str | None:
-    """Wait until a server has gone: `gone` where its pipe closed, `hangs`, or None where it said goodbye.
-
-    Silence counts from the first tick on.
-    """
+    """Wait for the server's end: `gone` (pipe closed), `hangs` (silent after a tick), None (goodbye)."""
     timeout_s: float | None = None
     while True:
         if not select.select([pipe], [], [], timeout_s)[0]:
@@ -149,10 +136,7 @@ def wait_for_the_end(pipe: int, silent_s: float = SILENT_S) -> str | None:
 
 
 def take_over(spec: KeeperSpec) -> str:
-    """Let the robot down, or hold; what was done, in few words.
-
-    Raises RobotFaultError when the bus cannot be reached.
-    """
+    """Let the robot sit down, or hold; return a description. Raises RobotFaultError without a bus."""
     servos = _connected(spec)
     with Guard(servos, expiry_s=MAX_EXPIRY_S) as guard:
         if isinstance(servos, BusServos | Pca9685Servos) and not servos.holds:
@@ -160,7 +144,7 @@ def take_over(spec: KeeperSpec) -> str:
         if isinstance(servos, Pca9685Servos) and not servos.powered.all():
             return _without_some_pulses(guard, sits=spec.sits)
         if not spec.sits:
-            return "holds"  # its servos hold their last goals: those of where they are would let it sag
+            return "holds"  # with its last goals: goals at the measured angles would let it sag
         here, end = guard.read().joint_positions_rad.copy(), sitting_angles_rad(guard.robot)
         state = _move(guard, here, end)
         left = np.flatnonzero(np.abs(state.joint_positions_rad - end) >= ARRIVED_RAD).tolist()
@@ -173,10 +157,7 @@ def take_over(spec: KeeperSpec) -> str:
 
 
 def _without_some_pulses(guard: Guard, *, sits: bool) -> str:
-    """Leave a robot some of whose hobby servos have no pulses as it is, or let go of the others too.
-
-    It stands on less than six legs, and limp servos would turn to any pose at full speed.
-    """
+    """Fewer than six legs carry, and limp servos would jump to any pose."""
     if not sits:
         return "holds, where its servos still have pulses"
     guard.disable_torque()
@@ -185,10 +166,7 @@ def _without_some_pulses(guard: Guard, *, sits: bool) -> str:
 
 
 def _move(guard: Guard, here: FloatArray, end: FloatArray) -> RobotState:
-    """Move softly from where the joints are, (18,), and stay for a moment; the last state.
-
-    Nothing stops it that stops a walk, but a bus that fails: a robot must not stand on hot servos.
-    """
+    """Move softly between joint angles (18,); only a bus fault ends it, because servos must not stay hot."""
     begin_s, share = guard.clock.tick().time_s, 0.0
     while True:
         passed_s = guard.clock.now_s - begin_s
@@ -204,7 +182,6 @@ def _move(guard: Guard, here: FloatArray, end: FloatArray) -> RobotState:
 
 
 def _connected(spec: KeeperSpec) -> LegServos:
-    """Servos on the bus, once its port is free."""
     until_s = time.monotonic() + TRIES_S
     while True:
         servos = spec.servos()
@@ -220,13 +197,13 @@ def _connected(spec: KeeperSpec) -> LegServos:
 
 
 def main(words: str, *, pipe: int = 0) -> int:
-    """Run a keeper until its server ends; the exit code."""
-    for number in ending_signals():  # they are for the server
+    """Run a keeper until its server ends; return the exit code."""
+    for number in ending_signals():  # signals are for the server
         signal.signal(number, signal.SIG_IGN)
     given = json.loads(words)
     server = given.pop("server")
     spec = KeeperSpec(**given)
-    spec.servos()  # imports and reads what it will need, while there is time
+    spec.servos()  # imports modules and reads files in advance
     how = wait_for_the_end(pipe)
     if how is None:
         return 0

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from hexctl.errors import HexctlError
 from hexctl.wire.zenoh_messages import LEASE_ID_BYTES
 
-#: A lease expires after this time unless renewed; clients renew it every third of it.
+#: Lifetime of a lease without renewal; clients renew it every third of it.
 LEASE_S = 1.0
 
 #: Longest name of a controller.
@@ -23,9 +23,7 @@ class Lease:
 
     Attributes:
         lease_id: 16 random bytes that only its owner knows.
-        sequence: number of this lease; later ones are higher.
-        owner: name of the client that holds it, for display.
-        since_s: when it was granted.
+        owner: name of the client, for display.
         deadline_s: when it expires unless renewed.
     """
 
@@ -37,14 +35,7 @@ class Lease:
 
 
 class LeaseManager:
-    """Grants, renews and revokes the one lease of a robot. Times are on any monotonic clock.
-
-    Attributes:
-        duration_s: how long a lease lasts unless renewed.
-        refused: requests refused so far, but for those of the last holder about its own lease, which a stop
-            may have ended.
-        last_owner: name of the client that was granted a lease last, or None.
-    """
+    """Grants, renews and revokes the one lease of a robot. Times are on any monotonic clock."""
 
     def __init__(self, *, duration_s: float = LEASE_S) -> None:
         self.duration_s = duration_s
@@ -60,10 +51,7 @@ class LeaseManager:
         return held if held is not None and now_s <= held.deadline_s else None
 
     def acquire(self, owner: str, now_s: float, duration_s: float | None = None) -> Lease:
-        """Grant a new lease, which lasts as usual unless a duration is given.
-
-        Raises LeaseRefusedError that names the client that holds the robot.
-        """
+        """Grant a new lease, by default for the usual time; raises LeaseRefusedError if the robot is held."""
         holder = self.holder(now_s)
         if holder is not None:
             self.refused += 1
@@ -83,34 +71,25 @@ class LeaseManager:
         return self._held
 
     def renew(self, lease_id: bytes, now_s: float, duration_s: float | None = None) -> Lease:
-        """Renew a lease, for the usual duration unless one is given.
-
-        Raises LeaseRefusedError for one that has expired or been replaced.
-        """
+        """Renew a lease; raises LeaseRefusedError if it has expired or was replaced."""
         held = self._require(lease_id, now_s)
         duration_s = self.duration_s if duration_s is None else duration_s
         self._held = replace(held, deadline_s=now_s + duration_s)
         return self._held
 
     def heard(self, at_s: float) -> None:
-        """Keep the lease, whose holder has just commanded, for its usual duration from a time on.
-
-        Requests to renew may be lost on a bad link while commands still arrive.
-        """
+        """Extend the lease on a command: on a bad link renewals may be lost while commands arrive."""
         held = self.holder(at_s)
         if held is not None and held.deadline_s < at_s + self.duration_s:
             self._held = replace(held, deadline_s=at_s + self.duration_s)
 
     def release(self, lease_id: bytes, now_s: float) -> None:
-        """Give a lease back.
-
-        Raises LeaseRefusedError for one that is not current.
-        """
+        """Give a lease back; raises LeaseRefusedError if it is not current."""
         self._require(lease_id, now_s)
         self._held = None
 
     def revoke(self) -> None:
-        """Revoke the current lease, if there is one."""
+        """Revoke the current lease, if any."""
         self._held = None
 
     def _require(self, lease_id: bytes, now_s: float) -> Lease:

@@ -1,4 +1,4 @@
-"""Requests to a robot: for its lease, for a stop, which any client may ask for, and for a failure."""
+"""Requests to a robot: for its lease, for a stop, and for a failure of a simulation."""
 
 from collections import deque
 from contextlib import suppress
@@ -29,24 +29,22 @@ from hexctl.wire.stop import (
 #: Longest text of a failure that is read.
 MAX_FAILURE_TEXT = 60
 
-#: Legs of a simulation that may change in a second: each change takes a part of a control period.
+#: Most legs of a simulation that may change in a second: each change takes part of a control period.
 MOST_CHANGES = 10
 CHANGES_S = 1.0
 
-#: Longest name of a request for a stop, and longest id of a stop, that is read.
+#: Longest name of a stop request, and longest stop id, that is read.
 MAX_NAME = 64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StopRequest:
-    """What a message at `estop` asks for.
+    """Content of a message at `estop`.
 
     Attributes:
         op: `stop` or `clear`.
-        request: name that the client gave its stop, or None.
-        stop_id: of the stop that is to be cleared, or None.
-        by: name of the client, as it says; one that is none stops nothing from being obeyed.
-        keys: clear keys that the client shows.
+        request: the client's name for its stop.
+        by: the client's name for itself; an invalid one does not invalidate the request.
     """
 
     op: str
@@ -57,10 +55,7 @@ class StopRequest:
 
     @classmethod
     def of(cls, payload: bytes) -> "StopRequest":
-        """Request of a payload; an empty one is a stop.
-
-        Raises MessageError for one that is not understood.
-        """
+        """Decode a request; an empty payload is a stop. Raises MessageError if it is malformed."""
         if not payload:
             return cls(op="stop")
         content = decode_json(payload)
@@ -76,17 +71,9 @@ class StopRequest:
 class RequestHandler:
     """Answers requests about the lease and the stop of one robot.
 
-    Args:
-        guard: around the servos.
-        leases: of the robot.
-        latch: of its stops; one of its own unless given.
-
     Attributes:
-        leases: of the robot.
-        latch: of its stops.
         malformed: requests so far that could not be decoded.
-        rested_after: number of the last command before the lease's holder rested, as it said.
-        ros_key: clear key of stops that come over ROS.
+        rested_after: number of the last command before the lease's holder rested, as it reported.
     """
 
     def __init__(self, guard: Guard, leases: LeaseManager, latch: StopLatch | None = None) -> None:
@@ -97,14 +84,10 @@ class RequestHandler:
         self._changed_at_s: deque[float] = deque(maxlen=MOST_CHANGES)
 
     def urgent(self, payload: bytes, *, by: str | None = None, clear_key: str | None = None) -> None:
-        """Stop the robot unless a payload at `estop` asks for a clear. Safe on any thread.
+        """Stop the robot unless a payload at `estop` asks for a clear. Thread-safe.
 
-        One that is not understood stops too: a client that writes there is about to stop.
-
-        Args:
-            payload: of the request.
-            by: who asks, where the payload does not say it.
-            clear_key: of who asks, likewise.
+        A malformed payload stops too: a client that writes there wants to stop. `by` and `clear_key` replace
+        missing ones in the payload.
         """
         try:
             wanted = StopRequest.of(payload)
@@ -115,14 +98,9 @@ class RequestHandler:
             self.latch.stop(wanted.request, by=by or wanted.by, claim=claim)
 
     def estop(self, payload: bytes, at_s: float) -> dict[str, Any]:
-        """Answer to a request at `estop`: why the robot is stopped now, after a stop or a clear.
+        """Answer to a request at `estop`, which `urgent` has seen: why the robot is stopped now.
 
-        Both end the lease; a clear of a robot that is not stopped changes nothing, and neither does one that
-        is refused: `error` says why.
-
-        Args:
-            payload: of the request, which `urgent` has seen already.
-            at_s: time of arrival, by the robot's time source.
+        A stop and a clear end the lease. A refused clear changes nothing and is answered with `error`.
         """
         try:
             wanted = StopRequest.of(payload)
@@ -137,33 +115,22 @@ class RequestHandler:
     def clear(
         self, stop_id: str | None, at_s: float, *, by: str = UNNAMED, keys: tuple[str, ...] = ()
     ) -> dict[str, Any]:
-        """Clear a stop; what still stops the robot, such as a fault, stops it again before the answer.
-
-        Args:
-            stop_id: of the stop.
-            at_s: when it was asked for, by the robot's time source.
-            by: who asks.
-            keys: clear keys that the client shows.
-        """
+        """Clear a stop with keys; a fault that persists stops the robot again before the answer."""
         if self._guard.stopped is None:
             return {"stopped": None}
         refusal = self.latch.clear(stop_id, at_s, by=by, keys=keys)
         if refusal is not None:
             return {"stopped": self._guard.stopped, "error": refusal}
         self.leases.revoke()
-        with suppress(RobotFaultError):  # of a robot that has gone: the next control period says so
+        with suppress(RobotFaultError):  # a lost robot: the next control period reports it
             self._guard.read()
         return {"stopped": self._guard.stopped}
 
     def failure(self, payload: bytes, at_s: float) -> dict[str, Any]:
-        """Answer to a request at `failure`: the legs of a simulation that have failed now, or an error.
+        """Answer to a request at `failure`: the failed legs of a simulation, or an error.
 
-        A request has the text of a failure, `{"op": "fail", "failure": "5:limp"}`, or a leg that heals,
-        `{"op": "heal", "leg": 5}`. More than `MOST_CHANGES` in a second are refused.
-
-        Args:
-            payload: of the request.
-            at_s: time of arrival, on any monotonic clock.
+        A request is `{"op": "fail", "failure": "5:limp"}` or `{"op": "heal", "leg": 5}`. More than
+        `MOST_CHANGES` in a second are refused. `at_s` is on any monotonic clock.
         """
         changed_at_s = self._changed_at_s
         if len(changed_at_s) == MOST_CHANGES and at_s - changed_at_s[0] < CHANGES_S:
@@ -206,10 +173,7 @@ class RequestHandler:
         return answer
 
     def acquire(self, owner: str, now_s: float, duration_s: float | None = None) -> Lease:
-        """Grant a lease, for the usual duration unless one is given; a stop for silence is lifted.
-
-        Raises LeaseRefusedError while another client holds the robot, and while it is stopped.
-        """
+        """Grant a lease and lift a stop for silence; raises LeaseRefusedError if held or stopped."""
         stopped = self._guard.stopped
         if stopped not in (None, LIFTED_BY_LEASE):
             self.leases.refused += 1
@@ -229,7 +193,7 @@ class RequestHandler:
         return holder is not None and holder.lease_id == lease.lease_id
 
     def release(self, lease: Lease, now_s: float) -> None:
-        """Give a lease back; no command is expected until the next lease. One that has ended is let be."""
+        """Give a lease back, if it is still in force; no command is expected until the next lease."""
         if self.holds(lease, now_s):
             self.leases.release(lease.lease_id, now_s)
             self._guard.pause_watchdog()
@@ -245,7 +209,7 @@ class RequestHandler:
     def _keep(self, wanted: str, lease_id: bytes, now_s: float) -> dict[str, Any]:
         if wanted == "release":
             self.leases.release(lease_id, now_s)
-            if self._guard.in_motion:  # broken off, as by a second Ctrl-C
+            if self._guard.in_motion:  # interrupted, as by a second Ctrl-C
                 self._guard.stop(LIFTED_BY_LEASE)
             else:
                 self._guard.pause_watchdog()
@@ -261,7 +225,6 @@ class RequestHandler:
 
 
 def _stop_facts(stop: Stop) -> dict[str, Any]:
-    """A stop in the answer to a request for it."""
     return {"stopped": stop.reason, "stop_id": stop.stop_id}
 
 
@@ -291,7 +254,7 @@ def _keys(content: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _asker(content: dict[str, Any]) -> str:
-    """Name of the client in a request for a stop; one that cannot be shown is no name."""
+    """Names that cannot be displayed are replaced."""
     owner = content.get("owner")
     named = isinstance(owner, str) and owner.strip() and owner.isprintable()
     return str(owner)[:MAX_BY] if named else UNNAMED
@@ -312,7 +275,7 @@ def _owner(content: dict[str, Any]) -> str:
 
 
 def _after(content: dict[str, Any]) -> int:
-    """Number of the last command before a request; 0 of clients that do not tell."""
+    """0 for clients that do not report it."""
     after = content.get("after", 0)
     if type(after) is not int or not 0 <= after < 2**64:
         raise MessageError(f"after: got {str(after)[:40]!r}; allowed: the number of a command")

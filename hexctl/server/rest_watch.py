@@ -1,4 +1,4 @@
-"""Whether a robot is at rest: its joints have stayed where they are for a while."""
+"""Detects whether a robot is at rest: its joints have not moved for a while."""
 
 from collections import deque
 
@@ -6,18 +6,12 @@ import numpy as np
 
 from hexctl.types import FloatArray
 
-#: A robot whose joints have moved by less than this, over this time, is at rest: 0.1 rad/s, above the noise
-#: of servos that measure in steps of 0.005 rad.
+#: A robot at rest moves less than this in this time: 0.1 rad/s, above the 0.005 rad resolution of servos.
 STILL_RAD, STILL_S = 0.02, 0.2
 
 
 class RestWatch:
-    """Looks at the joint angles of each control period.
-
-    Attributes:
-        at_rest: whether no joint has moved of late; False while too little was seen, for unknown angles, and
-            for those of servos that cannot be reached.
-    """
+    """Checks the joint angles of each control period; too few, unknown or old ones are not at rest."""
 
     def __init__(self) -> None:
         self.at_rest = False
@@ -29,7 +23,7 @@ class RestWatch:
             self._seen.clear()
             self.at_rest = False
             return
-        self._seen.append((at_s, joint_positions_rad.copy()))  # own servos may use one array again and again
+        self._seen.append((at_s, joint_positions_rad.copy()))  # custom servos may reuse an array
         while len(self._seen) > 1 and self._seen[1][0] <= at_s - STILL_S:
             self._seen.popleft()
         self.at_rest = self._still()

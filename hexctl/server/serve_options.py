@@ -1,4 +1,4 @@
-"""Options of a served robot, and of the servos that are served."""
+"""Options of a served robot and of its servos."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,9 +33,9 @@ OF_ROS = ("ros_domain", "ros_namespace", "ros_drive", "ros_humble")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServedOptions(RobotOptions):
-    """Which servos are served.
+    """Options that choose the served servos.
 
-    Raises InputError for a value that is not allowed, and for one that only a simulation can use.
+    Raises InputError for a value that is not allowed, and for a simulation's option with other servos.
     """
 
     PANEL: ClassVar = "Robot"
@@ -59,7 +59,7 @@ class ServedOptions(RobotOptions):
 
     @property
     def failures(self) -> tuple[Failure, ...]:
-        """Failures of the simulation, by leg; raises InputError for what is not allowed."""
+        """Failures of the simulation, by leg; raises InputError for a value that is not allowed."""
         instead = "one from the start, such as 5:limp; hexctl sim fail lets a leg fail later"
         return read_failures_before(self.failure, self.failed_leg, instead)
 
@@ -73,13 +73,7 @@ class ServedOptions(RobotOptions):
     def backend_options(
         self, *, connect: str | None = None, credentials: Path | None = None, insecure: bool = False
     ) -> BackendOptions:
-        """Options of the backend, in real time.
-
-        Args:
-            connect: port of the servos, or None for the default.
-            credentials: folder with the key of a servo board, or None.
-            insecure: whether a board beyond this computer may do without that key.
-        """
+        """Options of the backend, in real time; `credentials` has the key of a servo board."""
         file = load_robot_file(str(self.robot))
         return BackendOptions.of(
             self,
@@ -174,7 +168,7 @@ class ServeOptions(ServedOptions):
 
     @property
     def ros_options(self) -> RosOptions | None:
-        """How it takes part in ROS 2, or None."""
+        """Options of its ROS 2 node, or None."""
         if self.ros is None:
             return None
         return RosOptions(

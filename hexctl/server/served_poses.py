@@ -1,4 +1,4 @@
-"""What a served robot says of its pose whatever comes from outside: its own orientation, and the truth."""
+"""Messages of a served robot's own orientation, and of the true pose of a simulation."""
 
 import time
 from collections.abc import Iterator
@@ -17,12 +17,7 @@ class ServedPoses:
         self._imu = telemetry.imu()
 
     def messages(self, orientation: FloatArray | None, truth: TruePose | None) -> Iterator[tuple[str, bytes]]:
-        """Kind and payload of each message that there is.
-
-        Args:
-            orientation: (4,) as (w, x, y, z), as the robot itself measures it; None where it does not.
-            truth: position (3,) in m and orientation of a simulated robot; None for a real one.
-        """
+        """Kind and payload of each message; orientations are (w, x, y, z), positions in m."""
         stamp_ns = time.time_ns()
         if orientation is not None:
             yield "imu", self._imu.encode(stamp_ns, xyzw(orientation))

@@ -1,4 +1,4 @@
-"""Servos behind a server: their pose may come from outside, and every fault of theirs is named."""
+"""Servos behind a server: their pose may be external, and each of their faults is named."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -13,15 +13,14 @@ Answer = TypeVar("Answer")
 
 
 class ServedServos(ServosWrapper):
-    """Servos behind a server: they may get their pose from outside, and every fault of theirs is named.
+    """Servos behind a server: their pose may be external, and each of their faults is named.
 
-    A pose from outside, such as motion capture, replaces the robot's own, both halves of it: the two are in
-    frames of their own, and a position of one with a yaw of the other would be a pose in neither. Falls are
-    still judged by the robot's own orientation, where it has one (`tilt_of`). A pose that stops coming is
-    lost, which the guard notices.
+    An external pose, such as motion capture, replaces both position and orientation, because their frames
+    differ. Falls are still judged by the robot's own orientation, if measured (`tilt_of`). The guard detects
+    an external pose that stops coming.
 
-    Whatever the servos raise becomes a RobotFaultError that says which call failed and why: an exception that
-    a driver does not expect ends `serve` as a fault, not as a traceback.
+    Every exception of the servos becomes a RobotFaultError that names the call: `serve` then ends with a
+    fault instead of a traceback.
     """
 
     def __init__(self, servos: LegServos) -> None:
@@ -32,36 +31,27 @@ class ServedServos(ServosWrapper):
 
     @property
     def posed_from_outside(self) -> bool:
-        """Whether a pose from outside has replaced the robot's own."""
+        """Whether an external pose has replaced the robot's own."""
         return self._pose is not None
 
     @property
     def posed_at_s(self) -> float | None:
-        """When the newest pose from outside came, by the robot's time source; None while there was none."""
+        """Arrival of the newest external pose, by the robot's time source; None without one."""
         return None if self._pose is None else self._pose_at_s
 
     @property
     def own_orientation(self) -> FloatArray | None:
-        """Orientation (4,) that the robot itself measured in the state that was read last, or None."""
+        """Orientation (4,) that the robot itself measured in the last state, or None."""
         return self._own_quaternion
 
     def tilt_of(self, state: RobotState) -> FloatArray | None:
-        """Orientation (4,) by which falls are judged in the state that was read last, or None.
-
-        It is the robot's own, from which roll and pitch are known in any frame, else the one from outside.
-        """
+        """Orientation (4,) by which falls are judged: the robot's own, else the external one, or None."""
         return state.base_quaternion_world if self._own_quaternion is None else self._own_quaternion
 
     def set_pose(
         self, position_world: FloatArray | None, quaternion_world: FloatArray | None, at_s: float
     ) -> None:
-        """Set the pose from outside.
-
-        Args:
-            position_world: (3,) in m, or None where unknown.
-            quaternion_world: (w, x, y, z), or None where unknown.
-            at_s: time of arrival by the robot's time source.
-        """
+        """Set the external pose in m and (w, x, y, z); `at_s` is by the robot's time source."""
         self._pose, self._pose_at_s = (position_world, quaternion_world), at_s
 
     def connect(self) -> None:
@@ -69,7 +59,7 @@ class ServedServos(ServosWrapper):
         call_servos(self, "connect", super().connect)
 
     def read(self) -> RobotState:
-        """State of the servos, with the pose from outside once there was one."""
+        """State of the servos, with the external pose if there was one."""
         state = call_servos(self, "read", super().read)
         self._own_quaternion = state.base_quaternion_world
         if self._pose is None:
@@ -97,13 +87,7 @@ class ServedServos(ServosWrapper):
 
 
 def call_servos(servos: ServosWrapper, name: str, method: Callable[[], Answer]) -> Answer:
-    """Result of a method of servos; an error that hexctl does not know becomes a RobotFaultError.
-
-    Args:
-        servos: whose method is called.
-        name: of the method, for the message.
-        method: the call.
-    """
+    """Call `method`, which is `name` of servos; an unexpected exception becomes a RobotFaultError."""
     try:
         return method()
     except HexctlError:

@@ -1,4 +1,4 @@
-"""Zenoh transport of a served robot: its publishers, and one inbox for everything that arrives."""
+"""Zenoh transport of a served robot: its publishers, and one inbox for all arrivals."""
 
 from collections.abc import Callable
 from types import TracebackType
@@ -12,7 +12,7 @@ from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.zenoh_messages import prepare_codec
 from hexctl.wire.zenoh_session import QUERYABLE, SUBSCRIBED, open_session
 
-#: Priority of each kind of message that a robot publishes.
+#: Priority of each published kind of message.
 PRIORITIES = {
     "joint_states": zenoh.Priority.REAL_TIME,
     "odom": zenoh.Priority.REAL_TIME,
@@ -26,8 +26,7 @@ PRIORITIES = {
 class Transport:
     """A robot's Zenoh session; its callbacks only put arrivals into the inbox.
 
-    Two questions are asked before that, on Zenoh's thread: `urgent` is called with the payload of each query
-    at `estop`, and `admits` with the attachment of each command, which is dropped unless it says True.
+    Before, on Zenoh's thread: `urgent` gets each payload at `estop`, `admits` the attachment of each command.
     """
 
     def __init__(
@@ -47,10 +46,7 @@ class Transport:
         self._publishers: dict[str, zenoh.Publisher] = {}
 
     def __enter__(self) -> Self:
-        """Open the session and declare everything.
-
-        Raises InputError for a link that is not allowed, RobotFaultError when its address cannot be used.
-        """
+        """Open the session; raises InputError for a bad link, RobotFaultError for an unusable address."""
         prepare_codec()
         self._session = open_session(self._link, Role.ROBOT, self.keys)
         try:
@@ -71,11 +67,11 @@ class Transport:
         self._publishers[kind].put(payload, attachment=attachment)
 
     def reply(self, kind: str, query: Any, content: dict[str, Any]) -> None:
-        """Answer a query of a kind with JSON, under the robot's own key, and release it."""
+        """Answer a query with JSON, under the robot's own key, and release it."""
         try:
             query.reply(getattr(self.keys, kind), encode_json(content))
         except zenoh.ZError:
-            pass  # the client has gone
+            pass  # the client has disconnected
         finally:
             query.drop()
 
@@ -103,7 +99,7 @@ class Transport:
 
 
 def payload_of(item: Any) -> bytes:
-    """Payload of a sample or a query; empty where it has none."""
+    """Payload of a sample or a query; empty without one."""
     return bytes(item.payload) if item.payload is not None else b""
 
 

@@ -1,4 +1,4 @@
-"""The robot server: a single thread moves the robot, tick by tick and command by command."""
+"""The robot server: a single thread moves the robot."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -35,19 +35,18 @@ if TYPE_CHECKING:
     from hexctl.server.ros.bridge import RosBridge
     from hexctl.server.ros.driver import RosDriver
 
-#: Periods of the status and of the battery, in ticks.
+#: Period of the status and of the battery, in ticks.
 STATUS_TICKS = 10
 BATTERY_TICKS = 50
 
-#: Posture in the status of a robot whose servos cannot be reached.
+#: Posture in the status while the servos cannot be reached.
 UNREACHED = "unreached"
 
 
 class RobotServer:
     """Serves one robot's servos on a link.
 
-    Between two ticks it executes commands as they arrive; at each tick it reads the servos, checks for
-    expired commands and falls, and publishes the state.
+    Commands are executed between ticks. A tick reads the servos, checks expiry and falls, and publishes.
     """
 
     def __init__(
@@ -64,21 +63,15 @@ class RobotServer:
         stop_file: StopFile | None = None,
         clear: str = CLEAR_COMMAND,
     ) -> None:
-        """Prepare to serve; nothing is opened yet. A robot whose stop was kept is stopped.
+        """Prepare to serve without opening anything; a stop in the stop file is in force.
 
         Args:
-            servos: not yet connected.
-            link: where to listen, with which certificates and key names.
             backend: name of the servos' backend, for the status.
             simulated: `world` and `failure` of a simulation, for the status; None for a real robot.
-            sit_after_s: seconds without a command until the robot sits down.
-            on_event: called with one line for each change of controller, stop and posture, on a thread of
-                the event log.
-            on_tick: called in every control period, and must not take long; a line that it returns is an
-                event.
-            ros: its node in ROS 2, not begun yet; None for none.
-            stop_file: keeps its stop; None keeps none.
-            clear: command that ends a stop of it, for the events.
+            on_event: takes a line for each change of controller, stop and posture, on the event log's thread.
+            on_tick: called in every control period; must be fast. A returned line is an event.
+            ros: node in ROS 2, not started.
+            clear: command that ends a stop, for the events.
         """
         self._servos = ServedServos(servos)
         self._guard = Guard(self._servos, tilt_of=self._servos.tilt_of)
@@ -115,8 +108,8 @@ class RobotServer:
     def run(self, until: Callable[[], bool], *, ready: Callable[[], None] = lambda: None) -> None:
         """Serve until `until` returns True; `ready` is called once clients can connect.
 
-        Raises InputError for a link that is not allowed, RobotFaultError when the servos cannot be reached,
-        the address cannot be listened at, or the servos fail.
+        Raises InputError for a link that is not allowed, RobotFaultError when the servos cannot be reached or
+        fail, or when the address cannot be used.
         """
         try:
             with self._guard, self._transport, self._stop_socket, self._ros or nullcontext():
@@ -134,11 +127,9 @@ class RobotServer:
             self._latch.close()
 
     def _stop_over_ros(self) -> None:
-        """Stop the robot, on the thread of ROS."""
         self._requests.urgent(b"", by=OVER_ROS, clear_key=self._requests.ros_key)
 
     def _note_end(self) -> None:
-        """Tell clients that nothing follows, and the operator that one loses the robot."""
         if self._state is not None:
             self._publish(replace(self._state, healthy=False, fault=SERVER_ENDED))
         lease = self._leases.holder(self._time.now())
@@ -149,7 +140,7 @@ class RobotServer:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What an operator must know once clients can connect."""
+        """Warnings for the operator once clients can connect."""
         trouble = self._stop_socket.trouble
         return () if trouble is None else (f"it can only be stopped over a session: {trouble}",)
 
@@ -159,16 +150,14 @@ class RobotServer:
 
     @property
     def reaches_servos(self) -> bool:
-        """Whether the newest state says something of its servos as they are now."""
+        """Whether the newest state comes from reachable servos."""
         return self._state is None or _is_reached(self._state)
 
     def _echoes(self) -> bool:
-        """Whether the joint angles of the newest state are only targets."""
         state = self._state
         return state is not None and not state.measured
 
     def _listen(self) -> None:
-        """Handle what arrives until the next tick is due."""
         while (timeout_s := self._guard.clock.due_in_s - SPARE_S) > 0:
             arrival = self._inbox.take(timeout_s)
             if arrival is not None:
@@ -180,20 +169,20 @@ class RobotServer:
             self._handle(arrival)
 
     def _handle(self, arrival: Arrival) -> None:
-        """Execute or answer one arrival; no content of a message may end the loop."""
-        self._note_standstill()  # before what follows from it
+        """No content of a message may end the loop."""
+        self._note_standstill()  # before its consequences
         item = arrival.item
         if arrival.kind == "command":
             self._execute(payload_of(item), attachment_of(item), arrival.at_s)
         elif arrival.kind == "ros" and self._driver is not None:
             self._driver.obey(item, arrival.at_s)
-        elif arrival.kind == "ros":  # nothing but a stop comes where ROS may not drive
+        elif arrival.kind == "ros":  # without driving, ROS sends only stops
             self._requests.estop(b"", arrival.at_s)
         elif arrival.kind == "pose":
             self._set_pose(payload_of(item), arrival.at_s)
         elif arrival.kind == "lease":
             answer = self._requests.lease(payload_of(item), arrival.at_s)
-            if "lease" in answer:  # states up to this one are of before, and may come after the answer
+            if "lease" in answer:  # earlier states may arrive after the answer
                 answer["state"] = self._sequence
                 self._idle.controlled(self._guard.clock.now_s)
             self._transport.reply(arrival.kind, item, answer)
@@ -230,18 +219,18 @@ class RobotServer:
         try:
             self._write(checked.command.joint_positions_rad, late_s, at_s + checked.good_for_s)
         except (CommandRefusedError, EStopError, RobotFaultError):
-            # Servos that failed are noticed at the next read.
+            # Failed servos are detected at the next read.
             self._commands.counters.refused += 1
             return
         if checked.command.tag.sequence <= self._requests.rested_after:
-            # It was overtaken by the request to rest, as they come on two threads: none is due after it.
+            # The request to rest overtook this command, on another thread: expect no further one.
             self._guard.pause_watchdog()
         self._commands.counters.accepted += 1
         self._leases.heard(at_s)
         self._publish(self._guard.peek())
 
     def _write(self, joint_positions_rad: FloatArray, late_s: float, good_until_s: float) -> None:
-        """Write targets that were late by a time and hold until another; raises what the guard raises."""
+        """Write targets that arrived `late_s` late and expire at `good_until_s`."""
         servo_s = self._guard.clock.now_s
         self._guard.write(JointTargets(joint_positions_rad, servo_s - late_s))
         self._good_until_s = good_until_s
@@ -263,12 +252,11 @@ class RobotServer:
             return
         if not self._servos.posed_from_outside:
             if position is None and quaternion is None:
-                return  # it knows nothing yet
+                return  # no state yet
             self._guard.forget_pose()
         self._servos.set_pose(position, quaternion, at_s)
 
     def _tick(self) -> None:
-        """One control period: read, check for expired commands, publish."""
         index = self._guard.clock.tick().index
         self._note_standstill()
         self._ticked_s = self._time.now()
@@ -278,7 +266,7 @@ class RobotServer:
         state = self._guard.read()
         self._check_expiry()
         if (stop := self._latch.current()) is not None and stop.reason == ESTOP:
-            self._leases.revoke()  # a stop by datagram comes past the requests
+            self._leases.revoke()  # a stop by datagram bypasses the requests
         self._rest.note(state.joint_positions_rad, self._time.now(), reached=_is_reached(state))
         if self._driver is not None:
             self._driver.tick(index, state)
@@ -293,14 +281,12 @@ class RobotServer:
             self._transport.publish("battery", encode_battery(state.battery_v, state.battery_share))
 
     def _note_standstill(self) -> None:
-        """Note once where this program itself stood still; its clock forgives that while it is paused."""
         now_s, known = self._time.now(), self._standstill
         passed_s = now_s - self._ticked_s
         if passed_s > STANDSTILL_S and (known is None or known.ended_s < self._ticked_s):
             self._standstill = Standstill(passed_s, now_s)
 
     def _check_expiry(self) -> None:
-        """Latch a stop when the last command has expired, and revoke the lease of its controller."""
         now_s = self._time.now()
         resting = not self._guard.expects_commands
         if self._good_until_s is not None and not resting and now_s > self._good_until_s:
@@ -311,7 +297,6 @@ class RobotServer:
             self._leases.revoke()
 
     def _log_changes(self) -> None:
-        """Report changes of controller, stop and posture to the operator."""
         lease = self._leases.holder(self._time.now())
         self._event_log.note(
             controller=None if lease is None else lease.owner,
@@ -327,7 +312,6 @@ class RobotServer:
         )
 
     def _publish(self, state: RobotState) -> None:
-        """Publish a state and its pose."""
         self._state = state
         self._sequence += 1
         tag = tag_of(
@@ -343,14 +327,12 @@ class RobotServer:
         self._transport.publish("joint_states", joints, tag)
 
     def _publish_served_poses(self) -> None:
-        """Publish what no pose from outside replaces."""
         servos, simulation = self._servos, self._servos.simulation
         truth = None if simulation is None else simulation.true_pose
         for kind, payload in self._served_poses.messages(servos.own_orientation, truth):
             self._transport.publish(kind, payload)
 
     def _offer(self, state: RobotState) -> None:
-        """Hand a state to ROS."""
         if self._ros is None:
             return
         lease = self._leases.holder(self._time.now())
@@ -409,7 +391,6 @@ class RobotServer:
         }
 
     def _driving(self) -> dict[str, Any]:
-        """What ROS lets the robot do."""
         driver = self._driver
         return {} if driver is None else {"motion": driver.motion, "refused": driver.refused}
 
@@ -419,5 +400,5 @@ def _is_reached(state: RobotState) -> bool:
 
 
 def _number(value: float | None) -> float | None:
-    """Reading as JSON takes it; None for a value that is not finite."""
+    """None for values that are not finite, which JSON lacks."""
     return None if value is None or not math.isfinite(value) else round(value, 3)

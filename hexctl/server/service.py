@@ -1,7 +1,4 @@
-"""Services that run until they are told to stop: a robot on the network, and a servo board.
-
-Nothing here prints or handles signals: callers pass callbacks.
-"""
+"""Services that run until stopped: a robot on the network. They report by callbacks and handle no signals."""
 
 import resource
 from collections.abc import Callable
@@ -22,19 +19,17 @@ from hexctl.wire.links import CLEAR_COMMAND, Endpoint, Link, load_link
 if TYPE_CHECKING:
     from hexctl.server.keeper import Keeper
 
-#: What is said at every start with a board that cannot be let down when its computer dies.
 NO_WATCHDOG = (
     "{backend} has no watchdog and its servos no feedback: if this computer dies, they keep their last "
     "pulses; have a switch in their supply within reach"
 )
 
-#: What is said once the process that would let the robot down has gone.
 KEEPER_LOST = "the keeper has ended: nothing lets the robot down if this process dies"
 
-#: What is said at the end where servos go on by themselves.
+#: Last line if servos hold by themselves.
 STILL_HOLDS = "the robot holds its pose; its servos keep their torque"
 
-#: The same where they could not be reached at the end.
+#: Last line if the servos could not be reached.
 NOT_KNOWN = "its servos cannot be reached, and what they do is not known: use the switch of their supply"
 
 
@@ -44,14 +39,12 @@ MOST_DESCRIPTORS = 65_536
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServiceStarted:
-    """What a service reports once clients can connect.
+    """Report of a service once clients can connect.
 
     Attributes:
-        robot: name of the robot.
-        backend: name of its backend.
-        place: where clients reach it: a Zenoh endpoint or a MAVLink port.
+        place: Zenoh endpoint or MAVLink port.
         realtime: whether its process has real-time priority.
-        warnings: what the operator must know before anything moves.
+        warnings: for the operator, before anything moves.
     """
 
     robot: str
@@ -70,10 +63,7 @@ class RobotService(ServeOptions):
     """
 
     def resolved_link(self) -> Link:
-        """Link that the options describe; raises InputError for a bad link file.
-
-        With ROS, the port of the ROS router is left to it (`RosOptions.link_beside_router`).
-        """
+        """Link of the options; a ROS router keeps its port. Raises InputError for a bad link file."""
         link = load_link(
             self.link,
             endpoint=self.listen,
@@ -91,15 +81,10 @@ class RobotService(ServeOptions):
         on_started: Callable[[ServiceStarted], None] = lambda _: None,
         on_event: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """Serve until `stop_requested` returns True.
-
-        Args:
-            stop_requested: asked at every tick.
-            on_started: called once, when clients can connect.
-            on_event: called with a line for each change of controller, stop and posture.
+        """Serve until `stop_requested` returns True; arguments as in `serve`.
 
         Raises InputError for a robot, world or link that is not allowed, RobotFaultError when the servos
-        cannot be reached or fail, or the endpoint cannot be listened at.
+        cannot be reached or fail, or the endpoint cannot be used.
         """
         _raise_descriptor_limit()
         link = self.resolved_link()
@@ -144,7 +129,6 @@ class RobotService(ServeOptions):
             on_event(STILL_HOLDS if server.reaches_servos else NOT_KNOWN)
 
     def _stop_file(self, robot: str, options: BackendOptions, link: Link, clear: str) -> StopFile:
-        """File of the robot's stop."""
         backend, port = self.backend, self.connect
         if port is None and backend in (*BUS_DRIVERS, *PWM_DRIVERS) and options.robot_file is not None:
             port = options.robot_file.content.servos.port
@@ -152,14 +136,12 @@ class RobotService(ServeOptions):
         return StopFile(robot, backend, port or link.endpoint, asked_only=simulated, clear=clear)
 
     def _warnings(self, link: Link) -> tuple[str, ...]:
-        """What the operator must know before anything moves."""
         pwm = self.backend in PWM_DRIVERS
         board = (NO_WATCHDOG.format(backend=self.backend),) if pwm else ()
         ros = self.ros_options
         return board + (() if ros is None else ros.warnings(link))
 
     def _keeper(self, options: BackendOptions) -> "Keeper | None":
-        """Process that lets the robot down, or hold, when this one has ended without doing so."""
         from hexctl.server.keeper import KEPT_BACKENDS, Keeper, KeeperSpec
 
         if self.backend not in KEPT_BACKENDS or options.robot_file is None:
@@ -175,7 +157,6 @@ class RobotService(ServeOptions):
 
 
 def _clear_command(link: Link) -> str:
-    """Command that ends a stop of a robot that listens at a link, as far as it is known here."""
     reached = link.credentials is None and not Endpoint.parse(link.endpoint).is_everywhere
     return link.clear_command if reached else CLEAR_COMMAND
 
@@ -183,7 +164,6 @@ def _clear_command(link: Link) -> str:
 def _run_kept(
     server: RobotServer, stop: Callable[[], bool], keeper: "Keeper | None", *, ready: Callable[[], None]
 ) -> None:
-    """Serve until told to stop, looked after by a keeper where there is one."""
     if keeper is None:
         server.run(stop, ready=ready)
         return
@@ -196,8 +176,6 @@ def _run_kept(
 
 
 def _with_goodbye(stop_requested: Callable[[], bool], keeper: "Keeper") -> Callable[[], bool]:
-    """Question whether to stop that tells the keeper of a yes."""
-
     def stop() -> bool:
         if not stop_requested():
             return False
@@ -208,8 +186,6 @@ def _with_goodbye(stop_requested: Callable[[], bool], keeper: "Keeper") -> Calla
 
 
 def _ticks_of(keeper: "Keeper | None") -> Callable[[], str | None]:
-    """What is done in every control period for a keeper; its loss is an event, once."""
-
     def tick() -> str | None:
         if keeper is None or keeper.lost:
             return None
@@ -220,7 +196,7 @@ def _ticks_of(keeper: "Keeper | None") -> Callable[[], str | None]:
 
 
 def _raise_descriptor_limit() -> None:
-    """Allow as many open files as the system lets this user have: connections that are given up hold some."""
+    """Connections that were given up hold descriptors for a while."""
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = MOST_DESCRIPTORS if most == resource.RLIM_INFINITY else min(most, MOST_DESCRIPTORS)
     resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, most))
@@ -238,9 +214,9 @@ def serve(
     Blocks until `stop_requested` returns True or a KeyboardInterrupt.
 
     Args:
-        stop_requested: asked at every tick.
+        stop_requested: called at every tick.
         on_started: called once, when clients can connect.
-        on_event: called with a line for each change of controller, stop and posture.
+        on_event: takes a line for each change of controller, stop and posture.
         options: fields of `hexctl.server.serve_options.ServeOptions`.
 
     Raises what `RobotService.run` raises.

@@ -1,1 +1,1 @@
-"""Driving by hand: keyboard, gamepad and page, and the session that follows them."""
+"""Manual driving: keyboard, gamepad and page, and the session that follows them."""

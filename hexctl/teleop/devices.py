@@ -1,4 +1,4 @@
-"""The devices that a robot is driven with, opened as the options of a drive say."""
+"""Opens the input devices of a drive from its options."""
 
 import sys
 from collections.abc import Callable
@@ -24,17 +24,9 @@ def open_devices(
     terminal: bool,
     say: Callable[[str], None],
 ) -> "list[Device]":
-    """Open what to drive with; `stack` closes it.
+    """Open the input devices; `stack` closes them, `say` takes a line about each.
 
-    Args:
-        stack: closes the devices at its end.
-        session: takes what they ask for.
-        options: says which devices there are.
-        terminal: whether keys can be read.
-        say: called with a line about each device.
-
-    Raises InputError for certificates of a page that cannot be used, RobotFaultError for an address that is
-    in use.
+    Raises InputError for certificates of a page that cannot be used, RobotFaultError for an address in use.
     """
     from hexctl.teleop.gamepad import Gamepad
     from hexctl.teleop.keyboard import HELP, Keyboard, KeyTerminal
@@ -76,7 +68,6 @@ def _page(stack: ExitStack, session: "DriveSession", address: str, options: Driv
 
 
 def _credentials(folder: Path) -> "Credentials":
-    """Certificate and key of a page; messages name `--page-keys`."""
     from hexctl.wire.certificates import find_credentials
     from hexctl.wire.links import Role
 

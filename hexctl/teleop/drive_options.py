@@ -1,4 +1,4 @@
-"""Options of a drive by hand: which robot, how it walks, and what it is driven with."""
+"""Options of a manual drive: robot, walk and input devices."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +17,7 @@ RECORDING, WALK = Panel("Recording"), Panel("Walk")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveOptions(RobotOptions):
-    """Devices to drive a robot with, and its walk. Its fields are the options of `hexctl drive`.
+    """Input devices of a drive, and its walk. Its fields are the options of `hexctl drive`.
 
     Raises InputError for a value that is not allowed.
     """
@@ -93,7 +93,7 @@ class DriveOptions(RobotOptions):
             check_gamepad(self.pad)
 
     def check_keys(self, *, terminal: bool) -> None:
-        """Raise InputError if there is nothing to drive with; `terminal` is whether there are keys."""
+        """Raise InputError without any input device; `terminal` is whether there are keys."""
         if (self.keyboard and terminal) or self.page or self.gamepad not in (None, "none"):
             return
         others = "--page HOST:PORT, or --gamepad auto"
@@ -103,5 +103,5 @@ class DriveOptions(RobotOptions):
 
     @property
     def pad(self) -> Path | None:
-        """The event file that is named."""
+        """The given event file of a gamepad."""
         return None if self.gamepad in (None, "auto", "none") else Path(str(self.gamepad))

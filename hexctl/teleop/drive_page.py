@@ -1,16 +1,15 @@
-"""A page to drive with, for a phone or a browser: one file over HTTP and a WebSocket on the same port.
+"""A page for driving by phone or browser: one file over HTTP and a WebSocket on the same port.
 
-Messages to the robot are JSON: `{"v": [forward, left, turn]}` with shares of the greatest speeds, -1 to 1,
-20 to 50 times a second while a finger is down; `{"release": true}` when it goes; `{"do": "stop"}` for the
-other requests. The robot sends its status ten times a second. What a camera sees comes on a second socket, so
-that a large picture holds up no status: any message asks for the next picture, which is one message, or JSON
-`{"trouble": why}` where none comes.
+Messages to the robot are JSON: `{"v": [forward, left, turn]}` with shares of the maximum speeds, -1 to 1, 20
+to 50 times a second while a finger is down; `{"release": true}` when it lifts; `{"do": "stop"}` for other
+requests. The robot sends its status at 10 Hz. Pictures of a camera have a second socket, so as not to delay
+the status: any message asks for the next picture, answered by one message, or by JSON `{"trouble": why}`.
 
-A client may send 100 messages a second; the connection of one that sends more is closed. A stop is looked for
-before anything is parsed or counted. If 16 clients are connected, one that is silent gives way to a new one.
+A client that sends more than 100 messages a second is disconnected. A stop is handled before parsing and
+counting. With 16 clients, a silent one is replaced by a new one.
 
-Every client that opens the page may drive. So it is served to this computer alone unless a token and TLS are
-asked for; requests for a name that is not this computer's, and sockets of pages from elsewhere, are refused.
+Every client may drive. The page is therefore limited to this computer unless a token and TLS are configured;
+requests for a foreign host name, and sockets of foreign pages, are refused.
 """
 
 import asyncio
@@ -43,35 +42,34 @@ from hexctl.teleop.picture_relay import PERIOD_S, Picture, PictureRelay
 from hexctl.wire.certificates import Credentials, hosts_of_this_computer
 from hexctl.wire.page_address import PageAddress
 
-#: Path of the socket, and how the protocol on it is called. A token travels beside it, in a header that
-#: logs do not have.
+#: Path of the socket, and the name of its protocol. A token is sent in the same header, which logs omit.
 SOCKET_PATH, PROTOCOL, TOKEN_PREFIX = "/drive", "hexctl.drive.1", "token."
 
-#: Path of the socket on which pictures come, and how many may look at them.
+#: Path of the socket of pictures, and the maximum number of its clients.
 VIEW_PATH, MOST_VIEWERS = "/view", 4
 
-#: How long a client waits for a picture until it is told that there is none.
+#: How long a client waits for a picture.
 PICTURE_WAIT_S = 1.0
 
 #: Time between two reports.
 REPORT_S = 0.1
 
-#: Bytes of the longest message, and people who may look on.
+#: Bytes of the longest message, and number of clients.
 MOST_BYTES, MOST_CLIENTS = 256, 16
 
-#: Connections that wait to be accepted. All that wait are accepted before the next message is read.
+#: Connections that wait to be accepted. All are accepted before the next message is read.
 BACKLOG = 16
 
-#: The stop as clients send it, without spaces.
+#: The stop as the page sends it, without spaces.
 STOP_MESSAGE = '{"do":"stop"}'
 
-#: How long the server may take to start and to end.
+#: Maximum time of the server's start and end.
 START_S = 5.0
 
-#: What a browser gets that asks by a name of another computer. It does not tell the names that are right.
+#: Answer to a foreign host name. It does not reveal the valid names.
 OTHER_HOST = b"not a name of this computer; allowed: its address, such as 192.168.1.7, or its host name\n"
 
-#: What the page may load: nothing from elsewhere.
+#: Content policy of the page: nothing from elsewhere.
 POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; connect-src 'self' ws: wss:; "
     "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
@@ -79,31 +77,18 @@ POLICY = (
 
 
 def new_token() -> str:
-    """A token that cannot be guessed: 60 random bits in letters that are easy to type."""
+    """A random token: 60 bits in letters that are easy to type."""
     return "".join(secrets.choice("abcdefghjkmnpqrstuvwxyz23456789") for _ in range(12))
 
 
 class DrivePage:
-    """Serves the page from a thread of its own while it is open.
+    """Serves the page from its own thread; a context manager.
 
-    One client drives at a time: the first that touches the stick, until it lets go or falls silent. Any may
-    stop the robot. A stick that is held while a stop is cleared moves nothing until it was let go of.
+    One client drives at a time: the first that touches the stick, until it releases it or falls silent. Any
+    may stop the robot. A stick that is held during a clear of a stop is ignored until it is released.
 
-    Args:
-        address: where to listen.
-        source: of the arbiter.
-        share: makes velocities.
-        ask: takes requests.
-        credentials: certificate and key for TLS; needed beyond loopback.
-        token: that clients have to know; None makes one beyond loopback and asks for none on it.
-        pictures: what a camera sees, opened and closed elsewhere; None shows none.
-        now_s: monotonic time.
-
-    Attributes:
-        token: that clients have to know, or None.
-        port: it listens on, once open.
-
-    Raises InputError for an address beyond loopback without credentials.
+    Beyond loopback, credentials for TLS and a token are required; None makes a token. Raises InputError for
+    an address beyond loopback without credentials.
     """
 
     def __init__(
@@ -147,10 +132,7 @@ class DrivePage:
         return f"{scheme}://{f'[{host}]' if ':' in host else host}:{self.port}/"
 
     def __enter__(self) -> Self:
-        """Begin to listen.
-
-        Raises InputError where that is impossible.
-        """
+        """Start to listen; raises InputError if that is impossible."""
         self._thread.start()
         if not self._begun.wait(START_S):
             raise RobotFaultError("page: does not start")
@@ -170,10 +152,10 @@ class DrivePage:
             self._thread.join(START_S)
 
     def poll(self) -> None:
-        """Nothing: the page comes by itself."""
+        """Nothing: messages arrive on the page's thread."""
 
     def report(self, status: dict[str, Any]) -> None:
-        """Tell clients what the robot does."""
+        """Report the robot's status to clients."""
         self._status = json.dumps(status)
 
     def _run(self) -> None:
@@ -215,12 +197,12 @@ class DrivePage:
 
     async def _send_reports(self, server: Server) -> None:
         while True:
-            # A client that takes nothing does not hold up the others.
+            # A client that does not read must not delay the others.
             broadcast(_on(server, SOCKET_PATH), self._status)
             await asyncio.sleep(REPORT_S)
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
-        """What a request gets: the page, a refusal, or None for the socket."""
+        """The page, a refusal, or None for the socket."""
         host = _one(request.headers, "Host")
         if not self._is_ours(host):
             return _response(HTTPStatus.FORBIDDEN, OTHER_HOST)
@@ -240,7 +222,7 @@ class DrivePage:
         return None
 
     def _make_room(self, newcomer: LimitedConnection) -> None:
-        """Close the connection of a client if there are too many, but never of the one that drives."""
+        """If there are too many clients, disconnect one, but never the one that drives."""
         others = [one for one in _on(newcomer.server, SOCKET_PATH) if not one.closed_for_new_client]
         if len(others) >= MOST_CLIENTS:
             driver = self._driver if self._now_s() - self._driver_at_s <= COMMAND_EXPIRY_S else None
@@ -249,10 +231,7 @@ class DrivePage:
             ).close_for_new_client()
 
     def _is_ours(self, host: str) -> bool:
-        """Whether a Host header names this computer: by a name of its own, or by an address.
-
-        The name of another site that points here, as after DNS rebinding, is neither.
-        """
+        """Whether a Host header is a name or an address of this computer, which DNS rebinding is not."""
         name = host.lower()
         if name.startswith("["):
             name = name[1:].partition("]")[0]
@@ -286,14 +265,13 @@ class DrivePage:
                     break
                 if not stops:
                     self._take(connection, message)
-                await asyncio.sleep(0)  # messages that wait are taken one by one, each client in turn
+                await asyncio.sleep(0)  # take waiting messages one by one, clients in turn
         except ConnectionClosed:
             pass
         finally:
             self._let_go(connection)
 
     async def _show(self, connection: ServerConnection) -> None:
-        """Send one picture for each message, until the client goes."""
         shown = 0
         async for _ in connection:
             if not cast(LimitedConnection, connection).may_send():
@@ -307,7 +285,6 @@ class DrivePage:
                 await connection.send(picture.jpeg)
 
     async def _picture_after(self, number: int) -> Picture | None:
-        """The newest picture once it is another one; None where none comes for a while."""
         for _ in range(round(PICTURE_WAIT_S / PERIOD_S)):
             newest = None if self._pictures is None else self._pictures.newest
             if newest is not None and newest.number != number:
@@ -316,7 +293,6 @@ class DrivePage:
         return None
 
     def _take(self, connection: ServerConnection, message: str | bytes) -> None:
-        """Take a message; one that is not allowed changes nothing."""
         try:
             said = json.loads(message)
             if "do" in said:
@@ -332,7 +308,7 @@ class DrivePage:
             return
 
     def _drives(self, connection: ServerConnection) -> bool:
-        """Whether a client drives, now that it touches the stick."""
+        """Whether a client that touches the stick now drives."""
         now_s = self._now_s()
         if self._driver is not connection and now_s - self._driver_at_s <= COMMAND_EXPIRY_S:
             return False
@@ -348,18 +324,17 @@ class DrivePage:
 
 
 def _on(server: Server | None, path: str) -> list[LimitedConnection]:
-    """Open sockets at a path."""
     connections = cast("set[LimitedConnection]", set() if server is None else server.connections)
     return [one for one in connections if one.request is not None and one.request.path == path]
 
 
 def _is_stop(message: str | bytes) -> bool:
-    """Whether a message is a stop, written as the page writes it or with spaces."""
+    """Spaces are allowed."""
     return isinstance(message, str) and "".join(message.split()) == STOP_MESSAGE
 
 
 def _one(headers: Headers, name: str) -> str:
-    """Value of a header; empty where there is none, or more than one."""
+    """Value of a header; empty if it is missing or repeated."""
     values = headers.get_all(name)
     return values[0] if len(values) == 1 else ""
 

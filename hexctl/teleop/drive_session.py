@@ -1,4 +1,4 @@
-"""A session of driving by hand: devices are polled every tick, and what they ask for is done."""
+"""A session of manual driving: devices are polled every tick, and their requests are executed."""
 
 import math
 import time
@@ -19,36 +19,30 @@ from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import FloatArray, RobotState
 
-#: What devices ask for beside velocities.
+#: Requests of devices in addition to velocities.
 REQUESTS = ("stop", "stand", "sit", "gait", "up", "down", "quit")
 
-#: How much higher or lower the body gets with one request, and how far, of the robot's size.
+#: Step and maximum of the body's height above the stance, as shares of the robot's size.
 RAISE_STEP, MOST_RAISE = 0.01, 0.1
 
-#: Ticks between two reports to devices and people.
+#: Ticks between two reports to devices.
 REPORT_TICKS = 5
 
-#: Ticks in which a robot comes to a stand before the session ends, at most.
+#: Maximum ticks until the robot stands at the end of a session.
 LAST_TICKS = 50
 
-#: Time between two looks at the devices while the robot is stopped.
+#: Time between two polls of the devices while the robot is stopped.
 STOPPED_POLL_S = 0.1
 
 #: Reports over which the speed of the body is measured.
 SPEED_REPORTS = 10
 
-#: A body that moves by less than this has not travelled: measured positions are noisy.
+#: Shorter distances count as no travel, because measured positions are noisy.
 LEAST_TRAVEL_M = 0.01
 
 
 class Travel:
-    """Distance, speed and heading of a body, from the poses that it reports.
-
-    Attributes:
-        distance_m: travelled so far, along the path; None without positions.
-        speed_m_s: over the last second; None without positions.
-        heading_deg: counter-clockwise from the first orientation; None without one.
-    """
+    """Distance along the path, speed over the last second, and heading from the first; None if unknown."""
 
     def __init__(self) -> None:
         self.distance_m: float | None = None
@@ -59,7 +53,7 @@ class Travel:
         self._recent: deque[tuple[float, FloatArray]] = deque(maxlen=SPEED_REPORTS + 1)
 
     def add(self, state: RobotState, now_s: float) -> None:
-        """Take a state, and when it was on the robot's clock."""
+        """Take a state at a time on the robot's clock."""
         if state.base_position_world is not None:
             self._add_position(state.base_position_world[:2].copy(), now_s)
         if state.base_quaternion_world is not None:
@@ -80,13 +74,13 @@ class Travel:
 
 
 class Device(Protocol):
-    """What a person drives with. It must not wait."""
+    """An input device. Its methods must not block."""
 
     def poll(self) -> None:
-        """Take what the person did since the last tick."""
+        """Take the input since the last tick."""
 
     def report(self, status: dict[str, Any]) -> None:
-        """Show what the robot does, plain values as `DriveSession.status` has them."""
+        """Show a status, plain values of `DriveSession.status`."""
 
 
 class RobotStop(Protocol):
@@ -101,26 +95,15 @@ class RobotStop(Protocol):
         """Why the last stop did not reach the robot, or None."""
 
     def press(self) -> None:
-        """Stop the robot now; from any thread, and without waiting."""
+        """Stop the robot; thread-safe and non-blocking."""
 
 
 class DriveSession:
-    """Drives a robot by hand until it is told to quit.
+    """Drives a robot manually until a device asks to quit.
 
-    A stop of a device is latched at a robot on the network too. The session waits then: "stand" connects
-    again, which the robot refuses until its stop was cleared.
-
-    The heights at which the gait can walk are calculated before anything moves: a robot that walks cannot
-    wait for them.
-
-    Args:
-        drive: connected before `run`.
-        robot_stop: stops the robot for all its clients; None for one that only this process commands.
-
-    Attributes:
-        ended: why the session has ended, or None.
-        commanded: whether the robot was told anything.
-        said: what the robot said last.
+    A stop of a device is also latched at a robot on the network. After it, "stand" reconnects, which the
+    robot refuses until its stop is cleared. Heights at which the gait can walk are calculated before any
+    motion, because they take long. `robot_stop` stops the robot for all its clients.
     """
 
     def __init__(self, drive: Drive, robot_stop: RobotStop | None = None) -> None:
@@ -137,10 +120,10 @@ class DriveSession:
         self._raises = walkable_raises(drive.robot, drive.gait)
 
     def ask(self, request: str, why: str = "") -> None:
-        """Ask for one of `REQUESTS`, from any thread; each tick does one of them.
+        """Queue one of `REQUESTS`; thread-safe. Each tick executes one of them.
 
-        A stop is in force immediately, and requests from before it are dropped. A request that waits is not
-        added again, so no client can crowd out the request of another. Raises InputError for another request.
+        A stop is immediate and drops earlier requests. A queued request is not added again, so no client can
+        crowd out others. Raises InputError for any other request.
         """
         if request not in REQUESTS:
             raise InputError(f"request: got {request!r}; allowed: {', '.join(REQUESTS)}")
@@ -149,7 +132,7 @@ class DriveSession:
                 self._stops += 1
                 self._asked.clear()
                 self._stop_sent = self._robot_stop is not None
-            self.drive.stop("stop button")  # in force for this tick already
+            self.drive.stop("stop button")  # in force from this tick on
             if self._robot_stop is not None:
                 self._robot_stop.press()
         elif request == "quit":
@@ -159,11 +142,10 @@ class DriveSession:
                 self._asked.setdefault(request)
 
     def run(self, devices: Sequence[Device] = (), stop_requested: Callable[[], bool] = lambda: False) -> str:
-        """Drive until a device asks to quit; why it has ended. The robot stands then.
+        """Drive until a device asks to quit; return the reason. The robot then stands.
 
-        A stop that is requested from the start commands nothing: a limp robot stays limp.
-
-        Raises EStopError when the guard has stopped the robot, RobotFaultError when it or its link fails.
+        A stop that is requested from the start commands nothing. Raises EStopError when the guard has stopped
+        the robot, RobotFaultError when it or its link fails.
         """
         if self.ended is None and stop_requested():
             self.ended = "interrupted"
@@ -193,10 +175,7 @@ class DriveSession:
         return self.ended
 
     def _wait_stopped(self, devices: Sequence[Device], stop_requested: Callable[[], bool]) -> None:
-        """Wait until the robot, which this session has stopped, is cleared and a device asks to stand.
-
-        Raises EStopError when the session is to end before.
-        """
+        """Wait until the stop is cleared and a device asks to stand; raises EStopError at the end."""
         state, self.said = self.drive.guard.peek(), ""
         while not self._stands_again():
             self._report(devices, state)
@@ -207,7 +186,6 @@ class DriveSession:
                 raise EStopError("stopped by a device of the drive")
 
     def _stands_again(self) -> bool:
-        """Whether a device has asked to stand and the robot takes commands again."""
         with self._asking:
             asked = "stand" in self._asked
             self._asked.clear()
@@ -228,10 +206,7 @@ class DriveSession:
             device.report(status)
 
     def status(self, state: RobotState) -> dict[str, Any]:
-        """What the robot does, in plain values.
-
-        `clear` is the command that clears a stop which this session has latched at the robot, or None.
-        """
+        """Status of the robot as plain values; `clear` is the command for a stop by this session, or None."""
         drive, robot_stop = self.drive, self._robot_stop
         latched = robot_stop is not None and self._stop_sent and drive.guard.stopped is not None
         velocity, decision = Velocity() if latched else drive.velocity, drive.decision
@@ -254,27 +229,24 @@ class DriveSession:
         }
 
     def _no_walk(self) -> str:
-        """Why no speed that is asked for moves the robot, or nothing."""
         drive = self.drive
         if drive.mode != "driving" or drive.share(1, 1, 1).array.min() > 0:
             return ""
         return f"no speed is possible with the body at {drive.body_raise:+.2f}"
 
     def _poll(self, devices: Sequence[Device]) -> None:
-        """Take what devices ask for."""
         for device in devices:
             device.poll()
         self._do_requests()
 
     def _listen(self) -> None:
-        """Take what the robot has noticed since the last tick."""
         noticed = self.drive.noticed
         if len(noticed) > self._noticed:
             self.said = str(noticed[-1])
         self._noticed = len(noticed)
 
     def _do_requests(self) -> None:
-        """Do the oldest request that waits. One is done in each tick, because some take long."""
+        """Execute the oldest request. Only one per tick, because some take long."""
         self.ended = self.ended or self._quit
         with self._asking:
             request, stops = next(iter(self._asked), None), self._stops
@@ -286,7 +258,7 @@ class DriveSession:
         except HexctlError as error:
             self.said = str(error)
         if self._stops != stops:
-            self.drive.stop("stop button")  # a stop came while a "stand" was being done, which has cleared it
+            self.drive.stop("stop button")  # a stop during "stand", which has cleared it
 
     def _do(self, request: str) -> None:
         drive = self.drive
@@ -302,7 +274,6 @@ class DriveSession:
             self._raise_body(upward=request == "up")
 
     def _raise_body(self, *, upward: bool) -> None:
-        """The next height at which the gait can walk."""
         now = self.drive.body_raise
         others = [one for one in self._raises if (one > now if upward else one < now)]
         if others:
@@ -313,14 +284,7 @@ class DriveSession:
 
 
 def walkable_raises(robot: Robot, gait: Gait) -> tuple[float, ...]:
-    """Heights of the body at which a gait can walk, ascending, in steps around that of the stance.
-
-    Limits of velocity are kept from then on, so that a change to one of the heights takes no time.
-
-    Args:
-        robot: who walks.
-        gait: with any height.
-    """
+    """Heights at which a gait can walk, ascending, around the stance; caches velocity limits."""
 
     def can_walk(share: float) -> bool:
         posture = replace(gait.posture, body_raise=share)

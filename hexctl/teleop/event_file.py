@@ -1,8 +1,4 @@
-"""Event files of the kernel, `/dev/input/event*`, whose devices may be plugged in and out at any time.
-
-An event is 24 bytes, `struct input_event` of 64-bit Linux: two longs of time, type and code of 16 bits each,
-and a value of 32 bits.
-"""
+"""Event files of the kernel, `/dev/input/event*`, whose devices may be plugged in and out."""
 
 import os
 import struct
@@ -17,31 +13,22 @@ Event = tuple[int, int, int]
 
 EV_SYN, EV_KEY, EV_ABS = 0, 1, 3
 
-#: How often devices are looked for.
+#: Interval of the search for devices.
 LOOK_S = 1.0
 
-#: Bytes of one read, and reads at a time.
+#: Bytes per read, and reads at a time.
 MOST_BYTES, MOST_READS = 64 * EVENT.size, 64
 
 
 class EventFile:
-    """An open event file.
-
-    Raises OSError where it cannot be opened.
-
-    Attributes:
-        descriptor: of the file.
-    """
+    """An open event file; raises OSError if it cannot be opened."""
 
     def __init__(self, path: Path) -> None:
         self.descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
         self._rest = b""
 
     def events(self) -> Iterator[Event]:
-        """Events since the last time; never waits. The beginning of one is kept for its end.
-
-        Raises OSError when the device has gone.
-        """
+        """Complete events since the last call; never waits. Raises OSError for a lost device."""
         for _ in range(MOST_READS):
             try:
                 data = os.read(self.descriptor, MOST_BYTES)
@@ -54,7 +41,7 @@ class EventFile:
                 return
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         os.close(self.descriptor)
 
     def _events(self, data: bytes) -> Iterator[Event]:
@@ -65,16 +52,7 @@ class EventFile:
 
 
 class EventFiles:
-    """Event files that are looked for once a second, and let go of when their devices are pulled out.
-
-    Args:
-        find: finds event files.
-        most: how many are open at a time; None for all.
-        now_s: monotonic time.
-
-    Attributes:
-        opened: the files that are open, by path.
-    """
+    """Event files that are searched once a second, and closed when their devices are unplugged."""
 
     def __init__(
         self,
@@ -88,7 +66,7 @@ class EventFiles:
         self.opened: dict[Path, EventFile] = {}
 
     def look(self) -> None:
-        """Open what has been plugged in."""
+        """Open new devices."""
         now_s = self._now_s()
         if now_s - self._look_at_s < LOOK_S or self._full:
             return
@@ -102,7 +80,7 @@ class EventFiles:
                 continue
 
     def events(self) -> Iterator[Event]:
-        """Events of all files since the last time; never waits."""
+        """Events of all files since the last call; never waits."""
         for path, file in list(self.opened.items()):
             try:
                 yield from file.events()
@@ -110,7 +88,7 @@ class EventFiles:
                 self.opened.pop(path).close()
 
     def close(self) -> None:
-        """Let go of all files."""
+        """Close all files."""
         while self.opened:
             self.opened.popitem()[1].close()
 

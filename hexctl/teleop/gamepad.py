@@ -1,8 +1,4 @@
-"""Gamepads by the kernel's event files, plugged in and out at any time.
-
-Codes are those of linux/input-event-codes.h, which the drivers of Xbox, PlayStation and Nintendo pads keep
-to.
-"""
+"""Gamepads by the kernel's event files, with codes of linux/input-event-codes.h."""
 
 import fcntl
 import os
@@ -28,23 +24,18 @@ BTN_TL, BTN_TR, BTN_SELECT, BTN_START = 310, 311, 314, 315
 #: Either shoulder button has to be held to drive.
 HOLD = (BTN_TL, BTN_TR)
 
-#: What the other buttons ask for.
+#: Requests of the other buttons.
 BUTTONS = {BTN_EAST: "stop", BTN_START: "stand", BTN_SELECT: "sit", BTN_NORTH: "gait", BTN_WEST: "gait"}
 
-#: Part of an axis around its middle that counts as the middle.
+#: Dead zone of an axis, as a share of its range.
 DEAD = 0.1
 
-#: Range of an axis whose driver does not tell it.
+#: Range of an axis whose driver does not report it.
 USUAL_RANGE = (-32768, 32767)
 
 
 def find_gamepads(devices: Path = Path("/dev/input"), known: Path = Path("/sys/class/input")) -> list[Path]:
-    """Event files of gamepads, as far as the kernel says what devices have: a south button and a left stick.
-
-    Args:
-        devices: folder of the event files.
-        known: folder in which the kernel describes them.
-    """
+    """Event files of devices with a south button and a left stick, as described in `known`."""
     found = []
     for place in sorted(known.glob("event*")):
         folder = place / "device" / "capabilities"
@@ -58,7 +49,7 @@ def find_gamepads(devices: Path = Path("/dev/input"), known: Path = Path("/sys/c
 
 
 def check_gamepad(path: Path) -> None:
-    """Raise InputError for an event file that is none or may not be read; a missing one may come yet."""
+    """Raise InputError for a file that is no gamepad or not readable; a missing one may still appear."""
     name = argument("gamepad")
     if path.is_file() or path.is_dir():
         raise InputError(f"{name}: got {path}, which is no event file; allowed: such as /dev/input/event5")
@@ -67,7 +58,7 @@ def check_gamepad(path: Path) -> None:
 
 
 def _bits(text: str) -> int:
-    """A bitmap as sysfs has it: words of 64 bits in hexadecimal, the highest first."""
+    """A bitmap in sysfs: words of 64 bits in hexadecimal, the highest first."""
     bits = 0
     for word in text.split():
         bits = bits << 64 | int(word, 16)
@@ -75,7 +66,7 @@ def _bits(text: str) -> int:
 
 
 def axis_range(descriptor: int, axis: int) -> tuple[int, int]:
-    """Lowest and highest value of an axis, as its driver tells (EVIOCGABS)."""
+    """Lowest and highest value of an axis by its driver (EVIOCGABS)."""
     try:
         answer = fcntl.ioctl(descriptor, 0x80184540 + axis, bytes(24))
     except OSError:
@@ -85,15 +76,7 @@ def axis_range(descriptor: int, axis: int) -> tuple[int, int]:
 
 
 class GamepadEvents:
-    """What is held on a gamepad, from its events.
-
-    Args:
-        descriptor: of its open event file, which tells the ranges of its axes; None for the usual ones.
-
-    Attributes:
-        held: whether a hold button is pressed.
-        pressed: requests of buttons since this was emptied last.
-    """
+    """State of a gamepad from its events; `pressed` are requests since it was last emptied."""
 
     def __init__(self, descriptor: int | None = None) -> None:
         axes = (ABS_X, ABS_Y, ABS_RX)
@@ -118,7 +101,7 @@ class GamepadEvents:
     def take(self, kind: int, code: int, value: int) -> None:
         """Take an event."""
         if kind == EV_SYN and code == SYN_DROPPED:
-            # Events were lost: what is held is not known until it is pressed again.
+            # Events were lost: buttons count as released until they are pressed again.
             self._holds.clear()
             self._shares = dict.fromkeys(self._shares, 0.0)
         elif kind == EV_ABS and code in self._shares:
@@ -139,18 +122,10 @@ class GamepadEvents:
 
 
 class Gamepad:
-    """The first gamepad that is plugged in, as a source of velocities.
+    """The first gamepad, as a source of velocities; without `path` it is searched repeatedly.
 
-    A shoulder button has to be held to drive. Letting it go, and pulling the pad out, is a release. A stick
-    that is held while a stop is cleared moves nothing until it was in the middle, or the button let go of.
-
-    Args:
-        source: of the arbiter.
-        share: makes velocities.
-        ask: takes requests.
-        path: event file; None looks for one, again and again.
-        find: finds event files of gamepads.
-        now_s: monotonic time.
+    A shoulder button has to be held to drive. Releasing it, or unplugging the pad, stops the walk. A stick
+    that is held during a clear of a stop is ignored until it was in the middle, or the button released.
     """
 
     def __init__(
@@ -198,12 +173,11 @@ class Gamepad:
         """Nothing: a gamepad has no display."""
 
     def close(self) -> None:
-        """Let go of the gamepad."""
+        """Close the gamepad."""
         self._files.close()
         self._follow()
 
     def _follow(self) -> None:
-        """Know nothing of what is held once the gamepad is another one, or has gone."""
         file = next(iter(self._files.opened.values()), None)
         if file is not self._file:
             self._file = file

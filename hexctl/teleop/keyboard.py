@@ -1,9 +1,8 @@
-"""The keyboard of a terminal: each key changes the speed that is set, which holds until another changes it.
+"""The keyboard of a terminal: each key changes the set speed, which holds until another key changes it.
 
-Terminals tell no release of a key, and repeat one that is held only after half a second, so keys latch. What
-a terminal does tell is that it is there: with each line that it shows it is asked for its status, and answers
-(DSR and its report, ECMA-48 8.3.35). One that has answered and falls silent, as at the far end of a network
-that is lost, has its speed taken back.
+Terminals report no release of a key, and repeat a held one only after half a second, so keys latch. Each
+displayed line queries the terminal's status (DSR, ECMA-48 8.3.35). If a terminal has answered before and
+then falls silent, as after a lost network, its speed is revoked.
 """
 
 import math
@@ -23,10 +22,10 @@ from typing import Any, Self
 from hexctl.control.drive.arbiter import Velocity, VelocitySource
 from hexctl.errors import printable
 
-#: By how much a key changes the speed, of the greatest.
+#: Change of the speed per key, as a share of the maximum.
 STEP = 0.2
 
-#: What keys do: forward, left and turn to add, or a request of the session.
+#: Effect of keys: forward, left and turn to add, or a request of the session.
 SPEED_KEYS = {
     "w": (1, 0, 0),
     "s": (-1, 0, 0),
@@ -40,7 +39,7 @@ SPEED_KEYS = {
 REST_KEYS = (" ", "\x1b", "x")
 REQUEST_KEYS = {"q": "quit", "g": "gait", "u": "up", "j": "down", "1": "stand", "0": "sit", "x": "stop"}
 
-#: Keys that count whatever the terminal does.
+#: Keys that count even with a silent terminal.
 LAST_KEYS = (*REST_KEYS, "0", "q")
 
 HELP = (
@@ -48,46 +47,37 @@ HELP = (
     "g: gait · u j: body up, down · 1: stand up · 0: sit down · x: stop (1 goes on) · q: quit"
 )
 
-#: A question for the status of a terminal, which ends with `n` where it is answered.
+#: Status query of a terminal, and its answer.
 ASK_STATUS, STATUS = "\x1b[5n", re.compile(r"\x1b\[[03]n")
 
-#: A terminal that has answered before and does not for so long is silent.
+#: A terminal without an answer for this long is silent, if it has answered before.
 SILENCE_S = 0.5
 
-#: Keys of more than one character, and the beginning of one; a space ends it, so that it always counts.
+#: Keys of more than one character, or their beginning; a space ends one, so that it always counts.
 _SEQUENCE = re.compile(r"\x1b(?:\[[0-9:;<=>?]*|O)[@-~]")
 _BEGUN = re.compile(r"\x1b(?:\[[0-9:;<=>?]*|O)?")
 
-#: Ticks without a key after which the beginning of one is the key Esc.
+#: Ticks without input after which an incomplete sequence is the key Esc.
 ESCAPE_TICKS = 2
 
-#: How long is waited for the last answer of a terminal, and at most while more comes.
+#: Wait for the last answer of a terminal, and its maximum while more arrives.
 LAST_ANSWER_S, LAST_ANSWERS_S = 0.1, 0.5
 
-#: How long the last line may take to be shown.
+#: Time to show the last line.
 LAST_LINE_S = 0.2
 
-#: Bytes of keys that are read in one tick.
+#: Bytes of keys per tick.
 MOST_BYTES = 256
 
-#: What makes a velocity of shares of the greatest, -1 to 1: forward, left, turn.
+#: Makes a velocity of shares of the maximum, -1 to 1: forward, left, turn.
 Share = Callable[[float, float, float], Velocity]
 
 
 class Keyboard:
     """Keys of a terminal as a source of velocities.
 
-    While a speed is set it is repeated every tick, as long as the terminal is there; a terminal that has gone
-    ends the session, and one that has told its status and tells it no more has its speed taken back. A speed
-    that was set before the robot is told to stand, after a stop or from sitting, is forgotten then.
-
-    Args:
-        source: of the arbiter.
-        share: makes velocities.
-        ask: takes requests and why.
-        keys: file descriptor to read keys from; it may block.
-        show: takes a line that says what the robot does; None shows nothing.
-        now_s: monotonic time.
+    A set speed is repeated every tick while the terminal answers. A closed terminal ends the session, and a
+    silent one has its speed revoked. A speed that was set before the robot stands up is dropped.
     """
 
     def __init__(
@@ -123,7 +113,7 @@ class Keyboard:
             return
         silent = self._silent()
         for key in self._keys_of((data or b"").decode(errors="replace")):
-            # What was typed into a lost network arrives late: it may only stop.
+            # Keys from a lost network arrive late: they may only stop.
             if not silent or key in LAST_KEYS or STATUS.fullmatch(key):
                 self.press(key)
         if any(self._set) and self._silent():
@@ -133,7 +123,7 @@ class Keyboard:
             self._source.command(self._share(*self._set))
 
     def press(self, key: str) -> None:
-        """Do what a key says, or note that the terminal has answered."""
+        """Execute a key, or note an answer of the terminal."""
         if STATUS.fullmatch(key):
             self._answered_at_s = self._now_s()
             return
@@ -157,11 +147,10 @@ class Keyboard:
             self._show(line_of(status) + stood)
 
     def _silent(self) -> bool:
-        """Whether the terminal has answered before, and does not any more."""
         return self._answered_at_s is not None and self._now_s() - self._answered_at_s > SILENCE_S
 
     def _keys_of(self, text: str) -> list[str]:
-        """Keys of a text; the beginning of one waits for its end."""
+        """An incomplete sequence waits for its end."""
         self._pending_ticks = 0 if text else self._pending_ticks + 1
         text, self._pending = self._pending + text, ""
         keys = []
@@ -188,7 +177,7 @@ class Keyboard:
 
 
 def line_of(status: dict[str, Any]) -> str:
-    """What a robot does, in a line of a terminal; messages take the place of the distance."""
+    """Status of a robot as a terminal line; messages replace the distance."""
     battery, said = status["battery_v"], status["said"]
     parts = [
         _command_of(status["velocity"]),
@@ -208,7 +197,6 @@ def _stop_in_words(status: dict[str, Any]) -> str:
 
 
 def _command_of(velocity: Sequence[float]) -> str:
-    """The commanded velocity: forward always, left and turn unless they are zero."""
     forward, left, turn = (
         _signed(value, places)
         for value, places in zip((*velocity[:2], math.degrees(velocity[2])), (3, 3, 0), strict=True)
@@ -219,7 +207,6 @@ def _command_of(velocity: Sequence[float]) -> str:
 
 
 def _travel_of(status: dict[str, Any]) -> list[str]:
-    """Measured distance, speed and heading, as far as the robot knows them."""
     distance, speed, heading = (status[name] for name in ("distance_m", "speed_m_s", "heading_deg"))
     moved = [] if distance is None or speed is None else [f"{distance:.1f} m at {speed:.2f} m/s"]
     turned = [] if heading is None else [f"yaw {_signed(heading, 0)}°"]
@@ -227,17 +214,12 @@ def _travel_of(status: dict[str, Any]) -> list[str]:
 
 
 def _signed(value: float, places: int) -> str:
-    """A number with its sign, and no -0."""
     return f"{round(value, places) + 0.0:+.{places}f}"
 
 
 @contextmanager
 def single_keys(terminal: int) -> Iterator[None]:
-    """Let the keys of a terminal, a file descriptor, come one by one and unechoed in the block.
-
-    Ctrl-Z is switched off: a robot must not be left to a process that stands still. So is Ctrl-S, which would
-    pause what is printed, and is a key like any other then.
-    """
+    """Make a terminal's keys unbuffered and unechoed, without Ctrl-Z (suspend) and Ctrl-S (pause)."""
     before = termios.tcgetattr(terminal)
     tty.setcbreak(terminal)
     try:
@@ -247,20 +229,12 @@ def single_keys(terminal: int) -> Iterator[None]:
         termios.tcsetattr(terminal, termios.TCSADRAIN, changed)
         yield
     finally:
-        with suppress(termios.error, OSError):  # the terminal may have gone
+        with suppress(termios.error, OSError):  # the terminal may be closed
             termios.tcsetattr(terminal, termios.TCSANOW, before)
 
 
 class KeyTerminal:
-    """A terminal with `single_keys` while this is open, in which lines are shown in one place.
-
-    What is shown goes through a thread, so that a terminal that takes no more, as over a network that is
-    down, costs no tick.
-
-    Args:
-        keys: file descriptor of the terminal.
-        lines: file descriptor that lines are written to.
-    """
+    """A terminal with `single_keys`; its lines come from a thread, because a terminal may block."""
 
     def __init__(self, keys: int, lines: int) -> None:
         self.keys, self._lines = keys, lines
@@ -280,18 +254,18 @@ class KeyTerminal:
     ) -> None:
         self._ended = True
         self._due.set()
-        self._shower.join(LAST_LINE_S)  # what is printed after this stays the last line
-        with suppress(OSError):  # the terminal may have gone
+        self._shower.join(LAST_LINE_S)  # later output must stay the last line
+        with suppress(OSError):  # the terminal may be closed
             self._take_last_answers()
         self._mode.close()
 
     def show(self, line: str) -> None:
-        """Show a line instead of the last one, as soon as the terminal takes it."""
+        """Replace the line, once the terminal accepts it."""
         self._newest = line
         self._due.set()
 
     def _take_last_answers(self) -> None:
-        """Read what the terminal answers late: it would be typed into the shell."""
+        """Late answers would be typed into the shell."""
         until_s = time.monotonic() + LAST_ANSWERS_S
         while time.monotonic() < until_s and select.select([self.keys], [], [], LAST_ANSWER_S)[0]:
             if not os.read(self.keys, MOST_BYTES):
@@ -312,5 +286,5 @@ class KeyTerminal:
 
 
 def has_keys() -> bool:
-    """Whether this process has a terminal to read keys from."""
+    """Whether this process has a terminal for keys."""
     return sys.stdin is not None and sys.stdin.isatty()

@@ -1,7 +1,6 @@
-"""Connections of the drive page, limited so that no client and no address holds up the others.
+"""Connections of the drive page, limited so that no client and no address delays the others.
 
-Parsing takes far longer than sending: one read of a flood has thousands of messages. Therefore bytes are
-counted before anything is parsed, and messages as they are taken.
+Bytes are counted before parsing, which takes far longer than sending, and messages as they are taken.
 """
 
 import time
@@ -12,26 +11,21 @@ from typing import Any, cast
 
 from websockets.asyncio.server import ServerConnection
 
-#: Messages that a client may send, a second and at once. The page sends 25 a second.
+#: Messages of a client per second, and in a burst. The page sends 25 a second.
 MESSAGES_S = 100.0
 
-#: Bytes that a client may send, a second and at once: the request, and its messages, which are short.
+#: Bytes of a client per second, and in a burst: the request and short messages.
 BYTES_S = 8_192.0
 
-#: Connections that an address may open, a second and at once. A browser needs three for a page.
+#: Connections of an address per second, and in a burst. A browser needs three for a page.
 CONNECTIONS_S = 20.0
 
-#: Addresses of which the connections are counted; the one that connected longest ago is dropped first.
+#: Addresses with counted connections; the least recent one is dropped first.
 MOST_ADDRESSES = 1_000
 
 
 class Allowance:
-    """An amount per second, of which up to one second's may be taken at once (a token bucket).
-
-    Args:
-        per_s: amount per second.
-        now_s: monotonic time.
-    """
+    """A token bucket: an amount per second, of which up to one second's may be taken in a burst."""
 
     def __init__(self, per_s: float, now_s: Callable[[], float] = time.monotonic) -> None:
         self._per_s, self._now_s = per_s, now_s
@@ -49,18 +43,14 @@ class Allowance:
 
 
 class Addresses:
-    """Counts the connections of each address.
-
-    Args:
-        now_s: monotonic time.
-    """
+    """Counts the connections of each address."""
 
     def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
         self._now_s = now_s
         self._allowances: OrderedDict[str, Allowance] = OrderedDict()
 
     def admit(self, address: str) -> bool:
-        """Whether an address may open one more connection now."""
+        """Whether an address may open one more connection."""
         allowance = self._allowances.pop(address, None) or Allowance(CONNECTIONS_S, self._now_s)
         self._allowances[address] = allowance
         if len(self._allowances) > MOST_ADDRESSES:
@@ -71,17 +61,10 @@ class Addresses:
 class LimitedConnection(ServerConnection):
     """A connection that is closed when its client sends too much, or its address connects too often.
 
-    It is closed without a closing handshake, during which a client could go on.
-
-    Args:
-        addresses: counts of all connections of a page.
-        arguments: those of ServerConnection.
+    It is closed without a closing handshake, during which a client could continue to send.
 
     Attributes:
-        address: of the client.
-        begun_at_s: when it connected, on time.monotonic.
-        has_spoken: whether a message has come, as each page sends one at its start.
-        closed_for_new_client: whether it was closed for a new client.
+        has_spoken: whether a message has come; each page sends one at its start.
     """
 
     def __init__(self, *arguments: Any, addresses: Addresses, **options: Any) -> None:
@@ -98,7 +81,7 @@ class LimitedConnection(ServerConnection):
         self.transport.abort()
 
     def may_send(self) -> bool:
-        """Whether one more message is within the limit; otherwise the connection is closed."""
+        """Count a message; beyond the limit the connection is closed."""
         self.has_spoken = True
         allowed = self._messages.take()
         if not allowed:
@@ -106,7 +89,7 @@ class LimitedConnection(ServerConnection):
         return allowed
 
     def connection_made(self, transport: BaseTransport) -> None:
-        """Begin, or close the connection before anything is read from it."""
+        """Begin, or close the connection before anything is read."""
         peer = transport.get_extra_info("peername") or ("",)
         self.address = str(peer[0])
         self._refused = not self._addresses.admit(self.address)
@@ -116,7 +99,7 @@ class LimitedConnection(ServerConnection):
             super().connection_made(transport)
 
     def data_received(self, data: bytes) -> None:
-        """Parse what was received, unless it is too much."""
+        """Parse received data within the limit."""
         if self._refused:
             return
         if self._bytes.take(len(data)):
@@ -136,14 +119,9 @@ class LimitedConnection(ServerConnection):
 
 
 def least_needed(connections: Sequence[LimitedConnection], newcomer: str) -> LimitedConnection:
-    """The connection that gives way to a new one: of the address with the most, silent ones first.
+    """The connection that a new one replaces: of the address with the most, silent ones first.
 
-    Of those that have sent nothing it is the oldest, of the others the newest. Therefore a client that opens
-    many connections takes their places from its own address, and none from a page that was there before.
-
-    Args:
-        connections: that may be closed, at least one.
-        newcomer: address of the new connection.
+    Of silent ones it is the oldest, otherwise the newest: a client never replaces another's earlier page.
     """
     counts = Counter([newcomer, *(one.address for one in connections)])
 

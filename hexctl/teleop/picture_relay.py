@@ -1,7 +1,6 @@
-"""Pictures of a network camera for the page: fetched from one address that the operator gave, newest first.
+"""Pictures of a network camera for the page, from one address that the operator gave.
 
-What a camera sends is not trusted: an answer has to be a JPEG of bounded bytes and pixels in a bounded time.
-Nothing is decoded here. Redirections are not followed, and proxies are not asked.
+Untrusted: bytes, pixels and time are bounded, nothing is decoded, no redirection or proxy is used.
 """
 
 import http.client
@@ -16,13 +15,13 @@ from urllib.parse import SplitResult, urlsplit
 
 from hexctl.errors import InputError, argument
 
-#: Bytes and pixels of the largest picture, and bytes of the head of one in a stream.
+#: Bytes and pixels of the largest picture, and bytes of a picture's head in a stream.
 MOST_BYTES, MOST_PIXELS, MOST_HEAD_BYTES = 2_000_000, 5_000_000, 4096
 
-#: Time in which a camera has to answer, and in which each picture has to come.
+#: Maximum time of an answer, and of each picture.
 ANSWER_S = 5.0
 
-#: Least time between two pictures that are kept, and from a failure to the next attempt.
+#: Minimum time between two stored pictures, and from a failure to the next attempt.
 PERIOD_S, RETRY_S = 0.1, 1.0
 
 _TYPE_OF_STREAM = "multipart/x-mixed-replace"
@@ -30,31 +29,22 @@ _LENGTH = re.compile(rb"^content-length:\s*(\d{1,9})\s*$", re.IGNORECASE | re.MU
 
 
 class _PictureError(Exception):
-    """What a camera sent is no picture."""
+    """The camera's answer is not a picture."""
 
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A picture as it came.
-
-    Attributes:
-        number: counts from 1.
-        jpeg: its bytes.
-    """
+    """A picture as received; `number` counts from 1."""
 
     number: int
     jpeg: bytes
 
 
 class PictureRelay:
-    """Keeps the newest picture of a camera, on a thread of its own while it is open.
+    """Stores the newest picture of a camera, on its own thread; a context manager.
 
     Args:
-        url: of a stream (MJPEG) or of a single JPEG, which is asked for again and again.
-
-    Attributes:
-        newest: the last picture; None before the first, and while the camera does not answer.
-        trouble: why there is no picture, or None.
+        url: of a stream (MJPEG), or of a single JPEG, which is fetched repeatedly.
 
     Raises InputError for a URL that is not `http` or `https`.
     """
@@ -68,7 +58,7 @@ class PictureRelay:
         self._thread = threading.Thread(target=self._run, name="pictures", daemon=True)
 
     def __enter__(self) -> Self:
-        """Begin to fetch."""
+        """Start to fetch."""
         self._thread.start()
         return self
 
@@ -76,7 +66,7 @@ class PictureRelay:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._closing.set()
-        self._thread.join(2 * PERIOD_S)  # a camera that is silent must not hold up the end of the drive
+        self._thread.join(2 * PERIOD_S)  # a silent camera must not delay the end
 
     def _run(self) -> None:
         while not self._closing.is_set():
@@ -89,7 +79,6 @@ class PictureRelay:
             self._closing.wait(wait_s)
 
     def _fetch(self) -> None:
-        """Take the picture, or all of the stream until it ends."""
         connection = self._connected()
         try:
             path = (self._url.path or "/") + (f"?{self._url.query}" if self._url.query else "")
@@ -128,7 +117,7 @@ class PictureRelay:
 
 
 class _Incoming:
-    """Bytes of an answer, a bounded number of them in a bounded time."""
+    """Bytes of an answer, bounded in number and time."""
 
     def __init__(self, answer: http.client.HTTPResponse) -> None:
         self._answer = answer
@@ -136,13 +125,11 @@ class _Incoming:
         self._until_s = time.monotonic() + ANSWER_S
 
     def rest(self) -> bytes:
-        """All bytes until the end of the answer."""
         while self._more():
             pass
         return self._taken(len(self._bytes))
 
     def part(self, boundary: bytes) -> bytes:
-        """Picture of the next part of a stream."""
         self._until_s = time.monotonic() + ANSWER_S
         self._taken(self._find(b"--" + boundary, MOST_BYTES))
         head = self._taken(self._find(b"\r\n\r\n", MOST_HEAD_BYTES) + 4)
@@ -155,7 +142,6 @@ class _Incoming:
         return self._taken(size)
 
     def _find(self, mark: bytes, most: int) -> int:
-        """Where a mark begins, after reading on until it is there."""
         searched = 0
         while (at := self._bytes.find(mark, searched)) < 0:
             searched = max(0, len(self._bytes) - len(mark))
@@ -169,7 +155,6 @@ class _Incoming:
             raise _PictureError("the camera's stream has ended")
 
     def _more(self) -> bool:
-        """Read on; False at the end."""
         if time.monotonic() > self._until_s:
             raise _PictureError(f"the camera needs more than {ANSWER_S:g} s for a picture")
         got = self._answer.read1(65536)
@@ -185,7 +170,7 @@ class _Incoming:
 
 
 def jpeg_size(jpeg: bytes) -> tuple[int, int]:
-    """Width and height of a JPEG in px, by its header. Raises ValueError for anything that is none."""
+    """Width and height of a JPEG in px, by its header; raises ValueError for anything else."""
     if jpeg[:3] != b"\xff\xd8\xff":
         raise ValueError("what the camera sends is no JPEG")
     at = 2
@@ -198,14 +183,12 @@ def jpeg_size(jpeg: bytes) -> tuple[int, int]:
 
 
 def _reason(error: Exception) -> str:
-    """Why a camera sends no picture."""
     if isinstance(error, OSError) and error.strerror:
         return f"the camera cannot be reached ({error.strerror})"
     return str(error) or type(error).__name__
 
 
 def _checked(url: str) -> SplitResult:
-    """Parts of a URL of a camera."""
     try:
         parts = urlsplit(url)
         usable = parts.scheme in ("http", "https") and bool(parts.hostname) and parts.port != 0

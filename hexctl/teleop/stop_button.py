@@ -9,12 +9,7 @@ from hexctl.teleop.gamepad import find_gamepads
 
 
 class StopButton:
-    """Looks whether a button of a gamepad was pressed.
-
-    Args:
-        find: finds event files of gamepads.
-        now_s: monotonic time.
-    """
+    """Detects presses of any button of any gamepad."""
 
     def __init__(
         self,
@@ -26,15 +21,15 @@ class StopButton:
 
     @property
     def connected(self) -> int:
-        """How many gamepads there are now."""
+        """Number of gamepads."""
         return len(self._files.opened)
 
     def pressed(self) -> bool:
-        """Whether a button was pressed since the last look; never waits."""
+        """Whether a button was pressed since the last call; never waits."""
         self._files.look()
         presses = [kind == EV_KEY and value == 1 for kind, _, value in self._files.events()]
         return any(presses)
 
     def close(self) -> None:
-        """Let go of the gamepads."""
+        """Close the gamepads."""
         self._files.close()

@@ -1,4 +1,4 @@
-"""Conformance suites for servos and optimizers of your own; run by pytest.
+"""Conformance suites for custom servos and optimizers; run by pytest.
 
 ```python
 from hexctl.testing import LegServosConformance
@@ -16,7 +16,7 @@ try:
 except ImportError as error:
     raise MissingExtraError("hexctl.testing", "testing") from error
 
-# Before the suites are imported, so that a failed comparison shows both of its sides.
+# Before the import of the suites: a failed comparison then shows both of its sides.
 pytest.register_assert_rewrite("hexctl.testing.servo_conformance", "hexctl.testing.optimizer_conformance")
 
 from hexctl.testing.optimizer_conformance import OptimizerConformance  # noqa: E402

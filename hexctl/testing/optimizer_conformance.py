@@ -1,4 +1,4 @@
-"""What every `Optimizer` must do, as tests."""
+"""Tests for every `Optimizer`."""
 
 import itertools
 import json
@@ -46,14 +46,14 @@ def search(
 
 
 def travelled(state: dict[str, Any]) -> dict[str, Any]:
-    """A state after its way through strict JSON."""
+    """A state after a round trip through strict JSON."""
     text = json.dumps(state, allow_nan=False)
     loaded: dict[str, Any] = json.loads(text)
     assert loaded == state, "not made of JSON values alone"
     return loaded
 
 
-#: Spoils the arguments of a good `tell`: codes and scores of one `ask(3)`.
+#: Invalid arguments of `tell` from good ones: codes and scores of one `ask(3)`.
 WRONG_TELLS: dict[str, Callable[[list[Any], list[Any]], tuple[list[Any], list[Any]]]] = {
     "a code left out": lambda codes, scores: (codes[:-1], scores[:-1]),
     "a score left out": lambda codes, scores: (codes, scores[:-1]),
@@ -71,7 +71,7 @@ WRONG_TELLS: dict[str, Callable[[list[Any], list[Any]], tuple[list[Any], list[An
 
 
 class OptimizerConformance:
-    """The suite: inherit it, name the class `Test...` and say how to make an optimizer.
+    """The suite: inherit it, name the class `Test...` and define how to make an optimizer.
 
     Attributes:
         spaces: spaces of gaits that the optimizer can search; the first is one failed leg's.
@@ -83,7 +83,7 @@ class OptimizerConformance:
 
     @pytest.fixture
     def make(self) -> Make:
-        """What makes a fresh optimizer from a space and a seed."""
+        """Makes a fresh optimizer from a space and a seed."""
         raise NotImplementedError("make: a fixture that returns a function of a GaitSpace and a seed")
 
     @pytest.fixture
@@ -97,7 +97,7 @@ class OptimizerConformance:
             self.check_asks(make(space, 3), space, batch)
 
     def check_asks(self, optimizer: Optimizer, space: GaitSpace, batch: int) -> None:
-        """Check what is asked for in batches."""
+        """Check the codes of batches."""
         asked = 0
         while asked < 150 and not optimizer.exhausted:
             codes = optimizer.ask(batch)

@@ -1,4 +1,4 @@
-"""What every `LegServos` must do, as tests."""
+"""Tests for every `LegServos`."""
 
 import itertools
 from collections.abc import Iterator
@@ -16,13 +16,13 @@ TICKS_PER_SECOND = round(1 / PERIOD_S)
 
 
 class LegServosConformance:
-    """The suite: inherit it, name the class `Test...` and say how to make servos.
+    """The suite: inherit it, name the class `Test...` and define how to make servos.
 
     On a wall clock it takes about twenty seconds, and the joints move by up to 0.1 rad about the stance: hold
     a real robot off the floor.
 
     Attributes:
-        tolerance_rad: how far from its target an idle joint may rest under the robot's own weight.
+        tolerance_rad: how far an idle joint may rest from its target under the robot's own weight.
     """
 
     tolerance_rad = 0.03
@@ -215,7 +215,7 @@ class LegServosConformance:
         self.check_reaches(servos, servos.robot.stance_angles_rad + 0.02)
 
     def check_reaches(self, servos: LegServos, wanted: FloatArray) -> None:
-        """Check that the joints are where they are told to be after a second."""
+        """Check that the joints reach their targets within a second."""
         move(servos, wanted, ticks=TICKS_PER_SECOND)
         servos.clock.tick()
         np.testing.assert_allclose(servos.read().joint_positions_rad, wanted, atol=self.tolerance_rad)

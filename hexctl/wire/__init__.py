@@ -6,5 +6,5 @@ PROTOCOL_VERSION = 1
 #: Longest message of a robot; longer ones are dropped unread.
 MAX_PAYLOAD_BYTES = 65_536
 
-#: How long a command is valid, and the longest silence after which a robot keeps moving.
+#: Validity of a command, and the longest silence after which a robot keeps moving.
 TIME_TO_LIVE_S = 0.2

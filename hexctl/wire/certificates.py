@@ -1,4 +1,4 @@
-"""Certificates of both ends of a link: created, renewed, found and checked before anything is opened."""
+"""Certificates of both ends of a link: created, renewed, found and checked before a session opens."""
 
 import ipaddress
 import os
@@ -32,22 +32,16 @@ from hexctl.wire.stop_secret import write_stop_secret
 
 AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE = "ca.pem", "certificate.pem", "key.pem"
 
-#: Size of a certificate or a key.
+#: Maximum size of a certificate or a key.
 MOST_BYTES = 1_000_000
 
-#: Roles whose certificate is good for another role too: a controller may also view.
+#: Roles with the certificates that they accept: a controller may also view.
 STAND_INS = {Role.VIEWER: (Role.VIEWER, Role.CONTROLLER)}
 
 
 @dataclass(frozen=True, slots=True)
 class Credentials:
-    """PEM files of one end of a link.
-
-    Attributes:
-        authority: certificate of the authority that signed both ends'.
-        certificate: this end's.
-        key: its private key.
-    """
+    """PEM files of one end of a link: certificate of the authority, own certificate, private key."""
 
     authority: Path
     certificate: Path
@@ -55,9 +49,9 @@ class Credentials:
 
 
 def find_credentials(folder: Path, role: Role) -> Credentials:
-    """Credentials of a role from its own folder, or from the one that `hexctl keys new` made.
+    """Credentials of a role from its own folder, or from a folder of `hexctl keys new`.
 
-    Raises InputError when they are missing, another role's, expired, or do not belong together.
+    Raises InputError if they are missing, another role's, expired, or do not belong together.
     """
     roles = STAND_INS.get(role, (role,))
     for place in (*(folder / each.value for each in roles), folder):
@@ -72,10 +66,7 @@ def find_credentials(folder: Path, role: Role) -> Credentials:
 
 
 def load_certificate(path: Path) -> x509.Certificate:
-    """Certificate of a PEM file.
-
-    Raises InputError for a file that is not a certificate.
-    """
+    """Certificate of a PEM file; raises InputError for any other file."""
     try:
         return x509.load_pem_x509_certificate(read_file(path, MOST_BYTES))
     except (OSError, ValueError) as error:
@@ -89,7 +80,7 @@ def common_name(certificate: x509.Certificate) -> str:
 
 
 def _check(found: Credentials, roles: tuple[Role, ...]) -> None:
-    """Raise InputError for what the other end would refuse without giving a reason."""
+    """Raise InputError for files that the other end would refuse without a reason."""
     certificate, authority = load_certificate(found.certificate), load_certificate(found.authority)
     name = common_name(certificate)
     if name not in [role.value for role in roles]:
@@ -116,7 +107,7 @@ def _check_key(found: Credentials, certificate: x509.Certificate) -> None:
 
 
 def _private_key(path: Path, allowed: str) -> PrivateKeyTypes:
-    """Private key of a PEM file that nobody but its owner may read."""
+    """Others than the owner must not have access."""
     try:
         return load_pem_private_key(read_secret(path, MOST_BYTES), password=None)
     except PermissionError as error:
@@ -140,15 +131,13 @@ Key = ec.EllipticCurvePrivateKey
 
 @dataclass(frozen=True, slots=True)
 class _Issuer:
-    """The authority: its certificate and its key."""
-
     certificate: x509.Certificate
     key: Key
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CertificateOptions:
-    """For which hosts certificates are, and how long they are valid."""
+    """Hosts of certificates, and their validity."""
 
     hosts: Annotated[Sequence[str], Typed(flag="host")] = ()
     """Name or address under which clients reach the robot, repeatable. (default: this computer's name;
@@ -162,14 +151,9 @@ class CertificateOptions:
 def make_certificates(folder: Path, *, hosts: list[str], days: int) -> None:
     """Create a folder with an authority, and a folder for each role with its certificate and key.
 
-    Robot and controllers also get the secret of the datagram stop.
-
-    Args:
-        folder: must not exist yet; it is created completely or not at all.
-        hosts: names and addresses under which clients reach the robot.
-        days: validity.
-
-    Raises InputError for a folder that exists or cannot be made, an invalid host, and days out of range.
+    The folder must not exist, and is created completely or not at all. Robot and controllers also get the
+    secret of the datagram stop. Raises InputError for a folder that exists or cannot be made, an invalid
+    host, and days out of range.
     """
     _check_days(days)
     if folder.exists():
@@ -198,14 +182,7 @@ def hosts_of_this_computer(hosts: Sequence[str]) -> list[str]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CertificateInfo:
-    """A certificate of a folder.
-
-    Attributes:
-        folder: where it is.
-        name: whom it is for: a role, or the authority.
-        hosts: names and addresses under which its owner may listen.
-        valid_until: end of its validity.
-    """
+    """A certificate of a role or the authority, with the hosts at which its owner may listen."""
 
     folder: Path
     name: str
@@ -219,10 +196,7 @@ class CertificateInfo:
 
 
 def list_certificates(folder: Path) -> list[CertificateInfo]:
-    """All certificates of a folder and of the folders in it, sorted by place.
-
-    Raises InputError for a folder without any.
-    """
+    """All certificates in a folder and its folders, sorted by path; raises InputError if there are none."""
     places = sorted([*folder.glob(CERTIFICATE_FILE), *folder.glob(f"*/{CERTIFICATE_FILE}")])
     if not places:
         raise InputError(f"{folder}: has no certificates; allowed: a folder that hexctl keys new made")
@@ -242,8 +216,8 @@ def _info(place: Path) -> CertificateInfo:
 def renew_certificates(folder: Path, *, days: int) -> None:
     """Renew all certificates of a folder, for the same hosts and with the same private keys.
 
-    An end with its old certificate and one with its new one still accept each other, as long as both are
-    valid. Raises InputError for a folder without its authority, or one that cannot be written.
+    Old and new certificates are mutually valid until the old ones expire. Raises InputError for a folder
+    without its authority, or one that cannot be written.
     """
     _check_days(days)
     owner = folder / AUTHORITY_FOLDER
@@ -284,7 +258,6 @@ def _load_key(path: Path) -> Key:
 
 
 def _write(folder: Path, issuer: _Issuer, certificate: x509.Certificate, key: Key) -> None:
-    """Write the files of one role; only their owner can read the private key."""
     folder.mkdir(mode=0o700)
     (folder / AUTHORITY_FILE).write_bytes(issuer.certificate.public_bytes(Encoding.PEM))
     (folder / CERTIFICATE_FILE).write_bytes(certificate.public_bytes(Encoding.PEM))
@@ -295,7 +268,7 @@ def _write(folder: Path, issuer: _Issuer, certificate: x509.Certificate, key: Ke
 
 def _make_authority(days: int) -> _Issuer:
     key = _new_key()
-    # Authorities need distinct names: mixing two of one name would be reported as a bad signature.
+    # Authorities need distinct names: OpenSSL reports a mix of two equal names as a bad signature.
     name = _name(f"{AUTHORITY_NAME} {secrets.token_hex(4)}")
     return _Issuer(_sign_authority(name, key, days), key)
 
@@ -312,11 +285,7 @@ def _sign_authority(name: x509.Name, key: Key, days: int) -> x509.Certificate:
 def _certify(
     role: Role, key: CertificatePublicKeyTypes, hosts: list[x509.GeneralName], issuer: _Issuer, days: int
 ) -> x509.Certificate:
-    """Certificate of a role for a public key.
-
-    Only a robot's is valid for listening, under its hosts: with a client's certificate, an attacker between a
-    robot and its controllers could pose as the robot.
-    """
+    """Only a robot's is valid for listening: a client must not be able to pose as the robot."""
     listens = role is Role.ROBOT
     usage = ExtendedKeyUsageOID.SERVER_AUTH if listens else ExtendedKeyUsageOID.CLIENT_AUTH
     builder = (
@@ -353,7 +322,6 @@ def _name(common_name: str) -> x509.Name:
 
 
 def _host(text: str) -> x509.GeneralName:
-    """Host as a certificate names it: an address or a name."""
     try:
         return x509.IPAddress(ipaddress.ip_address(text))
     except ValueError:

@@ -1,7 +1,4 @@
-"""Why an endpoint cannot be reached or listened at: for messages, and known at once that nothing listens.
-
-Light to import: no stop waits for Zenoh.
-"""
+"""Diagnoses why an endpoint cannot be reached; without Zenoh, because a stop must not wait for it."""
 
 import errno
 import os
@@ -22,15 +19,12 @@ if TYPE_CHECKING:
 #: How long a diagnosis waits for the other end.
 PROBE_TIMEOUT_S = 1.0
 
-#: A robot that is there has answered by then: only after it is its port tried.
+#: The port is probed only if no robot has answered by then.
 ANSWERS_WITHIN_S = 0.25
 
 
 def is_refused(endpoint: Endpoint) -> bool:
-    """Whether nothing listens at an endpoint; False where that cannot be known, as with quic.
-
-    Waits for `PROBE_TIMEOUT_S` at most, and for a computer with that name.
-    """
+    """Whether nothing listens at an endpoint, within `PROBE_TIMEOUT_S`; False if unknown, as with quic."""
     if endpoint.protocol == "quic":  # UDP does not report that nothing listens
         return False
     try:
@@ -57,7 +51,7 @@ def why_not_listening(endpoint: Endpoint) -> str:
 
 
 def why_not_connected(endpoint: Endpoint, credentials: "Credentials | None") -> str:
-    """Reason why a client cannot connect to an endpoint, and what to check."""
+    """Reason why a client cannot connect to an endpoint, and a next step."""
     if endpoint.protocol == "quic":  # UDP does not report that nothing listens
         return (
             f"no robot lets this end in at {endpoint}; is hexctl serve running there, are "
@@ -76,7 +70,6 @@ def why_not_connected(endpoint: Endpoint, credentials: "Credentials | None") -> 
 
 
 def _why_refused(endpoint: Endpoint, credentials: "Credentials | None", link: socket.socket) -> str:
-    """Reason of a refusal by something that listens."""
     import ssl
 
     if credentials is None:
@@ -106,7 +99,7 @@ def _why_refused(endpoint: Endpoint, credentials: "Credentials | None", link: so
 
 
 def _why_refused_openly(endpoint: Endpoint, link: socket.socket) -> str:
-    """Reason of a refusal by something that listens, without certificates; a robot that hangs is silent."""
+    """Without certificates; a robot that hangs is silent."""
     import ssl
 
     keys = argument("credentials")
@@ -121,7 +114,7 @@ def _why_refused_openly(endpoint: Endpoint, link: socket.socket) -> str:
             "hexctl serve hang?"
         )
     except OSError:
-        pass  # it has answered something, or hung up
+        pass  # it has answered or disconnected
     return f"what listens at {endpoint} is no robot without certificates; does it want tls/ and {keys}?"
 
 
@@ -134,24 +127,17 @@ def _bind_problem(endpoint: Endpoint, error: OSError) -> str:
 
 
 def _cause(error: OSError) -> str:
-    """Text of a system error, without its number."""
     return os.strerror(error.errno).lower() if error.errno else str(error)
 
 
 def _alert(error: "ssl.SSLError") -> str:
-    """TLS alert of the other end, such as `unknown ca`."""
     return (error.reason or str(error)).partition("ALERT_")[2].replace("_", " ").lower() or str(error.reason)
 
 
 class RefusalWatch:
-    """Says once, while the block runs, that nothing listens at an endpoint; a thread of its own looks.
+    """Reports once, on its own thread, that nothing listens at an endpoint; a context manager.
 
-    Args:
-        endpoint: as text.
-        tell: called on the thread, with a text such as `nothing listens at tcp/127.0.0.1:7447`.
-        answered: whether the robot has answered otherwise; nothing is told then.
-
-    Raises InputError for an endpoint that is not allowed.
+    Nothing is reported if `answered` returns True. Raises InputError for an endpoint that is not allowed.
     """
 
     def __init__(
@@ -162,14 +148,14 @@ class RefusalWatch:
         self._telling = threading.Lock()
 
     def __enter__(self) -> Self:
-        """Begin to look; returns at once."""
+        """Start the probe; returns immediately."""
         threading.Thread(target=self._look, name="refusal", daemon=True).start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        with self._telling:  # nothing is told from here on
+        with self._telling:  # no report from here on
             self._over.set()
 
     def _look(self) -> None:

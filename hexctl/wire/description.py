@@ -18,7 +18,7 @@ from hexctl.types import JOINT_NAMES
 from hexctl.wire import MAX_PAYLOAD_BYTES, PROTOCOL_VERSION
 from hexctl.wire.links import Link
 
-#: A name of a robot on the network: one part of a key, and shown as it is.
+#: Valid name of a robot on the network: one part of a key.
 ROBOT_NAME = re.compile(r"[\w.-]{1,60}")
 
 #: Tolerance for numbers of two descriptions.
@@ -27,16 +27,9 @@ SAME = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RobotIdentity:
-    """Which robot answers on a link, and who started its server.
+    """Which robot answers on a link, and who started its server; unreported fields are `?` or None.
 
-    It protects against mistakes on a shared computer, not against peers that lie: certificates do that.
-
-    Attributes:
-        robot: name of the robot.
-        backend: name of its backend.
-        host: name of the computer that serves it; `?` if the answer has none.
-        user: owner of the server's process; `?` if the answer has none.
-        pid: number of the server's process; None if the answer has none.
+    It protects against mistakes on a shared computer. Against forged answers, use certificates.
     """
 
     robot: str
@@ -88,7 +81,7 @@ class RobotIdentity:
 
 
 def user_name() -> str:
-    """Owner of this process; its number where the system has no name for it, as in some containers."""
+    """Owner of this process; the number if the system has no name for it, as in some containers."""
     try:
         return pwd.getpwuid(os.geteuid()).pw_name
     except KeyError:
@@ -96,11 +89,7 @@ def user_name() -> str:
 
 
 def check_may_command(identity: RobotIdentity, link: Link) -> None:
-    """Refuse to command a robot of another user that was reached by default, not by name.
-
-    A robot on an endpoint or a link that the operator named is meant, whichever user started it.
-    Raises InputError that says how to name it.
-    """
+    """Raise InputError for another user's robot on the default link, with the way to name it."""
     if link.named or identity.is_ours:
         return
     raise InputError(
@@ -124,10 +113,7 @@ def encode_json(content: dict[str, Any]) -> bytes:
 
 
 def decode_json(payload: bytes) -> dict[str, Any]:
-    """JSON object of bytes.
-
-    Raises MessageError for anything else.
-    """
+    """Decode a JSON object; raises MessageError for anything else."""
     if len(payload) > MAX_PAYLOAD_BYTES:
         raise MessageError(f"JSON: got {len(payload)} bytes; allowed: {MAX_PAYLOAD_BYTES} at most")
     try:
@@ -140,10 +126,7 @@ def decode_json(payload: bytes) -> dict[str, Any]:
 
 
 def decode_answer(payload: bytes) -> dict[str, Any]:
-    """JSON object that a robot has sent; what is unprintable in its texts is escaped.
-
-    Raises MessageError for anything else.
-    """
+    """Decode a robot's JSON object and escape unprintable text; raises MessageError for anything else."""
     try:
         return dict(printable_parts(decode_json(payload)))
     except RecursionError as error:
@@ -151,13 +134,13 @@ def decode_answer(payload: bytes) -> dict[str, Any]:
 
 
 def status_of(answer: Mapping[str, Any]) -> dict[str, Any]:
-    """Status in a robot's answer to a query; empty for an answer without one."""
+    """Status in a robot's answer to a query, empty if it has none."""
     status = answer.get("status")
     return status if isinstance(status, dict) else {}
 
 
 def robot_name(content: Mapping[str, Any], key: str = "robot") -> str:
-    """Name of the robot in its status or description; raises RobotFaultError for what cannot be one."""
+    """Name of the robot in its status or description; raises RobotFaultError for an invalid one."""
     name = content.get(key)
     if not isinstance(name, str) or ROBOT_NAME.fullmatch(name) is None:
         raise RobotFaultError(
@@ -167,7 +150,7 @@ def robot_name(content: Mapping[str, Any], key: str = "robot") -> str:
 
 
 def check_same_robot(answer: dict[str, Any], robot: Robot) -> None:
-    """Raise RobotFaultError that says where the robot at the other end differs from the one expected here."""
+    """Raise RobotFaultError that lists differences between the remote robot and the expected one."""
     if answer.get("protocol") != PROTOCOL_VERSION:
         raise RobotFaultError(
             f"the robot speaks protocol {answer.get('protocol')!r}, this hexctl {PROTOCOL_VERSION}; "
@@ -186,10 +169,7 @@ def check_same_robot(answer: dict[str, Any], robot: Robot) -> None:
 
 
 def robot_of(answer: dict[str, Any]) -> Robot:
-    """Robot that an answer describes.
-
-    Raises RobotFaultError for another protocol, or a description that is not valid.
-    """
+    """Robot that an answer describes; raises RobotFaultError for another protocol or an invalid one."""
     content = answer.get("robot")
     if answer.get("protocol") != PROTOCOL_VERSION or not isinstance(content, dict):
         raise RobotFaultError("the robot at the other end describes itself in another way; update hexctl")
@@ -216,7 +196,6 @@ def _plain(value: object) -> Any:
 
 
 def _differences(there: Any, here: Any, place: str) -> Iterator[str]:
-    """Every place at which two descriptions differ, with both values."""
     if isinstance(there, dict) and isinstance(here, dict):
         for key in sorted(here.keys() | there.keys()):
             yield from _differences(there.get(key), here.get(key), f"{place}.{key}" if place else key)

@@ -1,4 +1,4 @@
-"""Read link files: YAML that says where a robot is, its certificates and the names of its messages."""
+"""Reads link files: YAML with a robot's endpoint, certificates and message names."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,7 +9,7 @@ from hexctl.robot.configs import find_config, read_mapping, validate
 
 
 class LinkSchema(BaseModel):
-    """Content of a link file; every key may be left out."""
+    """Content of a link file; every key is optional."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -21,10 +21,7 @@ class LinkSchema(BaseModel):
 
 
 def read_link_file(name_or_path: str) -> dict[str, Any]:
-    """Return the fields of a `Link` that a file says; relative credentials start at the file's folder.
-
-    Raises InputError that says file, key, value and what is allowed.
-    """
+    """The `Link` fields of a file; relative credentials start at its folder. Raises InputError."""
     path = find_config("links", name_or_path)
     said = validate(LinkSchema, read_mapping(path), path).model_dump(exclude_unset=True)
     if said.get("credentials") is not None:

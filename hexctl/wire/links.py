@@ -1,4 +1,4 @@
-"""Links: where a robot listens, in which role a peer connects, and under which keys messages travel."""
+"""Links: endpoint of a robot, role of a peer, and keys of messages."""
 
 import ipaddress
 import re
@@ -24,7 +24,7 @@ class Role(Enum):
     VIEWER = "viewer"
 
 
-#: First part of every key of hexctl's own naming.
+#: First part of every default key.
 ROOT = "hexctl"
 
 
@@ -39,8 +39,8 @@ class KeyMap:
         battery: sensor_msgs/BatteryState.
         status: state of the server, JSON.
         imu: orientation that the robot itself measures, sensor_msgs/Imu.
-        truth: where a simulated robot truly is, nav_msgs/Odometry.
-        pose: to the robot, a pose from motion capture where it has none of its own, nav_msgs/Odometry.
+        truth: true pose of a simulated robot, nav_msgs/Odometry.
+        pose: external pose to the robot, such as motion capture, nav_msgs/Odometry.
         describe: queryable: robot description, protocol version, joint order, JSON.
         lease: queryable: the right to command, JSON.
         estop: queryable: stop, or clear a stop, JSON.
@@ -66,11 +66,7 @@ class KeyMap:
         return cls(**{kind: f"{ROOT}/{robot_name}/{kind}" for kind in KINDS})
 
     def renamed(self, names: dict[str, str]) -> "KeyMap":
-        """Copy with some kinds under other keys, for a robot that has names of its own.
-
-        Raises InputError for a kind that does not exist, a key that Zenoh does not take, or two kinds under
-        one key.
-        """
+        """Copy with custom keys; raises InputError for unknown kinds, invalid or repeated Zenoh keys."""
         for kind, key in names.items():
             if kind not in KINDS:
                 raise InputError(f"keys: got {kind!r}; allowed: {', '.join(KINDS)}")
@@ -89,7 +85,7 @@ KINDS = tuple(field.name for field in fields(KeyMap))
 
 
 def _check_key(kind: str, key: str) -> None:
-    """Refuse what is not one plain Zenoh key: empty parts, wildcards, and the characters it reserves."""
+    """Refuse empty parts, wildcards, and the characters that Zenoh reserves."""
     parts = key.split("/")
     if not all(parts) or any(sign in key for sign in "*$?#@ "):
         raise InputError(
@@ -97,24 +93,17 @@ def _check_key(kind: str, key: str) -> None:
         )
 
 
-#: Transports that hexctl uses.
 PROTOCOLS = ("tcp", "tls", "quic")
 ENCRYPTED = ("tls", "quic")
 
-# Nothing behind the port: Zenoh would take settings there that undo certificates.
+# Nothing follows the port: settings there would override certificates in Zenoh.
 _FORM = re.compile(r"(?P<protocol>[a-z]+)/(?P<host>\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+):(?P<port>[0-9]{1,5})")
 _LIKE_AN_ADDRESS = re.compile(r"[0-9.]+")
 
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """An address on the network.
-
-    Attributes:
-        protocol: one of `PROTOCOLS`.
-        host: name or address, IPv6 without brackets.
-        port: 1 to 65535.
-    """
+    """An address on the network, of a protocol in `PROTOCOLS`; IPv6 hosts have no brackets."""
 
     protocol: str
     host: str
@@ -122,10 +111,7 @@ class Endpoint:
 
     @classmethod
     def parse(cls, text: str, what: str = "endpoint") -> "Endpoint":
-        """Endpoint that a text such as `tcp/127.0.0.1:7447` names; `what` is what the text was given as.
-
-        Raises InputError for anything else.
-        """
+        """Endpoint of a text such as `tcp/127.0.0.1:7447`, named `what` in messages; raises InputError."""
         match = _FORM.fullmatch(text)
         if (
             match is None
@@ -140,7 +126,7 @@ class Endpoint:
         return cls(match["protocol"], match["host"].strip("[]"), int(match["port"]))
 
     def __str__(self) -> str:
-        """Text that Zenoh understands."""
+        """Text in Zenoh's form."""
         return f"{self.protocol}/{self.place}"
 
     @property
@@ -150,24 +136,23 @@ class Endpoint:
 
     @property
     def encrypted(self) -> bool:
-        """Whether the link is encrypted and both ends show certificates."""
+        """Whether the link is encrypted and both ends present certificates."""
         return self.protocol in ENCRYPTED
 
     @property
     def is_loopback(self) -> bool:
-        """Whether only processes of this computer can be at the other end."""
+        """Whether only processes of this computer can be the other end."""
         address = _address(self.host)
         return self.host == "localhost" if address is None else address.is_loopback
 
     @property
     def is_everywhere(self) -> bool:
-        """Whether it stands for all addresses of this computer, for listening only."""
+        """Whether it means all addresses of this computer, for listening only."""
         address = _address(self.host)
         return address is not None and address.is_unspecified
 
 
 def _is_host(text: str) -> bool:
-    """Whether a host is a name, or an address that one computer can have."""
     address = _address(text.strip("[]"))
     if address is not None:
         return not address.is_multicast and (address.version == 6) == text.startswith("[")
@@ -181,10 +166,10 @@ def _address(text: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
         return None
 
 
-#: Ends a stop of the robot at the default endpoint.
+#: Clears a stop of the robot at the default endpoint.
 CLEAR_COMMAND = "hexctl estop --clear"
 
-#: Where `hexctl serve` listens and every client connects unless told otherwise.
+#: Default endpoint of `hexctl serve` and of every client.
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 
 
@@ -193,15 +178,13 @@ class Link:
     """One end of a link.
 
     Attributes:
-        endpoint: a Zenoh endpoint, such as `tcp/127.0.0.1:7447` or `tls/robot.local:7447`: where a client
-            connects, or where a robot listens.
-        credentials: folder that `hexctl keys new` made, or None for a link without certificates.
-        insecure: True where the operator allows a link beyond loopback without certificates.
-        names: keys of a robot that has names of its own, by kind.
-        plain: True for a robot that has only the ROS 2 messages: no description is compared, no lease taken,
+        endpoint: a Zenoh endpoint, such as `tls/robot.local:7447`: target of a client, or address of a robot.
+        credentials: folder of `hexctl keys new`, or None without certificates.
+        insecure: allows a link to another computer without certificates.
+        names: custom keys of a robot, by kind.
+        plain: True for a robot with only the ROS 2 messages: no description is compared, no lease taken,
             and its own watchdog decides what happens when commands stop.
-        named: False where neither an endpoint nor a link file was given: the default endpoint leads to
-            whichever robot is there. Two links to one place are equal whether it was named or not.
+        named: False if neither endpoint nor link file was given: any robot may be there. Not compared.
     """
 
     endpoint: str = DEFAULT_ENDPOINT
@@ -212,18 +195,12 @@ class Link:
     named: bool = field(default=True, compare=False)
 
     def keys(self, robot_name: str) -> KeyMap:
-        """Keys of a robot on this link.
-
-        Raises InputError for names that are not allowed.
-        """
+        """Keys of a robot on this link; raises InputError for names that are not allowed."""
         return KeyMap.of(robot_name).renamed(dict(self.names))
 
     @property
     def clear_command(self) -> str:
-        """Command that ends a stop of the robot at this link, to be pasted.
-
-        Without names of its own, which only a link file gives.
-        """
+        """Command that clears a stop of the robot at this link; custom names need the link file."""
         words = [CLEAR_COMMAND]
         if self.endpoint != DEFAULT_ENDPOINT:
             words.append(f"--connect {shlex.quote(self.endpoint)}")
@@ -242,15 +219,14 @@ def load_link(
 ) -> Link:
     """Link of a file, or the default one; the other arguments override it.
 
-    `given_as` is the argument that has the endpoint, for messages: a server's is `listen`.
-    A relative folder of credentials in a file starts at the file's folder. Raises InputError that says file,
-    key, value and what is allowed.
+    `given_as` is the endpoint's option in messages. Relative credentials in a file start at the file's
+    folder. Raises InputError with file, key, value and what is allowed.
     """
     if endpoint:
         Endpoint.parse(endpoint, argument(given_as))
     link = Link(named=endpoint is not None)
     if name_or_path is not None:
-        from hexctl.wire.link_file import read_link_file  # it loads a library that no stop may wait for
+        from hexctl.wire.link_file import read_link_file  # a stop must not wait for its library
 
         link = Link(**read_link_file(name_or_path))
     return replace(
@@ -268,7 +244,7 @@ def link_of(*, connect: str | None, credentials: Path | None, insecure: bool, li
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkOptions:
-    """Where a robot on the network is, and by which certificates it is reached."""
+    """Endpoint and certificates of a robot on the network."""
 
     PANEL: ClassVar = "Connection"
 
@@ -289,7 +265,7 @@ class LinkOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WatchOptions(LinkOptions):
-    """Which robot on the network is watched in place of recordings."""
+    """Robot on the network to watch instead of recordings."""
 
     connect: str | None = None
     """Watch the robot behind this hexctl serve, such as tcp/127.0.0.1:7447, without commanding it. (default:

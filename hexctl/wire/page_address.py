@@ -1,32 +1,23 @@
-"""Where a page is served: HOST:PORT, or a port of this computer."""
+"""Address of a web page: HOST:PORT, or a port of this computer."""
 
 import ipaddress
 from dataclasses import dataclass
 
 from hexctl.errors import InputError, argument
 
-#: Address of a page, for messages.
 DEFAULT_ADDRESS = "127.0.0.1:8017"
 
 
 @dataclass(frozen=True, slots=True)
 class PageAddress:
-    """Where a page is served.
-
-    Attributes:
-        host: name or address to listen on.
-        port: 0 for any free one.
-    """
+    """Address of a web page; port 0 is any free one."""
 
     host: str
     port: int
 
     @classmethod
     def parse(cls, text: str) -> "PageAddress":
-        """Address of a text such as `127.0.0.1:8017`, `0.0.0.0:8017`, `[::1]:8017` or `8017`.
-
-        Raises InputError for anything else.
-        """
+        """Address of a text such as `127.0.0.1:8017`, `[::1]:8017` or `8017`; raises InputError."""
         host, colon, port = text.rpartition(":")
         host = (host if colon else "127.0.0.1").removeprefix("[").removesuffix("]")
         if not host or not port.isdecimal() or len(port) > 5 or int(port) > 65535:
@@ -41,7 +32,7 @@ class PageAddress:
         return is_loopback(self.host)
 
     def check(self, *, secured: bool) -> None:
-        """Raise InputError for an address that other computers reach and that has no certificates."""
+        """Raise InputError for an address that other computers reach without certificates."""
         if not secured and not self.loopback:
             raise InputError(
                 f"{argument('page')}: got {self.host}, which other computers reach, without certificates; "
@@ -50,7 +41,7 @@ class PageAddress:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether a host is this computer and nothing else."""
+    """Whether a host is this computer."""
     if host == "localhost":
         return True
     try:

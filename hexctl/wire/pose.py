@@ -1,4 +1,4 @@
-"""Poses and orientations on the wire: nav_msgs/Odometry, of which either half may be unknown, and Imu."""
+"""Poses as nav_msgs/Odometry, either half of which may be unknown, and orientations as sensor_msgs/Imu."""
 
 import math
 import time
@@ -16,23 +16,22 @@ from hexctl.wire.fixed_message import FixedMessage
 WORLD_FRAME = "odom"
 BODY_FRAME = "base_link"
 
-#: Covariance of a pose or a twist that does not say it.
+#: An unknown covariance of a pose or a twist.
 NO_COVARIANCE = np.zeros(36)
 
-#: Places of the variances of position and orientation on the diagonal of a pose's covariance.
+#: Indices of the variances of position and orientation on the diagonal of a pose's covariance.
 _OF_POSITION, _OF_ORIENTATION = (0, 7, 14), (21, 28, 35)
 
-#: First covariance of what an Imu does not measure (REP 145).
+#: First covariance of an unmeasured quantity of an Imu (REP 145).
 NOT_MEASURED = -1.0
 
 #: Variance of each coordinate that is not measured, in m^2 or rad^2.
 UNKNOWN_VARIANCE = 1e6
 
-#: A coordinate with a greater variance is not measured: a standard deviation of 30 m, or of five turns.
+#: A coordinate with a greater variance counts as unmeasured: a standard deviation of 30 m, or five turns.
 MOST_VARIANCE = 1e3
 
-#: Places of the variances by which a half counts as measured: x and y, and the yaw. Planar odometry, as ROS
-#: robots have it, knows neither z nor roll nor pitch.
+#: Variances that decide whether a half is measured: x and y, and the yaw, as in planar odometry.
 _JUDGED_POSITION, _JUDGED_ORIENTATION = [0, 7], [35]
 
 
@@ -41,7 +40,7 @@ def odometry() -> FixedMessage:
     """Encoder of a nav_msgs/Odometry: a pose in `odom`, and a twist in `base_link`.
 
     Its numbers, (49,): position in m, quaternion (x, y, z, w), velocity in m/s, angular velocity in rad/s,
-    and the covariance of the pose, row by row (`NO_COVARIANCE` does not say).
+    and the covariance of the pose, row by row (`NO_COVARIANCE` if unknown).
     """
 
     def make(stamp_ns: int, numbers: FloatArray) -> Any:
@@ -77,17 +76,16 @@ def encode_pose(
 ) -> bytes:
     """Pose as nav_msgs/Odometry without a twist.
 
-    What is not known is the origin, or no rotation, with a variance of `UNKNOWN_VARIANCE`.
+    An unknown half is encoded as the origin or no rotation, with `UNKNOWN_VARIANCE`.
 
     Args:
-        position_world: (3,) in m, or None where unknown.
-        quaternion_world: (w, x, y, z), or None where unknown.
-        position_variance_m2: of each coordinate; 0 does not say.
-        yaw_variance_rad2: of an orientation that is a yaw, with roll and pitch not measured; None for an
-            orientation with all three.
-        stamp_ns: of the header, nanoseconds since 1970; now unless given.
+        position_world: (3,) in m, or None.
+        quaternion_world: (w, x, y, z), or None.
+        position_variance_m2: of each coordinate; 0 for unknown.
+        yaw_variance_rad2: of an orientation whose roll and pitch are not measured; None if all are.
+        stamp_ns: nanoseconds since 1970; now unless given.
 
-    Raises InputError for a variance by which the half would not count as measured (`MOST_VARIANCE`).
+    Raises InputError for a variance of an unmeasured half (`MOST_VARIANCE`).
     """
     variances = _variances(
         position_world is not None, quaternion_world is not None, position_variance_m2, yaw_variance_rad2
@@ -120,9 +118,8 @@ def _variances(positioned: bool, oriented: bool, position_m2: float, yaw_rad2: f
 def decode_pose(payload: bytes) -> tuple[FloatArray | None, FloatArray | None]:
     """Position (3,) and unit quaternion (w, x, y, z) of a nav_msgs/Odometry, all finite.
 
-    The position is None where the variance of x or y is greater than `MOST_VARIANCE`, the orientation where
-    that of the yaw is: it is not measured, and its values are not looked at. z, roll and pitch are as sent,
-    whatever their variances. Raises MessageError for anything else.
+    Each is None, and its values are ignored, if the variance of x, y or the yaw exceeds `MOST_VARIANCE`.
+    z, roll and pitch are returned whatever their variances. Raises MessageError for anything else.
     """
     estimate = ros_cdr.decode(ros_cdr.ODOMETRY, payload).pose
     pose, variances = estimate.pose, np.asarray(estimate.covariance)
@@ -135,10 +132,7 @@ def decode_pose(payload: bytes) -> tuple[FloatArray | None, FloatArray | None]:
 
 
 def decode_orientation(payload: bytes) -> FloatArray | None:
-    """Unit quaternion (w, x, y, z) of a sensor_msgs/Imu, or None where it measures no orientation.
-
-    Raises MessageError for anything else.
-    """
+    """Unit quaternion (w, x, y, z) of a sensor_msgs/Imu, or None; raises MessageError for anything else."""
     message = ros_cdr.decode(ros_cdr.IMU, payload)
     if float(message.orientation_covariance[0]) == NOT_MEASURED:
         return None
@@ -146,7 +140,6 @@ def decode_orientation(payload: bytes) -> FloatArray | None:
 
 
 def _checked_position(point: Any) -> FloatArray:
-    """Position (3,) of a geometry_msgs/Point."""
     position = np.array([point.x, point.y, point.z])
     if not np.isfinite(position).all():
         raise MessageError(f"pose: got the position {position.tolist()}; allowed: finite metres")
@@ -154,10 +147,7 @@ def _checked_position(point: Any) -> FloatArray:
 
 
 def _checked_quaternion(turned: Any) -> FloatArray:
-    """Unit quaternion (w, x, y, z) of a geometry_msgs/Quaternion, which may be off by its rounding.
-
-    Raises MessageError for anything else.
-    """
+    """Unit quaternion (w, x, y, z), normalized within rounding; raises MessageError for anything else."""
     quaternion = np.array([turned.w, turned.x, turned.y, turned.z])
     norm = math.hypot(*quaternion.tolist())
     if not abs(norm - 1) < 0.01:  # true for nan too

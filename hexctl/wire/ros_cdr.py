@@ -1,4 +1,4 @@
-"""ROS 2 messages in CDR: what crosses the standard Zenoh bridge is what ROS 2 tools expect."""
+"""ROS 2 messages in CDR, as ROS 2 tools expect them behind the standard Zenoh bridge."""
 
 import struct
 from functools import cache
@@ -29,12 +29,7 @@ def make(kind: str, **fields: Any) -> Any:
 
 
 def header(stamp_ns: int, frame: str = "") -> Any:
-    """A std_msgs/Header.
-
-    Args:
-        stamp_ns: nanoseconds since 1970, as ROS 2 tools expect.
-        frame: name of the frame.
-    """
+    """A std_msgs/Header; `stamp_ns` is nanoseconds since 1970."""
     seconds, rest = divmod(stamp_ns, NANOSECONDS)
     stamp = make("builtin_interfaces/msg/Time", sec=seconds & 0x7FFFFFFF, nanosec=rest)
     return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
@@ -57,7 +52,7 @@ def quaternion(numbers: FloatArray) -> Any:
 
 @cache
 def type_hash(kind: str) -> str:
-    """Hash of a message type (REP 2016), `RIHS01_` and 64 digits: types of one name are told apart by it."""
+    """Hash of a message type (REP 2016), `RIHS01_` and 64 digits: distinguishes types of one name."""
     return str(_store().hash_rihs01(kind))
 
 
@@ -67,10 +62,7 @@ def encode(message: Any) -> bytes:
 
 
 def decode(kind: str, payload: bytes) -> Any:
-    """Message of a type, from CDR bytes.
-
-    Raises MessageError for anything else: cut off, too long, another type.
-    """
+    """Message of a type from CDR bytes; raises MessageError for any other bytes."""
     if len(payload) > MAX_PAYLOAD_BYTES:
         raise MessageError(f"{kind}: got {len(payload)} bytes; allowed: {MAX_PAYLOAD_BYTES} at most")
     from rosbags.serde import SerdeError

@@ -1,14 +1,13 @@
-"""A stop in force: why, since when, and who may clear it.
+"""A stop in force: its reason, its time, and who may clear it.
 
 A client that asks for a stop may claim it: the name of its request is the hash of a clear key that only the
-client knows. Whoever shows the keys of all claims may clear the stop after `HOLD_S`. Everyone else has to
-wait for `OTHERS_HOLD_S`, twice as long with each repetition.
+client knows. A client that presents the keys of all claims may clear the stop after `HOLD_S`. Others have
+to wait for `OTHERS_HOLD_S`, twice as long with each repetition.
 
-Promised: a client with valid credentials that reads the id of a claimed stop from the status cannot clear it
-before `OTHERS_HOLD_S`, whatever name, session or number of sessions it uses. Under the name under which it
-commanded the robot before the stop it never can. Not promised: that it never clears the stop under another
-name, because a person on another computer has no other credentials. A program of the same user on the
-computer of the person who asked for the stop can read the keys.
+Guaranteed: a client with valid credentials that reads the id of a claimed stop from the status cannot clear
+it before `OTHERS_HOLD_S`, whatever its name or its number of sessions. It never can under the name under
+which it commanded the robot before the stop. Under another name it can, because a person on another
+computer has no other credentials. Programs of the user who asked for the stop can read the keys.
 """
 
 import hashlib
@@ -25,29 +24,28 @@ ESTOP = "estop"
 #: Reason of the stop that a new lease lifts; every other one is cleared explicitly.
 LIFTED_BY_LEASE = "expired"
 
-#: A stop is not cleared before this time has passed since it was asked for last.
+#: Minimum time from the last request of a stop until it can be cleared.
 HOLD_S = 1.0
 
-#: Without the keys of its claims a stop is not cleared before this time has passed.
+#: The same without the keys of its claims.
 OTHERS_HOLD_S = 120.0
 
-#: A stop that is asked for again within this time after a clear without keys holds twice as long as before,
-#: up to these bounds: with claims, and without.
+#: A stop that is requested again within this time after a clear without keys holds twice as long, up to
+#: these bounds: with claims, and without.
 REPEATED_WITHIN_S, MOST_OTHERS_HOLD_S, MOST_UNCLAIMED_HOLD_S = 600.0, 960.0, 60.0
 
-#: Who asked, where the client says no name; before the address that a datagram came from; and by ROS 2.
+#: Requester without a name, prefix of a datagram's address, and ROS 2.
 UNNAMED, DATAGRAM_FROM, OVER_ROS = "an unnamed client", "a datagram from ", "ROS 2"
 
-#: Longest name of the client that asked.
+#: Longest name of a requester.
 MAX_BY = 80
 
-#: Bytes of the id of a stop.
 ID_BYTES = 8
 
 #: Bytes of a clear key, and hexadecimal digits of a claim: those of a request's name in a datagram.
 CLEAR_KEY_BYTES, CLAIM_DIGITS = 16, 16
 
-#: Claims of one stop. One more makes the keys worthless: all that is left is to wait.
+#: Most claims of one stop. With one more the keys become worthless, and only waiting is left.
 MOST_CLAIMS, TOO_MANY = 16, "too many"
 
 
@@ -56,15 +54,14 @@ class Stop:
     """A stop in force.
 
     Attributes:
-        stop_id: 16 hexadecimal digits, drawn for this stop alone.
-        reason: as `Guard.stopped` has it.
-        since_s: when it was asked for last, or noticed, by the robot's time source.
-        by: who asked for it last, also where the robot had stopped for another reason before; None where
-            no client did. A client says its name itself.
-        claims: hashes of the clear keys of the clients that asked for it.
-        repeats: how often in a row it was asked for again after a clear without keys.
-        commander: name of the client that commanded the robot last before it, or None. It never clears the
-            stop of another client without the keys.
+        stop_id: 16 hexadecimal digits, unique.
+        reason: as in `Guard.stopped`.
+        since_s: time of the last request, or of its detection, by the robot's time source.
+        by: name that the last requesting client reported, even for an older stop; None without a client.
+        claims: hashes of the clear keys of the requesting clients.
+        repeats: number of consecutive requests after a clear without keys.
+        commander: client that commanded the robot last, or None. It never clears another client's stop
+            without the keys.
     """
 
     stop_id: str
@@ -81,11 +78,11 @@ class Stop:
         return self.reason != LIFTED_BY_LEASE
 
     def proved_by(self, keys: Collection[str]) -> bool:
-        """Whether clear keys are those of all its claims; False if it has none."""
+        """Whether `keys` contains the keys of all its claims; False if it has none."""
         return bool(self.claims) and set(self.claims) <= {claim_of(key) for key in keys}
 
     def hold_s(self, *, proved: bool) -> float:
-        """Time in s after which it may be cleared, with the keys of its claims or without."""
+        """Time in s until it may be cleared, with the keys of its claims or without."""
         if not self.stays:
             return 0.0
         if proved:
@@ -96,7 +93,7 @@ class Stop:
         return min(longer * HOLD_S, MOST_UNCLAIMED_HOLD_S)
 
     def hold_left_s(self, at_s: float, *, proved: bool) -> float:
-        """For how long it cannot be cleared yet, at a time by the robot's time source."""
+        """Remaining time in s until it may be cleared; `at_s` is by the robot's time source."""
         return max(0.0, self.since_s + self.hold_s(proved=proved) - at_s)
 
     def with_claim(self, claim: str | None) -> "Stop":
@@ -109,14 +106,7 @@ class Stop:
     def refusal(
         self, stop_id: str | None, at_s: float, keys: Collection[str] = (), by: str | None = None
     ) -> str | None:
-        """Why a request to clear it is refused, or None. It tells no id: the status does, to who looks there.
-
-        Args:
-            stop_id: of the stop that is meant, or None.
-            at_s: when it was asked for, by the robot's time source.
-            keys: clear keys that the client shows.
-            by: name of the client.
-        """
+        """Why a clear is refused, or None. It contains no id: clients read it from the status."""
         if not self.stays and stop_id is None:
             return None
         if stop_id is None:
@@ -136,7 +126,7 @@ class Stop:
         return f"clear: got it{without} {hold_s - left_s:.1f} s after the stop; allowed: after {hold_s:g} s"
 
     def to_json(self, at_s: float, *, kept: bool) -> dict[str, Any]:
-        """As the status has it, at a time by the robot's time source; `kept` is whether it is on the disk."""
+        """As in the status, at a time by the robot's time source; `kept` is whether it is on the disk."""
         return {
             "id": self.stop_id,
             "since_s": round(at_s - self.since_s, 1),
@@ -150,14 +140,7 @@ class Stop:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Clear:
-    """A stop that was cleared.
-
-    Attributes:
-        stop: as it was.
-        by: who cleared it, by the name that it says itself.
-        at_s: when, by the robot's time source.
-        proved: whether with the keys of its claims.
-    """
+    """A cleared stop: by whom, when, and whether with the keys of its claims (`proved`)."""
 
     stop: Stop
     by: str
@@ -170,7 +153,7 @@ class Clear:
         return self.stop.repeats + 1 if fought else 0
 
     def to_json(self, at_s: float) -> dict[str, Any]:
-        """As the status has it, at a time by the robot's time source."""
+        """As in the status, at a time by the robot's time source."""
         return {
             "id": self.stop.stop_id,
             "reason": self.stop.reason,
@@ -180,12 +163,12 @@ class Clear:
 
 
 def new_stop_id() -> str:
-    """An id that no stop has had."""
+    """Unique id of a stop."""
     return secrets.token_hex(ID_BYTES)
 
 
 def new_clear_key() -> str:
-    """A clear key for one stop."""
+    """Clear key for one stop."""
     return secrets.token_hex(CLEAR_KEY_BYTES)
 
 
@@ -195,7 +178,7 @@ def claim_of(key: str) -> str:
 
 
 def claim_in(request: str | None) -> str | None:
-    """Claim in the name of a request, None if the name has another form."""
+    """Claim in the name of a request, or None."""
     is_claim = request is not None and re.fullmatch(f"[0-9a-f]{{{CLAIM_DIGITS}}}", request)
     return request if is_claim else None
 

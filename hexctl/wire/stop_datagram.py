@@ -1,8 +1,8 @@
-"""Datagrams of a stop: how one is asked for and confirmed past everything that carries sessions.
+"""Datagrams of a stop, independent of sessions.
 
-All are of one length, 160 bytes, so that no answer is longer than what was asked, and all are signed with
-the secret that both ends have (HMAC-SHA256). No clock takes part: a stop is good for one epoch of the robot,
-which ends when a stop is cleared, and a question for one answer, which repeats its nonce.
+All have 160 bytes, so that answers do not amplify, and are signed with the shared secret (HMAC-SHA256). They
+use no clock: a stop is valid for one epoch of the robot, which ends with a clear, and an answer repeats the
+nonce of its query.
 """
 
 import hashlib
@@ -25,10 +25,10 @@ DATAGRAM_BYTES = _CONTENT.size + MAC_BYTES
 
 MARK_BYTES, EPOCH_BYTES, NONCE_BYTES, REQUEST_BYTES, ID_BYTES = 8, 16, 8, 8, 8
 
-#: Where the kind and the nonce begin.
+#: Offsets of the kind and the nonce.
 KIND_AT, NONCE_AT = 8, 26
 
-#: Longest reason and name of a robot in bytes of UTF-8; the rest is cut off, in a reason with a mark.
+#: Longest reason and name of a robot in bytes of UTF-8; longer ones are cut, a reason with a mark.
 REASON_BYTES, ROBOT_BYTES = 54, 24
 
 NO_EPOCH, NO_REQUEST, NO_ID = bytes(EPOCH_BYTES), bytes(REQUEST_BYTES), bytes(ID_BYTES)
@@ -37,7 +37,7 @@ _STOPPED, _AT_REST, _KEPT, _ECHOED = 1, 2, 4, 8
 
 
 class Kind(IntEnum):
-    """What a datagram is: a question, a stop, or the answer to either."""
+    """Kind of a datagram: a query, a stop, or an answer."""
 
     ASK = 1
     STOP = 2
@@ -46,20 +46,15 @@ class Kind(IntEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StopDatagram:
-    """A datagram.
+    """A datagram; fields from `stop_id` on are those of an answer.
 
     Attributes:
-        kind: what it is.
-        nonce: random bytes of the client, others in each datagram; an answer repeats them.
-        epoch: of the robot: in an answer the one of now, in a stop the one in which it is good.
-        request: name of a stop; an answer repeats it if the stop was obeyed, and has none otherwise.
-        stop_id: of an answer: id of the stop in force; none where there is none.
-        reason: of an answer: why the robot is stopped; empty where it is not.
-        robot: of an answer: name of the robot.
-        stopped: of an answer: whether a stop that stays is in force.
-        at_rest: of an answer: whether no joint moves.
-        kept: of an answer: whether the stop is on the disk.
-        echoed: of an answer: whether its joint angles are the last targets, and not measured.
+        nonce: random bytes of the client, new in each datagram; an answer repeats them.
+        epoch: current one in an answer, the one of validity in a stop.
+        request: name of a stop; an answer repeats it if the stop was obeyed, and is otherwise empty.
+        stopped: whether a latched stop is in force.
+        kept: whether the stop is on the disk.
+        echoed: whether joint angles are targets instead of measured.
     """
 
     kind: Kind
@@ -92,10 +87,7 @@ class StopDatagram:
 
     @classmethod
     def unpacked(cls, data: bytes, secret: bytes) -> "StopDatagram":
-        """The datagram in some bytes.
-
-        Raises MessageError for one that is none, or was signed with another secret.
-        """
+        """Decode a datagram; raises MessageError if it is malformed or signed with another secret."""
         if len(data) != DATAGRAM_BYTES or not hmac.compare_digest(data[:MARK_BYTES], mark_of(secret)):
             raise MessageError(f"datagram: got {len(data)} bytes; allowed: {DATAGRAM_BYTES} with our mark")
         content, mac = data[: _CONTENT.size], data[_CONTENT.size :]
@@ -121,18 +113,12 @@ class StopDatagram:
 
 @lru_cache(maxsize=8)
 def mark_of(secret: bytes) -> bytes:
-    """First bytes of every datagram: what lacks them is dropped unread, by the kernel where it can.
-
-    They are made of the secret, which they do not give away, so that strangers do not know them.
-    """
+    """First bytes of every datagram, derived from the secret; others are dropped unread."""
     return _mac(secret, f"hexctl stop {VERSION}".encode())[:MARK_BYTES]
 
 
 def _mac(secret: bytes, content: bytes) -> bytes:
-    """HMAC-SHA256.
-
-    Unlike `hmac.digest` it never gives up the interpreter, which a thread may get back 5 ms later.
-    """
+    """Unlike `hmac.digest` it never releases the interpreter, which may come back 5 ms later."""
     keyed = _keyed(secret).copy()
     keyed.update(content)
     return keyed.digest()
@@ -144,7 +130,6 @@ def _keyed(secret: bytes) -> hmac.HMAC:
 
 
 def _shortened(text: str, most: int) -> bytes:
-    """A text for people in so many bytes; one that is cut off ends with an ellipsis."""
     data = _encoded(text)
     if len(data) <= most:
         return data
@@ -157,7 +142,7 @@ def _cut(text: str, most: int) -> bytes:
 
 
 def _encoded(text: str) -> bytes:
-    """UTF-8, with `?` for what has none, such as half a character in what a driver said."""
+    """UTF-8, with `?` for characters that it lacks, such as lone surrogates."""
     return text.encode(errors="replace")
 
 

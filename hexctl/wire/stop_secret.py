@@ -1,8 +1,4 @@
-"""The secret with which datagrams of a stop are signed, beside the certificates of a link.
-
-It has a file of its own because it is needed where no certificate is: the datagrams must not depend on what
-carries sessions. Viewers have none.
-"""
+"""The secret that signs stop datagrams, in its own file: a stop must not depend on certificates."""
 
 import os
 import secrets
@@ -16,21 +12,17 @@ SECRET_FILE = "stop.key"  # noqa: S105  its name
 
 SECRET_BYTES = 32
 
-#: Longest file that is read: the secret in hexadecimal digits, and space around them.
+#: Longest file that is read: the secret in hexadecimal digits, and white space.
 MOST_FILE_BYTES = 4 * SECRET_BYTES
 
-#: Without certificates anybody who reaches the robot may stop it: datagrams are signed with this.
+#: Signs datagrams without certificates: anyone who reaches the robot may stop it.
 NO_SECRET = b""
 
-#: Ends that have the secret.
 HOLDERS = (Role.ROBOT, Role.CONTROLLER)
 
 
 def write_stop_secret(folder: Path) -> list[Path]:
-    """Make a secret for a folder of `hexctl keys new`; the result is its files, readable for the owner only.
-
-    Raises InputError where there is one already, for a folder without both ends, or one that is not writable.
-    """
+    """Create a secret in a folder of `hexctl keys new`; return its files. Raises InputError."""
     places = [folder / role.value for role in HOLDERS]
     for place in places:
         if not place.is_dir():
@@ -46,16 +38,16 @@ def write_stop_secret(folder: Path) -> list[Path]:
             with open(descriptor, "w", encoding="ascii") as file:
                 file.write(content)
     except OSError as error:
-        for path in written:  # one end alone could never agree with the other
+        for path in written:  # both ends need the same secret
             path.unlink(missing_ok=True)
         raise InputError(f"{folder}: cannot be written ({error.strerror}); allowed: one of yours") from error
     return written
 
 
 def find_stop_secret(link: Link, role: Role) -> bytes | None:
-    """Secret of one end of a link: `NO_SECRET` without certificates, None for a folder that has none.
+    """Secret of one end of a link: `NO_SECRET` without certificates, None for a folder without a secret.
 
-    Raises InputError for a file that others may read, or that is no secret.
+    Raises InputError for an invalid file, or one that others may read.
     """
     if link.credentials is None:
         return NO_SECRET

@@ -1,7 +1,6 @@
-"""Messages between a robot and its controllers: commands and states as ROS 2 payloads with a tag beside them.
+"""Messages between a robot and its controllers: commands and states as ROS 2 payloads with a tag.
 
-A tag travels as a Zenoh attachment and holds what the ROS 2 message has no field for: sequence, time, lease,
-flags. Its layout is little-endian without padding; docs/protocol.md lists it byte by byte.
+A tag is a Zenoh attachment with what the ROS 2 message lacks; docs/protocol.md lists its bytes.
 """
 
 import math
@@ -34,10 +33,10 @@ _MEASURED, _HEALTHY, _CONTACTS_KNOWN, _STALE_JOINTS = 1, 2, 4, 8
 #: Longest text of a fault or a stop.
 MAX_TEXT_BYTES = 120
 
-#: End of a text that was cut.
+#: End of a cut text.
 CUT = "..."
 
-#: Fault of the last state of a server that ends: clients would have to guess why no other follows.
+#: Fault in the last state of a server that ends.
 SERVER_ENDED = "hexctl serve has ended"
 
 
@@ -46,11 +45,10 @@ class CommandTag:
     """Attachment of a command.
 
     Attributes:
-        sequence: 1 for the first command of a lease, then growing by one.
-        stamp_ns: time of its creation, on a monotonic clock of the sender; only differences count.
-        time_to_live_ms: how long it is valid.
-        lease_id: identifier of the sender's lease, 16 bytes.
-        lease_sequence: number of that lease; a robot numbers the leases that it grants.
+        sequence: counts the commands of a lease from 1.
+        stamp_ns: time of creation, on a monotonic clock of the sender; only differences count.
+        lease_id: 16 bytes.
+        lease_sequence: number that the robot gave the lease.
     """
 
     sequence: int
@@ -73,10 +71,7 @@ class CommandTag:
 
     @staticmethod
     def lease_in(attachment: bytes | None) -> tuple[bytes, int] | None:
-        """Identifier and number of the lease in an attachment, without a look at the rest.
-
-        None for an attachment of another length. Costs little, so that a flood can be sorted out.
-        """
+        """Identifier and number of the lease in an attachment, or None. Cheap, because it filters floods."""
         if attachment is None or len(attachment) != _COMMAND.size:
             return None
         lease_id, lease_sequence = _LEASE.unpack(attachment[-_LEASE.size :])
@@ -84,10 +79,7 @@ class CommandTag:
 
     @classmethod
     def unpacked(cls, attachment: bytes) -> "CommandTag":
-        """Tag of an attachment.
-
-        Raises MessageError for anything else.
-        """
+        """Tag of an attachment; raises MessageError for anything else."""
         magic, version, sequence, stamp_ns, ttl_ms, lease_id, lease_sequence = _unpacked(_COMMAND, attachment)
         _check(magic, _COMMAND_MAGIC, version)
         return cls(
@@ -104,14 +96,11 @@ class StateTag:
     """Attachment of a state.
 
     Attributes:
-        sequence: grows by one with each state.
         stamp_ns: time of sending, on a monotonic clock of the robot.
-        age_us: how old the measurement was then, in microseconds.
+        age_us: age of the measurement at that time, in microseconds.
         command_sequence: of the newest command that reached the servos, 0 before the first of a lease.
         measured: True for joint angles from sensors, False for an echo of the targets.
-        healthy: False when the robot reports a fault.
-        contacts: bit i is set when foot i+1 touches the floor; None where unknown.
-        fault: what is wrong, or None.
+        contacts: bit i is set when foot i+1 touches the floor; None if unknown.
         stopped: why the robot's guard is stopped, or None.
         stale_joints: bit i is set when the servo of joint i has been silent for longer than usual.
     """
@@ -128,7 +117,7 @@ class StateTag:
     stale_joints: int = 0
 
     def packed(self) -> bytes:
-        """Attachment: 35 bytes and two texts, each preceded by its length, and stale joints where any are."""
+        """Attachment: 35 bytes, two texts with their lengths, and stale joints if any."""
         flags = self.measured * _MEASURED | self.healthy * _HEALTHY | bool(self.stale_joints) * _STALE_JOINTS
         flags |= 0 if self.contacts is None else _CONTACTS_KNOWN
         fixed = _STATE.pack(
@@ -146,10 +135,7 @@ class StateTag:
 
     @classmethod
     def unpacked(cls, attachment: bytes) -> "StateTag":
-        """Tag of an attachment.
-
-        Raises MessageError for anything else.
-        """
+        """Tag of an attachment; raises MessageError for anything else."""
         values = _unpacked(_STATE, attachment[: _STATE.size])
         magic, version, sequence, stamp_ns, age_us, command_sequence, flags, contacts = values
         _check(magic, _STATE_MAGIC, version)
@@ -212,12 +198,7 @@ _NONE = np.zeros(0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Command(ArrayFields):
-    """A decoded command.
-
-    Attributes:
-        joint_positions_rad: joint angles, (18,), leg-major order.
-        tag: its attachment.
-    """
+    """A decoded command: joint angles (18,), leg-major order, and its tag."""
 
     joint_positions_rad: FloatArray
     tag: CommandTag
@@ -225,11 +206,7 @@ class Command(ArrayFields):
 
 @cache
 def _joint_message(*, efforts: bool) -> FixedMessage:
-    """A sensor_msgs/JointState of all joints; its numbers are angles, and torques where it has efforts.
-
-    At 50 Hz the general encoder, whose code the processor has forgotten after each tick, would be a fifth of
-    a round trip.
-    """
+    """Not the general encoder: out of cache at each tick, it takes a fifth of a round trip."""
 
     def make(stamp_ns: int, numbers: FloatArray) -> Any:
         return ros_cdr.make(
@@ -246,7 +223,7 @@ def _joint_message(*, efforts: bool) -> FixedMessage:
 
 @cache
 def prepare_codec() -> None:
-    """Load and build what messages of a robot are encoded with, about 0.1 s, before it must keep time."""
+    """Load and build the encoders of a robot's messages, about 0.1 s, before it must keep time."""
     decode_joints(encode_positions(np.zeros(N_JOINTS)))
     decode_pose(encode_pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])))
     decode_battery(encode_battery(None, None))
@@ -255,12 +232,11 @@ def prepare_codec() -> None:
 def encode_positions(
     joint_positions_rad: FloatArray, stamp_ns: int | None = None, torques_nm: FloatArray | None = None
 ) -> bytes:
-    """Joint angles, (18,), as sensor_msgs/JointState.
+    """Joint angles (18,), leg-major order, as sensor_msgs/JointState.
 
     Args:
-        joint_positions_rad: leg-major order.
-        stamp_ns: of the header, nanoseconds since 1970; now unless given.
-        torques_nm: efforts of the message, (18,); None leaves them empty, as a command does.
+        stamp_ns: nanoseconds since 1970; now unless given.
+        torques_nm: efforts, (18,); None leaves them empty, as in a command.
     """
     stamp_ns = time.time_ns() if stamp_ns is None else stamp_ns
     if torques_nm is None:
@@ -271,17 +247,13 @@ def encode_positions(
 def decode_positions(payload: bytes) -> FloatArray:
     """Joint angles of a sensor_msgs/JointState in leg-major order, (18,), all finite.
 
-    The message may name the joints in any order; each of the 18 once. Raises MessageError for anything else.
+    It names each joint once, in any order. Raises MessageError for anything else.
     """
     return decode_joints(payload)[0]
 
 
 def decode_joints(payload: bytes) -> tuple[FloatArray, FloatArray | None]:
-    """Joint angles as `decode_positions` gives them, and torques of the joints, (18,) in N m.
-
-    Torques are None where a message has no effort for each joint, or one that is not finite. Raises
-    MessageError as `decode_positions` does.
-    """
+    """Joint angles like `decode_positions`, and torques, (18,) in N m; None unless all are finite."""
     torques: FloatArray | None = None
     if (numbers := _joint_message(efforts=False).decode(payload)) is not None:
         positions = numbers
@@ -295,17 +267,13 @@ def decode_joints(payload: bytes) -> tuple[FloatArray, FloatArray | None]:
 
 
 def decode_command(payload: bytes, attachment: bytes | None) -> Command:
-    """Command of a payload and its attachment.
-
-    Raises MessageError for anything else.
-    """
+    """Command of a payload and its attachment; raises MessageError for anything else."""
     if attachment is None:
         raise MessageError("command: got no attachment; allowed: one with sequence, time to live and lease")
     return Command(decode_positions(payload), CommandTag.unpacked(attachment))
 
 
 def _decode_any(payload: bytes) -> tuple[FloatArray, FloatArray | None]:
-    """Angles and torques of a message of any layout, joints in leg-major order."""
     message = ros_cdr.decode(ros_cdr.JOINT_STATE, payload)
     positions = np.asarray(message.position, dtype=float)
     if positions.shape != (N_JOINTS,) or len(message.name) != N_JOINTS:
@@ -321,7 +289,6 @@ def _decode_any(payload: bytes) -> tuple[FloatArray, FloatArray | None]:
 
 
 def _order(names: list[str]) -> list[int]:
-    """Place of each joint in a message."""
     places = {name: place for place, name in enumerate(names)}
     try:
         return [places[name] for name in JOINT_NAMES]
@@ -337,14 +304,7 @@ _NAN = math.nan
 
 
 def tag_of(state: RobotState, *, sequence: int, stamp_ns: int, command_sequence: int) -> StateTag:
-    """Tag of a state.
-
-    Args:
-        state: of the robot.
-        sequence: of this state.
-        stamp_ns: of the sender's clock.
-        command_sequence: of the newest command that reached the servos.
-    """
+    """Tag of a state; `stamp_ns` is the sender's clock, `command_sequence` of the newest executed command."""
     return StateTag(
         sequence=sequence,
         stamp_ns=stamp_ns,
@@ -360,21 +320,21 @@ def tag_of(state: RobotState, *, sequence: int, stamp_ns: int, command_sequence:
 
 
 def contacts_of(tag: StateTag) -> BoolArray | None:
-    """Feet that touch the floor, (6,), or None where unknown."""
+    """Feet that touch the floor, (6,), or None if unknown."""
     if tag.contacts is None:
         return None
     return np.array([bool(tag.contacts >> leg & 1) for leg in range(N_LEGS)])
 
 
 def stale_joints_of(tag: StateTag) -> BoolArray | None:
-    """Joints whose servos have been silent for longer than usual, (18,); None where none has."""
+    """Joints whose servos have been silent for longer than usual, (18,); None if there are none."""
     if not tag.stale_joints:
         return None
     return np.array([bool(tag.stale_joints >> joint & 1) for joint in range(N_JOINTS)])
 
 
 def encode_battery(voltage_v: float | None, share: float | None) -> bytes:
-    """Battery as sensor_msgs/BatteryState; NaN where unknown, as that message requires."""
+    """Battery as sensor_msgs/BatteryState; NaN if unknown, as that message requires."""
     return ros_cdr.encode(
         ros_cdr.make(
             ros_cdr.BATTERY_STATE,
@@ -399,17 +359,14 @@ def encode_battery(voltage_v: float | None, share: float | None) -> bytes:
 
 
 def decode_battery(payload: bytes) -> tuple[float | None, float | None]:
-    """Voltage in V and charge, 0 to 1, of a sensor_msgs/BatteryState; None where unknown.
-
-    Raises MessageError for anything else.
-    """
+    """Voltage in V and charge, 0 to 1, or None, of a sensor_msgs/BatteryState; raises MessageError."""
     message = ros_cdr.decode(ros_cdr.BATTERY_STATE, payload)
     voltage, share = float(message.voltage), float(message.percentage)
     return voltage if math.isfinite(voltage) else None, share if math.isfinite(share) else None
 
 
 def _microseconds(age_s: float) -> int:
-    """Age in the tag's unit; one that is not finite becomes the greatest."""
+    """An infinite or NaN age becomes the maximum."""
     return min(max(0, round(age_s * 1e6)), MAX_AGE_US) if math.isfinite(age_s) else MAX_AGE_US
 
 

@@ -14,12 +14,12 @@ from hexctl.wire.links import ROOT, Endpoint, KeyMap, Link, Role
 if TYPE_CHECKING:
     from hexctl.wire.certificates import Credentials
 
-#: Kinds of messages that a robot publishes, subscribes to and answers queries of.
+#: Kinds of messages that a robot publishes, subscribes to, and answers.
 PUBLISHED = ("joint_states", "odom", "battery", "status", "imu", "truth")
 SUBSCRIBED = ("command", "pose")
 QUERYABLE = ("describe", "lease", "estop", "failure")
 
-#: Queries to every robot on a link, whose names need not be known.
+#: Queries to every robot on a link, without its name.
 QUERIED_BY_WILDCARD = ("describe", "estop", "failure")
 
 
@@ -68,28 +68,27 @@ def _keys(keys: KeyMap, kinds: tuple[str, ...]) -> list[str]:
 
 
 def _queried(keys: KeyMap, kinds: tuple[str, ...]) -> list[str]:
-    """Keys of a robot's queryables, and the expressions that query every robot."""
     return _keys(keys, kinds) + [f"{ROOT}/*/{kind}" for kind in kinds if kind in QUERIED_BY_WILDCARD]
 
 
 #: How long a client tries to reach a robot.
 CONNECT_MS = 3000
 
-#: Longest pause between two attempts, at the start and after a robot has gone: it may return at any time.
+#: Longest pause between two attempts to connect.
 RETRY_MS = 1000
 
-#: A peer whose computer hangs or whose cable is pulled counts as gone after this; Zenoh's default is 10 s.
+#: A silent peer is disconnected after this; Zenoh's default is 10 s.
 LEASE_MS = 1000
 
-#: A busy computer may hold the sending queue for longer than Zenoh's default of 1 ms; a tick is 20 ms.
+#: A busy computer may block the sending queue for longer than Zenoh's default of 1 ms; a tick is 20 ms.
 WAIT_BEFORE_DROP_US = 10_000
 
-#: Threads on which a robot's Zenoh session receives, sends, routes and accepts. Closing the connection of a
-#: viewer that reads nothing blocks one for 10 s, because Zenoh sets SO_LINGER: if all are blocked, no
-#: controller is heard.
+#: Threads of a robot's Zenoh session for receiving, sending, routing and accepting. Closing the connection
+#: of a viewer that reads nothing blocks one for 10 s (SO_LINGER); if all are blocked, no controller is
+#: heard.
 ROBOT_THREADS = {"rx": 256, "tx": 64, "net": 64, "acc": 64}
 
-#: By this variable Zenoh's threads are set, when a process opens its first session.
+#: Configures Zenoh's threads when a process opens its first session.
 RUNTIME_VARIABLE = "ZENOH_RUNTIME"
 
 #: Longest transport message: a payload with room for keys and attachment.
@@ -97,10 +96,7 @@ MAX_MESSAGE_BYTES = 2 * MAX_PAYLOAD_BYTES
 
 
 def check_link(link: Link, role: Role) -> Endpoint:
-    """Endpoint of a link.
-
-    Raises InputError for one that is malformed, and for one that would be open to any client on the network.
-    """
+    """Endpoint of a link; raises InputError if it is malformed or open to any client on the network."""
     endpoint = Endpoint.parse(link.endpoint)
     if endpoint.encrypted and link.credentials is None:
         raise InputError(
@@ -127,10 +123,10 @@ def check_link(link: Link, role: Role) -> Endpoint:
 
 
 def open_session(link: Link, role: Role, keys: KeyMap) -> zenoh.Session:
-    """Open a session; use it in a with statement, as a process that does not close it does not end.
+    """Open a session; use it in a with statement, because an unclosed one keeps the process alive.
 
     A robot listens at the link's endpoint, every other role connects to it. Raises InputError for a link that
-    is not allowed, and RobotFaultError that says why listening or connecting failed.
+    is not allowed, and RobotFaultError with the reason if listening or connecting fails.
     """
     endpoint = check_link(link, role)
     found = _find_credentials(link, role)
@@ -149,7 +145,7 @@ def open_session(link: Link, role: Role, keys: KeyMap) -> zenoh.Session:
 
 
 def _find_credentials(link: Link, role: Role) -> "Credentials | None":
-    """Credentials of a link's folder; without certificates the cryptography library is not loaded."""
+    """Without certificates the cryptography library is not loaded."""
     if link.credentials is None:
         return None
     from hexctl.wire.certificates import find_credentials
@@ -158,11 +154,10 @@ def _find_credentials(link: Link, role: Role) -> "Credentials | None":
 
 
 def _settings(endpoint: Endpoint, role: Role, keys: KeyMap, found: "Credentials | None") -> dict[str, Any]:
-    """Zenoh settings of a session."""
     listens = role is Role.ROBOT
     settings: dict[str, Any] = {
-        # A robot is a peer, not a router: it keeps no map of the network that others could write into.
-        # It would still forward messages between clients; access control forbids that.
+        # A peer keeps no map of the network that others could write into, unlike a router. It would still
+        # forward messages between clients; access control forbids that.
         "mode": "peer" if listens else "client",
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
@@ -187,7 +182,6 @@ def _settings(endpoint: Endpoint, role: Role, keys: KeyMap, found: "Credentials 
 
 
 def _tls(found: "Credentials", side: str) -> dict[str, Any]:
-    """Settings of an encrypted link on which both ends show certificates."""
     return {
         "transport/link/tls/root_ca_certificate": str(found.authority),
         f"transport/link/tls/{side}_certificate": str(found.certificate),

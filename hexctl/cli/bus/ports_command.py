@@ -11,7 +11,7 @@ from hexctl.cli.output_options import JsonOption
 if TYPE_CHECKING:
     from hexctl.backends.serial_ports import SerialPort
 
-#: How long the cable of an adapter may take to be pulled.
+#: Time to pull the cable of an adapter.
 FIND_TIMEOUT_S = 60.0
 
 
@@ -37,7 +37,6 @@ def ports(
 
 
 def _found_port() -> "SerialPort | None":
-    """The port whose cable an operator pulls; raises Exit if it is interrupted."""
     from hexctl.backends.serial_ports import serial_ports, unplugged_port
     from hexctl.cli.console import INTERRUPTED, StopOnInterrupt, print_note
 

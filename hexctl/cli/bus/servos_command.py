@@ -36,7 +36,6 @@ YesOption = Annotated[
 
 
 def _an_id(help_text: str) -> Any:
-    """Argument that is the id of a servo."""
     return typer.Argument(parser=checked(SERVO_ID.parse), metavar="ID", help=help_text, show_default=False)
 
 
@@ -62,7 +61,6 @@ def scan(options: dict[str, Any], as_json: JsonOption = False) -> None:
 
 
 def _note_models(driver: str, found: "Sequence[FoundServo]") -> None:
-    """Print a note about servos whose model is not known."""
     unknown = [each.servo_id for each in found if each.model is None]
     if unknown and driver == "lx16a":
         print_note("these servos do not report their model")
@@ -71,7 +69,6 @@ def _note_models(driver: str, found: "Sequence[FoundServo]") -> None:
 
 
 def _print_scan(found: "Sequence[FoundServo]", servo_map: "BusMap | None", *, as_json: bool) -> None:
-    """Print the servos that answer, with the joints of a robot file."""
     from hexctl.backends.bus.tools import id_differences, joint_of
     from hexctl.cli.render.servos_output import row_table, with_units
 
@@ -141,7 +138,6 @@ def identify(
 
 
 def _identification(asked: IdentificationOptions, bus: BusAddress) -> "Identification":
-    """Identification of the servos on a bus; a note says which model is assumed."""
     from hexctl.control.calibration.servo_identification import Identification
     from hexctl.robot.servos.servo_models import DEFAULT_MODELS
 
@@ -154,7 +150,6 @@ def _identification(asked: IdentificationOptions, bus: BusAddress) -> "Identific
 
 
 def _answering(bus: BusAddress) -> list[int]:
-    """Ids to which servos answer."""
     from hexctl.backends.bus.tools import scan_bus
 
     with ScanProgress() as progress:

@@ -1,7 +1,6 @@
-"""Send the stop of `hexctl estop` before the command line is loaded, which takes longer than the stop itself.
+"""Sends the stop of `hexctl estop` before the slower import of the command line.
 
-Only the datagram is sent, and only if arguments and settings leave no doubt where to. The command then parses
-both as always, and goes on with the stop that has begun.
+Only a datagram, and only if arguments and settings are unambiguous; the command continues the stop.
 """
 
 import os
@@ -13,20 +12,20 @@ if TYPE_CHECKING:
     from hexctl.client.stop_client import ReadyStop
     from hexctl.settings import Layer, Setting
 
-#: How long the loading of the command line waits for the robot's confirmation, in s.
+#: Wait for the robot's confirmation before the command line is loaded, in s.
 CONFIRM_S = 0.05
 
-#: Options that change nothing about where a stop is sent, and those that say where it is.
+#: Options without effect on the robot's address, and those that give it.
 FLAGS, PLACE_OPTIONS = ("json", "insecure"), ("connect", "keys")
 
-#: The shell sets it when it asks for completions: nothing is stopped then.
+#: Set by the shell during completion, which must not stop anything.
 COMPLETION = "_HEXCTL_COMPLETE"
 
 _begun: "list[ReadyStop]" = []
 
 
 def begin_stop(arguments: Sequence[str]) -> None:
-    """Send the stop that the arguments of `hexctl estop` ask for; an error is left to the command."""
+    """Send the stop of `hexctl estop` with these arguments; errors are left to the command."""
     try:
         place = place_of(arguments)
         if place is not None:
@@ -40,7 +39,7 @@ def begin_stop(arguments: Sequence[str]) -> None:
 
 
 def take_stop(place: Mapping[str, Any]) -> "ReadyStop | None":
-    """Return the stop that has begun, once; None if there is none, or the place is another one."""
+    """Return the running stop, once; None if there is none, or it goes to another place."""
     from hexctl.wire.links import link_of
 
     if not _begun:
@@ -53,7 +52,7 @@ def take_stop(place: Mapping[str, Any]) -> "ReadyStop | None":
 
 
 def place_of(arguments: Sequence[str]) -> dict[str, Any] | None:
-    """Return what `ReadyStop` takes, from the command line and the settings; None if they leave a doubt."""
+    """Return arguments of `ReadyStop` from the command line and the settings; None if ambiguous."""
     typed = _typed(arguments)
     if typed is None or any(name.startswith(COMPLETION) for name in os.environ):
         return None
@@ -76,7 +75,6 @@ def place_of(arguments: Sequence[str]) -> dict[str, Any] | None:
 
 
 def _typed(arguments: Sequence[str]) -> dict[str, str] | None:
-    """Values of options by name; None for any argument of which another reading is possible."""
     typed: dict[str, str] = {}
     words = iter(arguments)
     for word in words:
@@ -95,7 +93,6 @@ def _typed(arguments: Sequence[str]) -> dict[str, str] | None:
 
 
 def _setting(layers: "Sequence[Layer]", option: str, *, common: bool) -> "Setting | None":
-    """Setting of an option of `hexctl estop`, or if allowed that of all commands."""
     from hexctl.settings import is_port
 
     shared = next((known for layer in layers if (known := layer.common(option)) is not None), None)

@@ -24,10 +24,10 @@ if TYPE_CHECKING:
     from hexctl.client.stop_client import ReadyStop, StopResult
     from hexctl.wire.links import Link
 
-#: How often keys and buttons are looked at.
+#: Polling interval of keys and buttons.
 LOOK_S = 0.01
 
-#: How long `--json` waits for the robot's identity once the robot rests.
+#: How long `--json` waits for the robot's identity after the robot is at rest.
 IDENTITY_S = 1.5
 
 
@@ -68,7 +68,7 @@ def estop(
             stop = opened.enter_context(ReadyStop(**place, again=ready) if begun is None else begun)
             if ready:
                 _wait_for_a_press(stop)
-            # What is asked is asked on the watch's thread: nothing may come before the stop.
+            # Not before the stop: the refusal is reported on the watch's thread.
             known, note = partial(_is_known, stop), partial(note_refusal, then=f". {NOT_CONFIRMED}")
             with RefusalWatch(stop.link.endpoint, note, answered=known):
                 result = stop.wait_for_rest(identity_s=IDENTITY_S if as_json else 0.0)
@@ -88,7 +88,7 @@ def _watch(stop: "ReadyStop", result: "StopResult") -> None:
 
 
 def _is_known(stop: "ReadyStop") -> bool:
-    """Whether more is known than that nothing listens: the robot answers, or the certificates are wrong."""
+    """A robot that answers, or wrong certificates, tell more than a refused connection."""
     from hexctl.wire.certificates import find_credentials
     from hexctl.wire.links import Role
 
@@ -102,7 +102,7 @@ def _is_known(stop: "ReadyStop") -> bool:
 
 @contextmanager
 def _with_what_to_do(*, ready: bool) -> Iterator[None]:
-    """Let each way in which a stop fails end with what the operator has to do."""
+    """Append the operator's next step to each failure of a stop."""
     from hexctl.cli.console import INTERRUPTED, in_flags, print_note
 
     try:
@@ -117,7 +117,7 @@ def _with_what_to_do(*, ready: bool) -> Iterator[None]:
 
 
 def _print(result: "StopResult", link: "Link", *, as_json: bool) -> None:
-    """Say that a robot rests; who it is comes with the session, if that got through."""
+    """The robot's identity is available only by session."""
     from hexctl.cli.console import print_note, print_result
     from hexctl.wire.description import RobotIdentity
 
@@ -155,7 +155,6 @@ def _print(result: "StopResult", link: "Link", *, as_json: bool) -> None:
 
 
 def _rest_in_words(result: "StopResult") -> str:
-    """What is known of a stopped robot's motion."""
     if result.echoed:
         return "its targets no longer change (its servos do not report where they are: look at the robot)"
     return "at rest"
@@ -201,7 +200,7 @@ def _note_wait(by: str, wait_s: float) -> None:
 
 
 def _wait_for_a_press(stop: "ReadyStop") -> None:
-    """Say how the robot is reached, whenever that changes, until a key or a button is pressed."""
+    """Report changes of the connection until a key or a button is pressed."""
     from hexctl.cli.console import print_note
     from hexctl.teleop.keyboard import has_keys
     from hexctl.teleop.stop_button import StopButton
@@ -227,17 +226,17 @@ def _wait_for_a_press(stop: "ReadyStop") -> None:
 
 
 def _what_stops(*, keys: bool, gamepads: int) -> str:
-    """What stops the robot here, for an operator: gamepads come and go."""
+    """Keys and gamepads that stop the robot, for an operator: gamepads are plugged in and out."""
     ways = [*(["any key"] if keys else []), *(["any button of a gamepad"] if gamepads else [])]
     return f"{' or '.join(ways)} stops it" if ways else "NOTHING HERE STOPS IT: no gamepad is plugged in"
 
 
 def _takes_text() -> bool:
-    """Whether what is printed goes out now: keys are not looked at while a terminal holds it up."""
+    """Whether output is immediate: a blocked terminal must not delay keys."""
     try:
         return bool(select.select([], [sys.stderr], [], 0)[1])
     except (OSError, ValueError):
-        return True  # it is no file: nothing holds it up
+        return True  # not a file: it does not block
 
 
 def _has_gamepad() -> bool:
@@ -248,7 +247,7 @@ def _has_gamepad() -> bool:
 
 @contextmanager
 def _keys(*, terminal: bool) -> Iterator[Callable[[], bool]]:
-    """Whether a key was pressed, or the terminal has gone; keys come one by one and unechoed in the block."""
+    """Whether a key was pressed or the terminal closed; keys are unbuffered and unechoed."""
     if not terminal:
         yield lambda: False
         return
@@ -264,7 +263,7 @@ def _keys(*, terminal: bool) -> Iterator[Callable[[], bool]]:
         try:
             ready, _, _ = select.select([keys], [], [], 0)
             if ready:
-                os.read(keys, 256)  # nothing is read from a terminal that has gone
+                os.read(keys, 256)  # a closed terminal returns no bytes
         except OSError:
             return True
         return bool(ready)

@@ -75,7 +75,6 @@ def show(folder: FolderArgument = Path("keys")) -> None:
 
 
 def _show(folder: Path) -> None:
-    """Print one line for each certificate."""
     from hexctl.cli.console import print_result
     from hexctl.wire.certificates import list_certificates
 

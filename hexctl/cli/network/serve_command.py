@@ -19,15 +19,15 @@ if TYPE_CHECKING:
     from hexctl.server.service import ServiceStarted
     from hexctl.wire.links import Link
 
-#: How long the viewer may take to end: one that hangs must not keep the command from ending.
+#: Maximum wait for the viewer to end.
 VIEWER_END_S = 5.0
 
 
 class ServeCommand(SettingsCommand):
-    """The command whose option --ros may be given without a value."""
+    """The command with an option --ros whose value is optional."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse arguments, with the router's default address behind a bare --ros."""
+        """Insert the router's default address after a bare --ros."""
         full: list[str] = []
         for word, following in zip_longest(args, args[1:], fillvalue="-"):
             full += [word, DEFAULT_ROUTER] if word == "--ros" and following.startswith("-") else [word]
@@ -71,7 +71,6 @@ def serve(
 
 
 def _simulated_note(robot: str) -> str | None:
-    """What is said where the servos that a robot file names are simulated."""
     from hexctl.robot.loader import load_robot_file
 
     driver = load_robot_file(robot).content.servos.driver
@@ -80,9 +79,9 @@ def _simulated_note(robot: str) -> str | None:
 
 @contextmanager
 def _viewer(settings: "Link", link: str | None) -> Iterator[None]:
-    """Show the robot with a process that is a viewer like any other: it cannot delay the robot."""
+    """The viewer is a separate client process: it cannot delay the robot."""
     here = settings.endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:")
-    # -P: a file in the working folder stands for no module.
+    # -P: no file in the working folder replaces a module.
     command = [sys.executable, "-P", "-m", "hexctl", "view", "--connect", here]
     command += ["--keys", str(settings.credentials)] if settings.credentials is not None else []
     command += ["--link", link] if link is not None else []
@@ -100,7 +99,6 @@ def _viewer(settings: "Link", link: str | None) -> Iterator[None]:
 
 
 def _greeting(started: "ServiceStarted", settings: "Link") -> str:
-    """Line that says that clients can connect."""
     guarded = "certificates" if settings.credentials is not None else "no certificates"
     if settings.insecure:
         guarded = "INSECURE: no certificates beyond this computer"

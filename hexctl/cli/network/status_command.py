@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 Status = Mapping[str, Any]
 
-#: What clears each stop, {} being the command; every other one waits until an operator has looked.
+#: How each stop is cleared, with {} for the command; every other one needs an operator's inspection.
 CLEARED_BY = {
     "expired": "the next controller clears it",
     "fault": "see to it, then {}",
@@ -72,7 +72,6 @@ def status(
 
 
 def _watch(robots: "RemoteRobots") -> None:
-    """Show the status until interrupted: in place on a terminal, one after the other elsewhere."""
     from rich.console import Console
     from rich.live import Live
 
@@ -92,7 +91,7 @@ def _watch(robots: "RemoteRobots") -> None:
 
 
 def status_table(statuses: list[dict[str, Any]], clear: str) -> "PlainTable":
-    """Statuses of robots as two columns, with an empty line between robots; `clear` ends a stop of theirs."""
+    """Statuses of robots as two columns, an empty line between robots; `clear` clears their stops."""
     from hexctl.cli.render.tables import PlainTable
 
     table = PlainTable(show_header=False, box=None, pad_edge=False)
@@ -107,10 +106,7 @@ def status_table(statuses: list[dict[str, Any]], clear: str) -> "PlainTable":
 
 
 def status_rows(status: Status, clear: str) -> list[tuple[str, str]]:
-    """Lines about one robot, the most urgent first; what a robot does not say is left out.
-
-    `clear` is the command that ends a stop of it.
-    """
+    """Lines about one robot, the most urgent first; `clear` is the command for its stop."""
     from hexctl.cli.render.stop_reasons import link_in_words
 
     lines: tuple[tuple[str, Callable[[Status], str]], ...] = (
@@ -137,7 +133,7 @@ def status_rows(status: Status, clear: str) -> list[tuple[str, str]]:
 
 
 def _line(make: Callable[[Status], str], status: Status) -> str:
-    """A line about a robot; a value that cannot be shown costs no other line."""
+    """A malformed value affects only its own line."""
     try:
         return printable(str(make(status)))
     except (AttributeError, LookupError, TypeError, ValueError, OverflowError):
@@ -174,10 +170,7 @@ def _stopped(status: Status, clear: str) -> str:
 
 
 def _stop_in_words(stop: object, *, stays: bool) -> str:
-    """Which stop it is, and since when; empty without a stop.
-
-    Silence ends with the next controller, and is not kept on the disk.
-    """
+    """Id, requester and time of a stop; not for silence, which the next controller lifts."""
     if not isinstance(stop, Mapping):
         return ""
     by = f", asked for by {stop['by']}" if stop.get("by") else ""
@@ -186,7 +179,7 @@ def _stop_in_words(stop: object, *, stays: bool) -> str:
 
 
 def _cleared_in_words(cleared: object) -> str:
-    """Which stop was cleared last, and by whom; nothing where there was none."""
+    """The last cleared stop and who cleared it; empty without one."""
     if not isinstance(cleared, Mapping):
         return ""
     return f" ({cleared.get('reason')} was cleared by {cleared.get('by')}, {cleared.get('since_s')} s ago)"
@@ -198,7 +191,6 @@ def _controller(status: Status) -> str:
 
 
 def _ros(ros: Mapping[str, Any] | None) -> str:
-    """What is going on with ROS; empty for a robot without."""
     if not ros:
         return ""
     router = (
@@ -215,7 +207,6 @@ def _battery(status: Status) -> str:
 
 
 def _servos(status: Status) -> str:
-    """Hottest servo and range of their voltages, as far as they are told; nothing without."""
     from hexctl.types import JOINT_NAMES, ServoReadings
 
     try:
@@ -247,7 +238,6 @@ def _commands(counts: Mapping[str, int]) -> str:
 
 
 def _guard(status: Status) -> str:
-    """What the robot's own guard did to targets that had passed the controller's."""
     from hexctl.cli.render.stop_reasons import counted
 
     limited = counted(status.get("clipped", 0), "targets limited to what the joints can do")

@@ -1,4 +1,4 @@
-"""Sessions as text: the table that grows trial by trial, the summary at its end."""
+"""Sessions as text: the table that grows with each trial, and the final summary."""
 
 import math
 import shlex
@@ -57,11 +57,11 @@ class SessionTable:
         self._bar.__exit__(kind, error, trace)
 
     def begin(self, session: Session) -> None:
-        """Print the head of the table, the walks that a resumed session has, and open the bar."""
+        """Print the head of the table and the walks of a resumed session, and open the bar."""
         if self._quiet:
             return
         print_result(*table_lines(session))
-        # A bar and a question would write over one another.
+        # A bar and a question would overwrite each other.
         self._bar = SearchBar(hidden=session.spec.ask or not sys.stdout.isatty())
         self._bar.begin(session)
 
@@ -70,7 +70,7 @@ class SessionTable:
         self._add(session, trial_line(session, trial))
 
     def add_baseline(self, session: Session, walk: BaselineRecord) -> None:
-        """Print a walk with a gait that the robot would use anyway."""
+        """Print a walk of the baseline."""
         self._add(session, baseline_line(session, walk))
 
     def add_confirmation(self, session: Session, walk: ConfirmationRecord) -> None:
@@ -104,7 +104,7 @@ def session_lines(session: Session) -> list[RenderableType]:
 
 
 def pareto_lines(session: Session, objectives: Sequence[Objective]) -> list[str]:
-    """Table of the valid trials that no other one beats in all of some objectives."""
+    """Table of the valid trials on the Pareto front of some objectives."""
     front = session.pareto(objectives)
     trials, names = trials_text(len(session.trials)), " and ".join(objective.name for objective in objectives)
     heads = [f"{one.name} ({one.unit})" if one.unit else one.name for one in objectives]
@@ -149,7 +149,6 @@ def opening_lines(session: Session) -> list[str]:
 
 
 def _more_walks(session: Session) -> list[str]:
-    """The walks besides the trials, which the progress bar counts, in a line; none without any."""
     baseline = len(session.baseline if session.trials else session.spec.baseline_gaits)
     first = [f"first {_walks_text(baseline)} without a search"] if baseline else []
     confirming = session.spec.confirmed_uncertainty_m
@@ -162,7 +161,6 @@ def _walks_text(count: int) -> str:
 
 
 def _target(spec: SessionSpec) -> str:
-    """A target that needs its unit: a share of the distance, in metres too, or one that is not in metres."""
     told = spec.target_m is not None and (spec.target_share is not None or spec.objective_unit != "m")
     return f", target {spec.target_text}" if told else ""
 
@@ -174,7 +172,6 @@ def subject(spec: SessionSpec) -> str:
 
 
 def _hold(spec: SessionSpec) -> str:
-    """What steered walks hold; empty where they are open loop."""
     return "" if spec.hold == "none" else f", hold {spec.hold}"
 
 
@@ -184,7 +181,7 @@ def _objective(spec: SessionSpec) -> str:
 
 @lru_cache
 def robot_name(file: str) -> str:
-    """Name of a robot, or of its file where that no longer exists."""
+    """Name of a robot, or of its file if that no longer exists."""
     try:
         return load_robot(file).name
     except InputError:
@@ -192,7 +189,7 @@ def robot_name(file: str) -> str:
 
 
 def trial_line(session: Session, trial: TrialRecord) -> Text:
-    """Line of a trial in the table; green if it is the best so far, red if it does not count."""
+    """Table line of a trial; green if it is the best so far, red if it is invalid."""
     before = [one for one in session.trials if one.index < trial.index]
     again = any((other.code, _trim(other)) == (trial.code, _trim(trial)) for other in before)
     note = ", repeat" if again and not session.spec.count_repeats else ""
@@ -202,7 +199,7 @@ def trial_line(session: Session, trial: TrialRecord) -> Text:
 
 
 def baseline_line(session: Session, walk: BaselineRecord) -> Text:
-    """Line of a walk with a gait that the robot would use anyway, trial 0."""
+    """Table line of a walk of the baseline, trial 0."""
     return Text(
         _walk_text(session.spec, walk, f"{BASELINE_INDEX}", walk.gait), style="" if walk.valid else "red"
     )
@@ -217,7 +214,6 @@ def confirmation_line(session: Session, walk: ConfirmationRecord) -> Text:
 
 
 def _walk_text(spec: SessionSpec, walk: WalkRecord, index: str, gait: str, note: str = "") -> str:
-    """A line of the table, in its columns."""
     signed, distance_m = walk.outcome["deviation_m"]["signed"], walk.outcome["distance_m"]
     end = "-" if signed is None else _side(signed)
     distance = "-" if distance_m is None else f"{distance_m:.2f} m"
@@ -230,13 +226,11 @@ def _walk_text(spec: SessionSpec, walk: WalkRecord, index: str, gait: str, note:
 
 
 def _status(walk: WalkRecord) -> str:
-    """Status of a walk, with the reason where it was cut short for something other than its course."""
     status, stopped = walk.outcome["status"], walk.outcome.get("stopped")
     return f"cut ({stopped})" if status == "cut_short" and stopped else str(status)
 
 
 def _trim(walk: WalkRecord) -> str:
-    """Trim of a walk in its column, of its course or its turn; empty for a walk without one."""
     trim_deg, turn_deg_s = (walk.outcome.get(name) for name in ("trim_deg", "turn_trim_deg_s"))
     if turn_deg_s is not None:
         return f" {turn_deg_s:>+6.2f}\N{DEGREE SIGN}/s"
@@ -244,7 +238,6 @@ def _trim(walk: WalkRecord) -> str:
 
 
 def _cause(walk: WalkRecord) -> str:
-    """Likely cause of a walk without progress; empty without one."""
     cause = walk.outcome.get("cause")
     return "" if cause is None else f": {cause}"
 
@@ -258,7 +251,6 @@ def _side(signed_m: float) -> str:
     return f"{100 * abs(signed_m):>5.1f} cm {'left' if signed_m > 0 else 'right'}"
 
 
-#: Why a search ended, for people.
 ENDS = {
     "budget": "its budget is spent",
     "target": "its target is reached",
@@ -269,7 +261,7 @@ ENDS = {
 
 
 def finished_line(ended: str) -> str | None:
-    """What a session that is resumed after its end says, and how it walks more; None without an end."""
+    """Message when a finished session is resumed, and how to walk more trials; None without an end."""
     if ended not in ENDS:
         return None
     more = {"budget": "; a greater --budget walks more", "exhausted": ""}
@@ -278,9 +270,9 @@ def finished_line(ended: str) -> str | None:
 
 
 def after_stop(spec: SessionSpec, error: HexctlError) -> str:
-    """What is to be done about a stop before the search continues, as the beginning of a list.
+    """Steps for a stop before the search continues, as the beginning of a list; empty for a fault.
 
-    Nothing about a fault. This end's own guard starts afresh by itself.
+    The local guard's stop does not outlast the session.
     """
     reason = getattr(error, "reason", None)
     if reason is None or code_of_stop(reason) == FAULT:
@@ -295,12 +287,12 @@ def after_stop(spec: SessionSpec, error: HexctlError) -> str:
 
 
 def closing_lines(session: Session, ended: str | None) -> str:
-    """Summary at the end of a session as plain text; `ended` is None for one that can be resumed."""
+    """Final summary of a session as plain text; `ended` is None for one that can be resumed."""
     return "\n".join(str(part) for part in closing_parts(session, ended))
 
 
 def closing_parts(session: Session, ended: str | None) -> list[RenderableType]:
-    """Summary at the end of a session, a line each, its finding coloured."""
+    """Final summary of a session, a line each, its finding coloured."""
     return [
         *finding_parts(session),
         *_less_lines(session),
@@ -310,7 +302,7 @@ def closing_parts(session: Session, ended: str | None) -> list[RenderableType]:
 
 
 def finding_parts(session: Session) -> list[RenderableType]:
-    """What a search has found, how accurate that is, and what needs no search, a line each."""
+    """Result of a search, its accuracy, and the baseline, a line each."""
     found = recommended(session)
     known = [Text(line, style="green" if found else "red") for line in _found_lines(session, found)]
     return [*known, *_surety_lines(session, found), *_baseline_lines(session, found)]
@@ -323,7 +315,6 @@ def resume_command(session: Session) -> str:
 
 
 def _ending(session: Session, ended: str | None) -> str:
-    """Why a session ended, or how it is continued."""
     trials = trials_text(len(session.trials))
     if ended in (None, "interrupted"):
         return f"unfinished after {trials}{_unfinished(session)}; continue with: {resume_command(session)}"
@@ -331,7 +322,6 @@ def _ending(session: Session, ended: str | None) -> str:
 
 
 def _unfinished(session: Session) -> str:
-    """The other walks of a session that can be continued, and the seconds of all of them."""
     walks = (*session.baseline, *session.trials)
     walked_s = sum(walk.outcome["duration_s"] for walk in walks)
     others = f" and {_walks_text(len(session.baseline))} without a search" if session.baseline else ""
@@ -339,7 +329,6 @@ def _unfinished(session: Session) -> str:
 
 
 def _commands(session: Session) -> list[str]:
-    """Commands that use what was found, and that show it."""
     walk, lines = session.best_walk, []
     if walk is not None:
         lines.append(f"walk on with: {_walking(session, walk)}")
@@ -349,7 +338,6 @@ def _commands(session: Session) -> list[str]:
 
 
 def _found_lines(session: Session, found: Contender | None) -> list[str]:
-    """The recommended gait and where it ends, or why there is none."""
     if not session.trials:
         return ["found: nothing yet, no trial has been walked"]
     if found is None:
@@ -363,7 +351,6 @@ def _found_lines(session: Session, found: Contender | None) -> list[str]:
 
 
 def _name(walk: TrialRecord | BaselineRecord) -> str:
-    """The gait of a walk and where it is from; `auto` with its code, by which commands take it."""
     if isinstance(walk, TrialRecord):
         return f"gait {walk.code}, trial {walk.index},"
     option = _gait_option(walk)
@@ -371,7 +358,6 @@ def _name(walk: TrialRecord | BaselineRecord) -> str:
 
 
 def _surety_lines(session: Session, found: Contender | None) -> list[str]:
-    """How well the end of the recommended gait is known, in a line; none if nothing is known of it."""
     spec, settled = session.spec, session.settled_on
     if found is not None and found.confirmation is not None:
         step = f"{1000 * found.confirmation.time_step_s:g} ms"
@@ -386,7 +372,6 @@ def _surety_lines(session: Session, found: Contender | None) -> list[str]:
 
 
 def _reached(session: Session) -> str:
-    """Whether a confirmed gait ends within the target; empty without a target."""
     chance, target_m = session.within_target, session.spec.target_m
     if chance is None or target_m is None:
         return ""
@@ -396,7 +381,6 @@ def _reached(session: Session) -> str:
 
 
 def _baseline_lines(session: Session, found: Contender | None) -> list[str]:
-    """What the gaits that need no search made of it, and what the search gains; none without them."""
     if not session.baseline:
         return []
     known = scores_without_search(session)
@@ -411,7 +395,6 @@ def _baseline_lines(session: Session, found: Contender | None) -> list[str]:
 
 
 def _gain(session: Session, found: Contender | None, scale: float, unit: str) -> str:
-    """What the search gains over the baseline, in words; empty without a trial or a valid baseline."""
     best = straightest_baseline(session)
     if found is None or best is None:
         return ""
@@ -421,7 +404,7 @@ def _gain(session: Session, found: Contender | None, scale: float, unit: str) ->
 
 
 def _less_lines(session: Session) -> list[str]:
-    """Why walks held less than they should have, and what a search for a trim can do without a yaw."""
+    """Why walks held less than possible, and how a search for a trim works without a yaw."""
     caveats = dict.fromkeys(trial.outcome.get("hold_caveat") for trial in session.trials)
     lines = [f"walks held less than {session.spec.hold}: {caveat}" for caveat in caveats if caveat]
     if lines and session.spec.optimizer == TRIM:
@@ -432,17 +415,13 @@ def _less_lines(session: Session) -> list[str]:
 
 
 def _gait_option(walk: TrialRecord | BaselineRecord) -> str:
-    """What `--gait` takes for a walk: the name of a fixed gait, else its code or slots.
-
-    `auto` goes by its code: which gait it is depends on the hold and the turn.
-    """
+    """Name of a fixed gait, else its code or slots, because `auto` depends on hold and turn."""
     if isinstance(walk, BaselineRecord) and walk.gait in NAMED_SLOTS:
         return walk.gait
     return ",".join(map(str, walk.slots)) if walk.code is None else str(walk.code)
 
 
 def _walking(session: Session, walk: TrialRecord | BaselineRecord) -> str:
-    """Command that walks with the gait of a walk, and its trim where it has one."""
     spec, usual = session.spec, {field.name: field.default for field in fields(SessionSpec)}
     asked, failure = option_of(spec.broken)
     chosen = {
@@ -465,7 +444,7 @@ def _walking(session: Session, walk: TrialRecord | BaselineRecord) -> str:
 
 
 def _course_options(session: Session, walk: WalkRecord) -> dict[str, str]:
-    """Options of the hold and the trim of a gait; a turn with a heading goes with the walk."""
+    """Hold and trim of a gait; a turn keeps its heading."""
     heading, hold = f"{math.degrees(session.spec.heading_rad):g}", session.spec.hold
     trim_rad, turn_rad_s = session.trim_rad(walk.slots), session.turn_trim_rad_s(walk.slots)
     if turn_rad_s is not None:
@@ -477,5 +456,4 @@ def _course_options(session: Session, walk: WalkRecord) -> dict[str, str]:
 
 
 def _why_none(session: Session) -> str:
-    """Statuses of the trials of a session without a valid one."""
     return ", ".join(dict.fromkeys(_status(trial) for trial in session.trials))

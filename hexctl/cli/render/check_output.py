@@ -17,7 +17,7 @@ MOST_LINES = 12
 
 
 def report_parts(report: dict[str, Any], *, verbose: bool) -> "list[RenderableType]":
-    """What is printed of a report: the findings, and the tables that it has."""
+    """Findings and tables of a report, for printing."""
     parts: list[RenderableType] = [*_findings(report, verbose=verbose), *_physics(report)]
     if "envelope" in report:
         parts += ["", *ENVELOPE, _envelope_table(report["envelope"])]
@@ -27,7 +27,6 @@ def report_parts(report: dict[str, Any], *, verbose: bool) -> "list[RenderableTy
 
 
 def _findings(report: dict[str, Any], *, verbose: bool) -> "list[RenderableType]":
-    """The verdict, the robot, and the findings by weight; all of them and the joints with `verbose`."""
     first: list[RenderableType] = [_conclusion(report), *_heading(report)]
     findings = _verdict(report)
     if verbose:
@@ -48,7 +47,7 @@ def _heading(report: dict[str, Any]) -> list[str]:
     ]
 
 
-#: What the table of the envelope has, in words.
+#: Rows of the envelope's table.
 ENVELOPE = (
     "envelope: greatest velocity commands, by which steered walks and VelocityWalk go, and smallest static",
     "margin of the most stable gait there. Strokes are 1.2 amplitudes at most, every foot in reach, every",
@@ -57,7 +56,6 @@ ENVELOPE = (
 
 
 def _envelope_table(envelope: dict[str, Any]) -> "Table":
-    """Speeds by direction, and static margins of the most stable gait, intact and without each leg."""
     directions = envelope["directions_deg"]
     table = plain_table("without leg", "turn deg/s", *(f"{direction:g} deg" for direction in directions))
     for name, speeds in envelope["speeds_m_s"].items():
@@ -68,7 +66,7 @@ def _envelope_table(envelope: dict[str, Any]) -> "Table":
     return table
 
 
-#: Verdicts on sets of lost legs, in words.
+#: Texts of verdicts on sets of lost legs.
 VERDICTS = {
     "walks": "with a gait whose body stays over its feet, or nearly",
     "crawls": "slower: one leg at a time swings",
@@ -78,7 +76,6 @@ VERDICTS = {
 
 
 def _leg_set_table(sets: list[dict[str, Any]]) -> "Table":
-    """Sets of lost legs by number and verdict, with the range of their margins."""
     groups: dict[tuple[int, str], list[dict[str, Any]]] = {}
     for one in sets:
         groups.setdefault((len(one["legs"]), one["verdict"]), []).append(one)
@@ -96,12 +93,10 @@ def _leg_set_table(sets: list[dict[str, Any]]) -> "Table":
 
 
 def _best(sets: list[dict[str, Any]]) -> float:
-    """Largest margin of some sets."""
     return max((one["margin"] for one in sets if one["margin"] is not None), default=-math.inf)
 
 
 def _joint_table(report: dict[str, Any]) -> "Table":
-    """Angles, speeds and static torques of each joint, needed and allowed."""
     table = plain_table(
         "joint", "needs (deg)", "range (deg)", "peak deg/s", "limit", "holds N m", "limit", ""
     )
@@ -125,7 +120,6 @@ def _joint_table(report: dict[str, Any]) -> "Table":
 
 
 def _verdict(report: dict[str, Any]) -> list[str]:
-    """Findings, a line each, those first that say most."""
     legs = ", ".join(str(leg) for leg in report["unreachable_legs"])
     outside = ", ".join(report["joints_out_of_range"])
     pace = report["max_pace_hz"]
@@ -146,7 +140,6 @@ def _verdict(report: dict[str, Any]) -> list[str]:
 
 
 def _torque(report: dict[str, Any]) -> str:
-    """Share of the torque that standing takes, and the joints that are too weak for it."""
     weak = [name for name, row in report["joints"].items() if row["static_torque_nm"] > row["max_torque_nm"]]
     too_weak = f", too weak: {_joints(weak)}" if weak else ""
     share, capacity = report["static_torque_share"], report["load_capacity"]
@@ -157,7 +150,6 @@ def _torque(report: dict[str, Any]) -> str:
 
 
 def _load_verdicts(report: dict[str, Any]) -> list[str]:
-    """Figures of legs that come near, of sag and of heat, a line each."""
     from hexctl.control.assessment.gait_load import CONTINUOUS_SHARE
 
     one, other = report["nearest_legs"]
@@ -173,7 +165,6 @@ def _load_verdicts(report: dict[str, Any]) -> list[str]:
 
 
 def _physics(report: dict[str, Any]) -> list[str]:
-    """The simulation's own uncertainty, where it was measured."""
     if "physics" not in report:
         return []
     found = report["physics"]
@@ -192,7 +183,6 @@ def _physics(report: dict[str, Any]) -> list[str]:
 
 
 def _servo_verdicts(report: dict[str, Any]) -> list[str]:
-    """Whether ranges and gait fit into the servos, and what an owner has to measure, a line each."""
     unit, limits = (
         ("pulses", "min_us, max_us") if "pulses_us" in report else ("counts", "min_count, max_count")
     )
@@ -215,7 +205,6 @@ def _servo_verdicts(report: dict[str, Any]) -> list[str]:
 
 
 def _joints(names: list[str]) -> str:
-    """Names of joints, all of one kind as `all coxae`."""
     from hexctl.types import N_LEGS
 
     kinds = {"coxa": "all coxae", "femur": "all femurs", "tibia": "all tibiae"}

@@ -16,7 +16,7 @@ from hexctl.wire.links import CLEAR_COMMAND
 #: Misses of a self-rotation up to this are usual.
 NOTED_MISS_DEG = 0.15
 
-#: The true deviation of a simulation is printed if the measured one is further off than this.
+#: The true deviation of a simulation is printed if the measurement differs by more than this.
 NOTED_ERROR_M = 0.02
 
 #: Lengths below this are printed in cm.
@@ -27,12 +27,7 @@ STATUS_STYLES = {"ok": "bold green", "no_progress": "bold yellow"}
 
 
 def summary(outcome: dict[str, Any], clear: str = CLEAR_COMMAND) -> list[RenderableType]:
-    """Outcome of a run as a table of about ten rows, and the next command.
-
-    Args:
-        outcome: the object of `hexctl run --json`.
-        clear: command that ends a stop of the robot.
-    """
+    """Outcome of a run (`hexctl run --json`) as a table of about ten rows, and the next command."""
     where = f"in world {outcome['world']}" if outcome["world"] else f"on {outcome['backend']}"
     failed = f", leg {outcome['failed_leg']} {outcome['failure']}" if outcome["failed_leg"] else ""
     failed += "".join(f", leg {leg} {how}" for leg, how in outcome.get("further_failures", {}).items())
@@ -49,7 +44,6 @@ def summary(outcome: dict[str, Any], clear: str = CLEAR_COMMAND) -> list[Rendera
 
 
 def _next_command(outcome: dict[str, Any], clear: str) -> list[str]:
-    """The command to type next: ends the stop of a robot, walks another gait, or shows the recording."""
     if clearing := clearing_in_words(outcome["stopped"], clear=clear):
         return [f"next: {clearing}"]
     failed = (outcome["failed_leg"], *outcome.get("further_failures", ()))
@@ -60,7 +54,6 @@ def _next_command(outcome: dict[str, Any], clear: str) -> list[str]:
 
 
 def _trouble_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
-    """Rows for commands that were clipped, measurements that were ignored, and what came late or never."""
     clipped, doubted = outcome["clipped_ticks"], outcome.get("positions_doubted", 0)
     guarded = [
         *([f"{clipped} commands clipped, too fast for the joints: lower --pace"] if clipped else []),
@@ -77,7 +70,6 @@ def _trouble_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _failure_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
-    """What failed during the walk, and what the controller detected."""
     from hexctl.robot.failure import NoticedFailure
 
     noticed = [str(NoticedFailure.from_dict(each)) for each in outcome.get("noticed", ())]
@@ -99,7 +91,6 @@ def _event_text(event: str) -> str:
 
 
 def _status(outcome: dict[str, Any], clear: str) -> Text:
-    """How the walk ended, and why."""
     status, stopped = outcome["status"], outcome["stopped"]
     if (status, stopped) == ("aborted", "requested"):
         return Text("stopped by Ctrl-C", style="bold red")
@@ -113,14 +104,12 @@ def _status(outcome: dict[str, Any], clear: str) -> Text:
 
 
 def _cause(cause: str | None) -> str:
-    """Likely cause of a walk without progress, in words."""
     from hexctl.control.assessment.cause import CAUSES
 
     return "" if cause is None else f" ({cause}: {CAUSES.get(cause, '')})"
 
 
 def _gait_text(gait: dict[str, Any]) -> str:
-    """Name, slots and code, each once."""
     slots = ",".join(str(slot) for slot in gait["slots"])
     named = gait["name"] not in (slots, str(gait["code"]))
     code = "" if gait["code"] is None else f", code {gait['code']}"
@@ -130,7 +119,6 @@ def _gait_text(gait: dict[str, Any]) -> str:
 
 
 def _posture_rows(gait: dict[str, Any]) -> list[tuple[str, str]]:
-    """A row for how the body stood and the feet swung, where that was not as in the paper."""
     from hexctl.gait.gait import SWING_SHARE
     from hexctl.gait.posture import Posture
     from hexctl.recording.trial_summary import posture_in_words
@@ -140,7 +128,6 @@ def _posture_rows(gait: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _distance_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
-    """Distance, deviation and turn, as far as the robot knows them."""
     ideal, turn = outcome["ideal_distance_m"], outcome["ideal_yaw_change_deg"]
     turned_deg = outcome["yaw_change_deg"]
     of_turn = f", {100 * turned_deg / turn:.0f} % of ideal ({turn:.1f})" if turn and turned_deg else ""
@@ -153,7 +140,6 @@ def _distance_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _turn_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
-    """Where a walk ended that turned, on the spot or in an arc."""
     if outcome["distance_m"] is None:
         return _unmeasured_rows(outcome)
     seconds, ahead_m, left_m = (
@@ -167,7 +153,6 @@ def _turn_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _line_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
-    """Distance along the line, and how far off it the walk was."""
     if outcome["distance_m"] is None:
         return _unmeasured_rows(outcome)
     distance, ideal = outcome["distance_m"], outcome["ideal_distance_m"]
@@ -179,12 +164,10 @@ def _line_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _unmeasured_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
-    """How long a robot walked that does not know where it is."""
     return [("walked", f"{outcome['duration_s']:.1f} s; {_why_no_distance(outcome)}"), *_true_rows(outcome)]
 
 
 def _why_no_distance(outcome: dict[str, Any]) -> str:
-    """Why a walk has no distance, in words."""
     if not outcome["duration_s"]:
         return "it never set out"
     if outcome["status"] == "no_progress":
@@ -196,7 +179,7 @@ def _why_no_distance(outcome: dict[str, Any]) -> str:
 
 
 def _true_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
-    """A row for where a simulated robot was, if its sensors measured something else or nothing."""
+    """True position of a simulated robot, if its sensors measured something else or nothing."""
     true, measured = outcome.get("true_deviation_m"), outcome["deviation_m"]
     if not true or any(true.get(name) is None for name in ("signed", "mean")):
         return []
@@ -208,14 +191,13 @@ def _true_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _hold_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
-    """What the walk held by feedback, and what kept it from that; empty for a robot that never set out."""
+    """The hold of a walk and its disturbances; empty for a robot that never set out."""
     from hexctl.recording.trial_summary import held_in_words
 
     return [("held", held_in_words(outcome))] if outcome["duration_s"] else []
 
 
 def _cost(outcome: dict[str, Any]) -> list[tuple[str, str]]:
-    """A row for the energy of the walk, if the robot reports its torques."""
     cost, energy_j = outcome.get("cost_of_transport"), outcome.get("energy_j")
     if cost is None or energy_j is None:
         return []
@@ -223,7 +205,6 @@ def _cost(outcome: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _turn_missed(miss_deg: float | None) -> list[tuple[str, str]]:
-    """A row for a self-rotation that missed its goal by more than it should."""
     if miss_deg is None or abs(miss_deg) <= NOTED_MISS_DEG:
         return []
     return [("turn", f"the self-rotation missed its goal by {miss_deg:+.1f} degrees")]
@@ -234,7 +215,6 @@ def _deviation(deviation_m: dict[str, Any]) -> str:
 
 
 def _side(signed_m: float) -> str:
-    """Length to one side; without a side if it rounds to zero."""
     length = _length(abs(signed_m))
     return length if length == _length(0.0) else f"{length} to the {'left' if signed_m > 0 else 'right'}"
 

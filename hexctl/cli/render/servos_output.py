@@ -1,16 +1,16 @@
-"""What is printed about servos on a bus, and about serial ports."""
+"""Output about servos on a bus, and about serial ports."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hexctl.cli.render.tables import PlainTable, plain_table
 
-#: Units of what a servo reports; its position is raw.
+#: Units of a servo's values; its position is raw.
 UNITS = {"position": "counts", "voltage": "V", "temperature": "°C"}
 
 
 def with_units(servo: Mapping[str, Any]) -> dict[str, Any]:
-    """What a servo reports, with units; its model's number only if the model has no name."""
+    """Values of a servo with units; its model's number only if the model has no name."""
     row = {
         name: value if value is None or name not in UNITS else f"{value} {UNITS[name]}"
         for name, value in servo.items()

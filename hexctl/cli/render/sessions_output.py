@@ -1,4 +1,4 @@
-"""Sessions as text next to one another: a table of all, and one that compares some."""
+"""Tables of all sessions, and of a comparison."""
 
 from collections.abc import Sequence
 
@@ -12,15 +12,12 @@ from hexctl.adapt.trial_loop import NOT_WORTH
 from hexctl.cli.render.adapt_output import in_cm, robot_name
 from hexctl.cli.render.tables import plain_table
 
-#: Why a search ended, in a word or two, if it is not the word that is stored.
+#: Short texts of the ends of a search.
 ENDED = {"exhausted": "all tried", NOT_WORTH: "no gain"}
 
 
 def sessions_table(sessions: Sequence[Session]) -> Table:
-    """Sessions, a row each: what was searched, the gait that is recommended, how the search ended.
-
-    The name of a session has its leg. Rows are narrow, because most terminals have 80 columns.
-    """
+    """Sessions, a row each, in 80 columns: subject, recommended gait, and end of the search."""
     table = plain_table("session", "robot", "world", "failure", "trials", "found", "end")
     table.padding = (0, 1, 0, 0)
     for column in table.columns[1:4]:
@@ -41,12 +38,12 @@ def sessions_table(sessions: Sequence[Session]) -> Table:
     return table
 
 
-#: Numbers of trials that have a row of their own, besides the last one.
+#: Numbers of trials with a row, in addition to the last one.
 ROWS = (1, 2, 3, 5, 10, 20, 30, 50, 100, 200, 500, 1000)
 
 
 def comparison_table(sessions: Sequence[Session]) -> Table:
-    """Scores of sessions, a column each: without a search, the best by number of trials, what was found."""
+    """Scores of sessions, a column each: baseline, best by number of trials, result."""
     table = plain_table("trials", *(session.name for session in sessions))
     for column in table.columns[1:]:
         column.no_wrap, column.overflow = False, "fold"
@@ -67,7 +64,6 @@ def comparison_table(sessions: Sequence[Session]) -> Table:
 
 
 def _found(session: Session) -> str:
-    """The recommended gait and its score, or a dash."""
     found = recommended(session)
     if found is None:
         return "-"
@@ -77,7 +73,6 @@ def _found(session: Session) -> str:
 
 
 def _score(session: Session, score: float | None) -> str:
-    """A score with its unit, or a dash."""
     if score is None:
         return "-"
     return in_cm(score) if session.spec.objective_unit == "m" else session.spec.score_text(score)

@@ -1,4 +1,4 @@
-"""Why a robot was stopped, and counts of what went wrong, in words."""
+"""Texts of stop reasons, and of fault counters."""
 
 from collections.abc import Mapping
 
@@ -6,8 +6,7 @@ from hexctl.backends.clock import Standstill
 from hexctl.wire.links import CLEAR_COMMAND
 from hexctl.wire.zenoh_messages import SERVER_ENDED
 
-#: Where to look after a stop that the user did not request, by its reason or what stands before the colon of
-#: that; {} is the command that ends it.
+#: Where to look after a stop that the user did not request, by the reason up to a colon; {} clears it.
 HINTS = {
     "state": "the robot's state did not come in time: the link, or the program that serves it, was silent",
     "expired": "commands did not reach the robot in time; a busy computer, or a bad link",
@@ -23,13 +22,7 @@ HINTS = {
 def why_in_words(
     stopped: str | None, standstill_s: float | None = None, *, clear: str = CLEAR_COMMAND
 ) -> str:
-    """Why a robot was stopped, and where to look, behind what it is told of; nothing for None.
-
-    Args:
-        stopped: why it was stopped.
-        standstill_s: how long this program stood still before that, or None where it kept time.
-        clear: command that ends a stop of that robot.
-    """
+    """Reason of a stop and where to look, as an appendix; empty for None."""
     if stopped is None:
         return ""
     if standstill_s is not None:
@@ -39,12 +32,7 @@ def why_in_words(
 
 
 def clearing_in_words(stopped: str | None, *, clear: str = CLEAR_COMMAND) -> str:
-    """The command that ends a stop, in words; empty if nothing has to be cleared.
-
-    Args:
-        stopped: why the robot was stopped.
-        clear: command that ends a stop of that robot.
-    """
+    """Text of the command `clear`; empty if nothing has to be cleared."""
     hint = "" if stopped is None else _hint(stopped) or ""
     return hint.format(clear) if "{}" in hint else ""
 
@@ -59,7 +47,7 @@ def in_words(counts: Mapping[str, int]) -> str:
 
 
 def counted(number: int, name: str) -> str:
-    """A number of things by the name of several, such as `leases refused`: of one, `1 lease refused`."""
+    """A number with its plural name, such as `leases refused`: of one, `1 lease refused`."""
     thing, space, rest = name.partition(" ")
     one = number == 1 and thing.endswith("s") and not thing.endswith("ss")
     return f"{number} {thing[:-1] if one else thing}{space}{rest}"

@@ -14,7 +14,7 @@ LABEL_WIDTH = 9
 
 
 class PlainTable(Table):
-    """A table whose texts are shown as they are: no markup, no emoji, nothing unprintable."""
+    """A table of literal texts: no markup, no emoji, nothing unprintable."""
 
     def add_row(self, *cells: RenderableType | None, **options: Any) -> None:
         """Add a row of texts or renderables."""
@@ -26,7 +26,7 @@ def _shown(text: str) -> Text:
 
 
 def plain_table(*columns: str) -> PlainTable:
-    """Table without lines; the first column and one without a name are to the left, the others right."""
+    """Table without lines; the first column and unnamed ones are left-aligned, the others right-aligned."""
     table = PlainTable(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=any(columns))
     for number, column in enumerate(columns):
         left = number == 0 or not column
@@ -37,7 +37,7 @@ def plain_table(*columns: str) -> PlainTable:
 
 
 def label_table(rows: Iterable[tuple[str, str | Text]]) -> PlainTable:
-    """Two columns, labels and texts; a long text is wrapped beside its label."""
+    """Two columns, labels and texts; a long text is wrapped in its column."""
     table = PlainTable(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=False)
     table.add_column(no_wrap=True, min_width=LABEL_WIDTH)
     table.add_column(overflow="fold")

@@ -1,1 +1,1 @@
-"""Commands that show, list and export what was recorded."""
+"""Commands that show, list and export recordings and sessions."""

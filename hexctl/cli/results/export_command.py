@@ -47,12 +47,9 @@ def export(
 
 
 class _Progress(WithBar):
-    """A bar on stderr while there is more to do, on a terminal."""
-
     def __init__(self) -> None:
         self._bar = make_bar()
         self._task = self._bar.add_task("written (Ctrl-C stops)", total=None, visible=False)
 
     def tell(self, done: int, total: int) -> None:
-        """Show how much is done."""
         self._bar.update(self._task, completed=done, total=total, visible=total > 1)

@@ -78,7 +78,6 @@ def show(
 
 
 def _pareto_text(session: "Session", wanted: str, *, as_json: bool) -> str:
-    """The Pareto table of a session, as lines or as JSON."""
     from hexctl.adapt.objectives import OBJECTIVES, make_objective
     from hexctl.cli.render.adapt_output import pareto_lines
 
@@ -178,7 +177,6 @@ def delete(
 
 
 def _agreed(request: str) -> bool:
-    """Ask; raises InputError without an answer."""
     try:
         return typer.confirm(request)
     except typer.Abort:

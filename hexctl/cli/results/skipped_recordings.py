@@ -1,4 +1,4 @@
-"""Recordings of a session that are left out: named on stderr, and an exit code of their own."""
+"""Skipped recordings of a session: named on stderr, with a separate exit code."""
 
 from typing import TYPE_CHECKING
 
@@ -9,20 +9,16 @@ if TYPE_CHECKING:
 
 
 class LeftOut:
-    """Names each recording that a command leaves out, as it is found; the command does all the rest.
-
-    Attributes:
-        count: of those that were named.
-    """
+    """Names each recording that a command skips, and counts them; the command continues."""
 
     def __init__(self) -> None:
         self.count = 0
 
     def name(self, error: "HexctlError") -> None:
-        """Print what is wrong with a recording; this is an `on_damage`."""
+        """Print the error of a recording; this is an `on_damage`."""
         print_note(f"hexctl: {error}")
         self.count += 1
 
     def code(self, code: int = DONE) -> int:
-        """Exit code of a command that would end with `code` if nothing had been left out."""
+        """Exit code of a command that would end with `code` if nothing had been skipped."""
         return FAULT if self.count and code == DONE else code

@@ -42,7 +42,6 @@ def view(
 
 
 def _view_runs(names: list[str], *, web: bool) -> int:
-    """Open recordings and sessions; return the exit code."""
     from hexctl.adapt.sessions.session_viewing import serve_runs, view_runs
 
     left_out = LeftOut()
@@ -60,7 +59,6 @@ def _view_runs(names: list[str], *, web: bool) -> int:
 
 
 def _watch(place: dict[str, Any], *, web: bool) -> int:
-    """Show the robot of a link until the viewer is closed or Ctrl-C; return the exit code."""
     from hexctl.backends.zenoh.zenoh_client import subscribe_states
     from hexctl.recording.live import LiveView, watch_states
     from hexctl.recording.viewer import check_display
@@ -84,7 +82,7 @@ def _watch(place: dict[str, Any], *, web: bool) -> int:
                     failures=lambda: states.failures,
                 )
             except RobotFaultError:
-                # A window keeps showing the last that came; a browser cannot ask for more.
+                # A window keeps its content; a browser needs the server.
                 live.close(leave_viewer=not web)
                 raise
             live.close(leave_viewer=False)

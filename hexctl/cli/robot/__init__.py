@@ -1,1 +1,1 @@
-"""Commands about a robot file, and what there is to choose from."""
+"""Commands about robot files, and about available names."""

@@ -68,7 +68,6 @@ def _checked(options: CheckOptions) -> "RobotCheck":
 
 
 def _further(checked: "RobotCheck", options: CheckOptions) -> dict[str, Any]:
-    """What is reported if it is asked for: the simulation's uncertainty, the envelope, sets of lost legs."""
     report: dict[str, Any] = {}
     if options.physics and checked.possible:
         report["physics"] = _measured(checked, options.world or "flat", options.duration_s or 30.0)
@@ -82,13 +81,13 @@ def _further(checked: "RobotCheck", options: CheckOptions) -> dict[str, Any]:
 
 
 def _measured(checked: "RobotCheck", world_name: str, duration_s: float) -> dict[str, Any]:
-    """Uncertainty of a robot's walks in a world, measured and kept; a folder that takes no file is a note."""
+    """Measure and store the uncertainty of a robot's walks in a world; an unwritable folder is a note."""
     from hexctl.backends.sim.world import load_world
     from hexctl.control.assessment.uncertainty import CODES, LEGS, simulation_uncertainty
     from hexctl.control.assessment.uncertainty_store import keep_uncertainty, known_uncertainty
 
     robot, world = checked.robot, load_world(world_name)
-    # A damaged file is refused before anything is measured.
+    # A damaged file is refused before the measurement.
     before = known_uncertainty(robot, world, duration_s=duration_s, folder=runs_folder())
     found = simulation_uncertainty(robot, world, duration_s=duration_s)
     if before is not None and not before.borrowed and before.walks > found.walks:
@@ -106,7 +105,6 @@ def _measured(checked: "RobotCheck", world_name: str, duration_s: float) -> dict
 
 
 def _leg_sets(checked: "RobotCheck", heading_rad: float | None) -> list[dict[str, Any]]:
-    """Verdicts on all sets of lost legs, in the direction that was asked for or the worst of four."""
     from hexctl.control.assessment.leg_sets import DIRECTIONS_RAD, MOST_JUDGED, leg_sets
 
     directions_rad = DIRECTIONS_RAD if heading_rad is None else (heading_rad,)

@@ -1,11 +1,11 @@
-"""`hexctl gaits` and `hexctl worlds`: the names that `--gait` and `--world` take."""
+"""`hexctl gaits` and `hexctl worlds`: values of `--gait` and `--world`."""
 
 import json
 
 from hexctl.cli.console import print_result
 from hexctl.cli.output_options import JsonOption
 
-#: Names of `--gait` that stand for gaits chosen for the robot.
+#: Values of `--gait` that choose a gait for the robot.
 CHOSEN = {
     "auto": "the most stable one for the robot, its failed legs and its direction",
     "best": "the best that a prior or a session knows for the failed leg",
@@ -46,7 +46,6 @@ def worlds(as_json: JsonOption = False) -> None:
 
 
 def _first_sentence(text: str) -> str:
-    """First sentence of the comment at the beginning of a file."""
     comment = []
     for line in text.splitlines():
         if not line.startswith("#"):

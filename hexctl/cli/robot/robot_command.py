@@ -102,7 +102,6 @@ def _check_yaml(path: Path, option: str) -> None:
 
 
 def _write_new(path: Path, text: str, option: str) -> None:
-    """Write a new YAML file; raises InputError for another suffix, a file that exists, or a refusing disk."""
     _check_yaml(path, option)
     try:
         with path.open("x", encoding="utf-8") as file:
@@ -114,7 +113,6 @@ def _write_new(path: Path, text: str, option: str) -> None:
 
 
 def _point(text: str | None) -> tuple[float, float, float] | None:
-    """Three numbers between commas."""
     if text is None:
         return None
     try:

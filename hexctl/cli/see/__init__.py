@@ -1,1 +1,1 @@
-"""`hexctl see`: one file per command, and the options that several of them have."""
+"""`hexctl see`: one file per command, and common options."""

@@ -1,4 +1,4 @@
-"""The option `--arena`: a radius, or the place that a camera sees."""
+"""The option `--arena`: a radius, or a place that a camera sees."""
 
 import math
 from pathlib import Path
@@ -60,11 +60,7 @@ WalkArenaOption = Annotated[
 
 
 def geofence(arena: float | Path, robot: str, *, simulated: bool) -> "Geofence":
-    """What ends a walk at the edge of an arena; what a place file came to is told on stderr.
-
-    Raises InputError for files that are not allowed, for a simulation, whose floor is none that a camera
-    sees, and for a camera that sees no floor.
-    """
+    """Ends a walk at the edge of an arena; raises InputError for bad files and for a simulation."""
     from hexctl.adapt.arena import Arena, Geofence
 
     if not isinstance(arena, Path):
@@ -76,14 +72,7 @@ def geofence(arena: float | Path, robot: str, *, simulated: bool) -> "Geofence":
 
 
 def arena_fields(arena: float | Path | None, robot: str | None) -> dict[str, Any]:
-    """Fields of a session's spec for an arena; what a place file came to is told on stderr.
-
-    Args:
-        arena: as `arena_of` has it, or None.
-        robot: name or path of the robot's file, None for the default.
-
-    Raises InputError for files that are not allowed, and for a camera that sees no floor.
-    """
+    """Fields of a session's spec for an arena, reported on stderr; raises InputError for bad files."""
     if arena is None:
         return {}
     if not isinstance(arena, Path):

@@ -58,7 +58,7 @@ def _print_started(started: CameraStarted, path: Path) -> None:
 
 
 def status_line(status: "CameraStatus") -> str:
-    """Line of a second: where the robot is, by what, and how it is seen."""
+    """Line of a second: position of the robot, its source, and its visibility."""
     tag = f", {status.tag_px:.0f} px, quality {status.quality:.2f}" if status.seen else ""
     pictures = f"{status.fps:.0f} pictures a second, tag in {status.seen:.0%}{tag}"
     pose = status.estimate.pose

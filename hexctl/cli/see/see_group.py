@@ -1,4 +1,4 @@
-"""The commands of `hexctl see`; without a command it looks."""
+"""The commands of `hexctl see`; without a command it locates a robot."""
 
 from hexctl.cli.see.latency_command import latency
 from hexctl.cli.see.print_command import print_

@@ -49,7 +49,6 @@ def camera(options: dict[str, Any], as_json: JsonOption = False) -> None:
 
 
 def _written(lens: "Lens") -> Path:
-    """File with a lens, as a calibration would have written it."""
     from hexctl.vision.detection.lens import save_lens
 
     file = runs_folder() / "sim-camera-lens.yaml"

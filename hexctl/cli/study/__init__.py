@@ -1,1 +1,1 @@
-"""Commands that simulate a lot."""
+"""Commands with long simulations."""

@@ -1,4 +1,4 @@
-"""`hexctl prior`: build what bayes believes, and look at it."""
+"""`hexctl prior`: build and show the priors of bayes."""
 
 import json
 from typing import Annotated, Any
@@ -29,7 +29,7 @@ def build(asked: dict[str, Any], context: typer.Context, as_json: JsonOption = F
     """
     from hexctl.study.planned_prior import planned_prior
 
-    # Settings are those of priors: a repertoire goes without them, and refuses only what was typed.
+    # Settings are those of priors: a repertoire ignores them, and refuses only typed options.
     unused = [name for name in OF_PRIOR if asked["repertoire"] and not is_typed(context, name)]
     options = PriorOptions(**{name: value for name, value in asked.items() if name not in unused})
     made = finish(planned_prior(options, runs=runs_folder()))
@@ -56,7 +56,6 @@ def show(
 
 
 def _priors(file: str | None) -> list[dict[str, Any]]:
-    """Describe one prior, by its path or name, or all that `hexctl adapt` would search."""
     from hexctl.adapt.prior.prior_files import describe_prior, list_priors, named_prior, prior_folders
 
     if file is None:
@@ -66,7 +65,6 @@ def _priors(file: str | None) -> list[dict[str, Any]]:
 
 
 def _repertoires(file: str | None) -> list[dict[str, Any]]:
-    """Describe one repertoire, by its path or name, or all that `hexctl run --recover` would search."""
     from hexctl.control.monitor.repertoire_store import (
         describe_repertoire,
         list_repertoires,
@@ -84,7 +82,7 @@ def _note_damaged(error: InputError) -> None:
 
 
 def prior_line(described: dict[str, Any]) -> str:
-    """What a prior is for."""
+    """One line about a prior."""
     legs = ",".join(str(leg) for leg in described["legs"])
     return (
         f"{described['prior']}: {described['robot']}, legs {legs} {described['failure']}, self-rotation "
@@ -94,14 +92,13 @@ def prior_line(described: dict[str, Any]) -> str:
 
 
 def _kind(described: dict[str, Any]) -> str:
-    """Hold and objectives of a prior, or that it has no stances."""
     if "scores" in described:
         return f", hold {described['hold']}: {', '.join(described['scores'])}"
     return "" if described["stances"] else ", without stances"
 
 
 def repertoire_line(described: dict[str, Any]) -> str:
-    """What a repertoire is for."""
+    """One line about a repertoire."""
     pairs = f", pairs {', '.join(described['pairs'])}" if described["pairs"] else ""
     directions = "straight ahead" if described["directions"] == 1 else f"{described['directions']} directions"
     others, situations = described["others"], described["situations"]

@@ -27,7 +27,6 @@ def study(asked: dict[str, Any], as_json: JsonOption = False) -> None:
 
 
 def _not_judged(options: StudyOptions) -> Iterator[str]:
-    """What will have no verdict, because it is too short, in lines for the user."""
     from hexctl.study.evidence import JUDGED_FROM_S, LATE, too_short
     from hexctl.study.study_plan import StudyPlan
 

@@ -117,7 +117,7 @@ def adapt(
 
 
 def _check_resumed_alone(resume: str, typed: Mapping[str, Any]) -> None:
-    """Raise InputError for options that a resumed session would silently not follow."""
+    """Raise InputError for options that a resumed session would silently ignore."""
     others = [flag for flag in typed if flag not in WITH_RESUME]
     if others:
         raise InputError(
@@ -127,8 +127,7 @@ def _check_resumed_alone(resume: str, typed: Mapping[str, Any]) -> None:
 
 
 def _begin(asked: dict[str, Any], *, record: bool, quiet: bool, **shown: bool) -> int:
-    """Search in a new session and return the exit code."""
-    with StopOnInterrupt() as interrupt:  # loading takes a second, in which Ctrl-C is heard as well
+    with StopOnInterrupt() as interrupt:  # loading takes a second
         from hexctl.adapt.adaptation import Adaptation
         from hexctl.adapt.search import new_spec
         from hexctl.cli.prompts import check_answerable
@@ -143,7 +142,6 @@ def _begin(asked: dict[str, Any], *, record: bool, quiet: bool, **shown: bool) -
 
 
 def _resume(name: str, budget: int | None, trust: bool, *, record: bool, quiet: bool, **shown: bool) -> int:
-    """Continue a session and return the exit code."""
     with StopOnInterrupt() as interrupt:
         from hexctl.adapt.adaptation import Adaptation
         from hexctl.adapt.sessions.store import load_session
@@ -168,7 +166,6 @@ def _search(
     quiet: bool,
     as_json: bool,
 ) -> "AdaptationResult | int":
-    """Run an adaptation; its result, or the exit code where there is none."""
     from hexctl.adapt.runner import NotBegunError, RobotStoppedError
     from hexctl.adapt.sessions.store import StoreError
     from hexctl.cli.prompts import TrialPrompt
@@ -212,14 +209,12 @@ def _search(
 
 
 def _what_is_left(begun: "Sequence[Session]") -> str:
-    """What a search that was cut off leaves behind: its session, or nothing."""
     from hexctl.cli.render.adapt_output import resume_command
 
     return f"continue with: {resume_command(begun[0])}" if begun else "nothing was recorded"
 
 
 def _end(result: "AdaptationResult", *, view: bool, as_json: bool, resumed: bool = False) -> int:
-    """Print how a search ended, and return the exit code."""
     from hexctl.cli.render.adapt_output import after_stop, resume_command
 
     session = result.session
@@ -236,7 +231,7 @@ def _end(result: "AdaptationResult", *, view: bool, as_json: bool, resumed: bool
 
 
 def _print_end(result: "AdaptationResult", *, as_json: bool, resumed: bool) -> None:
-    """Print how a search ended; a session that was resumed may have been finished before."""
+    """A resumed session may have been finished before."""
     from hexctl.cli.render.adapt_output import closing_parts, finished_line
 
     parts = [json.dumps(result.to_dict())] if as_json else closing_parts(result.session, result.ended)
@@ -246,7 +241,6 @@ def _print_end(result: "AdaptationResult", *, as_json: bool, resumed: bool) -> N
 
 
 def _note(text: str) -> None:
-    """Print a note on stderr."""
     print_note(f"hexctl: {text}")
 
 
@@ -257,7 +251,7 @@ def _open_window() -> "LiveView | None":
 
 
 def _show(name: str) -> None:
-    """Open a session in the viewer; a missing screen does not make the search a failure."""
+    """A missing screen does not make the search a failure."""
     from hexctl.adapt.sessions.session_viewing import view_runs
 
     try:
@@ -267,5 +261,4 @@ def _show(name: str) -> None:
 
 
 def _code_of_stop(error: HexctlError) -> int:
-    """Exit code of a session that its robot, or a full disk, ended."""
     return code_of_stop(str(getattr(error, "reason", "fault")))

@@ -1,4 +1,4 @@
-"""`hexctl demo`: a leg fails in mid-walk, the robot recovers, and a gait for the other legs is searched."""
+"""`hexctl demo`: a leg fails during a walk, the robot recovers, and a gait for the other legs is searched."""
 
 import json
 import math
@@ -74,7 +74,6 @@ def demo(
 
 
 def _what_is_left(result: "DemoResult") -> str:
-    """What an interrupted demo leaves behind, and how its search goes on."""
     walks = " ".join(shlex.quote(str(path)) for path in result.recordings)
     if not walks:
         return "interrupted before the search: nothing was recorded"
@@ -89,7 +88,6 @@ def _what_is_left(result: "DemoResult") -> str:
 
 
 def _view_command() -> str:
-    """Command that shows recordings: in a window, or in a browser where there is no screen."""
     return "hexctl view" if _has_display() else "hexctl view --web"
 
 
@@ -107,7 +105,7 @@ def _has_display() -> bool:
 def _run(
     budget: int, interrupt: StopOnInterrupt, begun: list[str], folders: list[Path], *, as_json: bool
 ) -> "DemoResult":
-    """Run the demo, and print what happens; `begun` gets the name of the session, `folders` the folder."""
+    """Print each result; `begun` gets the name of the session, `folders` the folder, for an interrupt."""
     from hexctl.adapt.search_progress import SearchBar
     from hexctl.demo import rescue
 
@@ -148,7 +146,6 @@ def _run(
 
 
 def _search_line(budget: int) -> str:
-    """What is searched, and the command that searches the same."""
     from hexctl.demo import rescue
     from hexctl.robot.failure_grammar import option_of
 
@@ -163,7 +160,6 @@ def _search_line(budget: int) -> str:
 
 
 def _walk_line(walk: "RunResult", *, recovered: bool) -> str:
-    """How far and how fast a walk went, how far off its line it ended, and what it detected when."""
     from hexctl.demo.rescue import share_in_words, speed_kept
     from hexctl.robot.failure import NoticedFailure
 
@@ -180,7 +176,6 @@ def _walk_line(walk: "RunResult", *, recovered: bool) -> str:
 
 
 def _ending(result: "DemoResult") -> "list[RenderableType]":
-    """How the search ended, where everything lies, and what to do next."""
     from hexctl.cli.render.adapt_output import finding_parts
 
     search = result.adaptation
@@ -198,12 +193,11 @@ def _ending(result: "DemoResult") -> "list[RenderableType]":
 
 
 def _another_walk() -> list[str]:
-    """Command for a custom walk, shown as it goes if there is a screen."""
     return [f"  hexctl run --failure 2:limp@4{' --realtime --view' if _has_display() else ''}"]
 
 
 def _activate() -> str | None:
-    """Script that puts the command on the path, where it is not there yet; None where it is."""
+    """Script that puts the command on the path, or None if it is there."""
     script = Path(sys.executable).with_name("activate")
     if shutil.which("hexctl") is not None or not script.is_file():
         return None
@@ -211,7 +205,7 @@ def _activate() -> str | None:
 
 
 def _show(result: "DemoResult") -> int:
-    """Open walks and session where there is a screen; a missing one does not make the demo a failure."""
+    """A missing screen does not make the demo a failure."""
     from hexctl.adapt.sessions.session_viewing import view_runs
     from hexctl.errors import RecordingError
 

@@ -1,4 +1,4 @@
-"""`hexctl diagnose`: which leg has failed, found out at rest."""
+"""`hexctl diagnose`: find the failed leg at rest."""
 
 import json
 import sys
@@ -64,10 +64,7 @@ def diagnose(
 
 
 def diagnosed(spec: "RunSpec") -> "tuple[DiagnosisResult | None, int]":
-    """Connect, make the standing test and judge it; the result and the exit code, no result if interrupted.
-
-    Raises what `DiagnosisRun` raises.
-    """
+    """Run `DiagnosisRun`; return its result, or None if interrupted, and the exit code."""
     from hexctl.runs.diagnosis import DiagnosisRun
 
     run = DiagnosisRun(spec)
@@ -90,11 +87,10 @@ def diagnosed(spec: "RunSpec") -> "tuple[DiagnosisResult | None, int]":
 
 
 def found_failure(spec: "RunSpec") -> "Found":
-    """What a diagnosis finds before a walk of a spec, for `--failed-leg auto`; it is told on stderr.
+    """Diagnosis before a walk for `--failed-leg auto`, reported on stderr.
 
-    The failures of the spec are those that a simulation breaks; the diagnosis is not told of them.
-
-    Raises InputError if it found out nothing or more than one leg, Exit if it was stopped.
+    The failures of the spec are simulated, and unknown to the diagnosis. Raises InputError if it found
+    nothing or more than one leg, Exit if it was stopped.
     """
     _check_simulated(spec)
     others = ("record", "record_folder", "failed_leg", "failure")
@@ -119,21 +115,20 @@ def found_failure(spec: "RunSpec") -> "Found":
 
 
 class Found(NamedTuple):
-    """What a diagnosis found before a walk, what the simulation breaks, and the complete result."""
+    """Result of a diagnosis before a walk; `broken` is what the simulation breaks."""
 
     failure: "Failure | None"
     broken: "tuple[Failure, ...]"
     result: "DiagnosisResult"
 
     def walk_spec(self, spec: "RunSpec") -> "RunSpec":
-        """Spec of the walk, whose controller is told of what was found."""
+        """Spec of the walk, whose controller knows the finding."""
         told = () if self.failure is None else (self.failure,)
         comes = [event for event in spec.events if event.failure is not None]
         return replace(spec, failed_leg=None, failure=(*told, *comes))
 
 
 def _check_simulated(spec: "RunSpec") -> None:
-    """Raise InputError for failures that a robot is to have which is not simulated."""
     for failure in () if spec.simulated else spec.failures:
         raise InputError(
             f"--failure: got {failure.typed} with --failed-leg auto and --backend {spec.backend}; "
@@ -142,7 +137,6 @@ def _check_simulated(spec: "RunSpec") -> None:
 
 
 def _operator() -> "AskOperator | None":
-    """What asks the operator; None where no answer can come."""
     if not (sys.stdin and sys.stdin.isatty()):
         return None
     from hexctl.cli.prompts import LegPrompt
@@ -166,7 +160,6 @@ def summary(outcome: dict[str, Any]) -> list[Any]:
 
 
 def _leg_table(outcome: dict[str, Any]) -> "Table":
-    """Gains, load, torque and verdict of each leg."""
     from hexctl.cli.render.tables import plain_table
     from hexctl.types import JOINT_KINDS
 

@@ -1,4 +1,4 @@
-"""`hexctl drive`: a robot driven by hand."""
+"""`hexctl drive`: drive a robot by hand."""
 
 import shlex
 from collections.abc import Callable, Iterator, Sequence
@@ -80,7 +80,7 @@ def drive(
 
 @contextmanager
 def _kept_once_driven(record: Path | None) -> Iterator[Callable[[], None]]:
-    """Removes a new recording at the end, unless what this gives was called: nothing was driven then."""
+    """Remove a new recording at the end, unless the yielded function was called: nothing was driven then."""
     before = record is None or record.exists()
     driven: list[bool] = []
     try:
@@ -91,7 +91,6 @@ def _kept_once_driven(record: Path | None) -> Iterator[Callable[[], None]]:
 
 
 def _why(drive: "Drive", stopped: str) -> str:
-    """Why the robot was stopped, in words."""
     from hexctl.cli.render.stop_reasons import why_in_words
     from hexctl.wire.links import Link
 
@@ -104,7 +103,6 @@ def _why(drive: "Drive", stopped: str) -> str:
 
 
 def _robot_stop(drive: "Drive") -> "ReadyStop | None":
-    """What stops a robot on the network for all its clients; None for another backend."""
     remote = drive.guard.remote
     if remote is None or remote.link.plain:
         return None
@@ -114,7 +112,6 @@ def _robot_stop(drive: "Drive") -> "ReadyStop | None":
 
 
 def _drive(stack: ExitStack, drive: "Drive", options: DriveOptions, keep: Callable[[], None]) -> int:
-    """Connect, drive, and say how it ended; the exit code."""
     from hexctl.backends.clock import realtime_priority
     from hexctl.teleop.devices import open_devices
     from hexctl.teleop.drive_session import DriveSession
@@ -147,13 +144,11 @@ def _drive(stack: ExitStack, drive: "Drive", options: DriveOptions, keep: Callab
 
 
 def _say_unconfirmed(robot_stop: "ReadyStop") -> None:
-    """Report a stop that the robot has not confirmed until the end."""
     if robot_stop.trouble is not None:
         _say(f"hexctl: {robot_stop.trouble}; use hexctl estop or the switch")
 
 
 def _say(text: str) -> None:
-    """Print a note, on a terminal that may have gone."""
     with suppress(OSError):
         print_note(text)
 
@@ -161,7 +156,6 @@ def _say(text: str) -> None:
 def _recorders(
     stack: ExitStack, options: DriveOptions, failures: "Sequence[Failure]", *, view: bool
 ) -> "list[Recorder]":
-    """Live view and recording of a drive."""
     simulated, record = options.backend == "sim", options.record
     if not view and record is None:
         return []
@@ -181,7 +175,7 @@ def _recorders(
         further_failures=tuple(failures[1:]),
         self_rotation="none",
         travel=0.0,
-        duration_s=86_400.0,  # a drive ends when its driver does
+        duration_s=86_400.0,  # only the driver ends a drive
     )
     title, servos = f"{loaded.robot.name} driven", not simulated
     common: dict[str, Any] = {"title": title, "floor": floor, "watched": True, "servos": servos}

@@ -21,7 +21,7 @@ TrialRecoverOption = Annotated[
 
 
 def recovery_policy(*, recover: bool, policy: str | None) -> str | None:
-    """The policy of `--recover` and `--policy`; raises InputError where they contradict one another."""
+    """The policy of `--recover` and `--policy`; raises InputError if they contradict."""
     if recover and policy not in (None, "glide"):
         raise InputError(f"--policy: got {policy} with --recover, which is glide; allowed: one or the other")
     return "glide" if recover else policy

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from hexctl.recording.live import LiveView
     from hexctl.runs.run import Run, RunResult
 
-#: What a robot does, by the phase of its walk.
+#: Texts of the phases of a walk.
 DOING = {
     "settle": "standing up (Ctrl-C stops)",
     "turn": "turning the failed leg away (Ctrl-C stops)",
@@ -88,7 +88,7 @@ def run(
 
 
 def _with_best(spec: RunSpec) -> RunSpec:
-    """Spec with the gaits that `best` is here, which a note tells; any other spec as it is."""
+    """Spec with `best` replaced by gaits of sessions, which a note names."""
     if not spec.asks_for_best:
         return spec
     from hexctl.adapt.best import best_gait
@@ -107,7 +107,6 @@ def _walk(
     found: "Found | None" = None,
     fence: "ShouldStop | None" = None,
 ) -> int:
-    """Walk, print the outcome, show it; the exit code. The progress ends with the walk."""
     from hexctl.cli.render.run_output import summary
 
     run, clear = _checked(spec), _clear_command(spec)
@@ -151,7 +150,7 @@ def _walk(
 def _walked(
     run: "Run", recorders: "list[Recorder]", interrupt: StopOnInterrupt, fence: "ShouldStop | None"
 ) -> "RunResult | None":
-    """Result of a walk; None where it was interrupted without a soft stop, which a note tells."""
+    """None if it was interrupted without a soft stop, which a note reports."""
     try:
         return run.walk(recorders=recorders, stop_requested=interrupt.requested, should_stop=fence)
     except KeyboardInterrupt:
@@ -170,7 +169,6 @@ def _checked(spec: RunSpec) -> "Run":
 
 
 def _open_live(run: "Run") -> "LiveView | None":
-    """Viewer that shows a walk while it runs; None without a screen."""
     from hexctl.recording.live import open_window
 
     live = open_window(note_no_window)
@@ -189,7 +187,7 @@ def _open_live(run: "Run") -> "LiveView | None":
 
 
 def _show(live: "LiveView | None", recording: Path | None) -> None:
-    """Leave a live view open until it is closed; open the recording of a walk that was not shown live."""
+    """Wait for a live view, or open the recording of a walk that was not shown live."""
     if live is not None:
         print_note("close the viewer, or press Ctrl-C, to end")
         live.wait()
@@ -203,7 +201,7 @@ def _show(live: "LiveView | None", recording: Path | None) -> None:
 
 
 def _clear_command(spec: RunSpec) -> str:
-    """Command that ends a stop of the robot of a spec; read before a walk, which may outlast a link file."""
+    """Read before a walk, which may outlast a link file."""
     from hexctl.wire.links import CLEAR_COMMAND, load_link
 
     if spec.backend != "zenoh":
@@ -213,7 +211,7 @@ def _clear_command(spec: RunSpec) -> str:
 
 
 def _turn_note(run: "Run") -> str:
-    """Line about the self-rotation before a walk; empty where it is short or none."""
+    """Line about the self-rotation before a walk; empty if it is short."""
     from hexctl.control.walks.turning import SMALL_TURN_RAD, turn_needed_rad
 
     plan = run.plan
@@ -225,15 +223,7 @@ def _turn_note(run: "Run") -> str:
 
 
 class _WalkProgress(WithBar):
-    """Recorder that shows the progress of a run on a terminal (stderr), while it loads and while it walks.
-
-    Args:
-        total_s: duration of the walk.
-        quiet: True for no bar.
-
-    Attributes:
-        of_turn: line that is printed once if the robot begins to turn before the walk; empty for none.
-    """
+    """Progress on stderr during load and walk; `of_turn` is printed if the robot turns first."""
 
     #: A second: drawing must not delay the ticks.
     block_ticks: int | None = 50
@@ -245,11 +235,9 @@ class _WalkProgress(WithBar):
         self._task = self._bar.add_task("loading", total=None, walked="")
 
     def pause(self) -> None:
-        """Hide the bar until it is entered again."""
         self._bar.stop()
 
     def write_block(self, log: "TickLog", start: int, stop: int) -> None:
-        """Move the bar to where the log is."""
         if self.of_turn and log.phase == "turn":
             print_above(self._bar, self.of_turn, err=True)
             self.of_turn = ""

@@ -1,1 +1,1 @@
-"""The overview of a session as a recording: its values, its figures, and what the search expected."""
+"""The overview of a session as a recording: its values, its figures, and the expectations of the search."""

@@ -1,4 +1,4 @@
-"""The steps of a search in a session's overview: what it expects of every gait, and why it walks which."""
+"""The steps of a search in a session's overview: its expectation for every gait, and its choice."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -31,13 +31,12 @@ NEXT = "belief/next"
 NOT_TOLD = "belief/not_told"
 STEPS = "steps"
 
-#: Scenery, which cannot be selected.
 SCENERY = (AXES, f"{AXES}/names")
 
-#: Up to this deviation the scale is about linear, and logarithmic beyond it; ends beyond `FAR_M` are at it.
+#: Below this deviation the scale is about linear, above it logarithmic; it is clipped at `FAR_M`.
 LINEAR_M, FAR_M = 0.1, 4.0
 
-#: Height of the picture above the line, in gaits, as gaits stand side by side at a distance of one.
+#: Height of the picture above the line, in gaits, which are one unit apart.
 HEIGHT = 17.0
 
 #: Deviations with a line and a name, and gaits with a name.
@@ -51,13 +50,13 @@ AXIS_ORDER, BELIEF_ORDER, WALKED_ORDER, NEXT_ORDER = range(0, 40, 10)
 
 
 def height(deviation_m: FloatArray | float) -> FloatArray:
-    """Where a signed deviation is in the picture: upward is to the left of the line, y is downward."""
+    """Vertical coordinate of a signed deviation: y is downward, left of the line is up."""
     near_m = np.clip(deviation_m, -FAR_M, FAR_M)
     return np.asarray(-HEIGHT * np.arcsinh(near_m / LINEAR_M) / np.arcsinh(FAR_M / LINEAR_M))
 
 
 def send_steps(stream: Any, overview: Overview) -> None:
-    """Send the steps of a search to a recording stream; beliefs where there are some."""
+    """Send the steps of a search to a recording stream, with beliefs if there are any."""
     rr = load_rerun()
     for step in overview.steps:
         note = rr.TextDocument.columns(text=[step.note], media_type=["text/markdown"])
@@ -75,7 +74,6 @@ def send_steps(stream: Any, overview: Overview) -> None:
 
 
 def _send_end(stream: Any, after: Sequence[SearchStep]) -> None:
-    """Take the beliefs away at the first of the steps without any, so that no old ones stay."""
     rr = load_rerun()
     for step in after[:1]:
         for path in (INTERVALS, NEXT):
@@ -86,12 +84,10 @@ def _send_end(stream: Any, after: Sequence[SearchStep]) -> None:
 
 
 def _at(step: SearchStep) -> list[Any]:
-    """The moment of a step as columns of the timeline."""
     return [load_rerun().TimeColumn(TIMELINE, sequence=np.array([step.trials], dtype=np.int64))]
 
 
 def _send_axes(stream: Any, gaits: int) -> None:
-    """Send lines of equal deviation with their names, and names of some gaits."""
     rr = load_rerun()
     marks_m = [sign * mark for mark in NAMED_M for sign in (-1, 1)]
     lines = [[(0.0, float(height(mark))), (gaits + 1.0, float(height(mark)))] for mark in (*marks_m, 0.0)]
@@ -108,7 +104,7 @@ def _send_axes(stream: Any, gaits: int) -> None:
 
 
 def _send_not_told(stream: Any, overview: Overview) -> None:
-    """Send where walks without a search ended, of which it was not told; those whose gait has a code."""
+    """Send the ends of walks outside the search whose gait has a code."""
     rr = load_rerun()
     walks = [walk for walk in overview.baseline if walk.code and walk.deviation_m is not None]
     for walk in walks:
@@ -122,7 +118,6 @@ def _send_not_told(stream: Any, overview: Overview) -> None:
 
 
 def _send_beliefs(stream: Any, step: SearchStep, beliefs: GaitBeliefs) -> None:
-    """Send the interval of each gait as an upright line, and a dot where a walk is expected to end."""
     rr, codes = load_rerun(), np.arange(1.0, len(beliefs.signed_m) + 1)
     ends = [np.column_stack([codes, height(ends_m)]) for ends_m in (beliefs.low_m, beliefs.high_m)]
     colors = [deviation_color(float(off_m), valid=True) for off_m in beliefs.signed_m]
@@ -137,7 +132,6 @@ def _send_beliefs(stream: Any, step: SearchStep, beliefs: GaitBeliefs) -> None:
 
 
 def _send_walked(stream: Any, step: SearchStep, overview: Overview) -> None:
-    """Send where the trials so far ended."""
     ended = [
         (float(trial.code), float(height(trial.deviation_m)))
         for trial in overview.trials
@@ -148,7 +142,6 @@ def _send_walked(stream: Any, step: SearchStep, overview: Overview) -> None:
 
 
 def _send_next(stream: Any, step: SearchStep, beliefs: GaitBeliefs) -> None:
-    """Send the interval of the next gait in bold, with its name; nothing after the last trial."""
     rr, code = load_rerun(), step.next_code
     strips = [] if code is None else [_interval(beliefs, code)]
     line = rr.LineStrips2D.columns(
@@ -167,7 +160,6 @@ def _send_next(stream: Any, step: SearchStep, beliefs: GaitBeliefs) -> None:
 
 
 def _interval(beliefs: GaitBeliefs, code: int) -> FloatArray:
-    """Both ends of the interval of a gait in the picture, (2, 2)."""
     ends_m = np.array([beliefs.low_m[code - 1], beliefs.high_m[code - 1]])
     return np.column_stack([[code, code], height(ends_m)])
 
@@ -182,7 +174,7 @@ def _send_dots(
 
 
 def belief_view(overview: Overview) -> Any | None:
-    """View of the beliefs; None where there are none."""
+    """View of the beliefs, or None."""
     import rerun.blueprint as rrb
 
     beliefs = next((step.beliefs for step in overview.steps if step.beliefs is not None), None)
@@ -200,7 +192,7 @@ def belief_view(overview: Overview) -> Any | None:
 
 
 def steps_view() -> Any:
-    """View of what the search knew and did next."""
+    """View of the notes on each step of the search."""
     import rerun.blueprint as rrb
 
     return rrb.TextDocumentView(origin=STEPS, name="why this gait")

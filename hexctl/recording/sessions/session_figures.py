@@ -41,7 +41,7 @@ from hexctl.recording.sessions.session_overview import (
 )
 from hexctl.types import FloatArray
 
-#: Where on it the baseline is.
+#: Position of the baseline on the timeline.
 BEFORE_TRIALS = 0
 
 ABOVE = "above"
@@ -55,7 +55,6 @@ BEST = "above/best"
 BEST_END = "above/best/end"
 BEST_NAME = "above/best/name"
 
-#: Scenery, which cannot be selected.
 SCENERY = (AXES, BANDS, LEGEND, LINE)
 
 CURVE = "curve"
@@ -81,7 +80,7 @@ def at(indices: Sequence[int]) -> Any:
 SIDE_LIMIT, END_LIMIT = 0.75, 0.25
 SIDE_LEAST, MARGIN = 0.15, 0.06
 
-#: Distances between grid lines; the first is taken that needs at most MAX_LINES along the course.
+#: Candidate distances between grid lines; the first with at most MAX_LINES along the course is used.
 GRID_STEPS_M = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 MAX_LINES = 6
 
@@ -119,7 +118,6 @@ def send_above(stream: Any, overview: Overview) -> None:
 
 
 def _send_axes(stream: Any, overview: Overview) -> None:
-    """Send grid lines and their names, a few to a course."""
     (x_low, y_low), (x_high, y_high) = visible_m(overview)
     step = next((step for step in GRID_STEPS_M if overview.course_m <= MAX_LINES * step), GRID_STEPS_M[-1])
     along = np.arange(np.ceil(x_low / step), x_high / step) * step
@@ -136,7 +134,6 @@ def _send_axes(stream: Any, overview: Overview) -> None:
 
 
 def _send_course(stream: Any, overview: Overview) -> None:
-    """Send the target bands, the line of travel and the start."""
     rr, length = load_rerun(), overview.course_m
     for order, (half_width_m, color, _) in enumerate(TARGET_BANDS):
         # A line as wide as the band; its round ends reach half the width further.
@@ -156,7 +153,6 @@ def _send_course(stream: Any, overview: Overview) -> None:
 
 
 def _send_legend(stream: Any, overview: Overview) -> None:
-    """Send the colours of the deviations, at the top of the picture."""
     (x_low, _), (x_high, y_high) = visible_m(overview)
     xs = x_low + (x_high - x_low) * np.linspace(0.1, 0.9, len(LEGEND_M))
     places = np.column_stack([xs, np.full(len(xs), y_high - MARGIN * overview.course_m / 4)])
@@ -169,7 +165,6 @@ def _send_legend(stream: Any, overview: Overview) -> None:
 
 
 def _send_names(stream: Any, path: str, names: list[tuple[Any, str]]) -> None:
-    """Send texts without a mark, each just below its place (progress, deviation) in m."""
     points = picture(np.array([place for place, _ in names]).reshape(-1, 2))
     texts = [text for _, text in names]
     labels = load_rerun().Points2D(points, radii=[0.0], colors=[TEXT_COLOR], labels=texts, show_labels=True)
@@ -177,7 +172,6 @@ def _send_names(stream: Any, path: str, names: list[tuple[Any, str]]) -> None:
 
 
 def _send_trial(stream: Any, trial: OverviewTrial) -> None:
-    """Send a trajectory that appears with its trial, the straighter the further in front."""
     if not len(trial.path_m):
         return
     color = deviation_color(trial.deviation_m, valid=trial.score_m is not None)
@@ -192,7 +186,6 @@ def _send_trial(stream: Any, trial: OverviewTrial) -> None:
 
 
 def _send_baseline(stream: Any, overview: Overview) -> None:
-    """Send the paths of the gaits that the robot would use anyway, each named beside its end."""
     rr = load_rerun()
     walks = [walk for walk in overview.baseline if len(walk.path_m)]
     for walk in walks:
@@ -204,7 +197,7 @@ def _send_baseline(stream: Any, overview: Overview) -> None:
 
 
 def _spread_ends_m(walks: Sequence[OverviewTrial], overview: Overview) -> list[FloatArray]:
-    """A place beside the end of each path, a gap apart, below the legend and inside the picture."""
+    """A label position for each path, a gap apart, below the legend and inside the picture."""
     gap_m, (right_m, top_m) = 0.7 * MARGIN * overview.course_m, visible_m(overview)[1]
     ceiling_m = top_m - 2.5 * MARGIN * overview.course_m
     places: dict[int, FloatArray] = {}
@@ -217,7 +210,6 @@ def _spread_ends_m(walks: Sequence[OverviewTrial], overview: Overview) -> list[F
 
 
 def _send_best(stream: Any, overview: Overview) -> None:
-    """Send the best trajectory so far, and what it is, wherever it changes."""
     rr, last = load_rerun(), None
     for trial, best in zip(overview.trials, overview.best_so_far(), strict=True):
         if best is last or best is None or not len(best.path_m):
@@ -234,7 +226,7 @@ def _send_best(stream: Any, overview: Overview) -> None:
             radii=[MARK],
             draw_order=[MARK_ORDER],
             labels=[label],
-            show_labels=[False],  # drawn where no path ends; here it is shown where one points at the mark
+            show_labels=[False],  # named elsewhere; here only on hover
         )
         stream.send_columns(BEST_END, when, mark)
         name = rr.Points2D.columns(
@@ -244,7 +236,7 @@ def _send_best(stream: Any, overview: Overview) -> None:
 
 
 def name_place_m(overview: Overview) -> FloatArray:
-    """Where the best trial is named: below the middle of the line, where no path ends."""
+    """Position of the best trial's name: below the middle of the line, which paths rarely reach."""
     (_, y_low), _ = visible_m(overview)
     return np.array([0.5 * overview.course_m, y_low + 2.5 * MARGIN * overview.course_m])
 
@@ -267,7 +259,6 @@ def send_curve(stream: Any, overview: Overview) -> None:
 
 
 def _send_scores(stream: Any, overview: Overview) -> None:
-    """Send a point per valid trial, in the colour of its trajectory."""
     rr, (factor, _) = load_rerun(), overview.curve_unit
     valid = [(trial, trial.score_m) for trial in overview.trials if trial.score_m is not None]
     if not valid:
@@ -314,7 +305,6 @@ def _send_best_so_far(stream: Any, overview: Overview) -> None:
 
 
 def _send_targets(stream: Any, overview: Overview) -> None:
-    """Send the targets as lines that grow with the trials."""
     rr = load_rerun()
     for number, (half_width_m, _, name) in enumerate(TARGET_BANDS, start=1):
         path = f"{TARGETS}/{number}"
@@ -327,7 +317,6 @@ def _send_targets(stream: Any, overview: Overview) -> None:
 
 
 def _send_baseline_scores(stream: Any, overview: Overview) -> None:
-    """Send a level line per valid walk of the baseline, which begins before the first trial."""
     rr = load_rerun()
     indices = [BEFORE_TRIALS, *(trial.index for trial in overview.trials)]
     for walk in overview.baseline:
@@ -346,7 +335,7 @@ LEGEND_SHARE = 0.15
 
 
 def make_layout(overview: Overview, *, several: bool = False) -> Any:
-    """Blueprint of an overview, with the list of recordings if it is one of several."""
+    """Blueprint of an overview; `several` opens the list of recordings."""
     import rerun.blueprint as rrb
 
     views = [_above_view(overview), belief_view(overview), _curve_view(overview)]
@@ -410,10 +399,9 @@ APPLICATION_ID = "hexctl session"
 
 
 def write_overview_file(path: Path, overview: Overview, *, several: bool = False) -> None:
-    """Write an overview atomically, in place of an earlier one; as one of several it lists the recordings.
+    """Write an overview atomically, replacing an earlier one; `several` opens the list of recordings.
 
-    Raises InputError for an overview without trials or a place that cannot be written, RecordingError when
-    the disk did not take everything, and MissingExtraError without Rerun.
+    Raises InputError without trials or a writable place, RecordingError, and MissingExtraError.
     """
     if not overview.trials:
         raise InputError(f"overview: {overview.title} has no trials; allowed: one or more")

@@ -20,16 +20,11 @@ class OverviewTrial(ArrayFields):
     """One trial.
 
     Attributes:
-        index: 1 for the first trial.
-        code: the gait tried.
-        slots: its slots.
         score_m: by the session's objective, lower is better; None for an invalid trial.
-        deviation_m: from the line of travel at the end, positive to the left; None where unknown.
-        distance_m: progress along the heading, or None.
-        status: how it ended, in words.
+        deviation_m: final deviation, positive to the left; None if unknown.
         path_m: progress along the heading and signed deviation, positive to the left, (N, 2).
-        address: URL of its recording, which a viewer opens; None where there is none.
-        gait: name of the gait, shown instead of a code that there is none of; None shows the code.
+        address: URL of its recording, which a viewer opens, or None.
+        gait: shown instead of the code; None shows the code.
     """
 
     index: int
@@ -52,13 +47,7 @@ class OverviewTrial(ArrayFields):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GaitBeliefs(ArrayFields):
-    """Where a search expects walks of every gait to end, by code from 1 on.
-
-    Attributes:
-        signed_m: deviation at the end, positive to the left, (gaits,).
-        low_m: where the interval of 9 in 10 trials begins, (gaits,).
-        high_m: where it ends, (gaits,).
-    """
+    """Expected final deviations and 90 % intervals of all gaits by code, (gaits,), positive to the left."""
 
     signed_m: FloatArray
     low_m: FloatArray
@@ -67,14 +56,7 @@ class GaitBeliefs(ArrayFields):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SearchStep:
-    """What a search knew after some trials, and what it did next.
-
-    Attributes:
-        trials: how many of them were walked.
-        note: the last trial, the next gait and why it was chosen, or why the search ended, as Markdown.
-        next_code: the gait of the next trial, None after the last one.
-        beliefs: of all gaits; None where the search has none, or they are not known any more.
-    """
+    """State of a search after some trials; `note` is Markdown on the last trial and the next gait."""
 
     trials: int
     note: str
@@ -84,17 +66,12 @@ class SearchStep:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Overview:
-    """A session as its overview shows it.
+    """A session for its overview.
 
     Attributes:
-        title: name of the session.
-        facts: lines on settings and outcome.
-        objective: what the score is, in words.
-        unit: of the score, empty if it has none.
-        course_m: length of the line of travel: the distance of a walk without slip.
-        trials: in the order in which they were walked.
-        baseline: walks with the gaits that the robot would use anyway; they are never the best trial.
-        steps: of the search, from before the first trial on.
+        course_m: distance of a walk without slip.
+        baseline: never the best trial.
+        steps: of the search, beginning before the first trial.
     """
 
     title: str
@@ -117,7 +94,7 @@ class Overview:
         return list(self.best_so_far())[-1] if self.trials else None
 
     def best_so_far(self) -> Iterator[OverviewTrial | None]:
-        """For each trial the best of those up to it; None before the first valid one."""
+        """For each trial the best one so far; None before the first valid one."""
         best, lowest_m = None, math.inf
         for trial in self.trials:
             if trial.score_m is not None and trial.score_m < lowest_m:
@@ -133,7 +110,7 @@ def deviation_text(deviation_m: float | None) -> str:
 
 
 def score_text(score: float, unit: str) -> str:
-    """Score with its unit, in cm where that is m."""
+    """Score with its unit; m become cm."""
     return f"{100 * score:.1f} cm" if unit == METRES else f"{score:.3f} {unit}".rstrip()
 
 

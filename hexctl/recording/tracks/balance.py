@@ -20,7 +20,7 @@ POLYGON_M, MARK_M = np.array([0.0, 0.0, 0.001]), np.array([0.0, 0.0, 0.002])
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """In how many ticks of the walk the centre of gravity is known, and in how many the feet carry it."""
+    """Number of ticks of the walk with a known centre of gravity, and with one inside the support polygon."""
 
     walked: int = 0
     inside: int = 0
@@ -35,7 +35,7 @@ class Tally:
 
 
 def send_balance(block: Block) -> Tally:
-    """Send the polygon, the centre of gravity and its margin now and then; count all ticks of the walk."""
+    """Send the polygon, the centre of gravity and its margin at some ticks; count all ticks of the walk."""
     feet, centres = _feet_and_centres(block)
     known = np.asarray(np.isfinite(centres).all(axis=-1))
     rows = block.sparse()
@@ -73,7 +73,6 @@ def _send_polygon(block: Block, rows: NDArray[np.int64], corners: FloatArray, in
 
 
 def _send_centre(block: Block, rows: NDArray[np.int64], centres: FloatArray, inside: BoolArray) -> None:
-    """Send the mark on the floor and the plumb line that it hangs on."""
     rr = load_rerun()
     marks = on_floor(centres[:, :2], block.subject.floor) + MARK_M
     color = _colors(inside, style.STEADY_COLOR, style.UNSTEADY_COLOR)
@@ -86,12 +85,10 @@ def _send_centre(block: Block, rows: NDArray[np.int64], centres: FloatArray, ins
 
 
 def _send_margin(block: Block, rows: NDArray[np.int64], margin_m: FloatArray) -> None:
-    """Send how far inside the polygon the centre is, where there is one."""
     finite = np.isfinite(margin_m)
     block.plot(MARGIN, rows[finite], margin_m[finite])
 
 
 def _colors(inside: BoolArray, steady: style.Color, unsteady: style.Color) -> NDArray[np.uint32]:
-    """Colour of each row as Rerun packs it."""
     colors = np.array([style.packed(unsteady), style.packed(steady)], dtype=np.uint32)
     return np.asarray(colors[inside.astype(int)])

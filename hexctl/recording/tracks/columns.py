@@ -22,16 +22,16 @@ from hexctl.types import JOINT_KINDS, BoolArray, FloatArray
 
 Rows = NDArray[np.int64] | slice
 
-#: Ticks between rows of what need not follow every tick: ten rows a second.
+#: Ticks between rows of sparse tracks: ten rows a second.
 SPARSE_TICKS = 5
 
 #: Resolution of the wall clock: half a second keeps its column small.
 WALL_STEP_NS = 500_000_000
 
-#: Quaternion (w, x, y, z) of a body that stands level and faces along the x axis.
+#: Quaternion (w, x, y, z) of a level body that faces along the x axis.
 LEVEL_AHEAD = np.array([1.0, 0.0, 0.0, 0.0])
 
-#: For how long a body without an orientation is drawn in its last one: longer than a guard lets it walk.
+#: How long a body without an orientation is drawn in its last one: longer than a guard lets it walk.
 REMEMBERED_TICKS = 300
 
 #: A foot commanded higher than this above its stance position is in swing.
@@ -48,22 +48,13 @@ class Subject:
     meshes: Meshes = field(default_factory=dict)
 
     def mesh_of(self, leg: int, kind: str) -> PartMesh | None:
-        """Mesh of a link; None where it is drawn as a solid, as those of a leg that is told to be missing."""
+        """Mesh of a link; None if it is drawn as a solid, as for an announced missing leg."""
         missing = any(one.leg == leg and one.kind == "missing" for one in self.plan.failures)
         return None if missing else self.meshes.get(kind)
 
 
 class Block:
-    """Rows [start, stop) of a log, their times, and quantities that several tracks derive from them.
-
-    Rows are counted from the start of the block.
-
-    Attributes:
-        subject: the robot, plan and floor of the log.
-        log: the log.
-        start: its first row in the log.
-        stop: the row after its last.
-    """
+    """Rows [start, stop) of a log, counted from `start`, with their times and derived quantities."""
 
     def __init__(
         self, stream: Any, subject: Subject, log: TickLog, start: int, stop: int, began_at_s: float
@@ -118,14 +109,14 @@ class Block:
 
     @cached_property
     def standing(self) -> BoolArray:
-        """Feet in contact, or commanded to stance where contacts are not measured, (rows, 6)."""
+        """Feet in contact, or commanded to stance without contacts, (rows, 6)."""
         if self.log.contacts_known:
             return np.asarray(self.column("foot_contacts"))
         return np.asarray(~self.led_swing[len(self.led_swing) - (self.stop - self.start) :])
 
     @cached_property
     def quaternions(self) -> FloatArray:
-        """Orientations to draw the body in, (rows, 4): where unknown the last known one, else level ahead."""
+        """Orientations for drawing the body, (rows, 4): if unknown the last known one, else level ahead."""
         lead = min(self.start, REMEMBERED_TICKS)
         led = self.led("base_quaternion_world", lead)
         known = np.isfinite(led[:, 0])
@@ -143,12 +134,11 @@ class Block:
             self.send(series.path, rows, scalars.partition(np.full(rows.size, len(series.names))))
 
     def send_at(self, path: str, log_rows: Sequence[int], columns: Any) -> None:
-        """Send columns for a few rows counted from the start of the log; also for some before the block."""
+        """Send columns for rows counted from the start of the log, even before the block."""
         times_s = np.array([self.log.rows("time_s", row, row + 1)[0] for row in log_rows])
         self._send(path, self._time_columns(times_s), columns)
 
     def _send(self, path: str, times: Mapping[str, Any], columns: Any) -> None:
-        """Send columns with the times of their rows on all timelines."""
         rr = self._rr
         indexes = [
             rr.TimeColumn(paths.WALK_TIMELINE, duration=times[paths.WALK_TIMELINE]),
@@ -158,7 +148,7 @@ class Block:
         self._stream.send_columns(path, indexes, columns, strict=True)
 
     def _time_columns(self, times_s: FloatArray) -> dict[str, Any]:
-        """Times of the log's clock, (rows,), on all timelines; all time before the walk is its second 0."""
+        """Times of the log's clock, (rows,), on all timelines; the walk's time is 0 before it."""
         log = self.log
         elapsed_ns = _ns(times_s - log.rows("time_s", 0, 1))
         walk_ns = np.zeros_like(elapsed_ns)
@@ -182,7 +172,7 @@ def posed_rows(log: TickLog, start: int, stop: int) -> BoolArray:
 
 
 def compact(points_m: FloatArray) -> NDArray[np.float32]:
-    """Points rounded to half a millimetre, enough for drawing; they compress well."""
+    """Points rounded to half a millimetre, which compress well."""
     return rounded(points_m, 10).astype(np.float32)
 
 
@@ -191,11 +181,11 @@ def rounded(values: FloatArray, bits: int) -> FloatArray:
     return np.asarray(np.round(values * 2.0**bits) / 2.0**bits)
 
 
-#: A positive coxa turns counter-clockwise from above; a positive femur or tibia lifts what points along x.
+#: A positive coxa turns counter-clockwise from above; a positive femur or tibia lifts its link along x.
 AXES = {"coxa": (0.0, 0.0, 1.0), "femur": (0.0, -1.0, 0.0), "tibia": (0.0, -1.0, 0.0)}
 
 
-#: Binary places that a drawn angle is rounded to: an error of a twentieth of a degree at most.
+#: Binary places of drawn angles: an error of a twentieth of a degree at most.
 DRAWN_BITS = 9
 
 
@@ -206,27 +196,19 @@ class ArrowBatch:
     array: Any
 
     def as_arrow_array(self) -> Any:
-        """The values, as Rerun asks for them."""
+        """The values, for Rerun."""
         return self.array
 
 
 class LinkColumns:
-    """Makes the columns of links for a number of ticks; arrays that all legs share are made once.
-
-    The joint's position on the previous link is static and not part of these columns.
-    """
+    """Makes the columns of links, except the static joint position; shared arrays are made once."""
 
     def __init__(self, ticks: int) -> None:
         self._offsets = np.arange(ticks + 1, dtype=np.int32)
         self._axes = {kind: _vectors(AXES[kind], ticks) for kind in JOINT_KINDS}
 
     def columns(self, kind: str, angles_rad: FloatArray) -> list[Any]:
-        """Columns of a link of this kind, which turns through the measured angle.
-
-        Args:
-            kind: one of `JOINT_KINDS`.
-            angles_rad: commanded and measured, (ticks, 2).
-        """
+        """Columns of a link of a kind in `JOINT_KINDS`; commanded and measured angles, (ticks, 2)."""
         import pyarrow as pa
 
         axis = self._axes[kind]
@@ -248,7 +230,6 @@ class LinkColumns:
 
 
 def _vectors(vector: tuple[float, ...], ticks: int) -> Any:
-    """The same 3-vector for each tick, as an Arrow array."""
     import pyarrow as pa
 
     values = pa.array(np.tile(np.asarray(vector, dtype=np.float32), ticks))

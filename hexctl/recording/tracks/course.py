@@ -11,16 +11,16 @@ from hexctl.recording.series import DEVIATION
 from hexctl.recording.tracks.columns import SPARSE_TICKS, Block, compact, posed_rows
 from hexctl.types import FloatArray
 
-#: An arrow is as long as the robot goes in this time.
+#: Length of an arrow as time at the commanded velocity.
 ARROW_S = 2.0
 ARROW_RADIUS_M = 0.006
 
-#: The ribbon is made of pieces of this many ticks: fewer, longer ones than the trail's, each is a mesh.
+#: Ticks of a piece of the ribbon: fewer, longer pieces than the trail's, because each is a mesh.
 RIBBON_TICKS = 10
 
 
 def send_trail(block: Block) -> None:
-    """Send the way of the body, on the floor, as short pieces; those before the time cursor are drawn."""
+    """Send the path of the body on the floor as short pieces; those before the time cursor are drawn."""
     at, first = _pieces(block, SPARSE_TICKS)
     if at.size:
         positions = block.log.rows("base_position_world", first, block.stop)[:, :2]
@@ -30,7 +30,7 @@ def send_trail(block: Block) -> None:
 
 
 def send_course(block: Block) -> None:
-    """Send the line of travel where the walk begins."""
+    """Send the line of travel when the walk begins."""
     subject, frame = block.subject, block.log.frame
     rows = block.changes(block.led("phase"))
     rows = rows[block.column("phase")[rows] == PHASES.index("walk")]
@@ -41,7 +41,7 @@ def send_course(block: Block) -> None:
 
 
 def send_ribbon(block: Block) -> None:
-    """Send the area between the line of travel and the trail, coloured by side, in pieces as the trail."""
+    """Send the area between the line of travel and the trail in pieces, coloured by side."""
     frame, rr = block.log.frame, load_rerun()
     at, first = _pieces(block, RIBBON_TICKS)
     walking = block.log.rows("phase", first, block.stop) == PHASES.index("walk")
@@ -62,7 +62,7 @@ def send_ribbon(block: Block) -> None:
 
 
 def send_deviation(block: Block) -> None:
-    """Send the distance from the line of travel during the walk, positive to its left."""
+    """Send the deviation during the walk, positive to the left."""
     frame = block.log.frame
     rows = np.flatnonzero(block.in_walk() & block.posed)
     if frame is not None and rows.size:
@@ -71,7 +71,7 @@ def send_deviation(block: Block) -> None:
 
 
 def send_velocity(block: Block) -> None:
-    """Send the velocity that a steered walk commands, ten times a second, as an arrow."""
+    """Send the commanded velocity of a steered walk as an arrow at 10 Hz."""
     velocity, rows, rr = block.column("velocity_body"), block.sparse(), load_rerun()
     rows = rows[np.isfinite(velocity[rows]).all(axis=-1)]
     if not rows.size:
@@ -87,11 +87,7 @@ def send_velocity(block: Block) -> None:
 
 
 def _pieces(block: Block, step: int) -> tuple[NDArray[np.int64], int]:
-    """Ends of the pieces between ticks that are multiples of a step, (N,), and the tick they count from.
-
-    Only pieces whose ends are known count. The ends count from that tick of the log, which is the one that
-    the first piece begins at.
-    """
+    """Known ends of pieces between multiples of a step in ticks, (N,), and the tick of their origin."""
     first = max(block.start, step)
     first += -first % step - step
     at = np.arange(step, block.stop - first, step)
@@ -100,7 +96,6 @@ def _pieces(block: Block, step: int) -> tuple[NDArray[np.int64], int]:
 
 
 def _across(frame: TrialFrame, points_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Horizontal positions, (N, 2), and the nearest points on the line of travel."""
     along = np.array([np.cos(frame.heading_rad), np.sin(frame.heading_rad)])
     progress = frame.path(_with_height(points_m))[:, :1]
     return points_m, frame.origin_world[:2] + progress * along

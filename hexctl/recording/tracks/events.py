@@ -1,4 +1,4 @@
-"""Events of a recording: phases, failures, what was noticed and done, clipped targets, the outcome."""
+"""Events of a recording: phases, failures, detections and reactions, clipped targets, the outcome."""
 
 from collections.abc import Iterator
 
@@ -15,7 +15,7 @@ from hexctl.recording.tracks.failures import failure_lines
 from hexctl.recording.tracks.gait_tracks import clipped_joints, skipped_ticks
 from hexctl.types import JOINT_NAMES
 
-#: A row of the block, how grave it is in Rerun's words, and what it was.
+#: A row of the block, Rerun's level, and the text.
 Event = tuple[int, str, str]
 
 INFO, WARNING, ERROR = "INFO", "WARN", "ERROR"
@@ -29,7 +29,7 @@ MAX_NAMES = 3
 
 
 def send_events(block: Block) -> None:
-    """Send what happened in the rows of a block."""
+    """Send the events in the rows of a block."""
     parts = (_phases(block), _failures(block), _notes(block), _clipped(block), _skipped(block))
     events = sorted((event for part in parts for event in part), key=lambda event: event[0])
     if events:
@@ -50,14 +50,12 @@ def _failures(block: Block) -> Iterator[Event]:
 
 
 def _notes(block: Block) -> Iterator[Event]:
-    """What the controller noticed and did."""
     for row, text in block.log.notes:
         if block.start <= row < block.stop:
             yield row - block.start, WARNING, text
 
 
 def _clipped(block: Block) -> Iterator[Event]:
-    """Ticks at which the guard began to change targets, with the first joints concerned."""
     led = clipped_joints(block.led("wanted_rad"), block.led("commanded_rad"))
     lead = len(led) - (block.stop - block.start)
     for row in block.changes(led.any(axis=-1)).tolist():
@@ -68,7 +66,6 @@ def _clipped(block: Block) -> Iterator[Event]:
 
 
 def _skipped(block: Block) -> Iterator[Event]:
-    """Ticks before which periods were missed because the previous tick took too long."""
     led = skipped_ticks(block.led("time_s"))
     lead = len(led) - (block.stop - block.start)
     for row in np.flatnonzero(led[lead:]).tolist():

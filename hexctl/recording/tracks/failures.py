@@ -1,4 +1,4 @@
-"""Tracks of failures: what the world breaks, what the walk suspects and notices, and how legs look."""
+"""Tracks of failures: broken legs, suspected and detected ones, and their appearance."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -15,15 +15,15 @@ from hexctl.robot.failure import Failure, in_words, in_words_with_share
 from hexctl.robot.meshes import PartMesh
 from hexctl.types import JOINT_KINDS
 
-#: Evidence is drawn up to this many alarms: beyond, it says nothing more.
+#: Evidence is clipped at this many alarms.
 MOST_ALARMS = 3.0
 
-#: Radius of the mark at a leg that was noticed, in radii of its coxa.
+#: Radius of the mark at a leg with a detected failure, in radii of its coxa.
 MARK_SIZE = 1.8
 
 
 def send_suspicion(block: Block) -> None:
-    """Send the evidence against each leg and the alarm, now and then, and at every tick above it."""
+    """Send the evidence against each leg and the alarm level at some ticks, and at every tick above it."""
     ratio = block.column("leg_suspicion")  # (rows, 6)
     known = np.isfinite(ratio).all(axis=-1)
     due = np.zeros(len(ratio), dtype=bool)
@@ -33,7 +33,7 @@ def send_suspicion(block: Block) -> None:
 
 
 def send_lanes(block: Block) -> None:
-    """Send which legs are broken, where that is known, and which the walk takes for broken."""
+    """Send broken legs, if known, and legs that the walk considers broken."""
     for by, path, state in (
         ("world", paths.BROKEN, style.broken_state),
         ("belief", paths.NOTICED, style.noticed_state),
@@ -49,7 +49,7 @@ def _send_states(block: Block, path: str, log_rows: Sequence[int], states: Seque
 
 
 def _since(change: LegChange) -> int:
-    """The row at which something happened: what the world does, it does before the tick that shows it."""
+    """The world changes a leg before the tick that shows it."""
     return max(0, change.row - 1) if change.by == "world" else change.row
 
 
@@ -61,10 +61,10 @@ def _short(failures: Sequence[Failure]) -> str:
 
 
 def failure_lines(block: Block) -> Iterator[tuple[int, str]]:
-    """Rows of the log at which the world let legs fail or heal, and lines that say so."""
+    """Rows of the log at which the world let legs fail or heal, with a line each."""
     for change in block.leg_changes():
         if change.by == "world":
-            # What was told is not news when it begins.
+            # An announced failure is not reported when it begins.
             told = [one for one in block.subject.plan.failures if one.leg in _by_leg(change.failures)]
             before = told if change.row == 0 else change.before
             for text in _differences(_by_leg(before), _by_leg(change.failures)):
@@ -80,7 +80,7 @@ def _differences(before: Mapping[int, Failure], now: Mapping[int, Failure]) -> I
 
 
 def send_looks(block: Block, leg: int) -> None:
-    """Send the colours of a leg, red from its failure on, and the mark at its hip while it is noticed."""
+    """Send the colours of a leg, red from its failure on, and the mark at its hip after a detection."""
     told = _by_leg(block.subject.plan.failures).get(leg)
     if block.start == 0:
         beginning = [change for change in block.leg_changes() if _from_the_beginning(change)]
@@ -104,7 +104,6 @@ def _by_leg(failures: Sequence[Failure]) -> dict[int, Failure]:
 
 
 def _send_look(block: Block, row: int, leg: int, failure: Failure | None) -> None:
-    """Send how the links and the label of a leg look from a row of the log on."""
     for kind in JOINT_KINDS:
         columns = _link_columns(failure, kind, block.subject.mesh_of(leg, kind))
         block.send_at(paths.link_path(leg, kind), [row], columns)
@@ -116,7 +115,7 @@ def _send_look(block: Block, row: int, leg: int, failure: Failure | None) -> Non
 
 
 def _link_columns(failure: Failure | None, kind: str, mesh: PartMesh | None) -> Any:
-    """Colour of a link; a solid of a missing leg is an outline, which a mesh does not have."""
+    """Colour of a link; a solid of a missing leg is an outline, which a mesh lacks."""
     rr = load_rerun()
     color = style.packed((style.FAILED_COLORS if failure else style.LINK_COLORS)[kind])
     missing = failure is not None and failure.kind == "missing"
@@ -128,7 +127,6 @@ def _link_columns(failure: Failure | None, kind: str, mesh: PartMesh | None) -> 
 
 
 def _send_mark(block: Block, row: int, leg: int, failure: Failure | None) -> None:
-    """Send the mark at the hip of a leg that was noticed to have failed, or take it away for None."""
     labels = [] if failure is None else [f"noticed: {in_words(failure)}"]
     coxa_m = block.subject.robot.link_radii_m[0]
     for path, radius, color, shown in (

@@ -12,10 +12,10 @@ from hexctl.recording.tracks.columns import (
 )
 from hexctl.types import BoolArray, FloatArray
 
-#: Targets that differ by less count as unchanged: they were rounded on their way.
+#: Targets that differ by less count as unchanged: they were rounded in transit.
 ROUNDING_RAD = 1e-5
 
-#: Ticks for which a foot's contact must differ from the command to be shown: rebounds are left out.
+#: Ticks for which a foot's contact must differ from the command to be shown, which skips rebounds.
 STEADY_TICKS = 5
 
 
@@ -30,7 +30,7 @@ def skipped_ticks(time_s: FloatArray) -> FloatArray:
 
 
 def send_phases(block: Block) -> None:
-    """Send the parts of the trial where they begin."""
+    """Send the start of each part of the trial."""
     rows = block.changes(block.led("phase"))
     if rows.size:
         names = np.array(PHASES)[block.column("phase")[rows]]
@@ -38,7 +38,7 @@ def send_phases(block: Block) -> None:
 
 
 def send_gait(block: Block) -> None:
-    """Send stance and swing of each foot where they change, as commanded and, if it is felt, as they are."""
+    """Send changes of stance and swing of each foot, as commanded and, with contacts, as measured."""
     states = _felt(block) if block.log.contacts_known else block.led_swing.astype(int)
     names = np.array(style.FELT_STATES if block.log.contacts_known else style.COMMANDED_STATES)
     lead = len(states) - (block.stop - block.start)
@@ -67,7 +67,7 @@ def steadily(is_so: BoolArray) -> BoolArray:
 
 
 def send_feet(block: Block) -> None:
-    """Send which feet touch the floor, where that changes, as the foot's colour; one for all if unfelt."""
+    """Send changes of contact as the foot's colour; one colour for all without contacts."""
     touching = block.led("foot_contacts")
     felt = (style.LIFTED_COLOR, style.TOUCHING_COLOR)
     shown = felt if block.log.contacts_known else (style.UNFELT_COLOR, style.UNFELT_COLOR)
@@ -80,7 +80,7 @@ def send_feet(block: Block) -> None:
 
 
 def send_guard(block: Block) -> None:
-    """Send where the guard changed targets and where the clock missed ticks."""
+    """Send changed targets and missed ticks."""
     states = clipped_joints(block.led("wanted_rad"), block.led("commanded_rad")).any(axis=-1).astype(int)
     states[skipped_ticks(block.led("time_s")) > 0] = 2
     lead = len(states) - (block.stop - block.start)

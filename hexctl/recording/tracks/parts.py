@@ -1,4 +1,4 @@
-"""The parts of a block: everything that rows of a log hold, leg by leg and track by track."""
+"""The parts of a block: all content of its rows, leg by leg and track by track."""
 
 from collections.abc import Callable, Generator
 
@@ -18,10 +18,9 @@ from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, FloatArray
 
 
 def send_parts(block: Block) -> Generator[None, None, Tally]:
-    """Send everything that rows of a log hold part by part: all of it takes longer than a tick of a robot.
+    """Send all content of a block part by part, because it takes longer than a tick; return its balance.
 
-    What is sent depends only on these rows and earlier ones, so a log that is sent in blocks equals the same
-    log sent in one piece. Returns how steady the robot was.
+    It depends only on these rows and earlier ones: the size of blocks does not change a recording.
     """
     links = LinkColumns(block.stop - block.start)
     for leg in paths.LEGS:
@@ -40,7 +39,7 @@ def _send_base(block: Block) -> None:
     known = np.flatnonzero(block.posed)
     if known.size:
         _send_pose(block, known, block.column("base_position_world")[known], block.quaternions[known])
-    # The robot is drawn at one place, but the viewer's eye only follows what comes again and again.
+    # The robot is drawn at one place, but the viewer's eye only follows recurring poses.
     unknown = block.sparse()
     unknown = unknown[
         unknown + block.start < (np.inf if block.log.posed_from is None else block.log.posed_from)
@@ -58,7 +57,6 @@ def _send_pose(block: Block, rows: Rows, position: FloatArray, quaternion: Float
 
 
 def _send_leg(block: Block, links: LinkColumns, leg: int) -> None:
-    """Send each joint's angle as the rotation of its link, and commanded and measured as scalars."""
     first = JOINTS_PER_LEG * (leg - 1)
     both = [
         block.column(name)[:, first : first + JOINTS_PER_LEG] for name in ("commanded_rad", "measured_rad")
@@ -68,7 +66,7 @@ def _send_leg(block: Block, links: LinkColumns, leg: int) -> None:
         block.send(paths.link_path(leg, kind), slice(None), links.columns(kind, joints[:, index]))
 
 
-#: What is sent after the legs, in this order.
+#: Tracks after the legs, in this order.
 PARTS: tuple[Callable[[Block], None], ...] = (
     _send_base,
     send_phases,

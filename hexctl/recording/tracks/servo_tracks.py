@@ -1,4 +1,4 @@
-"""Tracks of what is only sampled: torques and the commanded velocity, and what servos report."""
+"""Tracks of sampled values: torques, the commanded velocity, and reports of servos."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from hexctl.recording.tracks.columns import Block
 
 
 def send_samples(block: Block) -> None:
-    """Send columns of the log ten times a second where they are known: at every tick they fill the file."""
+    """Send columns of the log at 10 Hz if known: at every tick they would fill the file."""
     for series in SAMPLED:
         values, rows = block.column(str(series.source)), block.sparse()
         rows = rows[np.isfinite(values[rows]).all(axis=-1)]
@@ -15,7 +15,7 @@ def send_samples(block: Block) -> None:
 
 
 def send_servos(block: Block) -> None:
-    """Send what the servos report, if it is known of any; what is unknown of one leaves a gap."""
+    """Send the reports of servos, if any; an unknown value leaves a gap."""
     readings = block.log.servo_rows.between(block.start, block.stop)
     for series in SERVOS:
         known = [(row, getattr(servos, str(series.source))) for row, servos in readings]

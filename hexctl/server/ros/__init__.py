@@ -1,1 +1,1 @@
-"""A served robot in ROS 2: what it publishes there, and what it takes from there."""
+"""A served robot in ROS 2: publishers, subscriptions and services."""

@@ -1,8 +1,4 @@
-"""The ROS 2 node of a served robot: a thread with a Zenoh session of its own.
-
-The robot's thread only hands over its state and takes requests from its inbox. Everything else happens here:
-a router that is not there, a network that fails or a flood of messages costs the robot nothing.
-"""
+"""The ROS 2 node of a served robot, on its own thread: network trouble does not delay the robot."""
 
 import threading
 import time
@@ -29,16 +25,16 @@ from hexctl.wire.ros.telemetry import encode_trigger_answer
 from hexctl.wire.ros.velocity import TWIST, TWIST_STAMPED, decode_velocity
 from hexctl.wire.zenoh_messages import decode_positions
 
-#: A session that failed is opened again after this.
+#: Pause before a failed session is opened again.
 REOPEN_S = 1.0
 
-#: The thread looks for requests at least this often, whatever the robot does.
+#: Maximum time between two looks for requests.
 LONGEST_WAIT_S = 0.05
 
-#: A robot that has handed over nothing for so long is silent.
+#: A robot without a new state for this long is silent.
 SILENT_S = 1.0
 
-#: Topics that move the robot, only there with `drive`; a topic has one subscription for each of its types.
+#: Topics that move the robot, only with `drive`; a topic has one subscription per type.
 VELOCITIES = (TWIST, TWIST_STAMPED)
 JOINTS_TOPIC = "robot_joint_command"
 STOP_TOPIC = "~/estop"
@@ -52,7 +48,7 @@ OFF = "commands from ROS are off; start hexctl serve with --ros-drive"
 
 
 class ServiceRequest:
-    """A call of a service, to be answered once."""
+    """A service call, to be answered once."""
 
     def __init__(self, request: RosRequest) -> None:
         self._request = request
@@ -64,14 +60,7 @@ class ServiceRequest:
 
 @dataclass(slots=True)
 class RosCounters:
-    """Counts of what came from ROS.
-
-    Attributes:
-        commands: velocities and joint commands that were decoded.
-        stops: at `~/estop`.
-        malformed: commands that could not be decoded, and requests without a client's attachment.
-        sessions: opened so far.
-    """
+    """Counts of messages from ROS; `malformed` includes requests without a client's attachment."""
 
     commands: int = 0
     stops: int = 0
@@ -80,21 +69,13 @@ class RosCounters:
 
 
 class RosBridge:
-    """The node `hexctl` of a robot, on a thread of its own.
+    """The node `hexctl` of a robot, on its own thread.
 
     Args:
-        robot: who is served.
-        node: names and domain.
         router: address of the ROS router, `tcp/HOST:PORT`.
-        drive: whether ROS may move the robot.
-        insecure: whether the router may be beyond this computer.
+        insecure: whether the router may be on another computer.
 
-    Attributes:
-        node: names and domain.
-        drive: whether ROS may move the robot.
-        counters: of what came.
-
-    Raises InputError for a router that is not allowed.
+    Raises InputError if the router is not allowed.
     """
 
     def __init__(
@@ -115,17 +96,12 @@ class RosBridge:
         self._trouble: str | None = None
 
     def connect(self, inbox: Inbox, stop: Callable[[], None]) -> Self:
-        """Say where commands go; the thread begins with `__enter__`.
-
-        Args:
-            inbox: of the robot's thread, in which arrivals of the kind `ros` hold a `RosCommand`.
-            stop: stops the robot, from any thread.
-        """
+        """Set the targets of commands, of which `stop` is called from any thread; `__enter__` starts."""
         self._inbox, self._stop = inbox, stop
         return self
 
     def __enter__(self) -> Self:
-        """Begin to look for the router, and publish once there is one."""
+        """Start to look for the router, and publish once it is found."""
         self._thread.start()
         return self
 
@@ -140,7 +116,7 @@ class RosBridge:
         self._states.put("state", snapshot)
 
     def status(self) -> dict[str, Any]:
-        """What is going on with ROS, as JSON values."""
+        """State of the ROS connection, as JSON values."""
         return {
             "router": str(self._router),
             "connected": self._connected,
@@ -150,7 +126,6 @@ class RosBridge:
         }
 
     def _run(self) -> None:
-        """Keep a session open until the end."""
         while not self._closing.is_set():
             try:
                 with open_ros_session(self._router) as session:
@@ -180,13 +155,12 @@ class RosBridge:
         token.undeclare()  # type: ignore[no-untyped-call]
 
     def _look(self, session: zenoh.Session, now_s: float) -> None:
-        """See whether the router is there, and why not."""
         self._connected = bool(session.info.routers_zid())
         self._trouble = self._watch.trouble(self._connected, now_s)
 
     @property
     def condition(self) -> str | None:
-        """One line on the router: found, or why not; None while that is not known."""
+        """One line on the router: found, or why not; None while unknown."""
         return f"ROS router at {self._router} found" if self._connected else self._trouble
 
     def put(self, command: RosCommand) -> None:
@@ -195,15 +169,13 @@ class RosBridge:
             self._inbox.put("ros", command)
 
     def stop(self) -> None:
-        """Stop the robot now, and tell its thread."""
+        """Stop the robot immediately, then notify its thread."""
         self.counters.stops += 1
         self._stop()
         self.put(Stopped())
 
 
 class _Commands:
-    """Subscriptions and services through which ROS asks for something."""
-
     def __init__(self, session: zenoh.Session, node: RosNode, bridge: RosBridge) -> None:
         self._bridge, self._counters = bridge, bridge.counters
         wanted = [(STOP_TOPIC, STOP_MESSAGE)]
@@ -224,12 +196,12 @@ class _Commands:
         }
 
     def take(self) -> None:
-        """Pass on what has come since the last time: of each topic the newest."""
+        """Pass on what has arrived since the last call; of each topic only the newest."""
         for (topic, kind), subscription in self._subscriptions.items():
             payload = subscription.newest()
             if payload is None:
                 continue
-            if topic == STOP_TOPIC:  # whatever it says: a stop is never refused
+            if topic == STOP_TOPIC:  # with any content: a stop is never refused
                 self._bridge.stop()
             else:
                 self._pass(topic, kind, payload)
@@ -261,7 +233,6 @@ class _Commands:
 
 
 def _described(robot: Robot, node: RosNode, *, ros2_control: bool) -> str:
-    """URDF of a robot, with the topics of its ros2_control block in the node's namespace."""
     return urdf_of(
         robot,
         ros2_control=ros2_control,

@@ -1,4 +1,4 @@
-"""Diagnostics of a robot for ROS: one status of the robot, one of each servo that reports anything."""
+"""Diagnostics of a robot for ROS: one status of the robot, and one of each servo that reports anything."""
 
 import math
 
@@ -11,20 +11,15 @@ from hexctl.wire.ros.telemetry import DiagnosticStatus, Level
 #: Name of the node of a robot without a namespace.
 NODE = "hexctl"
 
-#: A servo this hot is near to where the guard stops the robot.
+#: A servo this hot is near the guard's limit.
 WARM_C = TOO_HOT_C - 8
 
-#: A servo that has been silent for so long is stale.
+#: A servo that has been silent for this long is stale.
 STALE_S = 1.0
 
 
 def statuses(snapshot: RobotSnapshot, node: str = NODE) -> list[DiagnosticStatus]:
-    """Statuses of a robot and of its servos.
-
-    Args:
-        snapshot: of the robot.
-        node: who tells, with its namespace: `/diagnostics` is the topic of all robots.
-    """
+    """Statuses of a robot and of its servos; `node` includes the namespace."""
     state = snapshot.state
     servos = state.servos
     joints = range(len(JOINT_NAMES))
@@ -33,7 +28,7 @@ def statuses(snapshot: RobotSnapshot, node: str = NODE) -> list[DiagnosticStatus
 
 
 def silent(node: str = NODE) -> list[DiagnosticStatus]:
-    """Status of a robot of which nothing has been heard for a while."""
+    """Status of a robot that has been silent for a while."""
     return [DiagnosticStatus(Level.STALE, f"{node}: robot", "its control loop says nothing")]
 
 
@@ -81,5 +76,4 @@ def _servo(joint: int, state: RobotState, servos: ServoReadings, node: str) -> D
 
 
 def _known(name: str, value: float | None, unit: str) -> dict[str, str]:
-    """A value with its unit; empty where it is not known."""
     return {} if value is None or not math.isfinite(value) else {f"{name} ({unit})": f"{value:.4g}"}

@@ -1,4 +1,4 @@
-"""Moves a robot as ROS asks: on the robot's own thread, under a lease of its own, through the guard."""
+"""Moves a robot as ROS commands: on the robot's thread, under its own lease, through the guard."""
 
 from collections.abc import Callable
 
@@ -17,38 +17,27 @@ from hexctl.server.ros.ros_commands import Called, RosCommand, Service, Stopped,
 from hexctl.types import FloatArray, RobotState
 from hexctl.wire.stop import OVER_ROS
 
-#: The lease of ROS, and a velocity, end after this silence.
+#: The lease of ROS, and a velocity, expire after this silence.
 EXPIRY_OF_ROS_S = 0.5
 
-#: Poses that differ by no more than this, in rad, are the same one.
+#: Poses that differ by at most this, in rad, are equal.
 SAME_RAD = 1e-6
 
-#: Velocities beyond these, in m/s and rad/s, mean as fast as possible, and a stand: squares of what lies
-#: further out are no finite numbers any more, or zero.
+#: Velocities in m/s and rad/s are clipped to these, and smaller ones are zero, to keep squares finite.
 FASTEST, SLOWEST = 100.0, 1e-6
 
-#: The gait that follows velocities.
 GAIT = "tripod"
 
-#: Writes joint angles (18,) through the guard; they were asked for at a time by the robot's time source.
+#: Writes joint angles (18,) through the guard; the second argument is the time of the request.
 Write = Callable[[FloatArray, float], None]
 
 
 class RosDriver:
     """Follows velocities and joint angles from ROS, stands up and sits down.
 
-    A velocity makes the robot stand up, if it does not stand, and walk. After `EXPIRY_OF_ROS_S` without one
-    it comes to a stand and gives its lease back; a zero velocity stops it sooner. Joint angles are passed
-    on; while they come, velocities are refused. Another controller's lease, and a stop, refuse both.
-
-    Args:
-        guard: around the servos.
-        requests: leases and stops of the robot.
-        idle: sits the robot down.
-        write: to the servos.
-
-    Attributes:
-        refused: commands that came while another client held the robot, or while it was stopped.
+    A velocity makes the robot stand up, if necessary, and walk. After `EXPIRY_OF_ROS_S` without one it stops
+    walking and gives its lease back; a zero velocity stops it sooner. Joint angles are passed on; while they
+    come, velocities are refused. Another controller's lease, and a stop, refuse both.
     """
 
     def __init__(self, guard: Guard, requests: RequestHandler, idle: IdleSupervisor, write: Write) -> None:
@@ -69,18 +58,13 @@ class RosDriver:
 
     @property
     def motion(self) -> str:
-        """What ROS lets the robot do: `none`, `joints`, or the mode of a drive."""
+        """Current motion by ROS: `none`, `joints`, or the mode of a drive."""
         if self._pilot is not None and self._lease is not None:
             return self._pilot.mode
         return "joints" if self._time.now() <= self._joints_until_s else "none"
 
     def obey(self, command: RosCommand, at_s: float) -> None:
-        """Take a command.
-
-        Args:
-            command: of ROS.
-            at_s: time of its arrival by the robot's time source.
-        """
+        """Take a command that arrived at `at_s` by the robot's time source."""
         if isinstance(command, Stopped):
             self._requests.estop(b"", at_s)
             self._drop()
@@ -96,12 +80,7 @@ class RosDriver:
                 self.refused += 1
 
     def tick(self, index: int, state: RobotState) -> None:
-        """Write the targets of this control period, if ROS moves the robot.
-
-        Args:
-            index: of the control period, by the guard's clock.
-            state: read in it.
-        """
+        """Write the targets of control period `index` of the guard's clock, if ROS moves the robot."""
         if self._lease is None or self._pilot is None:
             return
         now_s = self._time.now()
@@ -109,7 +88,7 @@ class RosDriver:
             self._drop()
             return
         pilot = self._pilot
-        if self._zero_index is None:  # steps go on where they ended, however long the robot has rested
+        if self._zero_index is None:  # steps continue after a rest of any length
             self._zero_index = index - self._next_step
         self._next_step = index - self._zero_index + 1
         targets_rad = pilot.targets_rad(index - self._zero_index, state)
@@ -133,7 +112,7 @@ class RosDriver:
             raise CommandRefusedError("cmd_vel: got it while joint commands come; allowed: one of both")
         velocity = np.where(np.abs(velocity) < SLOWEST, 0.0, np.clip(velocity, -FASTEST, FASTEST))
         if self._lease is None and not velocity.any():
-            return  # nothing to stop: a planner that says zero all the time does not hold the robot
+            return  # a planner that repeats zero must not hold the robot
         self._hold(at_s)
         pilot = self._drive()
         if self._sits and velocity.any():
@@ -151,7 +130,7 @@ class RosDriver:
         self._write(command.joint_positions_rad, at_s)
 
     def _answer(self, service: Service, at_s: float) -> tuple[bool, str]:
-        """Do what a service is there for: whether it is done or begun, and a line on it."""
+        """Whether the service is done or begun, and a line on it."""
         if service is Service.CLEAR_STOP:
             return self._clear_stop(at_s)
         try:
@@ -193,21 +172,20 @@ class RosDriver:
         return "sitting down"
 
     def _hold(self, at_s: float) -> None:
-        """Hold the robot for a while; raises HexctlError while another client does, or it is stopped."""
+        """Acquire or extend the lease; raises HexctlError during another client's lease or a stop."""
         if self._lease is not None and self._requests.holds(self._lease, at_s):
             self._lease = self._requests.leases.renew(self._lease.lease_id, at_s, EXPIRY_OF_ROS_S)
         else:
-            as_it_was = self._left_as_it_was()  # a lease lets the guard forget what it accepted last
+            as_it_was = self._left_as_it_was()  # a lease resets the guard's last accepted targets
             self._lease = self._requests.acquire(OVER_ROS, at_s, EXPIRY_OF_ROS_S)
             if not as_it_was:
                 self._pilot = None
 
     def _drive(self) -> DriveController:
-        """Pilot that walks now: the one of before where the robot still stands as it left it."""
+        """The previous pilot continues if the robot still stands as it left it."""
         return self._new_pilot(self._guard.accepted_rad()) if self._pilot is None else self._pilot
 
     def _left_as_it_was(self) -> bool:
-        """Whether nothing has moved the robot since the pilot did."""
         if self._sent_rad is None:
             return False
         return float(np.abs(self._guard.accepted_rad() - self._sent_rad).max()) <= SAME_RAD
@@ -230,13 +208,11 @@ class RosDriver:
         return self._pilot
 
     def _release(self) -> None:
-        """Give the lease back: the robot holds its pose, and others may have it."""
         if self._lease is not None:
             self._requests.release(self._lease, self._time.now())
         self._lease = self._zero_index = None
 
     def _drop(self) -> None:
-        """Forget what was going on: the robot was stopped, or belongs to another client."""
         self._lease = self._pilot = self._sent_rad = None
         self._sits = False
         self._source.forget()

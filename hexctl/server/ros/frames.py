@@ -1,4 +1,4 @@
-"""Frames of a robot in ROS, as REP 105 has them: `odom` drifts and does not jump, `map` may jump."""
+"""Frames of a robot in ROS by REP 105: `odom` drifts without jumps, `map` may jump."""
 
 import math
 from dataclasses import dataclass
@@ -17,11 +17,11 @@ _LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyPose(ArrayFields):
-    """Where a body, or a frame, is in another frame.
+    """Pose of a body or a frame in another frame.
 
     Attributes:
-        position_m: of its origin, (3,).
-        quaternion: its orientation (w, x, y, z), (4,).
+        position_m: (3,).
+        quaternion: (w, x, y, z), (4,).
     """
 
     position_m: FloatArray
@@ -38,19 +38,15 @@ class BodyPose(ArrayFields):
 
     @property
     def numbers(self) -> FloatArray:
-        """x, y, z in m and the quaternion as ROS orders it, (x, y, z, w): (7,)."""
+        """x, y, z in m and the quaternion in the order of ROS, (x, y, z, w): (7,)."""
         return np.concatenate([self.position_m, self.quaternion[1:], self.quaternion[:1]])
 
 
 class DeadReckoning:
-    """Pose of a robot by what it measures itself, state by state.
+    """Pose of a robot by its own measurements.
 
-    Its legs tell how it goes and how high it is, its IMU how it turns and leans. Without an IMU the legs tell
-    how it turns, and it counts as level: the lean that legs tell jumps where other feet begin to carry.
-
-    Args:
-        robot: geometry and masses.
-        start: where it begins; at the origin, as high as the legs say, unless given.
+    Legs measure motion and height, the IMU turn and tilt. Without an IMU the legs measure the turn too, and
+    the body counts as level: the tilt by the legs jumps when other feet begin to carry.
     """
 
     def __init__(self, robot: Robot, start: BodyPose | None = None) -> None:
@@ -62,12 +58,7 @@ class DeadReckoning:
         self._has_height = start is not None
 
     def update(self, state: RobotState, orientation: FloatArray | None) -> BodyPose:
-        """Pose after a state.
-
-        Args:
-            state: whose pose is not looked at.
-            orientation: (4,) that an IMU measured; None where there is none.
-        """
+        """Pose after a state, whose pose is ignored; `orientation` (4,) is from an IMU, or None."""
         turn_rad = self._turn_rad(orientation)
         motion = self._moved(state)
         if motion is not None:
@@ -79,17 +70,12 @@ class DeadReckoning:
         return BodyPose(self._position_m.copy(), product(about_z(self._yaw_rad), self._tilt))
 
     def see(self, at_s: float, pose: BodyPose) -> None:
-        """Take in a pose from outside: only which leg carries nothing is told by it, and no place.
-
-        Args:
-            at_s: when, on the clock of the states.
-            pose: of the body in any frame that stays.
-        """
+        """Take in an external pose, on the clock of the states: it only reveals unloaded legs."""
         place = np.array([*pose.position_m[:2], float(yaw_rad(pose.quaternion))])
         self._odometer.see(at_s, place)
 
     def _turn_rad(self, orientation: FloatArray | None) -> float | None:
-        """Turn since the last state by the IMU, None where it does not say; its tilt is kept."""
+        """Turn since the last state by the IMU, or None; stores its tilt."""
         before, self._own_yaw_rad = self._own_yaw_rad, None
         if orientation is None or not np.isfinite(orientation).all():
             return None
@@ -97,7 +83,7 @@ class DeadReckoning:
         return None if before is None else math.remainder(self._own_yaw_rad - before, math.tau)
 
     def _moved(self, state: RobotState) -> FloatArray | None:
-        """Motion of the legs since the last state, None where they do not say; rises with them."""
+        """Motion since the last state by the legs, or None; follows the height too."""
         step = self._odometer.update(state.stamp_s, state.joint_positions_rad, state.foot_contacts)
         if step is None:
             return None
@@ -108,7 +94,7 @@ class DeadReckoning:
 
 
 def _parted(quaternion: FloatArray) -> tuple[float, FloatArray]:
-    """Yaw in rad of an orientation, and what is left of it without: roll and pitch, with w of 0 or more."""
+    """Yaw in rad, and the rest of an orientation: roll and pitch, with w >= 0."""
     yaw = float(yaw_rad(quaternion))
     tilt = product(about_z(-yaw), quaternion)
     return yaw, -tilt if tilt[0] < 0 else tilt
@@ -118,15 +104,11 @@ MAP_FRAME = "map"
 
 
 class Frames:
-    """Where a robot is in `odom`, and `odom` in `map`.
+    """Pose of a robot in `odom`, and of `odom` in `map`.
 
-    A robot with a pose of its own has no `map`: that pose is the one in `odom`. A pose from outside is the
-    one in `map`, and the one in `odom` is dead reckoning, which goes on where the robot's own pose ended. It
-    begins with the first subscriber, as it takes half a millisecond of each control period, and then never
-    pauses: who subscribes again finds the frame where it was.
-
-    Args:
-        robot: geometry and masses.
+    A robot that measures its own pose has no `map`. With an external pose, which is the one in `map`, the
+    pose in `odom` is dead reckoning. It starts with the first subscriber, because it takes 0.5 ms of each
+    control period, and never pauses: later subscribers find the same frame.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -138,12 +120,7 @@ class Frames:
         self._posed_at_s: float | None = None
 
     def follow(self, snapshot: RobotSnapshot, *, wanted: bool) -> None:
-        """Take in a state, each of them.
-
-        Args:
-            snapshot: of the robot.
-            wanted: whether anything subscribes to where the robot is.
-        """
+        """Take in every state; `wanted` means that anything subscribes to the pose."""
         if snapshot.posed_at_s is None:
             self._own = snapshot
             return
@@ -159,14 +136,11 @@ class Frames:
             self._reckoning.see(snapshot.state.stamp_s, pose)
 
     def body_in_odom(self, snapshot: RobotSnapshot) -> BodyPose | None:
-        """Pose of `base_link` in `odom`, None where it is not known."""
+        """Pose of `base_link` in `odom`, or None if unknown."""
         return BodyPose.of(snapshot.state) if snapshot.posed_at_s is None else self._body
 
     def odom_in_map(self, snapshot: RobotSnapshot) -> BodyPose | None:
-        """Pose of `odom` in `map`, None where there is no `map`.
-
-        It changes with each pose from outside, and stays while none comes.
-        """
+        """Pose of `odom` in `map`, of the last external pose; None without `map`."""
         return None if snapshot.posed_at_s is None else self._odom
 
     def _begun(self) -> DeadReckoning:
@@ -181,8 +155,7 @@ class Frames:
 def _parent(pose: BodyPose, body: BodyPose, *, has_tilt: bool) -> BodyPose:
     """Pose in `map` of the frame in which a body is at `body`, while it is at `pose` in `map`.
 
-    An orientation that is exactly level is that of something which does not see roll and pitch, such as a
-    camera: these stay as the robot measures them, if it does, and the frame does not sway with them.
+    An exactly level `pose` is from a source without tilt, such as a camera: the measured tilt replaces it.
     """
     level = not pose.quaternion[1:3].any()
     if level and has_tilt:

@@ -1,4 +1,4 @@
-"""What ROS asks of a robot, on its way from the node's thread to the robot's."""
+"""Commands and service calls from ROS, passed from the node's thread to the robot's."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -16,7 +16,7 @@ class Service(Enum):
 
 
 class Call(Protocol):
-    """A call of a service that waits for its answer."""
+    """A service call that waits for its answer."""
 
     def answer(self, success: bool, message: str) -> None:
         """Answer it, once."""
@@ -24,39 +24,26 @@ class Call(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Stopped:
-    """A stop, which has already taken effect."""
+    """A stop that has already taken effect."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WantedVelocity:
-    """A velocity.
-
-    Attributes:
-        velocity: (3,) forward and left in m/s, turn in rad/s.
-    """
+    """A velocity, (3,): forward and left in m/s, turn in rad/s."""
 
     velocity: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WantedJoints:
-    """Joint angles.
-
-    Attributes:
-        joint_positions_rad: (18,), leg-major order.
-    """
+    """Joint angles, (18,), leg-major order."""
 
     joint_positions_rad: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
 class Called:
-    """A service that was called.
-
-    Attributes:
-        service: which.
-        call: to be answered.
-    """
+    """A service call and the service that it calls."""
 
     service: Service
     call: Call

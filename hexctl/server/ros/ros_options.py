@@ -1,4 +1,4 @@
-"""How a served robot takes part in ROS 2, and what that means for where it listens itself."""
+"""Options of a served robot in ROS 2, and their effect on its own endpoint."""
 
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -11,10 +11,10 @@ from hexctl.wire.ros.ros_names import RosNode
 if TYPE_CHECKING:
     from hexctl.server.ros.bridge import RosBridge
 
-#: Where ROS nodes find the router of their computer.
+#: Router of ROS nodes on their computer.
 DEFAULT_ROUTER = "tcp/localhost:7447"
 
-#: Where a robot listens when the default port belongs to the ROS router of its computer.
+#: Endpoint of a robot when the ROS router of its computer has the default port.
 ENDPOINT_BESIDE_ROUTER = "tcp/127.0.0.1:7448"
 
 
@@ -24,12 +24,11 @@ class RosOptions:
 
     Attributes:
         router: address of the ROS router, `tcp/HOST:PORT`.
-        domain: number of the ROS domain.
         namespace: of the node and its topics; empty for the root.
         humble: whether keys are those of ROS 2 Humble.
         drive: whether ROS may move the robot; it may always stop it.
 
-    Raises InputError for what is not allowed.
+    Raises InputError for a value that is not allowed.
     """
 
     router: str = DEFAULT_ROUTER
@@ -51,11 +50,7 @@ class RosOptions:
         return RosNode(domain=self.domain, namespace=self.namespace, humble=self.humble)
 
     def link_beside_router(self, link: Link) -> Link:
-        """Link of a robot that leaves the router its port.
-
-        The default port of both is the same: a robot that was told no other then listens at
-        `ENDPOINT_BESIDE_ROUTER`. Raises InputError for one that was told to listen there.
-        """
+        """Link that leaves the router its port; raises InputError if the options name that port."""
         own, router = Endpoint.parse(link.endpoint), Endpoint.parse(self.router)
         here = router.is_loopback and (own.is_loopback or own.is_everywhere)
         if own.port != router.port or not here:
@@ -68,22 +63,13 @@ class RosOptions:
         return replace(link, endpoint=ENDPOINT_BESIDE_ROUTER, named=True)
 
     def bridge(self, robot: Robot, *, insecure: bool) -> "RosBridge":
-        """Node of a robot, not begun yet.
-
-        Args:
-            robot: who is served.
-            insecure: whether the router may be beyond this computer.
-        """
+        """Node of a robot, not started; `insecure` allows a router on another computer."""
         from hexctl.server.ros.bridge import RosBridge
 
         return RosBridge(robot, self.node, router=self.router, drive=self.drive, insecure=insecure)
 
     def warnings(self, link: Link) -> tuple[str, ...]:
-        """What an operator must know before anything moves.
-
-        Args:
-            link: where the robot listens.
-        """
+        """Warnings for the operator before anything moves."""
         beside = f"its usual port is left to the ROS router: clients need --connect {link.endpoint}"
         return (*((beside,) if link.endpoint == ENDPOINT_BESIDE_ROUTER else ()), *self._who_may())
 

@@ -1,4 +1,4 @@
-"""What the robot's thread hands to ROS in every control period."""
+"""State that the robot's thread hands to ROS in every control period."""
 
 import time
 from dataclasses import dataclass, field
@@ -8,17 +8,11 @@ from hexctl.types import FloatArray, RobotState
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotSnapshot:
-    """State of a robot as it is published.
+    """State of a robot for publishing; `stamp_ns` is nanoseconds since 1970.
 
     Attributes:
-        state: that was read in this control period.
-        orientation: the robot's own (w, x, y, z), (4,), as an IMU measures it; None where it has none.
-        stopped: why the robot is stopped, or None.
-        posture: name of the idle supervisor's state.
-        controller: who holds the robot, or None.
-        posed_at_s: when the newest pose from outside came, by the robot's time source; None where the pose is
-            the robot's own.
-        stamp_ns: nanoseconds since 1970.
+        orientation: of the robot's IMU, (w, x, y, z), (4,); None without one.
+        posed_at_s: arrival of the newest external pose, by the robot's time source; None without one.
     """
 
     state: RobotState

@@ -23,7 +23,7 @@ from hexctl.wire.zenoh_messages import encode_battery, encode_positions
 
 LATCHED = Qos(depth=1, latched=True)
 
-#: Topics by name, with their types and qualities. `imu/data` is there once an orientation is known.
+#: Types and qualities of topics by name. `imu/data` is published once an orientation is known.
 TOPICS = {
     "joint_states": (ros_cdr.JOINT_STATE, Qos()),
     "odom": (ros_cdr.ODOMETRY, Qos()),
@@ -35,7 +35,7 @@ TOPICS = {
     "robot_description": (telemetry.STRING, LATCHED),
 }
 
-#: Encoder of a topic; None for what is not known.
+#: Encoder of a topic; None for unknown values.
 Encoder = Callable[[RobotSnapshot], bytes | None]
 
 #: Period of battery and diagnostics.
@@ -52,13 +52,7 @@ def publisher_endpoint(node: RosNode, topic: str) -> RosEndpoint:
 
 
 class RobotMessages:
-    """Encodes what the topics of a robot carry.
-
-    Args:
-        robot: who publishes.
-        urdf: its description.
-        node: name of the node in diagnostics, with its namespace.
-    """
+    """Encodes the messages of a robot's topics; `node` is its name in diagnostics."""
 
     def __init__(self, robot: Robot, urdf: str, node: str = diagnostics.NODE) -> None:
         self._robot, self._urdf, self._node = robot, urdf, node
@@ -73,12 +67,7 @@ class RobotMessages:
         self._twist, self._frames = BodyTwist(), Frames(robot)
 
     def follow(self, snapshot: RobotSnapshot, *, wanted: bool) -> None:
-        """Take in a state, each of them and before it is encoded.
-
-        Args:
-            snapshot: of the robot.
-            wanted: whether anything subscribes to where the robot is.
-        """
+        """Take in every state before it is encoded; `wanted` means that anything subscribes to the pose."""
         self._frames.follow(snapshot, wanted=wanted)
 
     def description(self) -> bytes:
@@ -86,19 +75,16 @@ class RobotMessages:
         return telemetry.encode_string(self._urdf)
 
     def fixed_frames(self, stamp_ns: int) -> bytes:
-        """Frames of the links that do not move against others."""
+        """Frames of the fixed links."""
         return self._fixed.encode(stamp_ns, self._fixed_rows)
 
     def joint_states(self, snapshot: RobotSnapshot) -> bytes:
-        """Angles, and torques where they are known."""
+        """Angles, and torques if known."""
         state = snapshot.state
         return encode_positions(state.joint_positions_rad, measured_ns(snapshot), state.joint_torques_nm)
 
     def moving_frames(self, snapshot: RobotSnapshot) -> bytes:
-        """Frames of the moving links, of the body in `odom` where its pose is known, and of `odom` in `map`.
-
-        `map` is there with a pose from outside only.
-        """
+        """Frames of the moving links, of the body in `odom`, and of `odom` in `map`, if known."""
         rows = _rows(link_transforms(self._robot, snapshot.state.joint_positions_rad))
         pose, odom = self._frames.body_in_odom(snapshot), self._frames.odom_in_map(snapshot)
         stamp_ns = measured_ns(snapshot)
@@ -109,7 +95,7 @@ class RobotMessages:
         return self._on_map.encode(stamp_ns, np.concatenate([odom.numbers, pose.numbers, rows]))
 
     def odometry(self, snapshot: RobotSnapshot) -> bytes | None:
-        """Pose in `odom` and velocity in `base_link`, or None where the pose is not known."""
+        """Pose in `odom` and velocity in `base_link`, or None if unknown."""
         pose = self._frames.body_in_odom(snapshot)
         if pose is None:
             return None
@@ -117,7 +103,7 @@ class RobotMessages:
         return odometry().encode(measured_ns(snapshot), np.concatenate([pose.numbers, twist, NO_COVARIANCE]))
 
     def imu(self, snapshot: RobotSnapshot) -> bytes | None:
-        """Orientation, or None where it is not known."""
+        """Orientation, or None if unknown."""
         if snapshot.orientation is None:
             return None
         return self._imu.encode(measured_ns(snapshot), xyzw(snapshot.orientation))
@@ -132,30 +118,24 @@ class RobotMessages:
         return telemetry.encode_diagnostics(found, self._robot.name, snapshot.stamp_ns)
 
     def silence(self) -> bytes:
-        """Diagnostics of a robot whose control loop says nothing."""
+        """Diagnostics of a robot with a silent control loop."""
         found = diagnostics.silent(self._node)
         return telemetry.encode_diagnostics(found, self._robot.name, time.time_ns())
 
 
 def measured_ns(snapshot: RobotSnapshot) -> int:
-    """When a state was measured, nanoseconds since 1970."""
+    """Time of measurement of a state, nanoseconds since 1970."""
     age_s = snapshot.state.age_s
     return snapshot.stamp_ns - (round(age_s * 1e9) if 0 <= age_s < 1e6 else 0)
 
 
 def _rows(found: LinkTransforms) -> FloatArray:
-    """x, y, z and quaternion (x, y, z, w) of transforms, one after another, (7 N,)."""
+    """Rows of x, y, z and quaternion (x, y, z, w), flattened to (7 N,)."""
     return np.concatenate([found.translations_m, xyzw(found.quaternions)], axis=1).ravel()
 
 
 class RobotTopics:
-    """Publishes the topics of a robot on a session; only what is subscribed to is encoded.
-
-    Args:
-        session: open.
-        node: who publishes.
-        messages: encodes them.
-    """
+    """Publishes the topics of a robot on an open session; only topics with subscribers are encoded."""
 
     def __init__(self, session: zenoh.Session, node: RosNode, messages: RobotMessages) -> None:
         self._session, self._node, self._messages = session, node, messages
@@ -165,12 +145,7 @@ class RobotTopics:
         self._publishers["tf_static"].put(messages.fixed_frames(time.time_ns()))
 
     def publish(self, snapshot: RobotSnapshot, now_s: float) -> None:
-        """Publish a state, and once a second battery and diagnostics.
-
-        Args:
-            snapshot: of the robot.
-            now_s: on any monotonic clock.
-        """
+        """Publish a state, and once a second battery and diagnostics; `now_s` is on any monotonic clock."""
         if snapshot.orientation is not None and "imu/data" not in self._publishers:
             self._publishers["imu/data"] = self._declared("imu/data")
         messages = self._messages
@@ -186,7 +161,7 @@ class RobotTopics:
             self._put("/diagnostics", messages.diagnostics, snapshot)
 
     def publish_silence(self, now_s: float) -> None:
-        """Say once a second that nothing is known of the robot now."""
+        """Publish once a second that the robot is silent."""
         if now_s - self._slow_at_s >= SLOW_S:
             self._slow_at_s = now_s
             if self._publishers["/diagnostics"].wanted:

@@ -1,1 +1,1 @@
-"""A robot's side of stops: latched, kept on the disk, asked for by session or by datagram."""
+"""Server side of stops: latched, stored on the disk, requested by session or by datagram."""

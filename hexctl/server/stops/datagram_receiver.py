@@ -1,7 +1,6 @@
-"""Receive all datagrams that wait at a UDP socket with one system call, for a thread that shares its time.
+"""Receives all waiting datagrams of a UDP socket with one system call, `recvmmsg` of Linux.
 
-Each call of Python's own `recvfrom` gives up the interpreter and waits for it again, for up to 5 ms while
-another thread computes. `recvmmsg` of Linux receives a thousand datagrams in one call.
+Python's `recvfrom` releases the interpreter for each datagram, and may wait 5 ms to get it back.
 """
 
 import ctypes
@@ -12,14 +11,13 @@ from contextlib import suppress
 
 from hexctl.wire.links import Endpoint
 
-#: Datagrams that one system call receives (UIO_MAXIOV of Linux), and calls in a row.
+#: Datagrams per system call (UIO_MAXIOV of Linux), and calls in a row.
 MOST_PER_CALL, MOST_CALLS = 1024, 4
 
-#: Space for datagrams that wait, in bytes. The kernel counts each as about 800, and allows a user who is not
-#: root at most net.core.rmem_max.
+#: Receive buffer in bytes, about 800 per datagram; without root limited by net.core.rmem_max.
 BUFFER_BYTES = 8 << 20
 
-#: Linux (asm-generic/socket.h): a program that the kernel runs for each datagram, and a buffer of any size.
+#: Linux (asm-generic/socket.h): a program that the kernel runs per datagram, and a buffer of any size.
 SO_ATTACH_FILTER, SO_RCVBUFFORCE = 26, 33
 
 #: The header in front of a datagram as such a program sees it.
@@ -28,7 +26,7 @@ UDP_HEADER_BYTES = 8
 #: Longest address of a sender: a sockaddr_in6.
 ADDRESS_BYTES = 28
 
-#: Address of a sender: as the kernel has it, or as `socket` has it where the system lacks `recvmmsg`.
+#: Address of a sender, as the kernel stores it, or as `socket` returns it without `recvmmsg`.
 Sender = bytes | tuple[object, ...]
 
 
@@ -53,12 +51,7 @@ class _Message(ctypes.Structure):
 
 
 class DatagramReceiver:
-    """Receives the datagrams of a socket.
-
-    Args:
-        bound: a UDP socket.
-        most_bytes: longest datagram of interest; a longer one arrives one byte too long.
-    """
+    """Receives the datagrams of a bound UDP socket; ones above `most_bytes` are cut to one byte more."""
 
     def __init__(self, bound: socket.socket, most_bytes: int) -> None:
         self._socket, self._step = bound, most_bytes + 1
@@ -79,11 +72,11 @@ class DatagramReceiver:
             message.header.vector_count = 1
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for a datagram; return whether there is one, or an error to be received."""
+        """Wait for a datagram or an error; return whether there is one."""
         return bool(self._poll.poll(1000 * timeout_s))
 
     def take(self) -> list[tuple[bytes, Sender]]:
-        """Return the datagrams that wait, oldest first, with their senders."""
+        """Return the waiting datagrams, oldest first, with their senders."""
         take = self._take_one_by_one if self._receive is None else self._take_many
         taken: list[tuple[bytes, Sender]] = []
         for _ in range(MOST_CALLS):
@@ -114,7 +107,7 @@ class DatagramReceiver:
 
 
 def address_of(sender: Sender) -> tuple[object, ...]:
-    """Return the address of a sender as `socket` has it."""
+    """Return the address of a sender in the form of `socket`."""
     if not isinstance(sender, bytes):
         return sender
     (family,) = struct.unpack_from("=H", sender)
@@ -127,7 +120,7 @@ def address_of(sender: Sender) -> tuple[object, ...]:
 
 
 def bound_socket(endpoint: Endpoint) -> socket.socket:
-    """Return a UDP socket at an endpoint, with much space for what waits; raises OSError."""
+    """Return a UDP socket at an endpoint with a large receive buffer; raises OSError."""
     kind = socket.SOCK_DGRAM
     family, _, _, _, address = socket.getaddrinfo(endpoint.host, endpoint.port, type=kind)[0]
     bound = socket.socket(family, kind)
@@ -145,9 +138,9 @@ def bound_socket(endpoint: Endpoint) -> socket.socket:
 
 
 def drop_in_kernel(bound: socket.socket, size: int, mark: bytes) -> None:
-    """Let the kernel drop what lacks a size and a mark of 8 bytes, without waking the thread; Linux only.
+    """Let the kernel drop datagrams without this size and mark (8 bytes); Linux only.
 
-    A classic BPF program: load a word, compare, skip so many lines if equal, so many if not.
+    A classic BPF program: load a word, compare, skip a number of lines if equal, another if not.
     """
     first, second = struct.unpack(">II", mark)
     program = (

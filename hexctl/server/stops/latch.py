@@ -1,4 +1,4 @@
-"""The latch of a robot's stop: stops get ids, are kept on the disk, and end by a clear that means them."""
+"""The latch of a robot's stop: stops get ids, are stored on the disk, and end by a clear with their id."""
 
 import secrets
 from collections import deque
@@ -21,27 +21,18 @@ from hexctl.wire.stop import (
     new_stop_id,
 )
 
-#: Bytes of an epoch.
 EPOCH_BYTES = 16
 
-#: Requests that are known again when they are repeated.
+#: Number of past requests that are recognized when repeated.
 MOST_REQUESTS = 64
 
 
 class StopLatch:
-    """Stops a guard and lets it go again; its methods may be called from any thread.
+    """Stops a guard and clears the stop; thread-safe.
 
-    The guard itself latches the reason; this adds what the reason lacks: an id by which a stop is cleared, so
-    that no client clears one that it has not seen, and an epoch, which ends when a stop is cleared: what was
-    valid in one is worth nothing in the next.
-
-    Args:
-        guard: around the servos.
-        file: keeps the stop; one that is kept already is in force at once. None keeps none.
-        commander: name of the client that commanded the robot last, or None.
-
-    Attributes:
-        cleared: the stop that was cleared last, or None.
+    The guard latches the reason. The latch adds an id, so that no client clears a stop that it has not seen,
+    and an epoch, which changes with each clear: what was valid in one epoch is invalid in the next. A stop in
+    `file` is in force immediately.
     """
 
     def __init__(
@@ -67,11 +58,11 @@ class StopLatch:
 
     @property
     def epoch(self) -> bytes:
-        """Random bytes, others after each clear."""
+        """Random bytes that change with each clear."""
         return self._epoch
 
     def current(self) -> Stop | None:
-        """The stop in force, one of the guard's own included."""
+        """The stop in force, including the guard's own."""
         with self._lock:
             return self._noticed()
 
@@ -81,31 +72,27 @@ class StopLatch:
         return stop, stop is not None and self._file is not None and self._file.keeps(stop)
 
     def status(self) -> dict[str, Any] | None:
-        """The stop in force, as the status of a robot has it."""
+        """The stop in force, in the form of the robot's status."""
         stop, kept = self.now()
         return None if stop is None else stop.to_json(self._time.now(), kept=kept)
 
     def close(self) -> None:
-        """Wait for the last stop to be on the disk, as long as the disk takes no longer than usual."""
+        """Wait until the last stop is on the disk, unless the disk is too slow."""
         if self._file is not None:
             self._file.close()
 
     def stop(self, request: str | None = None, *, by: str = UNNAMED, claim: str | None = None) -> Stop:
-        """Stop the robot now, on request of a client.
+        """Stop the robot on request of a client.
 
-        A stop that is in force already gets a new id and a new time: a client that asks again has seen
-        something.
-
-        Args:
-            request: name that the client gave its request; one that is repeated renews nothing.
-            by: who asks.
-            claim: hash of the clear key of the client; None for the one that the request's name is.
+        A stop in force gets a new id and time, because a client that asks again has seen something; a
+        repeated `request` changes nothing. `claim` is the hash of the client's clear key, by default the
+        request.
         """
         with self._lock:
             return self._stopped_by(request, by, claim)
 
     def stop_in(self, epoch: bytes, request: str, *, by: str = UNNAMED) -> bool:
-        """Stop the robot now, as `stop` does, if the epoch is the one of now; whether it was."""
+        """Stop the robot as `stop` does if the epoch is current; return whether it was."""
         with self._lock:
             if epoch != self._epoch:
                 return False
@@ -121,15 +108,10 @@ class StopLatch:
     def clear(
         self, stop_id: str | None, at_s: float, *, by: str = UNNAMED, keys: Collection[str] = ()
     ) -> str | None:
-        """Let the robot move again; None, or why it does not: nothing has changed then.
+        """Let the robot move again; return None, or why not, in which case nothing has changed.
 
-        A robot that is not stopped is let be. Silence (`expired`) needs no id.
-
-        Args:
-            stop_id: of the stop that is meant.
-            at_s: when it was asked for, by the time of the guard's clock.
-            by: who asks.
-            keys: clear keys that the client shows; without those of all claims the stop holds longer.
+        A stop for silence (`expired`) needs no id. Without the keys of all claims a stop holds longer. `at_s`
+        is by the guard's clock.
         """
         with self._lock:
             stop = self._noticed()
@@ -168,13 +150,12 @@ class StopLatch:
         return stop
 
     def _noticed(self, by: str | None = None) -> Stop | None:
-        """The stop that the guard has latched, with an id of its own where the reason is another."""
         reason, before = self._guard.stopped, self._stop
         if reason is None:
             self._stop = None
         elif before is None or before.reason != reason:
             self._stop = Stop(stop_id=new_stop_id(), reason=reason, since_s=self._time.now(), by=by)
-            if before is not None:  # another reason takes no claim away
+            if before is not None:  # another reason keeps the claims
                 self._stop = replace(self._stop, claims=before.claims, commander=before.commander)
         if self._stop is not before:
             self._keep(self._stop)
@@ -186,6 +167,6 @@ class StopLatch:
 
 
 def _says_more(by: str, before: str) -> bool:
-    """Whether a name says more than the one before: that of a session does, of a datagram with its stop."""
+    """A name from a session is more specific than one from a datagram."""
     named = by != UNNAMED and not by.startswith(DATAGRAM_FROM)
     return named and before.startswith(DATAGRAM_FROM)

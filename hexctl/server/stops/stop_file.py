@@ -1,8 +1,7 @@
-"""A stop on the disk: it survives a restart of the server, and a file that cannot be read counts as a stop.
+"""A stop on the disk: it survives a restart of the server, and an unreadable file counts as a stop.
 
-The file is opened when the server starts and overwritten in place, in one block. So a stop is kept although a
-flood of connections has taken all descriptors or the disk is full, and a write that is cut off leaves a file
-that cannot be read.
+The file is opened at the start and overwritten in place, in one block. A stop is therefore stored even
+without free descriptors or disk space, and an interrupted write leaves an unreadable file.
 """
 
 import fcntl
@@ -22,16 +21,16 @@ from hexctl.files import atomic_write, read_file, state_folder
 from hexctl.wire.links import CLEAR_COMMAND
 from hexctl.wire.stop import CLAIM_DIGITS, ESTOP, ID_BYTES, MAX_BY, MOST_CLAIMS, Stop, new_stop_id
 
-#: How long closing waits for the last stop to be written.
+#: How long `close` waits for the last stop to be written.
 WRITE_TIMEOUT_S = 2.0
 
-#: Pause between two writes: a client that stops again and again does not wear the disk out.
+#: Pause between two writes: repeated stops must not wear out the disk.
 PAUSE_S = 0.1
 
-#: Pause before a write that failed is tried again, as on a disk that was full.
+#: Pause before a failed write is repeated, for example on a full disk.
 AGAIN_S = 1.0
 
-#: Size of the file. It is larger than all texts in it, whatever their characters.
+#: Size of the file, larger than all its texts in any characters.
 BLOCK_BYTES = 4096
 
 #: Longest reason of a stop, and longest name of a robot or a port, in characters.
@@ -39,18 +38,7 @@ MOST_REASON, MOST_NAME = 300, 100
 
 
 class KeptStop(BaseModel):
-    """A stop as the file has it.
-
-    Attributes:
-        version: of this format.
-        robot: name of the robot, for readers.
-        where: port of its servos, or endpoint of its server, for readers.
-        reason: as `Guard.stopped` has it.
-        stop_id: by which it is cleared.
-        at: when the robot was stopped, UTC by the clock of that time, for readers.
-        by: who asked for it, None where no client did.
-        claims: as `Stop` has them.
-    """
+    """A stop in the file's format; `robot`, `where` and `at` (UTC) are for readers."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -71,26 +59,20 @@ class KeptStop(BaseModel):
         return f"{self.reason}, {self.at:%Y-%m-%d %H:%M} UTC{by}, {self.robot} at {self.where}"
 
 
-#: Content of the file: a stop, or null.
 _CONTENT: TypeAdapter[KeptStop | None] = TypeAdapter(KeptStop | None)
 
 
 class StopFile:
-    """The file of one robot's stop. A thread of its own writes it: a slow disk costs no tick.
+    """The file of one robot's stop, written by its own thread: a slow disk delays no tick.
 
     Args:
-        robot: name of the robot. Robots of one backend whose servos are at devices need names of their own.
-        backend: name of its backend.
-        where: port of its servos as it is typed, or endpoint of its server where they have none. It tells
-            robots of one name apart unless it is a device, which may have another name after a restart.
-        folder: where the file lies; None is `state_folder()`.
-        asked_only: keep only stops that a client asked for, as of a simulation, which stands after a restart.
-        clear: command that ends a stop of this robot, for the warning.
+        where: port of its servos as typed, or endpoint of its server. Distinguishes robots of one name,
+            unless it is a device, which may be renamed after a restart.
+        asked_only: store only stops that a client asked for; a simulation stands after a restart.
 
     Attributes:
-        path: of the file.
-        trouble: why the stop of now is not kept, or None.
-        found: what was loaded, in words; None where there was no stop.
+        trouble: why the current stop is not stored, or None.
+        found: description of the loaded stop, or None.
     """
 
     def __init__(
@@ -120,10 +102,10 @@ class StopFile:
         self._writer: threading.Thread | None = None
 
     def load(self) -> KeptStop | None:
-        """The stop that was kept, None where there is none.
+        """The stored stop, or None; also tests whether the file can be written.
 
-        A file that cannot be read, or is none of these, is a stop too. Notes whether one could be written. A
-        file that another running server holds is of another robot of this name: nothing of it is in force.
+        An unreadable or invalid file is a stop too. A file that another running server has locked belongs to
+        another robot of this name, and is ignored.
         """
         kept, unread = self._read()
         try:
@@ -142,7 +124,7 @@ class StopFile:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What an operator must know once it was loaded."""
+        """Warnings for the operator after `load`."""
         lines = [] if self.trouble is None else [f"a stop will not survive a restart: {self.trouble}"]
         if self.found is not None:
             stopped = f"still stopped ({self.found}), as before the restart"
@@ -150,7 +132,7 @@ class StopFile:
         return tuple(printable(line) for line in lines)
 
     def keep(self, stop: Stop | None) -> None:
-        """Write a stop, or for None that there is none, soon; never waits."""
+        """Queue a stop, or its absence (None), for writing; never waits."""
         if self._of_another:
             return
         kept = stop is not None and (not self._asked_only or stop.by is not None or stop.reason == ESTOP)
@@ -164,7 +146,7 @@ class StopFile:
         return self._stop_on_disk == stop.stop_id
 
     def close(self) -> None:
-        """Wait for the last stop to be written, as long as the disk takes no longer than usual."""
+        """Wait until the last stop is written, unless the disk is too slow."""
         self._ended = True
         self._due.set()
         if self._writer is not None:
@@ -174,7 +156,6 @@ class StopFile:
             self._descriptor = None
 
     def _read(self) -> tuple[KeptStop | None, str | None]:
-        """The stop in the file, and why the file cannot be read, where it cannot."""
         try:
             return _CONTENT.validate_json(read_file(self.path, BLOCK_BYTES)), None
         except (FileNotFoundError, NotADirectoryError):
@@ -189,7 +170,7 @@ class StopFile:
         return self._content(ESTOP, new_stop_id()), f"{self.path} cannot be read: {why}"
 
     def _open(self, content: KeptStop | None) -> None:
-        """Hold the file open, made anew with some content where it is missing; raises OSError."""
+        """Keep the file open, created with `content` if missing; raises OSError."""
         if not self.path.exists():
             atomic_write(self.path, _block(content).decode())
         descriptor = os.open(self.path, os.O_RDWR)
@@ -201,7 +182,7 @@ class StopFile:
         self._descriptor = descriptor
 
     def _begin_to_write(self) -> None:
-        """Start the thread that writes; one that cannot be started is trouble, and keeps no stop back."""
+        """A thread that cannot start is trouble, but does not prevent the stop."""
         writer = threading.Thread(target=self._write, name="stop file", daemon=True)
         try:
             writer.start()
@@ -224,7 +205,7 @@ class StopFile:
             time.sleep(0 if self._ended else PAUSE_S)
 
     def _put(self, content: KeptStop | None) -> None:
-        """Overwrite the file; one that was removed, or was no file, is made anew. Raises OSError."""
+        """Overwrite the file, or recreate a removed or invalid one; raises OSError."""
         if self._descriptor is None or os.fstat(self._descriptor).st_nlink == 0:
             self.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             atomic_write(self.path, _block(content).decode())
@@ -235,7 +216,7 @@ class StopFile:
         os.fsync(self._descriptor)
 
     def _content_of(self, stop: Stop) -> KeptStop:
-        reason = ESTOP if self._asked_only else stop.reason  # what has fallen stands after a restart
+        reason = ESTOP if self._asked_only else stop.reason  # a simulation stands after a restart
         return self._content(reason, stop.stop_id, stop.by, stop.claims)
 
     def _content(
@@ -257,10 +238,10 @@ def _block(content: KeptStop | None) -> bytes:
 
 
 def _storable(text: str, most: int) -> str:
-    """A text as the file can have it: a driver may say what has no UTF-8."""
+    """A driver's text may not be valid UTF-8."""
     return text[:most].encode(errors="replace").decode()
 
 
 def _dangling_link(path: Path) -> Path | None:
-    """The link that leads nowhere, of a path and the folders above it: a stop may lie behind it."""
+    """A dangling link in a path or its folders: a stop may be behind it."""
     return next((one for one in (path, *path.parents) if one.is_symlink() and not one.exists()), None)

@@ -1,4 +1,4 @@
-"""The datagram stop of a robot: a socket and a thread that share nothing with what carries sessions."""
+"""The datagram stop of a robot: a socket and a thread that are independent of sessions."""
 
 import random
 import socket
@@ -37,43 +37,39 @@ from hexctl.wire.stop_datagram import (
 )
 from hexctl.wire.stop_secret import find_stop_secret
 
-#: Nonces of answered datagrams that are known at least; twice as many at most.
+#: Minimum number of remembered nonces of answered datagrams; the maximum is twice as many.
 MOST_NONCES = 1 << 14
 
 
 class AnsweredNonces:
-    """Nonces of datagrams that were answered. A client draws another one whenever it asks again."""
+    """Nonces of answered datagrams. A client draws a new one for each request."""
 
     def __init__(self) -> None:
         self._newer: set[bytes] = set()
         self._older: set[bytes] = set()
 
     def __contains__(self, nonce: bytes) -> bool:
-        """Whether a datagram with this nonce was answered."""
         return nonce in self._newer or nonce in self._older
 
     def add(self, nonce: bytes) -> None:
-        """Note the nonce of a datagram whose signature was right, and forget the oldest if there are many."""
+        """Note the nonce of a valid datagram, and forget the oldest if there are many."""
         self._newer.add(nonce)
         if len(self._newer) >= MOST_NONCES:
             self._older, self._newer = self._newer, set()
 
 
 class Waiting:
-    """Datagrams of one kind that wait for their check, each once, by sender."""
+    """Distinct datagrams of one kind that wait for their check, by sender."""
 
     def __init__(self) -> None:
         self._senders: dict[bytes, Sender] = {}
 
     def add(self, data: bytes, sender: Sender) -> None:
-        """Add a datagram; one that has come from elsewhere before keeps its first sender."""
+        """Add a datagram; a copy from another sender is ignored."""
         self._senders.setdefault(data, sender)
 
     def __iter__(self) -> Iterator[tuple[bytes, Sender]]:
-        """The newest of each sender, then the second of each, and so on; senders in random order.
-
-        One sender cannot keep out another, however much it sends.
-        """
+        """The newest of each sender, then the second of each: no sender can block another."""
         by_sender: defaultdict[Sender, list[bytes]] = defaultdict(list)
         for data, sender in reversed(self._senders.items()):
             by_sender[sender].append(data)
@@ -85,13 +81,7 @@ class Waiting:
 def sort_datagrams(
     datagrams: Iterable[tuple[bytes, Sender]], mark: bytes, answered: AnsweredNonces
 ) -> tuple[Waiting, Waiting, int]:
-    """Return the stops and the questions worth a check, and how many other datagrams were none of ours.
-
-    Args:
-        datagrams: with their senders, oldest first.
-        mark: first bytes of ours.
-        answered: datagrams with these nonces are left out.
-    """
+    """Return new stops, new questions, and the number of datagrams without the mark."""
     stops, questions, foreign = Waiting(), Waiting(), 0
     for data, sender in datagrams:
         if len(data) != DATAGRAM_BYTES or data[:MARK_BYTES] != mark:
@@ -107,38 +97,28 @@ def sort_datagrams(
     return stops, questions, foreign
 
 
-#: How often the thread looks whether it is to end.
+#: Interval at which the thread checks whether to end.
 LOOK_S = 0.2
 
-#: Real-time priority of the thread, where it may have one: below that of the loop that moves the robot.
+#: Real-time priority of the thread, if allowed: below that of the loop that moves the robot.
 PRIORITY = 9
 
 #: Datagrams of each kind whose signatures are checked before the thread receives again.
 MOST_CHECKED = 128
 
 #: After more datagrams at a time than clients send, the thread rests for as long as they took, within these
-#: bounds: a flood leaves half of the time to what moves the robot, and fills no buffer meanwhile.
+#: bounds: the robot's loop keeps half of the time.
 FLOOD, LEAST_REST_S, MOST_REST_S = 32, 0.001, 0.005
 
 
 class StopSocket:
-    """Answers datagrams on the port of a robot's link, and stops the robot; open while the block runs.
+    """Answers datagrams on the port of a robot's link, and stops the robot; a context manager.
 
-    A port that cannot be had, a link over QUIC, which needs it itself, and a folder of certificates without
-    the secret leave the robot without: `trouble` says why.
-
-    Args:
-        link: of the robot.
-        robot: name of the robot.
-        latch: stops it.
-        at_rest: whether no joint moves.
-        echoes: whether the joint angles by which that is known are only targets.
+    It stays closed if the port is in use, the link is QUIC, or the certificates lack the secret.
 
     Attributes:
         trouble: why there is no datagram stop, or why the last datagram had no answer, or None.
-        answered: datagrams answered so far.
-        dropped: datagrams so far that were not ours; what the kernel drops is not counted, and neither is
-            what was answered before or was one of too many.
+        dropped: foreign datagrams so far, except those dropped in the kernel.
     """
 
     def __init__(
@@ -166,15 +146,12 @@ class StopSocket:
         return None if self._socket is None else int(self._socket.getsockname()[1])
 
     def take_event(self) -> str | None:
-        """A line on trouble that has come since the last call, or None."""
+        """A line on new trouble since the last call, or None."""
         event, self._event = self._event, None
         return event
 
     def __enter__(self) -> Self:
-        """Open it.
-
-        Raises InputError for a secret that may not be used.
-        """
+        """Open it; raises InputError for a secret that may not be used."""
         endpoint = Endpoint.parse(self._link.endpoint)
         secret = find_stop_secret(self._link, Role.ROBOT)
         if endpoint.protocol == "quic":
@@ -220,14 +197,13 @@ class StopSocket:
                     time.sleep(min(max(LEAST_REST_S, time.monotonic() - began_s), MOST_REST_S))
 
     def _answer_round(self, datagrams: list[tuple[bytes, Sender]]) -> None:
-        """Answer the datagrams that came at a time, stops first."""
+        """Stops are answered first."""
         stops, questions, foreign = sort_datagrams(datagrams, mark_of(self._secret), self._nonces)
         self.dropped += foreign
         for waiting in (stops, questions):
             self._answer_newest(waiting)
 
     def _answer_newest(self, waiting: Iterable[tuple[bytes, Sender]]) -> None:
-        """Answer each sender once."""
         served: set[Sender] = set()
         unserved = ((data, sender) for data, sender in waiting if sender not in served)
         for data, sender in islice(unserved, MOST_CHECKED):
@@ -241,7 +217,6 @@ class StopSocket:
                 self._nonces.add(data[NONCE_AT : NONCE_AT + NONCE_BYTES])
 
     def _answer_sender(self, data: bytes, sender: Sender) -> bool:
-        """Answer a datagram, and return whether it was ours."""
         assert self._socket is not None  # noqa: S101  for the type
         address = address_of(sender)
         answer = self.answer(data, str(address[0]).removeprefix("::ffff:"))
@@ -253,13 +228,12 @@ class StopSocket:
         return True
 
     def _tell(self, error: Exception) -> None:
-        """Report an error as trouble, and each kind once as an event."""
         self.trouble = f"a datagram to the stop could not be answered ({type(error).__name__}: {error})"
         if self.trouble != self._told:
             self._told = self._event = self.trouble
 
     def answer(self, data: bytes, host: str = "an unknown host") -> bytes | None:
-        """Do what a datagram from a host asks for; the answer, or None for one that is not ours."""
+        """Execute a datagram from a host and return the answer; None for a foreign one."""
         try:
             asked = StopDatagram.unpacked(data, self._secret)
         except MessageError:

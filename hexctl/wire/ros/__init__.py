@@ -1,1 +1,1 @@
-"""ROS 2 over Zenoh, as rmw_zenoh speaks it: names, attachments, messages and sessions, without ROS itself."""
+"""ROS 2 over Zenoh, compatible with rmw_zenoh: names, attachments, messages and sessions, without ROS."""

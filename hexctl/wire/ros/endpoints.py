@@ -1,4 +1,4 @@
-"""Publishers, subscriptions and services of a ROS 2 node, each with the token by which others see it."""
+"""Publishers, subscriptions and services of a ROS 2 node, each with its liveliness token."""
 
 import struct
 import time
@@ -19,13 +19,12 @@ SIZE = _LAYOUT.size
 
 @dataclass(frozen=True, slots=True)
 class Attachment:
-    """Attachment of a message, a request or an answer.
+    """Attachment of a message, a request or an answer, which repeats its request's number and identifier.
 
     Attributes:
-        sequence: 1 for the first message of a publisher, then growing by one; an answer has that of its
-            request.
+        sequence: counts the messages of a publisher from 1.
         stamp_ns: time of sending, nanoseconds since 1970.
-        gid: identifier of the sender, 16 bytes; an answer has that of its request.
+        gid: identifier of the sender, 16 bytes.
     """
 
     sequence: int
@@ -38,30 +37,22 @@ class Attachment:
 
     @classmethod
     def unpacked(cls, data: bytes) -> "Attachment":
-        """Attachment of 33 bytes.
-
-        Raises MessageError for anything else.
-        """
+        """Attachment of 33 bytes; raises MessageError for anything else."""
         if len(data) != SIZE or data[16] != GID_BYTES:
             raise MessageError(f"ROS attachment: got {len(data)} bytes; allowed: {SIZE} with a gid of 16")
         sequence, stamp_ns, _, gid = _LAYOUT.unpack(data)
         return cls(sequence, stamp_ns, gid)
 
 
-#: A latched publisher says this often what it sent last, so that a subscriber notices what it has missed.
+#: Period in which a latched publisher announces its last message, for subscribers that missed it.
 HEARTBEAT_S = 0.5
 
-#: Requests of a service that wait; a flood of them replaces the oldest.
+#: Maximum number of waiting requests; a flood replaces the oldest.
 WAITING_REQUESTS = 4
 
 
 class RosPublisher:
-    """A publisher: numbers its messages and attaches who sent them and when.
-
-    Args:
-        session: open.
-        endpoint: of the kind `PUBLISHER`; a latched one keeps its last messages for later subscribers.
-    """
+    """A publisher: numbers its messages and attaches sender and time; latched ones keep their last."""
 
     def __init__(self, session: zenoh.Session, endpoint: RosEndpoint) -> None:
         session_id = str(session.info.zid())
@@ -73,7 +64,7 @@ class RosPublisher:
 
     @property
     def wanted(self) -> bool:
-        """Whether anything subscribes to it now; a latched one is kept for later."""
+        """Whether it has subscribers; always True for a latched one."""
         return self._latched or bool(self._publisher.matching_status.matching)
 
     def put(self, payload: bytes) -> None:
@@ -101,54 +92,37 @@ def _publisher(session: zenoh.Session, endpoint: RosEndpoint) -> Any:
 
 
 class RosSubscription:
-    """A subscription that keeps the newest message only.
-
-    It keeps it outside Python: a flood of messages costs the robot's process nothing but the newest one.
-
-    Args:
-        session: open.
-        endpoint: of the kind `SUBSCRIPTION`.
-    """
+    """A subscription that keeps only the newest message, outside Python: a flood costs the process little."""
 
     def __init__(self, session: zenoh.Session, endpoint: RosEndpoint) -> None:
         self._subscriber = session.declare_subscriber(endpoint.key, zenoh.handlers.RingChannel(1))
         self._token = session.liveliness().declare_token(endpoint.token(str(session.info.zid())))
 
     def newest(self) -> bytes | None:
-        """Payload of the newest message, once; None when none has come since."""
+        """Payload of the newest message, once; None without a new one."""
         sample = self._subscriber.try_recv()
         return None if sample is None else bytes(sample.payload)
 
 
 class RosRequest:
-    """A request that waits for its answer.
-
-    Args:
-        query: of Zenoh.
-        attachment: of the request.
-    """
+    """A request that waits for its answer."""
 
     def __init__(self, query: zenoh.Query, attachment: Attachment) -> None:
         self._query, self._attachment = query, attachment
 
     def answer(self, payload: bytes) -> None:
-        """Answer it, under its number and its sender's identifier, and let it go."""
+        """Answer it, under its number and its sender's identifier, and release it."""
         attachment = Attachment(self._attachment.sequence, time.time_ns(), self._attachment.gid)
         try:
             self._query.reply(self._query.key_expr, payload, attachment=attachment.packed())
         except zenoh.ZError:
-            pass  # the client has gone
+            pass  # the client has disconnected
         finally:
             self._query.drop()  # type: ignore[no-untyped-call]
 
 
 class RosService:
-    """A service whose requests are taken one by one.
-
-    Args:
-        session: open.
-        endpoint: of the kind `SERVICE`.
-    """
+    """A service whose requests are taken one by one."""
 
     def __init__(self, session: zenoh.Session, endpoint: RosEndpoint) -> None:
         channel: Any = zenoh.handlers.RingChannel(WAITING_REQUESTS)
@@ -157,7 +131,7 @@ class RosService:
         self._malformed = 0
 
     def next_request(self) -> RosRequest | None:
-        """The oldest request that waits, or None."""
+        """The oldest waiting request, or None."""
         while (query := self._queryable.try_recv()) is not None:
             try:
                 attachment = Attachment.unpacked(b"" if query.attachment is None else bytes(query.attachment))
@@ -169,9 +143,6 @@ class RosService:
         return None
 
     def take_malformed(self) -> int:
-        """How many requests without the attachment of a ROS client have come since this was asked last.
-
-        They are not answered.
-        """
+        """Number of unanswered requests without a ROS client's attachment since the last call."""
         taken, self._malformed = self._malformed, 0
         return taken

@@ -1,18 +1,15 @@
-"""Names of ROS 2 nodes, topics and services as rmw_zenoh writes them into Zenoh's keys and liveliness tokens.
+"""Names of ROS 2 nodes, topics and services in Zenoh keys and liveliness tokens.
 
-The form is that of rmw_zenoh's design document: data of a topic travel under
+By the design document of rmw_zenoh, data of a topic have the key
 
     DOMAIN/topic/pkg::msg::dds_::Type_/HASH
 
-and what `ros2 node list` and `ros2 topic list` show are liveliness tokens, of a node
+A node, and an endpoint of it, have liveliness tokens, which `ros2 node list` and `ros2 topic list` show:
 
     @ros2_lv/DOMAIN/SESSION/NODE/NODE/NN/ENCLAVE/NAMESPACE/node
-
-and of an endpoint of it
-
     @ros2_lv/DOMAIN/SESSION/NODE/ENTITY/KIND/ENCLAVE/NAMESPACE/node/TOPIC/type/HASH/QOS
 
-in which a slash within a name is written as `%`.
+A slash within a name is written as `%`.
 """
 
 import re
@@ -25,13 +22,13 @@ import xxhash
 from hexctl.errors import InputError, argument, check_type
 from hexctl.wire import ros_cdr
 
-#: ROS's own ports are computed from the domain, which bounds it on Linux.
+#: Limit on Linux: ROS computes its ports from the domain.
 MAX_DOMAIN = 232
 
-#: Humble knows no type hashes; this stands in their place in its keys.
+#: Humble has no type hashes; its keys contain this instead.
 NO_HASH = "TypeHashNotSupported"
 
-#: Hashes of service types (REP 2016), whose descriptions ros_cdr's store does not have.
+#: Hashes (REP 2016) of service types, which ros_cdr's store lacks.
 SERVICE_HASHES = {
     "std_srvs/srv/Trigger": "RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f"
 }
@@ -40,13 +37,13 @@ GID_BYTES = 16
 
 _ROOT = "@ros2_lv"
 _NODE_ID = 0
-#: Enclave (a folder of certificates) that is not set.
+#: Unset enclave (a folder of certificates).
 _NO_ENCLAVE = "%"
 _PART = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
 class Kind(Enum):
-    """Kind of an endpoint, as in its token: what it publishes, subscribes to, or serves."""
+    """Kind of an endpoint in its token."""
 
     PUBLISHER = "MP"
     SUBSCRIPTION = "MS"
@@ -55,12 +52,7 @@ class Kind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Qos:
-    """Quality of service of an endpoint that is reliable and keeps its last messages.
-
-    Attributes:
-        depth: how many messages are kept.
-        latched: transient local, in ROS's words: who subscribes later still gets what was kept.
-    """
+    """Quality of service of a reliable endpoint; latched (transient local) is for later subscribers."""
 
     depth: int = 10
     latched: bool = False
@@ -89,14 +81,7 @@ def mangled(name: str) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RosNode:
-    """A node in a domain.
-
-    Attributes:
-        name: of the node.
-        domain: number of the ROS domain.
-        namespace: `/` and names joined by slashes, such as `/lab/ant`; empty for the root.
-        humble: whether keys are those of Humble, without type hashes.
-    """
+    """A node in a domain; the namespace is empty for the root, `humble` omits type hashes."""
 
     name: str = "hexctl"
     domain: int = 0
@@ -124,11 +109,7 @@ class RosNode:
         return f"{self.namespace}/{topic}"
 
     def token(self, session_id: str) -> str:
-        """Liveliness token of the node.
-
-        Args:
-            session_id: of the Zenoh session.
-        """
+        """Liveliness token of the node in a Zenoh session."""
         return f"{self._begin(session_id, _NODE_ID)}/NN/{self._end}"
 
     def _begin(self, session_id: str, entity_id: int) -> str:
@@ -140,7 +121,6 @@ class RosNode:
 
 
 def _namespace(given: str) -> str:
-    """Namespace with a slash before it, from one with or without slashes around it."""
     parts = given.strip("/").split("/") if given.strip("/") else []
     if not all(_PART.fullmatch(part) for part in parts):
         raise InputError(
@@ -155,12 +135,8 @@ class RosEndpoint:
     """A publisher, a subscription or a service of a node.
 
     Attributes:
-        node: whose.
-        kind: which of the three.
-        topic: as ROS users write it: `joint_states`, `/diagnostics` or `~/estop`.
-        message: type, such as `sensor_msgs/msg/JointState`.
-        entity_id: number within the node, one for each endpoint.
-        qos: quality of service.
+        topic: as in ROS: `joint_states`, `/diagnostics` or `~/estop`.
+        entity_id: unique number within the node.
     """
 
     node: RosNode
@@ -177,24 +153,20 @@ class RosEndpoint:
 
     @property
     def hash(self) -> str:
-        """Hash of the type, or what Humble has in its place."""
+        """Hash of the type, or Humble's replacement."""
         return NO_HASH if self.node.humble else type_hash(self.message)
 
     @property
     def key(self) -> str:
-        """Key under which its data travel."""
+        """Key of its data."""
         return f"{self.node.domain}{self.name}/{dds_type(self.message)}/{self.hash}"
 
     def token(self, session_id: str) -> str:
-        """Liveliness token, by which others see it.
-
-        Args:
-            session_id: of the Zenoh session.
-        """
+        """Liveliness token in a Zenoh session."""
         begin, end = self.node._begin(session_id, self.entity_id), self.node._end  # noqa: SLF001  its own node
         names = f"{mangled(self.name)}/{dds_type(self.message)}/{self.hash}"
         return f"{begin}/{self.kind.value}/{end}/{names}/{self.qos}"
 
     def gid(self, session_id: str) -> bytes:
-        """Identifier in the attachments of what it sends, 16 bytes: XXH3-128 of its token, low half first."""
+        """Identifier in the attachments of its messages, 16 bytes: XXH3-128 of its token, low half first."""
         return xxhash.xxh3_128_intdigest(self.token(session_id).encode()).to_bytes(GID_BYTES, "little")

@@ -1,4 +1,4 @@
-"""Zenoh session of a ROS 2 node: as rmw_zenoh configures it, a peer of the nodes that a router knows."""
+"""Zenoh session of a ROS 2 node, configured as rmw_zenoh does: a peer of the nodes that a router knows."""
 
 import json
 import socket
@@ -10,19 +10,18 @@ from hexctl.errors import InputError, argument
 from hexctl.wire.links import Endpoint
 from hexctl.wire.zenoh_session import MAX_MESSAGE_BYTES, RETRY_MS
 
-#: How long a look at a router takes at most.
+#: Maximum time of a probe of the router.
 PROBE_TIMEOUT_S = 0.2
 
-#: A router that has begun to listen is reached within this: a session tries again every second.
+#: A session reaches a new router within this: it retries every second.
 GREETING_S = 5.0
 
 
 def check_router(text: str, *, insecure: bool) -> Endpoint:
     """Endpoint of a ROS router.
 
-    Raises InputError for one that is malformed or of another protocol than tcp, and for one beyond this
-    computer unless that is allowed: every client on that network may stop the robot, and drive it where
-    driving is on.
+    Raises InputError for one that is malformed, not tcp, or on another computer without `insecure`: every
+    client on that network may stop the robot, and with driving on move it.
     """
     if not text.startswith("tcp/"):
         raise InputError(f"{argument('ros')}: got {text}; allowed: tcp/HOST:PORT, as rmw_zenoh's router has")
@@ -38,11 +37,7 @@ def check_router(text: str, *, insecure: bool) -> Endpoint:
 
 
 class RouterWatch:
-    """Says why a router is not reached, and what to do about it.
-
-    Args:
-        router: its address.
-    """
+    """Diagnoses why a router is not reached."""
 
     def __init__(self, router: Endpoint) -> None:
         self._router = router
@@ -50,12 +45,7 @@ class RouterWatch:
         self._listens_since_s: float | None = None
 
     def trouble(self, found: bool, now_s: float) -> str | None:
-        """Why there is no router; None where there is one, and while what listens there may become it.
-
-        Args:
-            found: whether the session has reached a router.
-            now_s: on any monotonic clock.
-        """
+        """Why there is no router, with a next step; None if it is reached or may still be starting."""
         if found or not _listens(self._router):
             self._listens_since_s = None
             self._lost |= found
@@ -84,7 +74,7 @@ def _listens(endpoint: Endpoint) -> bool:
 
 
 def open_ros_session(router: Endpoint) -> zenoh.Session:
-    """Open a session that reaches a router as soon as there is one, and returns to it after a loss."""
+    """Open a session that connects to a router once it runs, and reconnects after a loss."""
     config = zenoh.Config()
     for key, value in _settings(router).items():
         config.insert_json5(key, json.dumps(value))
@@ -96,10 +86,10 @@ def _settings(router: Endpoint) -> dict[str, Any]:
         "mode": "peer",
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": True,
-        # A free port, for nodes of this computer: the router tells them of it.
+        # A free port, for nodes of this computer: the router announces it to them.
         "listen/endpoints": ["tcp/127.0.0.1:0"],
         "connect/endpoints": [str(router)],
-        # Opening does not wait for a router, and trying never ends.
+        # Opening does not wait for a router, and retries never end.
         "connect/timeout_ms": -1,
         "connect/exit_on_failure": False,
         "connect/retry": {"period_init_ms": 200, "period_max_ms": RETRY_MS, "period_increase_factor": 2.0},

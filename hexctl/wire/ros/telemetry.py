@@ -17,7 +17,7 @@ STRING = "std_msgs/msg/String"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 
-#: Numbers of a transform: x, y, z in m and a quaternion (x, y, z, w), as ROS orders it.
+#: Numbers of a transform: x, y, z in m and a quaternion (x, y, z, w) as in ROS.
 TRANSFORM_NUMBERS = 7
 
 _NOT_MEASURED = np.array([NOT_MEASURED] + 8 * [0.0])
@@ -25,11 +25,7 @@ _UNKNOWN = np.zeros(9)
 
 
 def transforms(frames: Sequence[tuple[str, str]]) -> FixedMessage:
-    """Encoder of a tf2_msgs/TFMessage; its numbers are those of each transform after another.
-
-    Args:
-        frames: parent and child of each.
-    """
+    """Encoder of a tf2_msgs/TFMessage of (parent, child) frames; its numbers are the transforms in a row."""
 
     def make(stamp_ns: int, numbers: FloatArray) -> Any:
         rows = numbers.reshape(-1, TRANSFORM_NUMBERS)
@@ -54,10 +50,7 @@ def transforms(frames: Sequence[tuple[str, str]]) -> FixedMessage:
 
 
 def imu() -> FixedMessage:
-    """Encoder of a sensor_msgs/Imu that knows its orientation only; its numbers are the quaternion.
-
-    As REP 145 has it, the first covariance of what is not measured is -1.
-    """
+    """Encoder of a sensor_msgs/Imu with only a quaternion; unmeasured covariances are -1 (REP 145)."""
 
     def make(stamp_ns: int, numbers: FloatArray) -> Any:
         return ros_cdr.make(
@@ -90,14 +83,7 @@ class Level(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class DiagnosticStatus:
-    """What is said of one part of a robot.
-
-    Attributes:
-        level: how it is.
-        name: of the part.
-        message: one line on its state.
-        values: measured values, as text.
-    """
+    """Status of one part of a robot: a line, and measured values as text."""
 
     level: Level
     name: str
@@ -106,13 +92,7 @@ class DiagnosticStatus:
 
 
 def encode_diagnostics(statuses: Sequence[DiagnosticStatus], hardware: str, stamp_ns: int) -> bytes:
-    """Statuses as diagnostic_msgs/DiagnosticArray.
-
-    Args:
-        statuses: of all parts.
-        hardware: name of the robot.
-        stamp_ns: nanoseconds since 1970.
-    """
+    """Statuses as diagnostic_msgs/DiagnosticArray; `hardware` is the robot's name."""
     return ros_cdr.encode(
         ros_cdr.make(
             DIAGNOSTICS,

@@ -1,4 +1,4 @@
-"""Velocities that ROS 2 asks a robot for: geometry_msgs/Twist, and TwistStamped, which is newer."""
+"""Velocity commands of ROS 2: geometry_msgs/Twist and TwistStamped."""
 
 import numpy as np
 
@@ -13,12 +13,8 @@ TWIST_STAMPED = "geometry_msgs/msg/TwistStamped"
 def decode_velocity(kind: str, payload: bytes) -> FloatArray:
     """Velocity in the body's frame, (3,): forward and left in m/s, turn in rad/s.
 
-    Stamp and frame of a TwistStamped are not looked at: clocks of computers differ, so a velocity is as old
-    as its arrival, and REP 105 has velocities in `base_link`. Raises MessageError for anything else.
-
-    Args:
-        kind: `TWIST` or `TWIST_STAMPED`.
-        payload: CDR.
+    Stamp and frame of a TwistStamped are ignored: clocks of computers differ, and REP 105 has velocities in
+    `base_link`. `kind` is `TWIST` or `TWIST_STAMPED`. Raises MessageError for anything else.
     """
     message = ros_cdr.decode(kind, payload)
     twist = message.twist if kind == TWIST_STAMPED else message
