@@ -26,7 +26,7 @@ class GroupedHelp:
         """Write arguments, then options."""
         every = self.get_params(ctx)  # type: ignore[attr-defined]
         params = [one for one in every if not getattr(one, "hidden", False)]
-        options = [one for one in params if one.opts[0].startswith("--")]
+        options = [one for one in params if one.param_type_name == "option"]
         arguments = [one for one in params if one not in options and one.help]
         _write(
             "Arguments", [(one.metavar or one.name.upper(), _text(one, ctx)) for one in arguments], formatter
@@ -73,7 +73,8 @@ def _grouped(options: Sequence[Any]) -> dict[str, list[Any]]:
 
 
 def _flags(option: Any, ctx: Any) -> str:
-    flags = ", ".join((*option.opts, *option.secondary_opts))
+    names = sorted(option.opts, key=lambda name: not name.startswith("--"))  # those of --help have no order
+    flags = ", ".join((*names, *option.secondary_opts))
     metavar = option.metavar
     if metavar is None:
         metavar = "" if option.is_flag else METAVARS.get(option.display_type_rich(ctx=ctx), "TEXT")

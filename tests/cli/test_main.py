@@ -439,4 +439,6 @@ def test_names_are_taken_in_any_case(capsys: pytest.CaptureFixture[str]) -> None
 )
 def test_help_is_asked_for_in_any_usual_way(asked: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code(asked) == 0
-    assert "Usage: hexctl" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "Usage: hexctl" in shown
+    assert "--help, -h " in shown
