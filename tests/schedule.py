@@ -38,7 +38,7 @@ REALTIME = (
     "tests/backends/bus/test_servos.py",
     "tests/backends/bus/test_tools_scan.py",
     "tests/backends/bus/test_register_servo_settings.py",
-    "tests/backends/bus/test_register_servo.py",
+    "tests/backends/bus/test_register_servo.py::test_the",
     "tests/control/calibration/test_servo_trial.py",
     "tests/control/calibration/test_servo_identification.py",
     "tests/backends/bus/test_tools_lost_id.py",
