@@ -8,7 +8,7 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 CEILINGS = {
     "": 2_155,
     "adapt": 8_400,
-    "backends": 10_050,
+    "backends": 10_045,
     "cli": 7_050,
     "control": 12_650,
     "demo": 270,
@@ -20,7 +20,7 @@ CEILINGS = {
     "robot": 4_690,
     "runs": 1_080,
     "serve": 6_070,
-    "simulators": 2_410,
+    "simulators": 2_335,
     "study": 8_900,
     "teleop": 1_980,
     "testing": 560,
