@@ -1,7 +1,6 @@
 """A bus of servos on a pseudo-terminal, with a simulated robot behind them: byte by byte, in real time."""
 
 import termios
-import time
 
 import numpy as np
 
@@ -79,7 +78,7 @@ class BusBoard(SimulatedBoard):
             if packet is None:
                 return
             # Servos move on between two control periods of the simulation, whose clock stands meanwhile.
-            self._answer(self._family.obey(*packet, time.monotonic()))
+            self._answer(self._family.obey(*packet, self._time.now()))
 
     def _understands(self) -> bool:
         """Whether the controller has opened the line at the servos' baud, where that can be told."""
@@ -93,7 +92,7 @@ class BusBoard(SimulatedBoard):
         packets, rng = self._family.packets, self._random
         data = b"".join(self._faults.damaged(each, packets, rng, self._sender(each)) for each in answers)
         self._occupy(len(data))
-        time.sleep(max(0.0, self._free_s - time.monotonic()) + HESITATES_S * len(answers))
+        self._time.sleep(max(0.0, self._free_s - self._time.now()) + HESITATES_S * len(answers))
         self._line.send(data)
 
     def _sender(self, answer: bytes) -> int | None:
@@ -103,7 +102,7 @@ class BusBoard(SimulatedBoard):
         return joints[0] if joints else None
 
     def _occupy(self, count: int) -> None:
-        self._free_s = max(self._free_s, time.monotonic()) + 10.0 * count / self._baud
+        self._free_s = max(self._free_s, self._time.now()) + 10.0 * count / self._baud
 
     def _begin(self, fault: BoardFault) -> None:
         self._faults.begin(fault)
@@ -117,7 +116,7 @@ class BusBoard(SimulatedBoard):
 
     def _told(self) -> tuple[BoolArray, FloatArray]:
         holds: BoolArray = self._family.holds() & ~self._faults.dead
-        goals = self._family.goals(time.monotonic()) if holds.any() else self._map.centre
+        goals = self._family.goals(self._time.now()) if holds.any() else self._map.centre
         return holds, self._map.angles_rad(goals)
 
     def _show(self, state: RobotState) -> None:

@@ -33,7 +33,7 @@ class SimulatedServo(ABC):
 
     @abstractmethod
     def goal(self, now_s: float) -> float:
-        """Count that it steers for at a time on time.monotonic."""
+        """Count that it steers for at a time."""
 
     @abstractmethod
     def show(self, count: float, effort: float, voltage_v: float, temperature_c: float) -> None:
@@ -77,7 +77,7 @@ class SimulatedServos(ABC):
 
     @abstractmethod
     def obey(self, servo_id: int, instruction: int, parameters: bytes, now_s: float) -> list[bytes]:
-        """Do what an instruction says at a time on time.monotonic; the answers to it."""
+        """Do what an instruction says at a time; the answers to it."""
 
     def show(self, counts: FloatArray, efforts: FloatArray) -> None:
         """Take over where the joints are, in counts, and shares of their greatest torques, (18,)."""
@@ -88,7 +88,7 @@ class SimulatedServos(ABC):
                 servo.trip(hot=True)
 
     def goals(self, now_s: float) -> FloatArray:
-        """Counts, (18,), that the servos steer for at a time on time.monotonic."""
+        """Counts, (18,), that the servos steer for at a time."""
         return np.array([servo.goal(now_s) for servo in self.servos])
 
     def holds(self) -> BoolArray:

@@ -3,7 +3,6 @@
 import contextlib
 import errno
 import socket
-import time
 
 import numpy as np
 
@@ -76,7 +75,7 @@ class Pca9685Board(SimulatedBoard):
     def _answer(self, messages: list[I2cMessage]) -> bytes:
         """Answer to a transaction: 0 and what was read, or an error number."""
         count = sum(1 + len(message.data) + message.reads for message in messages)
-        time.sleep(BITS * count / self._bits_per_s)
+        self._time.sleep(BITS * count / self._bits_per_s)
         self.counts["transfers"] += 1
         if self._unplugged or self._random.random() < self._nacks:
             self.counts["refused"] += 1

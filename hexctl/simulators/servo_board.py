@@ -1,6 +1,5 @@
 """A servo board that speaks MAVLink: 18 channels, several peers of which one commands, state at 50 Hz."""
 
-import time
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -118,7 +117,7 @@ class Peer:
 
     Attributes:
         address: where it sends from, None on a stream.
-        heard_at_s: time of its last frame, on time.monotonic.
+        heard_at_s: time of its last frame.
         refused_at_s: when it was last informed that another peer commands.
         present_at_s: when a heartbeat showed last that it receives the states of now.
         sequence: count of its frames and of lost ones.
@@ -247,7 +246,10 @@ class ServoBoard(RunningBoard):
         codec = Codec(
             mavlink_messages.BOARD_SYSTEM, mavlink_messages.BOARD_COMPONENT, signing_key=signing_key
         )
-        self._guard, self._link = Guard(servos, expiry_s=expiry_s), MavlinkLink(port, codec)
+        self._guard, self._link = (
+            Guard(servos, expiry_s=expiry_s),
+            MavlinkLink(port, codec, time=servos.clock.time),
+        )
         super().__init__(self._guard, self._link)
         self._map = servo_map
         self._release_after_s = release_after_s
@@ -361,14 +363,14 @@ class ServoBoard(RunningBoard):
         expired_before = self._guard.stopped == "expired"
         state = self._guard.read()
         self.counts["expired"] += not expired_before and self._guard.stopped == "expired"
-        if self._commanded and time.monotonic() - self._heard_at_s > self._release_after_s:
+        if self._commanded and self._time.now() - self._heard_at_s > self._release_after_s:
             self._release()
             self._peers.commander = None
         self._send_to_all(self._telemetry(state))
 
     def _telemetry(self, state: RobotState) -> list[Any]:
         """Messages for a state, and periodically for the health of the board."""
-        ticks, now_s = self.counts["ticks"], time.monotonic()
+        ticks, now_s = self.counts["ticks"], self._time.now()
         pulses = self._map.by_channel(self._map.raw(state.joint_positions_rad))
         sent = [board_messages.outputs(pulses, self._channels.active, now_s)]
         sent += board_messages.pose(state, now_s, with_euler=ticks % EULER_TICKS == 0)
@@ -381,7 +383,7 @@ class ServoBoard(RunningBoard):
         """Heartbeat, whether joint positions are measured, and the reason of a stop."""
         sent = [
             board_messages.heartbeat(self._system_state()),
-            board_messages.measured(measured, time.monotonic()),
+            board_messages.measured(measured, self._time.now()),
         ]
         if self._guard.stopped not in (None, "expired"):
             sent.append(board_messages.text(WARNING_SEVERITY, f"stopped: {self._guard.stopped}"))

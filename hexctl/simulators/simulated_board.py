@@ -120,7 +120,7 @@ class RunningBoard(ABC):
     counted: ClassVar[tuple[str, ...]]
 
     def __init__(self, servos: LegServos, line: Closing) -> None:
-        self._robot, self._closed_at_end = servos, line
+        self._robot, self._closed_at_end, self._time = servos, line, servos.clock.time
         self.counts = dict.fromkeys((*self.counted, "ticks"), 0)
 
     def run(self, until: Callable[[], bool], *, ready: Callable[[], None] = lambda: None) -> None:

@@ -58,10 +58,13 @@ class SerialLine:
             else:
                 self._damaged = b""
         now_s = self.time.now()
-        deadline_s, self.free_s = now_s + timeout_s, max(self.free_s, now_s) + self.wire_s(len(packet))
-        while packet:
+        self.free_s = max(self.free_s, now_s) + self.wire_s(len(packet))
+        self._put(packet, now_s + timeout_s)
+
+    def _put(self, data: bytes, deadline_s: float) -> None:
+        while data:
             try:
-                packet = packet[os.write(self._descriptor, packet) :]
+                data = data[os.write(self._descriptor, data) :]
             except BlockingIOError:
                 left_s = deadline_s - self.time.now()
                 if left_s <= 0:
@@ -73,19 +76,21 @@ class SerialLine:
 
         Raises OSError when the device has gone.
         """
-        wait_s = max(0.0, deadline_s - self.time.now())
+        return self._without_echo(self._take(max(0.0, deadline_s - self.time.now())))
+
+    def _take(self, wait_s: float) -> bytes:
         if not wait_ready(self._descriptor, wait_s):
             return b""
         data = os.read(self._descriptor, CHUNK)
         if not data:
             raise OSError("the other end of the port has gone")
-        return self._without_echo(data)
+        return data
 
     def discard(self) -> bool:
         """Drop what has come so far; whether there was anything but the echo of what was sent."""
         came = False
-        while wait_ready(self._descriptor, 0.0):
-            came = bool(self.read(0.0)) or came
+        while data := self._take(0.0):
+            came = bool(self._without_echo(data)) or came
         return came
 
     def learn_echo(self, ping: bytes, timeout_s: float) -> None:

@@ -108,13 +108,7 @@ class Pca9685Chip:
     """
 
     def __init__(
-        self,
-        bus: I2cBus,
-        address: int,
-        oscillator_mhz: float,
-        channels: Sequence[int],
-        *,
-        time: TimeSource = WALL_TIME,
+        self, bus: I2cBus, address: int, oscillator_mhz: float, channels: Sequence[int], time: TimeSource
     ) -> None:
         self._bus, self.address, self._oscillator_mhz, self._time = bus, address, oscillator_mhz, time
         self._first, self._last = min(channels), max(channels)
@@ -232,22 +226,18 @@ class Pca9685:
         self,
         bus: I2cBus,
         pwm_map: PwmMap,
+        time: TimeSource = WALL_TIME,
         *,
         known: bool = False,
         owned: bool = True,
-        time: TimeSource = WALL_TIME,
     ) -> None:
         self._bus, self._owned, self._time = bus, owned, time
         boards, channels = np.divmod(pwm_map.outputs, PCA9685_CHANNELS)
+        parts = zip(pwm_map.addresses, pwm_map.oscillators_mhz, strict=True)
         self._chips = {
-            board: Pca9685Chip(
-                bus,
-                pwm_map.addresses[board],
-                pwm_map.oscillators_mhz[board],
-                channels[boards == board],
-                time=time,
-            )
-            for board in sorted(set(boards.tolist()))
+            board: Pca9685Chip(bus, address, oscillator_mhz, channels[boards == board], time)
+            for board, (address, oscillator_mhz) in enumerate(parts)
+            if board in boards
         }
         self._places = list(zip(boards.tolist(), channels.tolist(), strict=True))
         self._silent_since_s: dict[int, float] = {}  # by address
@@ -384,7 +374,7 @@ class Pca9685Servos(PwmServos):
     def _open(self) -> Pca9685:
         bus = open_i2c(self._place) if self._i2c is None else self._i2c
         try:
-            return Pca9685(bus, self._map, known=self._known, owned=self._i2c is None, time=self._clock.time)
+            return Pca9685(bus, self._map, self._clock.time, known=self._known, owned=self._i2c is None)
         except BaseException:
             if self._i2c is None:
                 bus.close()  # type: ignore[attr-defined]

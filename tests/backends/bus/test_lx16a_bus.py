@@ -1,48 +1,43 @@
 """A bus of LX-16A servos, packet by packet, against simulated ones."""
 
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from hexctl.backends.bus import lx16a_packets as lx
 from hexctl.backends.bus.lx16a_bus import LOSSY_S, LOST_MOVES, MOST_MOVES, Lx16aBus
-from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.bus.servo_bus import BusCounters
 from hexctl.backends.bus.tools import bus_of
 from hexctl.simulators.bus_board import BusBoard
 from hexctl.simulators.lx16a_servos import SimulatedLx16aServo
 from hexctl.types import FloatArray
-from tests.backends.bus.boards import a_map, bus_board, stance_counts
-from tests.backends.bus.late_servo import LateServo
+from tests.backends.bus.boards import a_map, stance_counts
+from tests.backends.bus.memory_line import BoardLine, LateServoLine, MemoryLine
 
 MAP = a_map("lx16a", "lx16a")
 EVERY = np.ones(18, dtype=bool)
 
 
-def _bus_on(path: str, counters: BusCounters) -> Lx16aBus:
-    bus = bus_of(MAP, SerialLine(path, 115_200), counters)
+def _bus_on(line: MemoryLine, counters: BusCounters) -> Lx16aBus:
+    bus = bus_of(MAP, line, counters)
     assert isinstance(bus, Lx16aBus)
     return bus
 
 
-@contextmanager
-def _bus(*faults: str) -> Iterator[tuple[Lx16aBus, BusBoard, BusCounters]]:
-    with bus_board(MAP, *faults) as board:
-        counters = BusCounters()
-        bus = _bus_on(board.path, counters)
-        yield bus, board, counters
-        bus.close()
+def _bus(*faults: str) -> tuple[Lx16aBus, BusBoard, BusCounters]:
+    line, counters = BoardLine(MAP, *faults), BusCounters()
+    return _bus_on(line, counters), line.board, counters
 
 
-def _within(condition: Callable[[], bool], seconds: float = 5.0) -> bool:
-    deadline_s = time.monotonic() + seconds
-    while not condition():
-        if time.monotonic() > deadline_s:
-            return False
-    return True
+def _pass_time(bus: Lx16aBus, duration_s: float) -> None:
+    line = bus._line
+    assert isinstance(line, MemoryLine)
+    line.pass_time(duration_s)
+
+
+def _within(condition: Callable[[], bool], polls: int = 500) -> bool:
+    return any(condition() for _ in range(polls))
 
 
 def _hold_stance(bus: Lx16aBus) -> None:
@@ -74,229 +69,227 @@ def _positions(bus: Lx16aBus) -> list[float]:
 
 
 def test_servos_are_found_read_and_moved() -> None:
-    with _bus() as (bus, board, counters):
-        assert bus.find().all()
-        assert bus.servos[3].model_number() is None
-        assert [bus.torque(joint) for joint in (0, 17)] == [False, False]
-        assert bus.servos[3].set_up() == []
-        reports = bus.poll_all()
-        assert [report.place for report in reports] == list(range(18))
-        assert [report.position for report in reports] == stance_counts(MAP).tolist()
-        assert reports[5].voltage_v == pytest.approx(7.4)
-        assert reports[5].temperature_c == 35
-        assert np.isnan(bus.poll_all()[5].voltage_v), "it is read now and then"
-        goals = stance_counts(MAP) + np.arange(18) - 9
-        bus.write_goals(goals)  # without torque
-        time.sleep(0.1)
-        assert _positions(bus) == stance_counts(MAP).tolist()
-        bus.hold(stance_counts(MAP), EVERY)
-        assert board._family.holds().all()
-        bus.write_goals(goals)
-        assert _reaches(bus, goals)
-        bus.set_torque(False)
-        assert not board._family.holds().any()
-        assert counters.writes == 2
+    bus, board, counters = _bus()
+    assert bus.find().all()
+    assert bus.servos[3].model_number() is None
+    assert [bus.torque(joint) for joint in (0, 17)] == [False, False]
+    assert bus.servos[3].set_up() == []
+    reports = bus.poll_all()
+    assert [report.place for report in reports] == list(range(18))
+    assert [report.position for report in reports] == stance_counts(MAP).tolist()
+    assert reports[5].voltage_v == pytest.approx(7.4)
+    assert reports[5].temperature_c == 35
+    assert np.isnan(bus.poll_all()[5].voltage_v), "it is read now and then"
+    goals = stance_counts(MAP) + np.arange(18) - 9
+    bus.write_goals(goals)  # without torque
+    _pass_time(bus, 0.1)
+    assert _positions(bus) == stance_counts(MAP).tolist()
+    bus.hold(stance_counts(MAP), EVERY)
+    assert board._family.holds().all()
+    bus.write_goals(goals)
+    assert _reaches(bus, goals)
+    bus.set_torque(False)
+    assert not board._family.holds().any()
+    assert counters.writes == 2
 
 
 def test_goals_that_did_not_change_are_not_sent_and_others_go_in_halves() -> None:
-    with _bus() as (bus, board, _):
-        _hold_stance(bus)
-        bus.poll_all()
-        before = board.counts["goals"]
-        bus.write_goals(stance_counts(MAP))
-        bus.poll_all()
-        assert board.counts["goals"] <= before + 1  # one that was sent long ago
-        before = board.counts["goals"]
-        bus.write_goals(stance_counts(MAP) + 5)
-        bus.poll_all()
-        assert board.counts["goals"] == before + MOST_MOVES
-        assert _reaches(bus, stance_counts(MAP) + 5)
+    bus, board, _ = _bus()
+    _hold_stance(bus)
+    bus.poll_all()
+    before = board.counts["goals"]
+    bus.write_goals(stance_counts(MAP))
+    bus.poll_all()
+    assert board.counts["goals"] <= before + 1  # one that was sent long ago
+    before = board.counts["goals"]
+    bus.write_goals(stance_counts(MAP) + 5)
+    bus.poll_all()
+    assert board.counts["goals"] == before + MOST_MOVES
+    assert _reaches(bus, stance_counts(MAP) + 5)
 
 
 def test_a_joint_whose_goal_had_to_wait_has_two_periods_for_it() -> None:
-    with _bus() as (bus, board, _):
-        _hold_stance(bus)
-        goals = stance_counts(MAP) + 5
-        bus.write_goals(goals)  # half of them
-        bus.write_goals(goals)  # the others, which waited
-        bus.poll_all()
-        assert [_servo(board, joint)._time_s for joint in range(18)] == [0.04] * 18
-        goals[4] += 5
-        bus.write_goals(goals)
-        bus.poll_all()
-        assert _servo(board, 4)._time_s == 0.02
+    bus, board, _ = _bus()
+    _hold_stance(bus)
+    goals = stance_counts(MAP) + 5
+    bus.write_goals(goals)  # half of them
+    bus.write_goals(goals)  # the others, which waited
+    bus.poll_all()
+    assert [_servo(board, joint)._time_s for joint in range(18)] == [0.04] * 18
+    goals[4] += 5
+    bus.write_goals(goals)
+    bus.poll_all()
+    assert _servo(board, 4)._time_s == 0.02
 
 
 def test_a_move_begins_where_the_one_before_has_come_to() -> None:
     """One of two periods was followed by one of a period, for the half that was left and its own way."""
-    with _bus() as (bus, board, _):
-        _hold_stance(bus)
-        bus.speeds = np.full(18, 10 / 0.02)  # counts per second: ten in a control period
-        bus.write_goals(stance_counts(MAP) + 20)  # half of the joints, in two periods
-        moved = next(joint for joint in range(18) if bus._sent[joint] == stance_counts(MAP)[joint] + 20)
-        bus._sent_at_s[moved] = time.monotonic() + 10  # as if no time had passed
-        goals = bus._sent.copy()
-        goals[moved] += 10  # and this joint alone goes on
-        bus.write_goals(goals)
-        bus.poll_all()
-        assert _servo(board, moved)._time_s == 0.06
+    bus, board, _ = _bus()
+    _hold_stance(bus)
+    bus.speeds = np.full(18, 10 / 0.02)  # counts per second: ten in a control period
+    bus.write_goals(stance_counts(MAP) + 20)  # half of the joints, in two periods
+    moved = next(joint for joint in range(18) if bus._sent[joint] == stance_counts(MAP)[joint] + 20)
+    bus._sent_at_s[moved] = bus._time.now() + 10  # as if no time had passed
+    goals = bus._sent.copy()
+    goals[moved] += 10  # and this joint alone goes on
+    bus.write_goals(goals)
+    bus.poll_all()
+    assert _servo(board, moved)._time_s == 0.06
 
 
 def test_a_move_behind_lost_answers_has_the_time_of_a_joint_that_missed_the_moves_before() -> None:
-    with _bus() as (bus, board, _):
-        _hold_stance(bus)
-        bus.speeds = np.full(18, 5 / 0.02)  # counts per second: five in a control period
-        goals = stance_counts(MAP)
+    bus, board, _ = _bus()
+    _hold_stance(bus)
+    bus.speeds = np.full(18, 5 / 0.02)  # counts per second: five in a control period
+    goals = stance_counts(MAP)
 
-        def time_of_next_move_s() -> float:
-            goals[4] += 5
-            bus.write_goals(goals.copy())
-            bus.poll_all()
-            return _servo(board, 4)._time_s
-
-        assert [time_of_next_move_s() for _ in range(3)] == [0.02] * 3
-        board._faults.mute[9] = True
+    def time_of_next_move_s() -> float:
+        goals[4] += 5
+        bus.write_goals(goals.copy())
         bus.poll_all()
-        assert time_of_next_move_s() == 0.02 * (1 + LOST_MOVES)
-        bus._missed_at_s -= 2 * LOSSY_S
-        time.sleep(0.06)  # until that move has ended
-        assert time_of_next_move_s() == 0.02, "a dead servo is no line that loses packets"
+        return _servo(board, 4)._time_s
+
+    assert [time_of_next_move_s() for _ in range(3)] == [0.02] * 3
+    board._faults.mute[9] = True
+    bus.poll_all()
+    assert time_of_next_move_s() == 0.02 * (1 + LOST_MOVES)
+    bus._missed_at_s -= 2 * LOSSY_S
+    _pass_time(bus, 0.06)  # until that move has ended
+    assert time_of_next_move_s() == 0.02, "a dead servo is no line that loses packets"
 
 
 def test_an_adapter_that_echoes_is_noticed() -> None:
-    with _bus("echo") as (bus, _, counters):
-        assert bus.find().all()
-        bus.hold(stance_counts(MAP), EVERY)
-        bus.write_goals(stance_counts(MAP) + 3)
-        assert _reaches(bus, stance_counts(MAP) + 3)
-        assert counters.garbled == 0
+    bus, _, counters = _bus("echo")
+    assert bus.find().all()
+    bus.hold(stance_counts(MAP), EVERY)
+    bus.write_goals(stance_counts(MAP) + 3)
+    assert _reaches(bus, stance_counts(MAP) + 3)
+    assert counters.garbled == 0
 
 
 def test_one_mute_servo_does_not_silence_the_others() -> None:
-    with _bus("mute:3:femur") as (bus, _, _counters):
-        assert np.flatnonzero(~bus.find()).tolist() == [7]
-        heard: set[int] = set()
+    bus, _, _counters = _bus("mute:3:femur")
+    assert np.flatnonzero(~bus.find()).tolist() == [7]
+    heard: set[int] = set()
 
-        def all_others() -> bool:
-            heard.update(report.place for report in bus.poll())
-            return len(heard) == 17
+    def all_others() -> bool:
+        heard.update(report.place for report in bus.poll())
+        return len(heard) == 17
 
-        assert _within(all_others)
-        assert heard == set(range(18)) - {7}
+    assert _within(all_others)
+    assert heard == set(range(18)) - {7}
 
 
 def test_garbled_answers_are_counted_and_never_believed() -> None:
-    with _bus("garble:0.2") as (bus, _, counters):
-        bus.find()
+    bus, _, counters = _bus("garble:0.2")
+    bus.find()
 
-        def many() -> bool:
-            for report in bus.poll():
-                assert report.position == stance_counts(MAP)[report.place]
-            return min(counters.missed, counters.garbled) > 20
+    def many() -> bool:
+        for report in bus.poll():
+            assert report.position == stance_counts(MAP)[report.place]
+        return min(counters.missed, counters.garbled) > 20
 
-        assert _within(many)
+    assert _within(many)
 
 
 def test_goals_end_at_the_limits_stored_in_a_servo_which_is_said() -> None:
-    with _bus() as (bus, board, _):
-        _servo(board, 4).limits = (330, 350)
-        bus.settings(bus.find())
-        bus.hold(stance_counts(MAP), EVERY)
-        goals = stance_counts(MAP)
-        goals[4] = 400
-        bus.write_goals(goals)
-        assert _within(lambda: _positions(bus)[4] == 350)
-        assert bus.poll_all()[4].error == "goal beyond the limits 330 to 350 stored in the servo"
-        assert _servo(board, 4).holds
+    bus, board, _ = _bus()
+    _servo(board, 4).limits = (330, 350)
+    bus.settings(bus.find())
+    bus.hold(stance_counts(MAP), EVERY)
+    goals = stance_counts(MAP)
+    goals[4] = 400
+    bus.write_goals(goals)
+    assert _within(lambda: _positions(bus)[4] == 350)
+    assert bus.poll_all()[4].error == "goal beyond the limits 330 to 350 stored in the servo"
+    assert _servo(board, 4).holds
 
 
 def test_a_joint_far_beyond_the_limits_stored_in_its_servo_gets_no_goal_and_no_torque() -> None:
     """It was driven to the limit, 12 degrees away, in 20 ms as the torque was switched on."""
-    with _bus() as (bus, board, _):
-        here = stance_counts(MAP)
-        here[4] = 400
-        board._robot._positions_rad = MAP.angles_rad(here)  # type: ignore[attr-defined]  # moved by hand
-        _servo(board, 4).limits = (330, 350)
-        bus.settings(bus.find())
-        assert _within(lambda: _positions(bus) == here.tolist())
-        holds = bus.hold(here, EVERY)
-        assert np.flatnonzero(~holds).tolist() == [4]
-        bus.write_goals(stance_counts(MAP))
-        assert bus.poll_all()[4].error == "stands beyond the limits 330 to 350 stored in the servo"
-        assert not _servo(board, 4).loaded
-        assert _servo(board, 4)._time_s == 0, "no move came"
-        assert _positions(bus)[4] == 400
-        bus.set_torque(False)
-        assert bus.poll_all()[4].error == ""
+    bus, board, _ = _bus()
+    here = stance_counts(MAP)
+    here[4] = 400
+    board._robot._positions_rad = MAP.angles_rad(here)  # type: ignore[attr-defined]  # moved by hand
+    _servo(board, 4).limits = (330, 350)
+    bus.settings(bus.find())
+    assert _within(lambda: _positions(bus) == here.tolist())
+    holds = bus.hold(here, EVERY)
+    assert np.flatnonzero(~holds).tolist() == [4]
+    bus.write_goals(stance_counts(MAP))
+    assert bus.poll_all()[4].error == "stands beyond the limits 330 to 350 stored in the servo"
+    assert not _servo(board, 4).loaded
+    assert _servo(board, 4)._time_s == 0, "no move came"
+    assert _positions(bus)[4] == 400
+    bus.set_torque(False)
+    assert bus.poll_all()[4].error == ""
 
 
 def test_a_joint_a_little_beyond_a_stored_limit_moves_to_it() -> None:
-    with _bus() as (bus, board, _):
-        here = stance_counts(MAP)
-        here[4] = 355
-        board._robot._positions_rad = MAP.angles_rad(here)  # type: ignore[attr-defined]  # moved by hand
-        _servo(board, 4).limits = (330, 350)
-        bus.settings(bus.find())
-        assert _within(lambda: _positions(bus) == here.tolist())
-        bus.hold(here, EVERY)
-        bus.poll_all()
-        assert _servo(board, 4)._goal == 350
-        assert "stands" not in bus.poll_all()[4].error
+    bus, board, _ = _bus()
+    here = stance_counts(MAP)
+    here[4] = 355
+    board._robot._positions_rad = MAP.angles_rad(here)  # type: ignore[attr-defined]  # moved by hand
+    _servo(board, 4).limits = (330, 350)
+    bus.settings(bus.find())
+    assert _within(lambda: _positions(bus) == here.tolist())
+    bus.hold(here, EVERY)
+    bus.poll_all()
+    assert _servo(board, 4)._goal == 350
+    assert "stands" not in bus.poll_all()[4].error
 
 
 def test_stored_limits_that_no_servo_has_are_not_believed() -> None:
     """As what a servo answers whose memory is damaged: they would end every goal at one count."""
-    with _bus() as (bus, board, _):
-        for limits in ((700, 300), (400, 400), (0, 5000)):
-            _servo(board, 4).limits = limits
-            bus.settings(EVERY)
-            assert (bus.lowest[4], bus.highest[4]) == (0, 1000)
+    bus, board, _ = _bus()
+    for limits in ((700, 300), (400, 400), (0, 5000)):
+        _servo(board, 4).limits = limits
+        bus.settings(EVERY)
+        assert (bus.lowest[4], bus.highest[4]) == (0, 1000)
 
 
 def test_protections_that_were_changed_are_said() -> None:
-    with _bus() as (bus, board, _):
-        _servo(board, 4).most_c = 95
-        _servo(board, 5).voltages_mv = (9000, 12600)
-        notes = [each.notes for each in bus.settings(bus.find()).values()]
-        assert notes[4] == ("it lets go at 95 degrees C, from the factory at 85",)
-        assert notes[5] == ("it has 7.4 V, and lets go outside 9.0 to 12.6 V",)
-        assert not any(notes[:4] + notes[6:])
+    bus, board, _ = _bus()
+    _servo(board, 4).most_c = 95
+    _servo(board, 5).voltages_mv = (9000, 12600)
+    notes = [each.notes for each in bus.settings(bus.find()).values()]
+    assert notes[4] == ("it lets go at 95 degrees C, from the factory at 85",)
+    assert notes[5] == ("it has 7.4 V, and lets go outside 9.0 to 12.6 V",)
+    assert not any(notes[:4] + notes[6:])
 
 
 def test_a_servo_that_unloads_is_limp_and_gets_no_goals() -> None:
-    with _bus() as (bus, board, _):
-        bus.find()
-        bus.hold(stance_counts(MAP), EVERY)
-        bus.write_goals(stance_counts(MAP))
-        _servo(board, 7).loaded = False
-        said: dict[int, str] = {}
+    bus, board, _ = _bus()
+    bus.find()
+    bus.hold(stance_counts(MAP), EVERY)
+    bus.write_goals(stance_counts(MAP))
+    _servo(board, 7).loaded = False
+    said: dict[int, str] = {}
 
-        def limp() -> bool:
-            said.update((report.place, report.error) for report in bus.poll())
-            return said.get(7) == "limp"
+    def limp() -> bool:
+        said.update((report.place, report.error) for report in bus.poll())
+        return said.get(7) == "limp"
 
-        assert _within(limp)
-        assert {joint for joint, error in said.items() if error} == {7}
-        goals = stance_counts(MAP) + 20
-        goals[7] -= 20
-        bus.write_goals(stance_counts(MAP) + 20)
-        assert _reaches(bus, goals)
-        assert _servo(board, 7)._goal == stance_counts(MAP)[7]
+    assert _within(limp)
+    assert {joint for joint, error in said.items() if error} == {7}
+    goals = stance_counts(MAP) + 20
+    goals[7] -= 20
+    bus.write_goals(stance_counts(MAP) + 20)
+    assert _reaches(bus, goals)
+    assert _servo(board, 7)._goal == stance_counts(MAP)[7]
 
 
 def test_servos_that_begin_to_answer_late_are_heard_again() -> None:
     """The bus had learned to wait for a few ms only, and dropped what came later for good."""
-    servo = LateServo(lx.LX16A, lambda command, _: (command, bytes(lx.ANSWER_BYTES[command])))
-    bus = _bus_on(servo.path, BusCounters())
-    try:
-        for _ in range(80):
-            assert bus.servo(7, MAP.models[0]).answers()
-        servo.delays_s = [0.02] * 16
-        heard = []
-        for _ in range(16):
-            heard += [bus._ask(6, lx.READ_POSITION)]
-            time.sleep(0.05)  # what comes late comes between two questions
-        assert b"\0\0" in heard[:8]
-    finally:
-        bus.close()
-        servo.close()
+    servo = LateServoLine(
+        lx.LX16A, lambda command, _: (command, bytes(lx.ANSWER_BYTES[command])), baud=115_200
+    )
+    bus = _bus_on(servo, BusCounters())
+    for _ in range(80):
+        assert bus.servo(7, MAP.models[0]).answers()
+    servo.delays_s = [0.02] * 16
+    heard = []
+    for _ in range(16):
+        heard += [bus._ask(6, lx.READ_POSITION)]
+        servo.pass_time(0.05)  # what comes late comes between two questions
+    assert b"\0\0" in heard[:8]

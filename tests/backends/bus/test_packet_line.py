@@ -1,17 +1,10 @@
 """Questions and answers on a line whose answers come late."""
 
-import os
-import threading
-import time
-from collections.abc import Iterator
-
 import pytest
 
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import PING, PROTOCOLS, READ, WRITE
-from hexctl.backends.bus.serial_line import SerialLine
-from hexctl.waiting import wait_for
-from tests.backends.bus.late_servo import LateServo
+from tests.backends.bus.memory_line import LateServoLine
 
 PACKETS = PROTOCOLS[1]
 
@@ -28,14 +21,12 @@ def _answer(instruction: int, parameters: bytes) -> tuple[int, bytes]:
 
 
 @pytest.fixture
-def servo() -> Iterator[LateServo]:
-    servo = LateServo(PACKETS, _answer)
-    yield servo
-    servo.close()
+def servo() -> LateServoLine:
+    return LateServoLine(PACKETS, _answer)
 
 
-def _line(servo: LateServo) -> PacketLine:
-    return PacketLine(SerialLine(servo.path, 1_000_000), PACKETS, timeout_s=TIMEOUT_S, adapts=False)
+def _line(servo: LateServoLine) -> PacketLine:
+    return PacketLine(servo, PACKETS, timeout_s=TIMEOUT_S, adapts=False)
 
 
 def _read(line: PacketLine, address: int, size: int = 1, *, tries: int = 2) -> bytes | None:
@@ -43,7 +34,7 @@ def _read(line: PacketLine, address: int, size: int = 1, *, tries: int = 2) -> b
     return None if answer is None else answer.parameters
 
 
-def test_a_late_answer_is_not_taken_for_the_one_to_another_question(servo: LateServo) -> None:
+def test_a_late_answer_is_not_taken_for_the_one_to_another_question(servo: LateServoLine) -> None:
     """An operating mode of 3 that came late was read as the drive mode, and the robot was refused."""
     line = _line(servo)
     servo.delays_s = [LATE_S, LATE_S]
@@ -54,54 +45,40 @@ def test_a_late_answer_is_not_taken_for_the_one_to_another_question(servo: LateS
     assert _read(line, 12) == b"\x09"
 
 
-def test_answers_of_other_sizes_are_not_waited_for_and_not_taken(servo: LateServo) -> None:
+def test_answers_of_other_sizes_are_not_waited_for_and_not_taken(servo: LateServoLine) -> None:
     line = _line(servo)
     servo.delays_s = [LATE_S]
     assert _read(line, 11, tries=1) is None
-    time.sleep(LATE_S - TIMEOUT_S)
+    servo.pass_time(LATE_S - TIMEOUT_S)
     assert _read(line, 30, size=2, tries=1) in (b"\x64\x02", None), "never the one byte"
     assert _read(line, 30, size=2) == b"\x64\x02"
 
 
-def test_the_same_question_takes_the_answer_that_comes_first(servo: LateServo) -> None:
+def test_the_same_question_takes_the_answer_that_comes_first(servo: LateServoLine) -> None:
     line = _line(servo)
     servo.delays_s = [LATE_S]
     assert _read(line, 11, tries=1) is None
     assert _read(line, 11) == b"\x03"
 
 
-def test_a_late_servo_that_is_closed_leaves_no_thread_and_no_descriptor() -> None:
-    """What it left wrote into the line of another test, which had the same descriptor by then."""
-    threads, descriptors = set(threading.enumerate()), set(os.listdir("/dev/fd"))
-    servo = LateServo(PACKETS, _answer)
-    servo.delays_s = [60.0]
-    line = SerialLine(servo.path, 1_000_000)
-    line.write(PACKETS.instruction(7, READ, bytes([11, 1])))
-    wait_for(lambda: not servo.delays_s, 10.0, "the question does not come")
-    line.close()
-    servo.close()
-    assert set(threading.enumerate()) <= threads
-    assert set(os.listdir("/dev/fd")) <= descriptors
-
-
-def test_servos_that_begin_to_answer_late_are_heard_again(servo: LateServo) -> None:
+def test_servos_that_begin_to_answer_late_are_heard_again(servo: LateServoLine) -> None:
     """The line had learned to wait for a few ms only, and dropped what came later for good."""
-    line = PacketLine(SerialLine(servo.path, 1_000_000), PACKETS, timeout_s=TIMEOUT_S)
+    line = PacketLine(servo, PACKETS, timeout_s=TIMEOUT_S)
     for _ in range(80):
         assert _read(line, 11) == b"\x03"
     servo.delays_s = [0.04] * 12
     heard = []
     for _ in range(12):
         heard.append(_read(line, 11, tries=1))
-        time.sleep(0.08)  # what comes late comes between two questions
+        servo.pass_time(0.08)  # what comes late comes between two questions
     assert b"\x03" in heard[:8]
 
 
 def test_servos_that_are_missing_are_not_waited_for_much_longer_than_the_others_take(
-    servo: LateServo,
+    servo: LateServoLine,
 ) -> None:
     """Where any was missing the line waited for 34 ms in each round, for good."""
-    line = PacketLine(SerialLine(servo.path, 1_000_000), PACKETS, timeout_s=TIMEOUT_S)
+    line = PacketLine(servo, PACKETS, timeout_s=TIMEOUT_S)
     request = PACKETS.instruction(7, READ, bytes([11, 1]))
     for _ in range(60):
         assert len(line.transact(request, (7, 8), 0.001)) == 1

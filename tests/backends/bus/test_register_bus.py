@@ -1,8 +1,7 @@
 """A bus of servos with registers, packet by packet, against simulated ones and the vendors' SDKs."""
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -13,25 +12,21 @@ from hexctl.backends.bus.servo_bus import BusCounters
 from hexctl.backends.bus.tools import bus_of
 from hexctl.errors import RobotFaultError
 from hexctl.robot.servos.bus_map import BusMap
-from hexctl.simulators.bus_board import BusBoard
 from hexctl.simulators.register_servos import BusServo
 from tests.backends.bus.boards import MODELS, a_map, bus_board, stance_counts
+from tests.backends.bus.memory_line import BoardLine
 
 EVERY = np.ones(18, dtype=bool)
 
 
-def _bus_on(board: BusBoard, bus_map: BusMap) -> RegisterBus:
-    bus = bus_of(bus_map, SerialLine(board.path, 1_000_000), BusCounters())
+def _bus_on(line: BoardLine, bus_map: BusMap) -> RegisterBus:
+    bus = bus_of(bus_map, line, BusCounters())
     assert isinstance(bus, RegisterBus)
     return bus
 
 
-@contextmanager
-def _bus(bus_map: BusMap, *faults: str) -> Iterator[RegisterBus]:
-    with bus_board(bus_map, *faults) as board:
-        bus = _bus_on(board, bus_map)
-        yield bus
-        bus.close()
+def _bus(bus_map: BusMap, *faults: str) -> RegisterBus:
+    return _bus_on(BoardLine(bus_map, *faults), bus_map)
 
 
 def _within(condition: Callable[[], bool], seconds: float = 5.0) -> bool:
@@ -45,26 +40,25 @@ def _within(condition: Callable[[], bool], seconds: float = 5.0) -> bool:
 @pytest.mark.parametrize(("driver", "model"), MODELS)
 def test_servos_are_found_read_and_moved(driver: str, model: str) -> None:
     bus_map = a_map(driver, model)
-    with _bus(bus_map) as bus:
-        assert bus.find().all()
-        assert bus.servos[3].model_number() == bus_map.models[3].number
-        assert [bus.torque(joint) for joint in (0, 17)] == [False, False]
-        assert [servo.set_up() for servo in bus.servos] == [[]] * 18
-        reports = {report.place: report for report in bus.poll_all()}
-        assert len(reports) == 18
-        positions = np.array([reports[joint].position for joint in range(18)])
-        np.testing.assert_array_equal(positions, stance_counts(bus_map))
-        assert reports[5].voltage_v == pytest.approx(12.0)
-        assert reports[5].temperature_c == 35
-        goals = stance_counts(bus_map) + np.arange(18) - 9
-        bus.write_goals(goals)  # without torque
-        time.sleep(0.1)
-        assert {report.position for report in bus.poll_all()} == set(positions)
-        bus.hold(positions, EVERY)
-        bus.write_goals(goals)
-        assert _within(
-            lambda: sorted((r.place, r.position) for r in bus.poll_all()) == list(enumerate(goals))
-        )
+    bus = _bus(bus_map)
+    assert bus.find().all()
+    assert bus.servos[3].model_number() == bus_map.models[3].number
+    assert [bus.torque(joint) for joint in (0, 17)] == [False, False]
+    assert [servo.set_up() for servo in bus.servos] == [[]] * 18
+    reports = {report.place: report for report in bus.poll_all()}
+    assert len(reports) == 18
+    positions = np.array([reports[joint].position for joint in range(18)])
+    np.testing.assert_array_equal(positions, stance_counts(bus_map))
+    assert reports[5].voltage_v == pytest.approx(12.0)
+    assert reports[5].temperature_c == 35
+    goals = stance_counts(bus_map) + np.arange(18) - 9
+    bus.write_goals(goals)  # without torque
+    assert isinstance(bus._packets.line, BoardLine)
+    bus._packets.line.pass_time(0.1)
+    assert {report.position for report in bus.poll_all()} == set(positions)
+    bus.hold(positions, EVERY)
+    bus.write_goals(goals)
+    assert _within(lambda: sorted((r.place, r.position) for r in bus.poll_all()) == list(enumerate(goals)))
 
 
 @pytest.mark.parametrize(("driver", "model"), [("dynamixel", "xl430-w250"), ("feetech", "sts3215")])
@@ -75,54 +69,53 @@ def test_a_joint_far_beyond_the_limits_stored_in_its_servo_gets_no_goal_and_no_t
     bus_map = a_map(driver, model)
     here = stance_counts(bus_map)
     far, near = np.ceil(20 * bus_map.per_deg[4]), np.floor(1.5 * bus_map.per_deg[5])
-    with bus_board(bus_map) as board:
-        servos = board._servos
-        assert isinstance(servos[4], BusServo)
-        assert isinstance(servos[5], BusServo)
-        bus = _bus_on(board, bus_map)
-        servos[4].set(bus.table.most, here[4] - far)
-        servos[5].set(bus.table.most, here[5] - near)
-        before = servos[4].number(bus.table.goal)
-        bus.find()
-        bus.settings(EVERY)
-        holds = bus.hold(here, EVERY)
-        assert np.flatnonzero(~holds).tolist() == [4]
-        assert not servos[4].holds
-        assert servos[4].number(bus.table.goal) == before
-        assert servos[5].holds
-        error = {report.place: report.error for report in bus.poll_all()}[4]
-        assert error.startswith("stands beyond the limits ")
-        bus.set_torque(False)
-        assert {report.place: report.error for report in bus.poll_all()}[4] == ""
-        bus.close()
+    line = BoardLine(bus_map)
+    servos = line.board._servos
+    assert isinstance(servos[4], BusServo)
+    assert isinstance(servos[5], BusServo)
+    bus = _bus_on(line, bus_map)
+    servos[4].set(bus.table.most, here[4] - far)
+    servos[5].set(bus.table.most, here[5] - near)
+    before = servos[4].number(bus.table.goal)
+    bus.find()
+    bus.settings(EVERY)
+    holds = bus.hold(here, EVERY)
+    assert np.flatnonzero(~holds).tolist() == [4]
+    assert not servos[4].holds
+    assert servos[4].number(bus.table.goal) == before
+    assert servos[5].holds
+    error = {report.place: report.error for report in bus.poll_all()}[4]
+    assert error.startswith("stands beyond the limits ")
+    bus.set_torque(False)
+    assert {report.place: report.error for report in bus.poll_all()}[4] == ""
 
 
 def test_an_adapter_that_echoes_is_noticed() -> None:
     for model in ("sts3215", "scs0009"):
-        with _bus(a_map("feetech", model), "echo") as bus:
-            assert bus.find().all()
-            assert len(bus.poll_all()) == 18
-            assert bus.servos[0].model_number() == a_map("feetech", model).models[0].number
+        bus = _bus(a_map("feetech", model), "echo")
+        assert bus.find().all()
+        assert len(bus.poll_all()) == 18
+        assert bus.servos[0].model_number() == a_map("feetech", model).models[0].number
 
 
 @pytest.mark.parametrize(("driver", "model"), [("feetech", "sts3215"), ("dynamixel", "ax12a")])
 def test_one_mute_servo_does_not_silence_the_others(driver: str, model: str) -> None:
-    with _bus(a_map(driver, model), "mute:3:femur") as bus:
-        found = bus.find()
-        assert np.flatnonzero(~found).tolist() == [7]
-        heard = {report.place for report in bus.poll_all()}
-        assert heard == set(range(18)) - {7}
+    bus = _bus(a_map(driver, model), "mute:3:femur")
+    found = bus.find()
+    assert np.flatnonzero(~found).tolist() == [7]
+    heard = {report.place for report in bus.poll_all()}
+    assert heard == set(range(18)) - {7}
 
 
 def test_garbled_answers_are_counted_and_never_believed() -> None:
     bus_map = a_map()
-    with _bus(bus_map, "garble:0.2") as bus:
-        bus.find()
-        for _ in range(60):
-            for report in bus.poll():
-                assert report.position == stance_counts(bus_map)[report.place]
-        assert bus._counters.missed > 20
-        assert bus._counters.garbled > 20
+    bus = _bus(bus_map, "garble:0.2")
+    bus.find()
+    for _ in range(60):
+        for report in bus.poll():
+            assert report.position == stance_counts(bus_map)[report.place]
+    assert bus._counters.missed > 20
+    assert bus._counters.garbled > 20
 
 
 def test_a_device_that_is_not_there_is_a_fault_in_one_line() -> None:

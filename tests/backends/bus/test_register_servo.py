@@ -1,7 +1,6 @@
 """The memory of one servo: what it takes, and what is said of what it refuses. The SDK says the same."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 
 import pytest
 
@@ -9,83 +8,80 @@ from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import PROTOCOLS, READ
 from hexctl.backends.bus.register_servo import RegisterServo
 from hexctl.backends.bus.registers import table_of
-from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.simulators.register_servos import BusServo
 from tests.backends.bus.boards import a_map, bus_board
+from tests.backends.bus.memory_line import BoardLine
 
 
-@contextmanager
-def _servo(driver: str, model: str, *faults: str) -> Iterator[tuple[RegisterServo, BusServo]]:
+def _servo(driver: str, model: str, *faults: str) -> tuple[RegisterServo, BusServo]:
     """Servo with id 5, from the controller's side and as it is."""
     bus_map, table = a_map(driver, model), table_of(model)
-    with bus_board(bus_map, *faults) as board:
-        line = SerialLine(board.path, 1_000_000)
-        real = board._servos[4]
-        assert isinstance(real, BusServo)
-        packets = PacketLine(line, PROTOCOLS[table.protocol])
-        yield RegisterServo(packets, 5, bus_map.models[4]), real
-        line.close()
+    line = BoardLine(bus_map, *faults)
+    real = line.board._servos[4]
+    assert isinstance(real, BusServo)
+    packets = PacketLine(line, PROTOCOLS[table.protocol])
+    return RegisterServo(packets, 5, bus_map.models[4]), real
 
 
 def test_what_a_servo_refuses_is_said() -> None:
-    with _servo("dynamixel", "xl430-w250") as (servo, real):
-        table = servo.table
-        assert table.mode is not None
-        assert servo.write(table.mode, 9) == "range"
-        assert servo.write(table.least, 1500) == ""
-        assert servo.write(table.goal, 1000) == "limit"
-        assert servo.write(table.torque, 1) == ""
-        assert servo.write(table.mode, 4) == "access"
-        assert servo.write(table.model, 4) == "access"
-        assert real.number(table.mode) == 3
-    with _servo("dynamixel", "ax12a") as (servo, _):
-        assert servo.write(servo.table.most, 500) == ""
-        assert servo.write(servo.table.goal, 600) == "angle limit"
-        assert servo.value(servo.table.goal) != 600
+    servo, real = _servo("dynamixel", "xl430-w250")
+    table = servo.table
+    assert table.mode is not None
+    assert servo.write(table.mode, 9) == "range"
+    assert servo.write(table.least, 1500) == ""
+    assert servo.write(table.goal, 1000) == "limit"
+    assert servo.write(table.torque, 1) == ""
+    assert servo.write(table.mode, 4) == "access"
+    assert servo.write(table.model, 4) == "access"
+    assert real.number(table.mode) == 3
+    servo, _ = _servo("dynamixel", "ax12a")
+    assert servo.write(servo.table.most, 500) == ""
+    assert servo.write(servo.table.goal, 600) == "angle limit"
+    assert servo.value(servo.table.goal) != 600
 
 
 def test_a_write_that_is_dropped_without_a_word_is_noticed() -> None:
-    with _servo("dynamixel", "ax12a") as (servo, _):
-        servo.write(servo.table.torque, 1)
-        assert servo.write(servo.table.return_delay, 0) == ""
-        assert servo.change(servo.table.return_delay, 0) == "it keeps 250"
-        assert servo.change(servo.table.return_delay, 250) == ""
-        servo.write(servo.table.torque, 0)
-        assert servo.change(servo.table.return_delay, 0) == ""
+    servo, _ = _servo("dynamixel", "ax12a")
+    servo.write(servo.table.torque, 1)
+    assert servo.write(servo.table.return_delay, 0) == ""
+    assert servo.change(servo.table.return_delay, 0) == "it keeps 250"
+    assert servo.change(servo.table.return_delay, 250) == ""
+    servo.write(servo.table.torque, 0)
+    assert servo.change(servo.table.return_delay, 0) == ""
 
 
 def test_a_damaged_line_is_asked_again() -> None:
-    with _servo("feetech", "sts3215", "garble:0.3") as (servo, real):
-        for value in range(2000, 2040):
-            assert servo.change(servo.table.goal, value) in ("", "no answer")
-            assert servo.value(servo.table.goal) in (value, None)
-        assert 2000 <= real.number(servo.table.goal) < 2040
+    servo, real = _servo("feetech", "sts3215", "garble:0.3")
+    for value in range(2000, 2040):
+        assert servo.change(servo.table.goal, value) in ("", "no answer")
+        assert servo.value(servo.table.goal) in (value, None)
+    assert 2000 <= real.number(servo.table.goal) < 2040
 
 
 def test_a_late_answer_is_not_taken_for_another() -> None:
     """An answer says nothing of its question: that of the one before would pass for it."""
-    with _servo("dynamixel", "xl430-w250") as (servo, _):
-        table, packets = servo.table, servo._packets
-        assert table.mode is not None
-        for register, number in ((table.flags, 0), (table.shutdown, 36), (table.servo_id, 5)):
-            mode = packets.packets.place(table.mode.address, 1)
-            packets.tell(5, READ, mode)  # whose answer, 3, nobody waits for
-            packets.line.discard = lambda: False  # type: ignore[method-assign]  # it comes after that
-            assert servo.sure(register) == number
+    servo, _ = _servo("dynamixel", "xl430-w250")
+    table, packets = servo.table, servo._packets
+    assert table.mode is not None
+    for register, number in ((table.flags, 0), (table.shutdown, 36), (table.servo_id, 5)):
+        mode = packets.packets.place(table.mode.address, 1)
+        packets.tell(5, READ, mode)  # whose answer, 3, nobody waits for
+        packets.line.discard = lambda: False  # type: ignore[method-assign]  # it comes after that
+        assert servo.sure(register) == number
 
 
 def test_what_is_stored_behind_a_lock_goes_with_the_power() -> None:
-    with _servo("feetech", "sts3215") as (servo, real):
-        table = servo.table
-        assert servo.change(table.return_delay, 0) == ""
-        real.restart()
-        assert servo.raw(table.return_delay) == 250
-        assert table.unlock is not None
-        assert servo.change(table.unlock, 0) == ""
-        assert servo.change(table.return_delay, 0) == ""
-        real.restart()
-        assert servo.raw(table.return_delay) == 0
-        assert servo.raw(table.unlock) == 1
+    servo, real = _servo("feetech", "sts3215")
+    table = servo.table
+    assert servo.change(table.return_delay, 0) == ""
+    real.restart()
+    assert servo.raw(table.return_delay) == 250
+    assert table.unlock is not None
+    assert servo.change(table.unlock, 0) == ""
+    assert servo.change(table.return_delay, 0) == ""
+    real.restart()
+    assert servo.raw(table.return_delay) == 0
+    assert servo.raw(table.unlock) == 1
 
 
 @pytest.mark.parametrize(
