@@ -17,7 +17,8 @@ class TickObserver(Protocol):
         """Take one tick: the state read, the controller's targets, and the targets sent."""
 
     def took(self, work_s: float) -> None:
-        """Take the duration of the last tick's work, observers included."""
+        """Take the duration of the last tick's work, observers included; most observers need none."""
+        return
 
 
 #: Called after each write with step and state; True ends the loop.

@@ -90,7 +90,7 @@ def ticks_of(servos: LegServos, duration_s: float) -> int:
     return max(1, math.ceil(duration_s / servos.clock.period_s - 1e-9))
 
 
-class _TraceObserver:
+class _TraceObserver(TickObserver):
     def __init__(self, trace: Trace, servos: LegServos) -> None:
         self._trace, self._simulation = trace, servos.simulation
 
@@ -98,11 +98,8 @@ class _TraceObserver:
         pose = None if self._simulation is None else self._simulation.true_pose
         self._trace.add(tick.time_s, state, None if pose is None else pose[0])
 
-    def took(self, work_s: float) -> None:
-        """Do nothing: a trace keeps no durations."""
 
-
-class _NewsObserver:
+class _NewsObserver(TickObserver):
     def __init__(self, log: TickLog, servos: LegServos, controller: Controller) -> None:
         self._log, self._servos, self._controller = log, servos, controller
 
@@ -112,9 +109,6 @@ class _NewsObserver:
         if texts := self._controller.news():
             self._log.note(texts)
 
-    def took(self, work_s: float) -> None:
-        """Do nothing: notes keep no durations."""
-
 
 class WalkRows(Protocol):
     """Keeps values of the ticks of a walk, in addition to the trace."""
@@ -123,7 +117,7 @@ class WalkRows(Protocol):
         """Take the next tick: the state, and the targets sent after it."""
 
 
-class RowObserver:
+class RowObserver(TickObserver):
     """Adds every tick of the walk to `WalkRows`."""
 
     def __init__(self, rows: WalkRows) -> None:
@@ -132,9 +126,6 @@ class RowObserver:
     def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
         """Take one tick."""
         self._rows.add(state, sent.joint_positions_rad)
-
-    def took(self, work_s: float) -> None:
-        """Do nothing: rows keep no durations."""
 
 
 class Phases:

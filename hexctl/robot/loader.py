@@ -91,11 +91,6 @@ def load_robot(name_or_path: str | Path = "ant") -> Robot:
     return load_robot_file(name_or_path).robot
 
 
-def load_servo_map(name_or_path: str | Path = "ant") -> ServoMap:
-    """Servo map of a robot file, by shipped name or path; also raises what `RobotFile.servo_map` raises."""
-    return load_robot_file(name_or_path).servo_map
-
-
 def load_meshes(name_or_path: str | Path = "ant") -> Meshes:
     """Meshes of a robot file, by shipped name or path; also raises what `RobotFile.meshes` raises."""
     return load_robot_file(name_or_path).meshes

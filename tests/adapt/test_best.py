@@ -17,7 +17,6 @@ from hexctl.adapt.prior.samples import ranked_codes
 from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.store import load_session
 from hexctl.adapt.space import GaitSpace
-from hexctl.cli.render.adapt_output import closing_lines
 from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.errors import InputError
 from hexctl.gait.gait import NAMED_SLOTS
@@ -25,7 +24,7 @@ from hexctl.robot.failure import Failure
 from hexctl.runs.run import Run, run
 from hexctl.runs.run_spec import RunSpec
 from tests.adapt.priors import key_of, made_up_prior, made_up_score_prior
-from tests.adapt.walking import stored_session
+from tests.adapt.walking import closing_lines, stored_session
 from tests.robots import shipped
 
 LIMP = Failure(leg=2, kind="limp")

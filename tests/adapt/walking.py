@@ -11,6 +11,7 @@ from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.store import SessionStore
 from hexctl.adapt.sessions.walk_records import BaselineRecord, TrialRecord
 from hexctl.adapt.space import GaitSpace
+from hexctl.cli.render.adapt_output import closing_parts
 from hexctl.control.trial import Enough
 from hexctl.control.trial_result import Deviation, TrialResult
 from hexctl.gait.encoding import Slots
@@ -81,3 +82,8 @@ class Landscape:
         return WalkedTrial(
             result=result_of((code - 60.3) / 40, status), recording=Path(f"trial-{index:03d}.rrd")
         )
+
+
+def closing_lines(session: Session, ended: str | None) -> str:
+    """Final summary of a session as plain text."""
+    return "\n".join(map(str, closing_parts(session, ended)))

@@ -9,7 +9,7 @@ import pytest
 from pymavlink.dialects.v20 import common
 
 from hexctl.backends.mavlink import mavlink_messages
-from hexctl.robot.loader import load_servo_map
+from hexctl.robot.loader import load_robot_file
 from hexctl.simulators.servo_board import (
     FORGET_AFTER_S,
     FREE_AFTER_S,
@@ -44,7 +44,7 @@ def client(running: BoardProcess) -> Iterator[Client]:
 
 @pytest.fixture
 def stance(file: Path) -> FloatArray:
-    return stance_us(load_servo_map(file))
+    return stance_us(load_robot_file(file).servo_map)
 
 
 def shows(client: Client, pulses: FloatArray) -> bool:

@@ -286,13 +286,8 @@ def after_stop(spec: SessionSpec, error: HexctlError) -> str:
     return f"stand it up, {clear}" if reason == "fell" else clear
 
 
-def closing_lines(session: Session, ended: str | None) -> str:
-    """Final summary of a session as plain text; `ended` is None for one that can be resumed."""
-    return "\n".join(str(part) for part in closing_parts(session, ended))
-
-
 def closing_parts(session: Session, ended: str | None) -> list[RenderableType]:
-    """Final summary of a session, a line each, its finding coloured."""
+    """Final summary of a session, a line each, its finding coloured; `ended` is None if it can be resumed."""
     return [
         *finding_parts(session),
         *_less_lines(session),

@@ -10,7 +10,7 @@ import yaml
 
 from hexctl.backends.bus.servo import FoundServo
 from hexctl.backends.bus.tools import opened_line, the_servo
-from hexctl.control.calibration import EndedError, Operator
+from hexctl.control.calibration.operator import EndedError, Operator, ask
 from hexctl.control.calibration.servo_trial import WIGGLE_DEG, wiggle
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.files import atomic_write
@@ -190,13 +190,9 @@ def _joint(
 
 
 def _answer(operator: Operator, question: str, stop_requested: Callable[[], bool]) -> str:
-    """Answer in lower case; raises EndedError for `quit`, a stop and an input that ends."""
-    operator.prompt(question)
-    while (said := operator.poll()) is None:
+    def wait() -> None:
         if stop_requested():
             raise EndedError
         time.sleep(LOOK_S)
-    said = " ".join(said.lower().split())
-    if said in ("quit", "q"):
-        raise EndedError
-    return said
+
+    return " ".join(ask(operator, question, wait).split())

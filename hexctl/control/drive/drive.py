@@ -335,7 +335,7 @@ def _check_alone(robot: object, backend: str | None, options: Mapping[str, Any])
         )
 
 
-class _EventNotes:
+class _EventNotes(TickObserver):
     def __init__(self, drive: Drive) -> None:
         self._drive = drive
         self._told: dict[str, str] = {}
@@ -360,9 +360,6 @@ class _EventNotes:
             "gait": f"told: slots {gait}, body at {drive.body_raise:+.3f}",
         }
         return [text for name, text in self._told.items() if before.get(name, text) != text]
-
-    def took(self, work_s: float) -> None:
-        """Do nothing: an observer's method."""
 
 
 def _frame_of(state: RobotState) -> TrialFrame:

@@ -81,10 +81,6 @@ class DriveWalk(VelocityWalk):
         self._halted = True
         return soft_stop_steps(self._period_s)
 
-    def resume(self) -> None:
-        """Follow the commands again."""
-        self._halted = False
-
     def done(self, step: int, state: RobotState) -> bool:
         """Whether it was stopped and stands."""
         return self._halted and self.at_rest

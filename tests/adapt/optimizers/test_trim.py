@@ -28,7 +28,6 @@ from hexctl.adapt.sessions.store import load_session
 from hexctl.adapt.setting import load_setting
 from hexctl.backends.sim.servos import SimServos
 from hexctl.cli.main import exit_code
-from hexctl.cli.render.adapt_output import closing_lines
 from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.control.trial_plan import MAX_TRIM_RAD, MAX_TURN_TRIM_RAD_S
 from hexctl.control.trial_result import TrialResult
@@ -39,7 +38,7 @@ from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.testing.optimizer_conformance import ONE_FAILED, Make, OptimizerConformance
 from hexctl.types import RobotState
-from tests.adapt.walking import result_of
+from tests.adapt.walking import closing_lines, result_of
 
 #: How far a made-up gait walks, and its drift aside.
 WAY_M = 4.0

@@ -21,7 +21,7 @@ import numpy as np
 from hexctl.backends.clock import WallClock
 from hexctl.backends.mavlink import mavlink_messages
 from hexctl.backends.mavlink.codec import Codec, Frame
-from hexctl.robot.loader import load_servo_map
+from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.servo_map import ServoMap
 from hexctl.simulators import board_messages
 from hexctl.time_source import TimeSource
@@ -42,7 +42,7 @@ def fitting_file(folder: Path, servos: dict[str, Any] | None = None, base: str =
 
 
 def fitting_map(folder: Path) -> ServoMap:
-    return load_servo_map(fitting_file(folder))
+    return load_robot_file(fitting_file(folder)).servo_map
 
 
 def free_port() -> int:

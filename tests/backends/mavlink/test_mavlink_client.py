@@ -18,7 +18,7 @@ from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.cli.main import exit_code
 from hexctl.control.guard import Guard
 from hexctl.errors import EStopError, InputError, RobotFaultError
-from hexctl.robot.loader import load_robot_file, load_servo_map
+from hexctl.robot.loader import load_robot_file
 from hexctl.simulators import board_messages
 from hexctl.testing.servo_conformance import LegServosConformance, check_state, move
 from hexctl.types import JointTargets, RobotState
@@ -56,7 +56,10 @@ class OverBoard(LegServosConformance):
 
     def make(self) -> LegServos:
         return MavlinkServos(
-            shipped(), servo_map=load_servo_map(self.file), port=self.running.port, clock=fast_clock()
+            shipped(),
+            servo_map=load_robot_file(self.file).servo_map,
+            port=self.running.port,
+            clock=fast_clock(),
         )
 
 
@@ -73,7 +76,7 @@ def test_a_simulated_robot_measures_and_knows_its_pose(pty: bool, tmp_path: Path
     """The few of the suite that physics could spoil, on a clock that is the wall's."""
     file = fitting_file(tmp_path)
     with board("--robot", str(file), pty=pty) as running:
-        servos = MavlinkServos(shipped(), servo_map=load_servo_map(file), port=running.port)
+        servos = MavlinkServos(shipped(), servo_map=load_robot_file(file).servo_map, port=running.port)
         with servos:
             check_state(servos.read(), servos)
             suite = LegServosConformance()
@@ -95,7 +98,7 @@ nan, inf = math.nan, math.inf
 def servos_at(
     board: ScriptedBoard, folder: Path, *, key: bytes | None = None, servos: dict[str, Any] | None = None
 ) -> MavlinkServos:
-    servo_map = load_servo_map(fitting_file(folder, servos))
+    servo_map = load_robot_file(fitting_file(folder, servos)).servo_map
     board.pulses_us = servo_map.to_us(shipped().stance_angles_rad)
     return MavlinkServos(shipped(), servo_map=servo_map, port=board.port, signing_key=key)
 
@@ -105,7 +108,7 @@ def test_after_a_pause_the_first_command_counts(tmp_path: Path) -> None:
     file = fitting_file(tmp_path)
     with board("--backend", "mock", "--robot", str(file)) as running:
         robot = shipped()
-        with MavlinkServos(robot, servo_map=load_servo_map(file), port=running.port) as servos:
+        with MavlinkServos(robot, servo_map=load_robot_file(file).servo_map, port=running.port) as servos:
             for _ in range(2):
                 servos.clock.tick()
                 servos.write(JointTargets(robot.stance_angles_rad, servos.clock.now_s))

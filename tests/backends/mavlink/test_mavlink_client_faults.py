@@ -19,7 +19,7 @@ from hexctl.backends.mavlink.codec import Codec
 from hexctl.backends.mavlink.mavlink_client import MavlinkServos
 from hexctl.control.guard import Guard
 from hexctl.errors import HexctlError, RobotFaultError
-from hexctl.robot.loader import load_servo_map
+from hexctl.robot.loader import load_robot_file
 from hexctl.types import JointTargets
 from tests.backends.mavlink.boards import PATIENCE_S, BoardProcess, board, eventually, fitting_file
 from tests.backends.mavlink.test_codec import override_frame, valid_frame
@@ -28,7 +28,7 @@ from tests.robots import shipped
 
 def guarded(running: BoardProcess, file: Path) -> Guard:
     """The board behind a guard that a busy machine does not stop."""
-    servos = MavlinkServos(shipped(), servo_map=load_servo_map(file), port=running.port)
+    servos = MavlinkServos(shipped(), servo_map=load_robot_file(file).servo_map, port=running.port)
     return Guard(servos, expiry_s=1.0)
 
 
@@ -201,7 +201,7 @@ def test_a_flooded_controller_is_not_moved_by_it(tmp_path: Path) -> None:
     """What is sent to the controller's own socket from elsewhere never reaches it."""
     file = fitting_file(tmp_path)
     with board("--backend", "mock", "--robot", str(file)) as running:
-        servos = MavlinkServos(shipped(), servo_map=load_servo_map(file), port=running.port)
+        servos = MavlinkServos(shipped(), servo_map=load_robot_file(file).servo_map, port=running.port)
         with Guard(servos) as guard, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as hostile:
             stand(guard, 5)
             where = servos._link._port._socket.getsockname()  # type: ignore[attr-defined]

@@ -20,7 +20,7 @@ import pytest
 
 from hexctl.cli.main import exit_code
 from hexctl.robot.configs import config_root
-from hexctl.robot.loader import load_servo_map
+from hexctl.robot.loader import load_robot_file
 from hexctl.robot.servos.servo_map import ServoMap
 from hexctl.types import JOINT_NAMES, FloatArray
 from tests.backends.mavlink.boards import PATIENCE_S, BoardProcess, board, fitting_file
@@ -139,7 +139,7 @@ def file(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def wiring(tmp_path: Path) -> ServoMap:
-    return load_servo_map(wired_file(tmp_path))
+    return load_robot_file(wired_file(tmp_path)).servo_map
 
 
 def wired_file(tmp_path: Path) -> Path:
@@ -164,7 +164,7 @@ def test_a_robot_wired_otherwise_is_found_out(running: BoardProcess, wiring: Ser
         last = person.ends()
     assert person.process.returncode == 0
     assert last.startswith("saved leg1_coxa, leg2_tibia in")
-    found = load_servo_map(file)
+    found = load_robot_file(file).servo_map
     np.testing.assert_array_equal(found.signs, wiring.signs)
     np.testing.assert_allclose(found.offsets_deg, wiring.offsets_deg, atol=0.5)
     assert file.read_text().startswith("# my robot\n")
@@ -188,7 +188,7 @@ def test_ctrl_c_keeps_what_was_saved(running: BoardProcess, wiring: ServoMap, fi
         last = person.ends()
     assert person.process.returncode == 130
     assert last.startswith("saved leg1_coxa in")
-    found = load_servo_map(file)
+    found = load_robot_file(file).servo_map
     assert found.signs[:3].tolist() == [-1, 1, 1]
     assert found.offsets_deg[1:3].tolist() == [0, 75]
 

@@ -12,11 +12,11 @@ from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.walk_records import BaselineRecord, ConfirmationRecord, TrialRecord
 from hexctl.cli.render.adapt_output import (
     baseline_line,
-    closing_lines,
     confirmation_line,
     opening_lines,
     trial_line,
 )
+from tests.adapt.walking import closing_lines
 
 SPEC = SessionSpec(failed_leg=5, optimizer="bayes", prior="x.npz", target_m=0.025)
 

@@ -15,7 +15,7 @@ from hexctl.backends.registry import BackendOptions
 from hexctl.cli.main import exit_code
 from hexctl.control.calibration import CalibrationResult, EndedError, calibrate, chosen_joints
 from hexctl.errors import InputError, RobotFaultError
-from hexctl.robot.loader import load_robot_file, load_servo_map
+from hexctl.robot.loader import load_robot_file
 from hexctl.robot.model import Robot
 from hexctl.robot.servos.servo_map import ServoMap
 from hexctl.types import JOINT_NAMES, FloatArray, JointTargets, RobotState
@@ -122,7 +122,7 @@ def bench(tmp_path: Path, made: list[Bench], monkeypatch: pytest.MonkeyPatch) ->
         "leg1_coxa": {"sign": -1, "offset_deg": 12},
         "leg2_tibia": {"sign": -1, "offset_deg": -84},
     }
-    true_map = load_servo_map(fitting_file(tmp_path / "wired", wiring))
+    true_map = load_robot_file(fitting_file(tmp_path / "wired", wiring)).servo_map
     monkeypatch.setattr(Bench, "wiring", true_map, raising=False)
     monkeypatch.setattr(Bench, "made", made, raising=False)
 
@@ -134,12 +134,12 @@ def run(file: Path, made: list[Bench], joints: str, **script: list[str]) -> tupl
 
 @pytest.mark.parametrize("joint", [COXA, TIBIA])
 def test_sign_and_offset_of_any_servos_are_found_and_saved(file: Path, made: list[Bench], joint: int) -> None:
-    before = load_servo_map(file)
+    before = load_robot_file(file).servo_map
     result, _ = run(file, made, JOINT_NAMES[joint])
     assert result.saved == [JOINT_NAMES[joint]]
     assert result.backup is not None
-    np.testing.assert_array_equal(load_servo_map(result.backup).signs, before.signs)
-    found, wiring = load_servo_map(file), Bench.wiring
+    np.testing.assert_array_equal(load_robot_file(result.backup).servo_map.signs, before.signs)
+    found, wiring = load_robot_file(file).servo_map, Bench.wiring
     assert found.signs[joint] == wiring.signs[joint] == -1
     assert found.offsets_deg[joint] == pytest.approx(wiring.offsets_deg[joint], abs=0.5)
     others = np.arange(18) != joint
@@ -152,7 +152,7 @@ def test_sign_and_offset_of_any_servos_are_found_and_saved(file: Path, made: lis
 
 def test_limits_are_where_the_operator_says(file: Path, made: list[Bench]) -> None:
     run(file, made, "leg3_femur", lower=["-15", "-5", "ok"], upper=["25", "15", "ok"])
-    found = load_servo_map(file)
+    found = load_robot_file(file).servo_map
     assert found.least[FEMUR] == pytest.approx(1500 - 20 * 1000 / 90, abs=5)
     assert found.most[FEMUR] == pytest.approx(1500 + 20 * 1000 / 90, abs=5)
 

@@ -144,9 +144,6 @@ def test_a_stop_ends_it_whatever_is_asked_for() -> None:
     assert not driven.walk.done(driven.step, NOTHING)
     driven.feet(12)
     assert driven.walk.done(driven.step, NOTHING)
-    driven.walk.resume()
-    driven.feet(30)
-    assert driven.walk.velocity_body[0] > 0.05
 
 
 def test_a_batch_is_refused() -> None:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexctl.errors import InputError
-from hexctl.robot.loader import load_servo_map
+from hexctl.robot.loader import load_robot_file
 from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.robot.servos.raw_map import joints_beyond, reference_deg
@@ -20,11 +20,11 @@ from tests.robots import edited_file, put, shipped
 def test_ranges_wider_than_the_pulses_are_named(tmp_path: Path) -> None:
     robot = shipped()
     path = edited_file(tmp_path, put("servos", {"tibia": {"offset_deg": 75}}))
-    assert joints_beyond(load_servo_map(path), robot) == ()
+    assert joints_beyond(load_robot_file(path).servo_map, robot) == ()
     path = edited_file(
         tmp_path, put("servos", {"leg2_femur": {"offset_deg": 1}, "tibia": {"offset_deg": 75}})
     )
-    assert joints_beyond(load_servo_map(path), robot) == ("leg2_femur",)
+    assert joints_beyond(load_robot_file(path).servo_map, robot) == ("leg2_femur",)
 
 
 joints = st.integers(0, 17)

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexctl.errors import InputError
-from hexctl.robot.loader import load_robot, load_servo_map
+from hexctl.robot.loader import load_robot, load_robot_file
 from hexctl.robot.servos.servo_map import DEFAULT_MAX_US, DEFAULT_MIN_US, ServoMap, default_servo_map
 from hexctl.types import N_JOINTS
 from tests.robots import edited_file, put, shipped
@@ -82,7 +82,7 @@ def test_a_joint_goes_before_its_kind_and_that_before_the_defaults(tmp_path: Pat
         "leg1_tibia": {"offset_deg": 70, "channel": 1, "max_us": 2300},
         "leg1_coxa": {"channel": 3},
     }
-    servo_map = load_servo_map(edited_file(tmp_path, put("servos", section)))
+    servo_map = load_robot_file(edited_file(tmp_path, put("servos", section))).servo_map
     assert servo_map.channels[:3].tolist() == [3, 2, 1]
     assert servo_map.offsets_deg[:6].tolist() == [0, 0, 70, 0, 0, 75]
     assert servo_map.signs[:3].tolist() == [1, 1, -1]
@@ -120,7 +120,7 @@ def test_it_changes_neither_the_robot_nor_its_fingerprint(tmp_path: Path) -> Non
 def test_what_no_map_can_be_is_refused_in_one_line(section: Any, message: str, tmp_path: Path) -> None:
     path = edited_file(tmp_path, put("servos", section))
     with pytest.raises(InputError, match=message) as refused:
-        load_servo_map(path)
+        _ = load_robot_file(path).servo_map
     assert str(refused.value).startswith(str(path))
     assert "\n" not in str(refused.value)
 

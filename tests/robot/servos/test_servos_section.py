@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from hexctl.errors import InputError
 from hexctl.robot.configs import config_root, read_mapping
-from hexctl.robot.loader import load_robot, load_robot_file, load_servo_map
+from hexctl.robot.loader import load_robot, load_robot_file
 from hexctl.robot.schema import ServosSection
 from hexctl.robot.servos.bus_map import bus_map_of
 from hexctl.robot.servos.raw_map import RawMap
@@ -79,7 +79,7 @@ def test_joints_that_share_keys_by_anchors_are_told_apart(tmp_path: Path) -> Non
         encoding="utf-8",
     )
     write_joint(path, default_servo_map().referenced(3, 0, 5), 3)
-    found = load_servo_map(path)
+    found = load_robot_file(path).servo_map
     assert (found.signs[0], found.offsets_deg[0]) == (-1, 2)
     assert (found.signs[3], found.offsets_deg[3]) == (1, -5)
     assert "# wiring\n" in path.read_text(encoding="utf-8")
