@@ -7,7 +7,7 @@ PACKAGE = Path(__file__).parents[1] / "hexctl"
 #: Most lines of each folder of the package, and of the modules directly in it.
 CEILINGS = {
     "": 2_120,
-    "adapt": 8_260,
+    "adapt": 8_210,
     "backends": 10_050,
     "cli": 7_050,
     "control": 12_650,
@@ -23,7 +23,7 @@ CEILINGS = {
     "study": 8_900,
     "teleop": 1_980,
     "testing": 560,
-    "vision": 6_490,
+    "vision": 6_410,
     "wire": 3_010,
 }
 
