@@ -11,7 +11,7 @@ CEILINGS = {
     "backends": 10_050,
     "cli": 6_750,
     "client": 1_090,
-    "control": 11_350,
+    "control": 11_330,
     "demo": 260,
     "doctor": 570,
     "export": 1_990,
@@ -25,7 +25,7 @@ CEILINGS = {
     "study": 8_460,
     "teleop": 1_790,
     "testing": 560,
-    "vision": 6_420,
+    "vision": 6_410,
     "wire": 2_900,
 }
 

@@ -114,4 +114,4 @@ def _apart(robot: Robot, move: BodySymmetry) -> FloatArray:
     yaws_rad = robot.mount_yaws_rad
     moved_rad = math.radians(move.turn_deg) + (-1 if move.mirrored else 1) * yaws_rad
     turns_rad = np.angle(np.exp(1j * (moved_rad[:, np.newaxis] - yaws_rad)))
-    return np.maximum(np.abs(moved[:, np.newaxis] - legs).max(axis=-1), np.abs(turns_rad))
+    return np.asarray(np.maximum(np.abs(moved[:, np.newaxis] - legs).max(axis=-1), np.abs(turns_rad)))

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from hexctl.vision.detection.robot_tracker import LEVEL, RobotTracker, SeenRobot
 from hexctl.vision.detection.tags import Picture, TagFinder
 from hexctl.vision.estimation.pose_belief import Sighting
 from hexctl.vision.estimation.pose_filter import PoseEstimate, PoseFilter
+from hexctl.vision.place import Place
 from hexctl.vision.robot_link import LegState
 
 #: While no tag on the floor is seen, the robot is believed within this distance of where it should be: its
@@ -52,6 +54,7 @@ class Observer:
 
     Attributes:
         latency_s: age of a picture when it comes.
+        tag: on the robot.
         watch: of the camera.
         height_m: of the robot's base above the floor, by its legs.
     """
@@ -68,7 +71,7 @@ class Observer:
         finder: TagFinder | None = None,
     ) -> None:
         finder = TagFinder() if finder is None else finder
-        self.latency_s = latency_s
+        self.latency_s, self.tag = latency_s, tag
         self.watch = CameraWatch(camera, floor_corners, finder)
         self.height_m = robot.standing_height_m
         self._tracker = RobotTracker(tag, finder)
@@ -76,6 +79,12 @@ class Observer:
         self._odometer = LegOdometer(robot)
         self._up_body = LEVEL
         self._newest: PoseEstimate | None = None
+
+    @classmethod
+    def at(cls, place: Place, robot: Robot, finder: TagFinder, latency_s: float) -> Self:
+        """Observer of a robot, with the camera and the tags of a place; for arguments see the class."""
+        camera, corners = place.viewpoint, place.floor_corners
+        return cls(robot, camera, corners, place.tag, latency_s=latency_s, finder=finder)
 
     def listen(self, state: LegState) -> None:
         """Take in a state of the legs; one that is no later than the one before is left out."""

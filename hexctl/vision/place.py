@@ -185,6 +185,11 @@ class Place:
         """True length of what the sheet names 1 long."""
         return self.bar_mm / BAR_MM
 
+    @property
+    def picture_age_s(self) -> float:
+        """Age of a picture when it comes: as it was measured, else that of most webcams."""
+        return USUAL_LATENCY_S if self.latency_s is None else self.latency_s
+
     @cached_property
     def floor_corners(self) -> dict[int, FloatArray]:
         """Corners (4, 2) of the tags on the floor in m, by number."""

@@ -12,15 +12,12 @@ import cv2
 import numpy as np
 
 from hexctl.errors import InputError, argument
-from hexctl.robot.model import Robot
 from hexctl.vision.detection.camera_watch import CameraChange
 from hexctl.vision.detection.overlay import Overlay
 from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.vision.detection.robot_tracker import SeenRobot
-from hexctl.vision.detection.tags import TagFinder
 from hexctl.vision.estimation.pose_filter import PoseEstimate, Sight
 from hexctl.vision.observer import Observation, Observer
-from hexctl.vision.place import Place
 from hexctl.vision.robot_link import RobotLink
 from hexctl.vision.video.mjpeg import MjpegServer
 from hexctl.vision.video.video_source import Frame, VideoSource
@@ -158,20 +155,12 @@ class PoseStream:
     """The loop: a picture, the states that came meanwhile, the pose to the robot.
 
     Args:
-        place: of tags and camera.
-        robot: whose tag is looked for.
-        latency_s: age of a picture when it comes.
+        observer: of camera and robot.
         outputs: where poses and pictures go.
-        finder: of the tags.
     """
 
-    def __init__(
-        self, place: Place, robot: Robot, latency_s: float, outputs: PoseOutputs, finder: TagFinder
-    ) -> None:
-        self._place, self._outputs = place, outputs
-        self._observer = Observer(
-            robot, place.viewpoint, place.floor_corners, place.tag, latency_s=latency_s, finder=finder
-        )
+    def __init__(self, observer: Observer, outputs: PoseOutputs) -> None:
+        self._observer, self._outputs = observer, outputs
         self._overlay = Overlay()
         self._pictures = self._seen = self._restarts = 0
         self._look_s = 0.0
@@ -223,7 +212,7 @@ class PoseStream:
         """A picture of the lens's size, or None: a camera that was away may come back with another."""
         if frame is None:
             return None
-        lens, (height_px, width_px) = self._place.viewpoint.lens, frame.picture.shape[:2]
+        lens, (height_px, width_px) = self._observer.watch.camera.lens, frame.picture.shape[:2]
         if (width_px, height_px) == lens.size_px:
             return frame
         if not self._misfits:
@@ -283,7 +272,7 @@ class PoseStream:
             self._observer.watch.floor_corners,
             sighting=self._last.robot,
             pose_floor=estimate.pose,
-            height_m=self._observer.height_m + self._place.robot_tag.height_m,
+            height_m=self._observer.height_m + self._observer.tag.height_m,
             lines=[*_lines(estimate, self._last), *self._events(frame.at_s)],
         )
         if self._outputs.video is not None:

@@ -183,6 +183,7 @@ class RobotCamera(CameraOptions):
         """
         from hexctl.robot.loader import load_robot
         from hexctl.vision.detection.tags import TagFinder
+        from hexctl.vision.observer import Observer
         from hexctl.vision.place_learning import found_place, known_place
         from hexctl.vision.pose_stream import CameraReport, PoseOutputs, PoseStream, PoseTable
         from hexctl.vision.robot_link import robot_link
@@ -213,15 +214,9 @@ class RobotCamera(CameraOptions):
                 )
             )  # fmt: skip
             outputs = PoseOutputs(linked, page, writer, table)
-            stream = PoseStream(place, robot, self._latency_s(place), outputs, finder)
+            latency_s = place.picture_age_s if self.latency_ms is None else self.latency_ms / 1000
+            stream = PoseStream(Observer.at(place, robot, finder, latency_s), outputs)
             return stream.run(video, stop_requested, on_pose=on_pose, on_status=on_status, on_event=on_event)
-
-    def _latency_s(self, place: "Place") -> float:
-        from hexctl.vision.place import USUAL_LATENCY_S
-
-        if self.latency_ms is not None:
-            return self.latency_ms / 1000
-        return USUAL_LATENCY_S if place.latency_s is None else place.latency_s
 
 
 def _arena_or_none(place: "Place", robot: "Robot") -> tuple[tuple[float, float], float] | None:

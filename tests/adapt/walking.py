@@ -7,6 +7,7 @@ import numpy as np
 
 from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.runner import WalkedTrial
+from hexctl.adapt.sessions.search_session import Session
 from hexctl.adapt.sessions.session_spec import SessionSpec
 from hexctl.adapt.sessions.store import SessionStore
 from hexctl.adapt.sessions.walk_records import BaselineRecord, TrialRecord

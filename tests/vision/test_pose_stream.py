@@ -16,6 +16,7 @@ from hexctl.vision.detection.lens import save_lens
 from hexctl.vision.detection.overlay import Overlay
 from hexctl.vision.detection.planar_pose import PlanarPose
 from hexctl.vision.detection.tags import Picture, TagFinder
+from hexctl.vision.observer import Observer
 from hexctl.vision.place import CameraPose, FloorTag, Place, RobotTag
 from hexctl.vision.pose_stream import CameraStatus, PoseOutputs, PoseStream
 from hexctl.vision.video.video_source import Frame, VideoSource
@@ -92,7 +93,8 @@ def streamed(
         robot_tag=RobotTag(id=tag.tag_id, edge_mm=1000 * tag.edge_m, height_m=tag.height_m),
     )
     video: Any = Shown()
-    stream = PoseStream(place, ANT, 0.0, PoseOutputs(None, None, video, None), TagFinder())
+    observer = Observer.at(place, ANT, TagFinder(), 0.0)
+    stream = PoseStream(observer, PoseOutputs(None, None, video, None))
     stream.run(film, lambda: False, on_pose=lambda _: None, on_status=statuses.append, on_event=events.append)
     assert video.pictures == len(texts)
     return events, statuses, texts

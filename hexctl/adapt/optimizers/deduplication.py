@@ -130,7 +130,7 @@ class Deduplication(Optimizer):
         """Up to `count` random codes that were not tried."""
         left = [code for code in range(1, self.space.size + 1) if code not in self._scores]
         chosen = self._random.permutation(len(left))[:count]
-        return [left[place] for place in chosen]
+        return [left[index] for index in chosen]
 
     def _search_state(self) -> dict[str, Any]:
         return {

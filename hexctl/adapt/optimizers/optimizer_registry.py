@@ -20,11 +20,11 @@ def name_of(optimizer: OptimizerChoice) -> str:
         raise InputError(
             f"{argument('optimizer')}: got {optimizer!r}; allowed: a name, or a subclass of Optimizer"
         )
-    place = f"{optimizer.__module__}:{optimizer.__qualname__}"
-    if place in _CLASSES:
-        return _CLASSES[place]
+    address = f"{optimizer.__module__}:{optimizer.__qualname__}"
+    if address in _CLASSES:
+        return _CLASSES[address]
     shipped = OPTIMIZERS.get(getattr(optimizer, "name", ""))
-    return optimizer.name if shipped is optimizer else place
+    return optimizer.name if shipped is optimizer else address
 
 
 def make_optimizer(name: OptimizerChoice | OptimizerClass, space: GaitSpace, seed: int) -> Optimizer:

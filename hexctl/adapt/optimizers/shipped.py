@@ -11,19 +11,19 @@ if TYPE_CHECKING:
 class _Shipped(Mapping[str, "type[Optimizer]"]):
     """Classes by name, each imported when it is asked for: the names alone load nothing."""
 
-    def __init__(self, **places: str) -> None:
-        self._places = places
+    def __init__(self, **addresses: str) -> None:
+        self._addresses = addresses
 
     def __getitem__(self, name: str) -> "type[Optimizer]":
-        module, _, kind = self._places[name].partition(":")
+        module, _, kind = self._addresses[name].partition(":")
         found: type[Optimizer] = getattr(import_module(f"{__package__}.{module}"), kind)
         return found
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._places)
+        return iter(self._addresses)
 
     def __len__(self) -> int:
-        return len(self._places)
+        return len(self._addresses)
 
 
 #: The optimizers that come with hexctl and need no prior, by name.

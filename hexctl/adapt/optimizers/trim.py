@@ -121,24 +121,24 @@ class TrimSearch(Optimizer):
         self._codes = list(range(1, space.size + 1) if codes is None else codes)
         if sorted(self._codes) != list(range(1, space.size + 1)):
             raise InputError(f"trim: got {len(self._codes)} codes; allowed: each of 1..{space.size} once")
-        self._place, self._walks = 0, 0
+        self._index, self._walks = 0, 0
 
     @property
     def exhausted(self) -> bool:
         """True when the trim of every gait has failed."""
-        return self._place == len(self._codes)
+        return self._index == len(self._codes)
 
     def _suggest(self, count: int) -> list[int]:
-        return [self._codes[self._place]]
+        return [self._codes[self._index]]
 
     def _learn(self, codes: list[int], scores: list[float]) -> None:
         self._walks += 1
         if scores[0] >= INVALID_SCORE or self._walks == WALKS:
-            self._place, self._walks = self._place + 1, 0
+            self._index, self._walks = self._index + 1, 0
 
     def _search_state(self) -> dict[str, Any]:
-        return {"codes": list(self._codes), "place": self._place, "walks": self._walks}
+        return {"codes": list(self._codes), "place": self._index, "walks": self._walks}
 
     def _restore_search(self, state: dict[str, Any]) -> None:
         self._codes = [int(code) for code in state["codes"]]
-        self._place, self._walks = int(state["place"]), int(state["walks"])
+        self._index, self._walks = int(state["place"]), int(state["walks"])

@@ -212,7 +212,7 @@ class Belief:
         # Square root of the worlds' covariance: columns are gait-major, as all flat arrays here.
         self._root = apart.reshape(worlds, -1) / np.sqrt(max(worlds - 1, 1))
         self._shape = UNEXPLAINED * np.einsum("mgi,mgj->ij", apart, apart) / (worlds * len(self._mean))
-        self._alike = _likeness(samples.leg) * _outer(_spread(apart[..., FINAL]))
+        self._alike = likeness(samples.leg, COMMON_SHARE, ALIKE_SHARE) * _outer(_spread(apart[..., FINAL]))
         self._noise_m = noise_m
         self._seen = _Seen()
         if sag_rad is not None and samples.sag_rad is not None:
@@ -330,12 +330,17 @@ def _of_walking_legs(sag_rad: FloatArray, failed_leg: int) -> FloatArray:
     return known
 
 
-def _likeness(leg: int) -> FloatArray:
-    """Correlation of the unexplained parts of two gaits, 0..1, (gaits, gaits)."""
+def likeness(leg: int, common: float, alike: float) -> FloatArray:
+    """Correlation of two gaits beyond what worlds explain, 0..1, (gaits, gaits).
+
+    Args:
+        leg: the failed leg.
+        common: share that is common to all gaits.
+        alike: share that is common to gaits in similar phases; the rest is each gait's own.
+    """
     apart_cycles = GaitSpace((leg,)).phase_distance
-    alike = ALIKE_SHARE * np.exp(-apart_cycles / ALIKE_CYCLES)
-    own = 1 - COMMON_SHARE - ALIKE_SHARE
-    return np.asarray(COMMON_SHARE + alike + own * np.eye(len(apart_cycles)))
+    near = alike * np.exp(-apart_cycles / ALIKE_CYCLES)
+    return np.asarray(common + near + (1 - common - alike) * np.eye(len(apart_cycles)))
 
 
 def _spread(apart: FloatArray) -> FloatArray:

@@ -14,20 +14,17 @@ phases, K = exp(-distance / length), and each gait's own. Trials are conditioned
 
 import numpy as np
 
+from hexctl.adapt.prior.belief import TRUST_TRIALS, likeness
 from hexctl.adapt.prior.samples import ScoreSamples
-from hexctl.adapt.space import GaitSpace
 from hexctl.types import FloatArray
 
-#: The numbers of the equation above: s, c, a and the length, in cycles of mean phase difference between legs.
+#: The numbers s, c and a of the equation above; the length is `ALIKE_CYCLES`, in mean phase difference.
 #: Chosen by leaving each of three worlds a leg out of the prior of `ant`: speed after 3 trials is then 0.7 %
 #: from the best, 1.5 % with the whole covariance of the worlds and 30 % of the other part added to it.
-SHRUNK, COMMON, ALIKE, ALIKE_CYCLES = 0.5, 0.2, 0.4, 0.15
+SHRUNK, COMMON, ALIKE = 0.5, 0.2, 0.4
 
 #: Least standard deviation between worlds, in the logarithm.
 LEAST_SD = 0.01
-
-#: Weight, in trials, of the assumed spread against that of the trials.
-TRUST_TRIALS = 4.0
 
 
 class ScoreBelief:
@@ -41,11 +38,9 @@ class ScoreBelief:
     def __init__(self, samples: ScoreSamples, *, noise: float) -> None:
         self._mean = samples.log_scores.mean(axis=0)
         apart = samples.log_scores - self._mean
-        worlds, gaits = apart.shape
-        shown = apart.T @ apart / max(worlds - 1, 1)
+        shown = apart.T @ apart / max(len(apart) - 1, 1)
         variance = max(float(np.diagonal(shown).mean()), LEAST_SD**2)
-        alike = np.exp(-GaitSpace((samples.leg,)).phase_distance / ALIKE_CYCLES)
-        rest = COMMON + ALIKE * alike + (1 - COMMON - ALIKE) * np.eye(gaits)
+        rest = likeness(samples.leg, COMMON, ALIKE)
         self._covariance = (1 - SHRUNK) * shown + SHRUNK * variance * rest
         self._noise = noise
         self._rows: list[int] = []

@@ -414,16 +414,16 @@ def delete_session(name: str, folder: Path | str = RUNS) -> None:
         _remove(folder / name)
 
 
-def _remove(place: Path) -> None:
+def _remove(folder: Path) -> None:
     """Remove a session's folder, as `delete_session` says; raises StoreError when the disk refuses."""
     try:
-        if place.is_symlink():
-            place.unlink()
-        elif _MADE.fullmatch(place.name):
-            shutil.rmtree(place)
+        if folder.is_symlink():
+            folder.unlink()
+        elif _MADE.fullmatch(folder.name):
+            shutil.rmtree(folder)
         else:
-            (place / FILE_NAME).unlink()
+            (folder / FILE_NAME).unlink()
             with suppress(OSError):  # it holds something else
-                place.rmdir()
+                folder.rmdir()
     except OSError as error:
-        raise StoreError(f"session {place.name}: cannot be deleted ({error.strerror})") from error
+        raise StoreError(f"session {folder.name}: cannot be deleted ({error.strerror})") from error

@@ -216,15 +216,15 @@ class Repertoire:
     def best(self) -> tuple[int, ...]:
         """Index of each situation's best candidate: the safest, or one with a sufficient `sure_gains`."""
         alike: dict[tuple[object, str], list[tuple[int, int]]] = {}
-        for place, one in enumerate(self.situations):
+        for index, one in enumerate(self.situations):
             for row, candidate in enumerate(one.candidates):
-                alike.setdefault((one.kinds, candidate.name), []).append((place, row))
+                alike.setdefault((one.kinds, candidate.name), []).append((index, row))
         sure: dict[tuple[int, str], float] = {}
         for (_, name), rows in alike.items():
-            gains = np.array([self.situations[place].gains[row] for place, row in rows])
-            for (place, _), gain in zip(rows, sure_gains(gains).tolist(), strict=True):
-                sure[place, name] = gain
-        return tuple(_best_of(one, place, sure) for place, one in enumerate(self.situations))
+            gains = np.array([self.situations[index].gains[row] for index, row in rows])
+            for (index, _), gain in zip(rows, sure_gains(gains).tolist(), strict=True):
+                sure[index, name] = gain
+        return tuple(_best_of(one, index, sure) for index, one in enumerate(self.situations))
 
     @cached_property
     def _choices(self) -> dict[tuple[int, FailedParts], Choice]:
@@ -272,11 +272,12 @@ class Repertoire:
         return content_digest(self.head, self.arrays)
 
 
-def _best_of(situation: Situation, place: int, sure: Mapping[tuple[int, str], float]) -> int:
+def _best_of(situation: Situation, index: int, sure: Mapping[tuple[int, str], float]) -> int:
+    """Index of the best candidate of a situation, given the sure gains by its number and the names."""
     best, most, valid = 0, LEAST_GAIN, situation.valid
     for row, candidate in enumerate(situation.candidates[1:], 1):
-        if sure[place, candidate.name] > most and valid[row] >= valid[0]:
-            best, most = row, sure[place, candidate.name]
+        if sure[index, candidate.name] > most and valid[row] >= valid[0]:
+            best, most = row, sure[index, candidate.name]
     return best
 
 
