@@ -20,7 +20,7 @@ CEILINGS = {
     "robot": 4_690,
     "runs": 1_080,
     "serve": 8_500,
-    "study": 8_480,
+    "study": 8_460,
     "teleop": 1_980,
     "testing": 560,
     "vision": 6_540,
