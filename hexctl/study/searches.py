@@ -146,14 +146,14 @@ class Findings:
         return [name for name in self.plan.optimizers if name in HEURISTICS]
 
     @cached_property
-    def found(self) -> "DataFrame":
+    def first_runs(self) -> "DataFrame":
         """Runs in the landscapes of the first world."""
         return where(self.runs, draw=0, world=0)
 
     @cached_property
     def searched(self) -> list[int]:
         """Legs whose landscapes were searched, ascending."""
-        return sorted(self.found["leg"].unique().tolist())
+        return sorted(self.first_runs["leg"].unique().tolist())
 
     @cached_property
     def experiments(self) -> tuple[tuple[int, ...], ...]:
@@ -172,8 +172,8 @@ class Findings:
     def curves(self) -> "dict[tuple[int, str, str], DataFrame]":
         """Statistics in the first world by leg, optimizer and count; leg `ALL` is all of them together."""
         groups = ["optimizer", "count"]
-        by_leg = {key: curve_of(some) for key, some in self.found.groupby(["leg", *groups], sort=False)}
-        of_all = {(ALL, *key): curve_of(some) for key, some in self.found.groupby(groups, sort=False)}
+        by_leg = {key: curve_of(some) for key, some in self.first_runs.groupby(["leg", *groups], sort=False)}
+        of_all = {(ALL, *key): curve_of(some) for key, some in self.first_runs.groupby(groups, sort=False)}
         return by_leg | of_all
 
 

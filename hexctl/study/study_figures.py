@@ -87,8 +87,8 @@ def _paths_figure(
     each: Sequence[Paths], size_in: tuple[float, float], title: str, *, equal: bool = True
 ) -> "Figure":
     figure, panels = new_figure(*grid_of(len(each)), size_in)
-    for panel, (name, *paths) in zip(panels, each, strict=False):
-        lines = _draw_paths(panel, *paths)
+    for panel, (name, landscape, rows, widths) in zip(panels, each, strict=False):
+        lines = _draw_paths(panel, landscape, rows, widths)
         panel.set_title(name, fontsize=9)
     _finish_paths(figure, panels, len(each), title, equal=equal)
     bar = figure.colorbar(lines, ax=panels, shrink=0.8, pad=0.01, extend="both")
@@ -118,7 +118,7 @@ def examples_figure(findings: Findings) -> "Figure | None":
 
 def _best_codes(findings: Findings, leg: int) -> "tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]":
     """Codes that were the best of a run, and the number of runs of each."""
-    runs = where(findings.found, leg=leg, count=PAPER)
+    runs = where(findings.first_runs, leg=leg, count=PAPER)
     found = runs[[np.isfinite(best_m[-1]) for best_m in runs["best_m"]]]
     best = [codes[scores.argmin()] for codes, scores in zip(found["codes"], found["scores"], strict=True)]
     return np.unique(np.array(best, dtype=int), return_counts=True)
@@ -206,7 +206,8 @@ def convergence_figure(findings: Findings, count: str) -> "Figure":
             if name == BASELINE:
                 _draw_spread(panel, name, curve)
             elif count == FRESH:
-                _mark_stuck(panel, name, curve, where(findings.found, leg=leg, optimizer=name, count=count))
+                runs = where(findings.first_runs, leg=leg, optimizer=name, count=count)
+                _mark_stuck(panel, name, curve, float(runs["own_codes"].mean()))
         own = _draw_defaults(panel, findings, leg)
         panel.set_title("\n".join([f"leg {leg}:  best of all gaits {_on_scale(best)}", *own]), fontsize=9)
     counted = "repetitions counted (the paper's count)" if count == PAPER else "each gait paid for once"
@@ -262,9 +263,8 @@ def _draw_spread(panel: "Axes", name: str, curve: "DataFrame") -> None:
     )
 
 
-def _mark_stuck(panel: "Axes", name: str, curve: "DataFrame", runs: "DataFrame") -> None:
-    """Mark where a search, on average, runs out of codes of its own and random ones take over."""
-    stuck = float(runs["own_codes"].mean())
+def _mark_stuck(panel: "Axes", name: str, curve: "DataFrame", stuck: float) -> None:
+    """Mark the number of codes after which a search is stuck, on average, and random ones take over."""
     if stuck < len(curve):
         panel.plot(stuck, curve["mean_m"][round(stuck)], "o", color=color_of(name), markersize=4)
 

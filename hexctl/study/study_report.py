@@ -91,7 +91,7 @@ def study_json(findings: Findings) -> dict[str, Any]:
 def _curve_json(findings: Findings, optimizer: str, count: str) -> dict[str, Any]:
     """Mean over legs and runs after some numbers of evaluations."""
     curve = findings.curves[ALL, optimizer, count].loc[_shown(findings)]
-    codes = _codes(where(findings.found, optimizer=optimizer, count=count))
+    codes = _codes(where(findings.first_runs, optimizer=optimizer, count=count))
     return {
         "optimizer": optimizer,
         "count": count,
@@ -121,7 +121,7 @@ def study_tables(findings: Findings) -> "dict[str, DataFrame]":
 
     head = ["leg", "optimizer", "count"]
     curves = {key: curve for key, curve in findings.curves.items() if key[0] != ALL}
-    runs = findings.found[[*head, "seed", "codes", "scores", "best_m"]]
+    runs = findings.first_runs[[*head, "seed", "codes", "scores", "best_m"]]
     runs = runs.rename(columns={"codes": "code", "scores": "score"})
     long = runs.assign(evaluation=[range(1, findings.plan.budget + 1)] * len(runs))
     long = long.explode(["evaluation", "code", "score", "best_m"])
@@ -226,7 +226,7 @@ def _settings(findings: Findings) -> str:
 def _stuck(findings: Findings) -> str:
     """After how many codes the searches of this study were stuck."""
     means = {
-        name: _codes(where(findings.found, optimizer=name, count=PAPER))["own"]
+        name: _codes(where(findings.first_runs, optimizer=name, count=PAPER))["own"]
         for name in findings.heuristics
     }
     each = ", ".join(f"{name} after {own.min():.0f} to {own.max():.0f}" for name, own in means.items())
@@ -310,7 +310,7 @@ def default_text(walk: Any) -> str:
 
 def _found_text(findings: Findings, leg: int, optimizer: str, after: int) -> str:
     """Median and best of the runs of a search after a number of evaluations."""
-    runs = where(findings.found, leg=leg, optimizer=optimizer, count=FRESH)
+    runs = where(findings.first_runs, leg=leg, optimizer=optimizer, count=FRESH)
     found_m = np.array([best_m[after - 1] for best_m in runs["best_m"]])
     best_m = float(np.nanmin(found_m)) if np.isfinite(found_m).any() else float("nan")
     median_m = findings.curves[leg, optimizer, FRESH]["median_m"][after]
@@ -345,7 +345,7 @@ def _distinct(findings: Findings) -> Table:
     """Codes that each search asks for by itself, and those that the paper's count pays for."""
     rows = []
     for name in findings.plan.optimizers:
-        codes = _codes(where(findings.found, optimizer=name, count=PAPER))
+        codes = _codes(where(findings.first_runs, optimizer=name, count=PAPER))
         rows.append([name, *[f"{one.own:.0f} / {one.distinct:.0f}" for one in codes.itertuples()]])
     return Table(("optimizer", *[f"leg {leg}" for leg in findings.searched]), rows)
 

@@ -96,7 +96,7 @@ def plan_of(findings: Findings) -> StudyPlan:
 
 def best_m(findings: Findings, **which: object) -> FloatArray:
     """Best scores so far of some runs in the first world, (runs, budget)."""
-    return np.stack(where(findings.found, **which)["best_m"].to_list())
+    return np.stack(where(findings.first_runs, **which)["best_m"].to_list())
 
 
 def judged(findings: Findings) -> Findings:

@@ -83,7 +83,7 @@ def test_tables_hold_every_gait_evaluation_and_run(findings: Findings, folder: P
     landscape = findings.without(2)
     assert gaits["signed_m"][:120] == landscape.number("signed_m").tolist()
     assert gaits["path_deviation_m"][7] == landscape.paths_m[7, :, 1].tolist()
-    searches = where(findings.found, leg=2, optimizer="pso", count=FRESH)
+    searches = where(findings.first_runs, leg=2, optimizer="pso", count=FRESH)
     assert curves["mean_m"][:25] == curve_of(searches)["mean_m"].tolist()
     assert np.array_equal(np.reshape(runs["code"][: 3 * 25], (3, 25)), np.stack(searches["codes"]))
 
