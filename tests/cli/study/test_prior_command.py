@@ -198,16 +198,17 @@ def test_a_prior_in_its_place_is_found_by_itself(prior: str, capsys: pytest.Capt
     (["--duration", "8"], "duration 30 s, not 8 s", f"{ADVICE} --duration 8"),
     (["--duration", "8", "--prior", "auto"], "duration 30 s, not 8 s", f"{ADVICE} --duration 8"),
     (["--duration", "2.5"], "duration 30 s, not 2.5 s", ""),
-    (["--failure", "weak:0.5", "--duration", "6"], "weak",
+    (["--failure", "5:weak:0.5", "--duration", "6"], "weak",
      f"{ADVICE} --failure weak:0.5 --duration 6"),
-    (["--failure", "limp", "--robot", "pexod", "--duration", "6"], "limp",
+    (["--failure", "5:limp", "--robot", "pexod", "--duration", "6"], "limp",
      f"{ADVICE} --robot pexod --failure limp --duration 6"),
     (["--duration", "6", "--objective", "mean"], "priors are for the objective final, not mean", ""),
 ], ids=str)  # fmt: skip
 def test_without_a_prior_that_fits_it_says_so_and_searches_at_random(
     words: list[str], reason: str, advice: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    asked = ["adapt", "--failed-leg", "5", "--no-record", "--budget", "1", *words]
+    leg = () if "--failure" in words else ("--failed-leg", "5")
+    asked = ["adapt", *leg, "--no-record", "--budget", "1", *words]
     outcome, err = run(capsys, *asked, codes=(0, 4))  # one walk, valid or not
     assert (outcome["optimizer"], outcome["prior"], outcome["settled_on"]) == ("random", None, None)
     assert len(err.splitlines()) == 1
