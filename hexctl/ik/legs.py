@@ -137,6 +137,14 @@ def range_excess_rad(robot: Robot, joint_positions_rad: FloatArray) -> FloatArra
     )
 
 
+def legs_that_reach(robot: Robot, feet_body: FloatArray) -> BoolArray:
+    """Whether each leg reaches its foot within its joint ranges, (..., 6), of feet in m, (..., 6, 3)."""
+    solution = solve_legs(robot, feet_body)
+    outside = range_excess_rad(robot, solution.joint_positions_rad) > TOLERANCE_RAD
+    legs_outside = outside.reshape(*outside.shape[:-1], N_LEGS, JOINTS_PER_LEG).any(axis=-1)
+    return np.asarray(solution.reachable & ~legs_outside)
+
+
 def _reach_message(robot: Robot, feet_body: FloatArray, leg_index: int) -> str:
     coxa, femur, tibia = (tuple(vector) for vector in robot.link_vectors_m.tolist())
     from_mount = feet_body[..., leg_index, :].reshape(-1, 3) - robot.mount_positions_body[leg_index]

@@ -142,14 +142,19 @@ class Endpoint:
     @property
     def is_loopback(self) -> bool:
         """Whether only processes of this computer can be the other end."""
-        address = _address(self.host)
-        return self.host == "localhost" if address is None else address.is_loopback
+        return is_loopback(self.host)
 
     @property
     def is_everywhere(self) -> bool:
         """Whether it means all addresses of this computer, for listening only."""
         address = _address(self.host)
         return address is not None and address.is_unspecified
+
+
+def is_loopback(host: str) -> bool:
+    """Whether a host is this computer."""
+    address = _address(host)
+    return host == "localhost" if address is None else address.is_loopback
 
 
 def _is_host(text: str) -> bool:

@@ -1,9 +1,9 @@
 """Address of a web page: HOST:PORT, or a port of this computer."""
 
-import ipaddress
 from dataclasses import dataclass
 
 from hexctl.errors import InputError, argument
+from hexctl.wire.links import is_loopback
 
 DEFAULT_ADDRESS = "127.0.0.1:8017"
 
@@ -38,13 +38,3 @@ class PageAddress:
                 f"{argument('page')}: got {self.host}, which other computers reach, without certificates; "
                 "allowed: 127.0.0.1, or with certificates that hexctl keys new made (--page-keys)"
             )
-
-
-def is_loopback(host: str) -> bool:
-    """Whether a host is this computer."""
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False

@@ -26,11 +26,11 @@ from hexctl.gait.encoding import Slots
 from hexctl.gait.foot_trajectory import StepPattern, feet_at_phases
 from hexctl.gait.gait import SWING_SHARE, Gait
 from hexctl.gait.posture import POSTURE, Posture
-from hexctl.ik.legs import TOLERANCE_RAD, range_excess_rad, solve_legs
+from hexctl.ik.legs import legs_that_reach
 from hexctl.ik.support_polygon import centre_of_mass_body, margins_at_m
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
-from hexctl.types import JOINTS_PER_LEG, N_LEGS, BoolArray, FloatArray
+from hexctl.types import N_LEGS, BoolArray, FloatArray
 
 #: Part of a cycle that a foot is in the air on four legs; scaled by 4/n on n legs.
 CRAWL_SWING = 0.22
@@ -186,7 +186,4 @@ def _reach(robot: Robot, gait: Gait, heading_rad: float) -> BoolArray:
     shifts = _shifts(robot)
     moved = np.zeros((len(shifts), 1, N_LEGS, 3))
     moved[..., :2] = -shifts[:, np.newaxis, np.newaxis]
-    solution = solve_legs(robot, feet + moved)
-    outside = range_excess_rad(robot, solution.joint_positions_rad) > TOLERANCE_RAD
-    legs_outside = outside.reshape(*outside.shape[:-1], N_LEGS, JOINTS_PER_LEG).any(axis=-1)
-    return np.asarray((solution.reachable & ~legs_outside).all(axis=1))
+    return np.asarray(legs_that_reach(robot, feet + moved).all(axis=1))

@@ -11,10 +11,10 @@ from hexctl.control.assessment.static_stability import most_stable_slots, static
 from hexctl.control.walks.velocity_walk import OVERDRIVE
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
 from hexctl.gait.gait import Gait, Motion, half_amplitude_turn_rate_rad_s, ideal_speed_m_s
-from hexctl.ik.legs import TOLERANCE_RAD, range_excess_rad, solve_legs
+from hexctl.ik.legs import legs_that_reach
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
-from hexctl.types import JOINTS_PER_LEG, N_LEGS, ArrayFields, BoolArray, FloatArray
+from hexctl.types import N_LEGS, ArrayFields, BoolArray, FloatArray
 
 #: Directions of travel, counter-clockwise from forward.
 DIRECTIONS_RAD = tuple(math.radians(degrees) for degrees in range(0, 360, 45))
@@ -94,10 +94,7 @@ def _possible(robot: Robot, gait: Gait, motion: Motion, points: int) -> BoolArra
         longer = replace(gait, amplitude=min(1.0, share * gait.amplitude))
         turning = replace(motion, turn_rate_rad_s=share * motion.turn_rate_rad_s)
         feet.append(gait_feet_body(robot, longer, turning, time_s))
-    solution = solve_legs(robot, np.array(feet))  # (shares, points, 6)
-    outside = range_excess_rad(robot, solution.joint_positions_rad) > TOLERANCE_RAD
-    legs_outside = outside.reshape(*outside.shape[:-1], N_LEGS, JOINTS_PER_LEG).any(axis=-1)
-    return np.asarray((solution.reachable & ~legs_outside).all(axis=1))
+    return np.asarray(legs_that_reach(robot, np.array(feet)).all(axis=1))
 
 
 def _greatest(possible: BoolArray) -> FloatArray:

@@ -10,15 +10,13 @@ import numpy as np
 
 from hexctl.errors import InputError
 from hexctl.files import read_file
+from hexctl.robot.meshes import STL_HEAD, STL_TRIANGLE
 from hexctl.types import FloatArray
 
 MOST_BYTES = 20_000_000
 
 #: Maximum number of links; the time to place them grows with its square.
 MOST_LINKS = 500
-
-#: Bytes of a binary STL before its triangles, and of each triangle.
-STL_HEADER, STL_TRIANGLE = 84, 50
 
 HINGES = ("revolute", "continuous")
 
@@ -202,9 +200,9 @@ def _mesh_points(mesh: Element, path: Path) -> FloatArray | None:
         return None
     content = read_file(file, MOST_BYTES)
     count = int.from_bytes(content[80:84], "little")
-    if not count or len(content) != STL_HEADER + STL_TRIANGLE * count:
+    if not count or len(content) != STL_HEAD + STL_TRIANGLE * count:
         return None
-    triangles = np.frombuffer(content[STL_HEADER:], dtype=np.uint8).reshape(count, STL_TRIANGLE)
+    triangles = np.frombuffer(content[STL_HEAD:], dtype=np.uint8).reshape(count, STL_TRIANGLE)
     corners = triangles[:, 12:48].copy().view("<f4").reshape(-1, 3).astype(float)
     scale = _numbers(mesh, "scale") if mesh.get("scale") else (1.0, 1.0, 1.0)
     return np.asarray(corners * scale)

@@ -7,7 +7,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, Self
 
 from hexctl.errors import RobotFaultError, argument
-from hexctl.wire.page_address import is_loopback
+from hexctl.wire.links import is_loopback
 
 HOST = "127.0.0.1"
 
