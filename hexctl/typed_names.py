@@ -5,9 +5,16 @@ from collections.abc import Iterable, Mapping
 
 #: Word parts in American spelling, with the British ones of the names.
 _BRITISH = {
-    "izat": "isat", "ize": "ise", "izing": "ising", "yze": "yse", "color": "colour", "center": "centre",
-    "gray": "grey", "meter": "metre", "behavior": "behaviour",
-}  # fmt: skip
+    "izat": "isat",
+    "ize": "ise",
+    "izing": "ising",
+    "yze": "yse",
+    "color": "colour",
+    "center": "centre",
+    "gray": "grey",
+    "meter": "metre",
+    "behavior": "behaviour",
+}
 
 #: Minimum similarity of a suggestion.
 _NEAR = 0.6

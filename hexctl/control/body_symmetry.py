@@ -91,8 +91,9 @@ def _moving_first_to(robot: Robot, goal: int, mirrored: bool) -> BodySymmetry | 
 def _trunk_allows(robot: Robot, move: BodySymmetry) -> bool:
     """Whether the trunk is the same after a move: its shape, its inertia and its centre of mass."""
     body, com_m = robot.body, np.array(robot.body.com_m)
-    half, quarter = (abs(math.remainder(math.radians(move.turn_deg), angle)) < SAME
-                     for angle in (math.pi, math.pi / 2))  # fmt: skip
+    half, quarter = (
+        abs(math.remainder(math.radians(move.turn_deg), angle)) < SAME for angle in (math.pi, math.pi / 2)
+    )
     x, y, _ = body.inertia_kg_m2 or (1.0, 1.0, 1.0)
     uneven = abs(x - y) > SAME_INERTIA * max(x, y)
     if np.linalg.norm(move.points(com_m) - com_m) > SAME_COM_M or (uneven and not half):

@@ -61,8 +61,10 @@ def describe_repertoire(path: Path | str) -> dict[str, Any]:
     """Summary of a repertoire as JSON values; raises InputError as `load_repertoire` does."""
     found = load_repertoire(path)
     kinds = [(len(one.failed), *one.failed[0][1:]) for one in found.situations]
-    words = {count: [f"{kind}:{joint}" if joint else kind for n, kind, joint in kinds if n == count]
-             for count in (1, 2)}  # fmt: skip
+    words = {
+        count: [f"{kind}:{joint}" if joint else kind for n, kind, joint in kinds if n == count]
+        for count in (1, 2)
+    }
     return {
         "robot": found.robot,
         "pace_hz": found.pace_hz,
