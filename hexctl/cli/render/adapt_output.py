@@ -404,7 +404,7 @@ def _less_lines(session: Session) -> list[str]:
     lines = [f"walks held less than {session.spec.hold}: {caveat}" for caveat in caveats if caveat]
     if lines and session.spec.optimizer == TRIM:
         lines[-1] += (
-            "; where the robot tells no yaw, --optimizer trim --hold none learns a turn from the ends"
+            "; without a yaw, --optimizer trim --hold none learns a turn from the ends alone"
         )
     return lines
 
