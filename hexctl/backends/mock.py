@@ -17,14 +17,10 @@ KEPT_COMMANDS = 10_000
 class MockServos(OwnServos):
     """Echoes its targets, as hobby servos without position feedback do.
 
-    It knows neither base pose nor contacts, so a walk on it has neither distance nor deviation.
-
-    Args:
-        robot: the robot it stands in for, or the name or path of its file.
-        clock: a wall clock unless given.
+    It has neither pose nor contacts: a walk on it has neither distance nor deviation.
 
     Attributes:
-        sent: the last targets that were written, newest last.
+        sent: the last written targets, newest last.
         limp: whether the torque is disabled.
     """
 

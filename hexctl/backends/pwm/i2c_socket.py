@@ -27,7 +27,7 @@ class I2cMessage:
     """One message of a transaction.
 
     Attributes:
-        reads: how many bytes are read; 0 for a message that writes.
+        reads: number of bytes to read; 0 for a message that writes.
     """
 
     address: int
@@ -45,7 +45,7 @@ def encode_transaction(messages: Sequence[I2cMessage]) -> bytes:
 
 
 def take_transaction(data: bytes) -> tuple[list[I2cMessage] | None, int]:
-    """First transaction of some bytes, None where it is not whole yet, and how many bytes it takes."""
+    """First transaction, None if incomplete, and the bytes that it takes."""
     if not data:
         return None, 0
     messages, at = [], 1
@@ -64,7 +64,7 @@ def take_transaction(data: bytes) -> tuple[list[I2cMessage] | None, int]:
 
 
 class I2cSocket:
-    """The controller's end, with the methods of `smbus2.SMBus` that are used.
+    """The controller's end, with the used methods of `smbus2.SMBus`.
 
     Raises OSError when nothing listens there.
     """
@@ -107,7 +107,6 @@ class I2cSocket:
             self._socket.close()
 
     def _transfer(self, messages: Sequence[I2cMessage]) -> bytes:
-        """Bytes that were read; raises OSError for a transaction that failed."""
         try:
             self._socket.sendall(encode_transaction(messages))
             code = self._receive(1)[0]
