@@ -1,4 +1,4 @@
-"""A bus of servos on a pseudo-terminal, with a simulated robot behind them: byte by byte, in real time."""
+"""A bus of servos on a pseudo-terminal, with a simulated robot, in real time."""
 
 import termios
 import time
@@ -39,7 +39,7 @@ class BusBoard(SimulatedBoard):
 
     Args:
         servos: of the simulated robot, in real time, not connected.
-        baud: bits per second: answers come no sooner than their bytes fit on the line.
+        baud: bits per second; answers take their time on the line.
         seed: of garbled bytes.
     """
 
@@ -82,11 +82,11 @@ class BusBoard(SimulatedBoard):
             self._answer(self._family.obey(*packet, time.monotonic()))
 
     def _understands(self) -> bool:
-        """Whether the controller has opened the line at the servos' baud, where that can be told."""
+        """Whether the controller has opened the line at the servos' baud, if known."""
         return _BAUDS.get(self._line.speed) in (None, self._baud)
 
     def _answer(self, answers: list[bytes]) -> None:
-        """Send answers no sooner than the line could carry them, garbled as the faults say."""
+        """Send answers at the speed of the line, garbled by the faults."""
         if not answers:
             return
         self.counts["answers"] += len(answers)
@@ -97,7 +97,7 @@ class BusBoard(SimulatedBoard):
         self._line.send(data)
 
     def _sender(self, answer: bytes) -> int | None:
-        """Joint whose servo gives an answer, where that matters."""
+        """Joint whose servo answers, if needed."""
         packet = self._family.packets.take(answer)[0] if self._faults.cables else None
         joints = [] if packet is None else self._family.named([packet[0]])
         return joints[0] if joints else None

@@ -30,7 +30,7 @@ class Pca9685Board(SimulatedBoard):
 
     Args:
         servos: of the simulated robot, in real time, not connected.
-        bits_per_s: speed of the bus: transfers take no less than their bits.
+        bits_per_s: speed of the bus.
         seed: of transfers that are not acknowledged.
     """
 
@@ -74,7 +74,7 @@ class Pca9685Board(SimulatedBoard):
         self._data = {client: data for client, data in self._data.items() if client.fileno() >= 0}
 
     def _answer(self, messages: list[I2cMessage]) -> bytes:
-        """Answer to a transaction: 0 and what was read, or an error number."""
+        """Answer to a transaction: 0 and the bytes read, or an error number."""
         count = sum(1 + len(message.data) + message.reads for message in messages)
         time.sleep(BITS * count / self._bits_per_s)
         self.counts["transfers"] += 1
