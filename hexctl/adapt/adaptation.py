@@ -128,7 +128,6 @@ class Adaptation:
         return adaptation
 
     def _finished(self) -> Session | None:
-        """The resumed session if its search has ended."""
         resumed = self._resumed
         ended = resumed is not None and resumed.ended is not None and self._budget is None
         return resumed if ended else None
@@ -243,7 +242,6 @@ class Adaptation:
         return setting
 
     def _held_again(self, name: str, store: SessionStore, stack: ExitStack) -> Session:
-        """The session to be continued, loaded again while no other process can add to it."""
         stack.enter_context(store.held(name))
         session = self._resumed = load_session(name, store.folder)
         session.spec.check_trusted(self._given, trust=self._trust)  # it may have changed since

@@ -128,7 +128,6 @@ def _of_prior(spec: RunSpec, robot: Robot, failure: Failure, folder: Path) -> Be
 
 
 def _newest_session(robot: Robot, failure: Failure, folder: Path) -> str | None:
-    """Newest session for a robot with a failure that has a recommendation, or None."""
     try:
         sessions = list_sessions(folder, on_damage=lambda _: None)
     except StoreError:  # a session is only a hint, and the gait is that of a prior

@@ -81,7 +81,6 @@ class ResetFreeRunner:
         return self.runner.walk_on(self.servos, plan, index, code, stop_when(should_stop))
 
     def _walk_and_ask(self, operator: Operator, index: int, code: int, plan: TrialPlan) -> WalkedTrial:
-        """Walk a gait that an operator measures, as often as the operator asks for."""
         robot, again = self.runner.robot, False
 
         def completed(result: TrialResult) -> TrialResult:
@@ -102,7 +101,6 @@ class ResetFreeRunner:
     def _walk_inside(
         self, arena: Arena, index: int, code: int, plan: TrialPlan, should_stop: Enough | None
     ) -> WalkedTrial:
-        """Walk through the middle of the arena, from a better start if needed, and end at its edge."""
         hindered = self._come_to_start(arena)
         if hindered is not None:
             return WalkedTrial(result=hindered)
@@ -111,9 +109,9 @@ class ResetFreeRunner:
         return self.runner.walk_on(self.servos, here, index, code, Geofence(arena, stop_when(should_stop)))
 
     def _come_to_start(self, arena: Arena) -> TrialResult | None:
-        """Walk away from the middle while a walk has no room; return what stopped the robot, if anything.
+        """Walk away from the middle, with the gait of self-rotations, until a walk has room.
 
-        It walks with the gait of self-rotations, not with an untested one.
+        What stopped it.
         """
         robot = self.runner.robot
         plan = self.runner.plan_for(turn_gait(robot).slots)

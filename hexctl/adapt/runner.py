@@ -169,10 +169,7 @@ class TrialRunner:
         return Recorders(*given, block_ticks=BLOCK_TICKS if self.spec.simulated else PACED_BLOCK_TICKS)
 
     def _open_recording(self, stack: ExitStack, index: int, code: int, plan: TrialPlan) -> Recording | None:
-        """Recording of a trial, or None; it is complete when the stack is closed.
-
-        Raises RecordingError for one that cannot be written: the session can be resumed after it.
-        """
+        """Recording of a trial, or None; raises RecordingError if it cannot be written."""
         if self.folder is None:
             return None
         floor = make_floor(self.world, self.spec.seed) if self.world is not None else None
@@ -243,7 +240,6 @@ def noticed_legs(result: TrialResult) -> list[NoticedFailure]:
 
 
 def _finished(recording: Recording, result: TrialResult, facts: dict[str, Any]) -> Exception | None:
-    """Finish a recording; returns its error, or None."""
     try:
         recording.finish(result, facts)
     except Exception as error:  # noqa: BLE001  the walk is done, whether or not its recording is whole

@@ -70,7 +70,6 @@ def new_spec(
 
 
 def _rotation_of(asked: str | None, hold: str, *, asking: bool) -> str:
-    """Self-rotation of a session; by default the one that suits its hold."""
     # An operator's robot does not know where it is.
     held = "heading" if asking and hold == "auto" else hold
     return suited_rotation(asked or AUTO_ROTATION, held, chosen_gait=True)
@@ -89,7 +88,6 @@ def _in_its_setting(spec: SessionSpec, body_raise: float | None) -> tuple[Sessio
 
 
 def _spec_of(options: AdaptOptions, measure: Objective) -> SessionSpec:
-    """Spec of the options, with what the objective and the robot file add."""
     hold, credentials, home_m = options.hold or measure.hold, options.credentials, options.home_m
     robot = _named("robot", options.robot)
     world = None if options.world is None else _named("world", options.world)
@@ -186,11 +184,7 @@ def _with_target(spec: SessionSpec, target: float | str | None) -> SessionSpec:
 
 
 def _with_trim(spec: SessionSpec, prior: Path | str | None, *, free: bool) -> SessionSpec:
-    """Spec of a search for a trim, with its target; also if neither optimizer nor prior is requested.
-
-    Walks that hold their heading end off their line by a repeatable angle: a second walk of a gait is worth
-    more than another gait.
-    """
+    """Spec of a search for a trim; with a held heading a second walk of a gait is worth more than another."""
     asked = prior not in (None, "auto", "none") or spec.early_stop or spec.count_repeats
     ends = spec.objective in ("final", "progress") and spec.hold == "heading"
     if free and ends and not asked and spec.worth_m is None:
@@ -213,7 +207,6 @@ def _with_trim(spec: SessionSpec, prior: Path | str | None, *, free: bool) -> Se
 
 
 def _check_options(spec: SessionSpec, objective: Objective) -> None:
-    """Raise InputError for options that do not fit the robot, or contradict one another."""
     make_policy(spec.policy)
     linked = option_values(spec, but=("robot", "world", "failure", "seed"))
     if ":" not in spec.backend or any(linked.values()):

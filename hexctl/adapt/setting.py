@@ -210,7 +210,6 @@ def _confirmed_m(spec: SessionSpec, world: World, found: SimulationUncertainty) 
 
 
 def _measuring(spec: SessionSpec, world: World) -> str:
-    """Command that measures the simulation's uncertainty for the walks of a session."""
     usual = World()
     words = ["hexctl", "check", spec.robot, "--physics"]
     if any(getattr(world, name) != getattr(usual, name) for name in COMPUTATION):

@@ -118,10 +118,7 @@ class AdaptLoop:
         self._store.keep(self._session)
 
     def _walk_baseline(self) -> bool:
-        """Walk the missing gaits of the baseline; False when interrupted.
-
-        They are walked before the first trial or not at all, and the optimizer does not learn from them.
-        """
+        """Walk the missing gaits of the baseline, unknown to the optimizer; False when interrupted."""
         session, space = self._session, self._optimizer.space
         walked = {walk.gait for walk in session.baseline}
         for name in [] if session.trials else session.spec.baseline_gaits:
@@ -168,7 +165,6 @@ class AdaptLoop:
         return "target" if self._reached() else "budget"
 
     def _note_settled(self) -> None:
-        """Store the recommendation of the optimizer and its prediction."""
         code = self._optimizer.recommended()
         predicted = self._optimizer.predict(code) if code is not None else None
         self._session.settled_on = None if predicted is None else {"code": code, **predicted.as_json()}
@@ -192,7 +188,6 @@ class AdaptLoop:
         return True
 
     def _confirm_finely(self) -> bool:
-        """Walk candidates for the recommendation at a finer time step; return False when interrupted."""
         while self._walk_finely is not None and (found := next_to_confirm(self._session)) is not None:
             if self._stop_requested() or not self._confirmed(found, self._walk_finely):
                 return False
@@ -218,7 +213,6 @@ class AdaptLoop:
         return True
 
     def _repeats(self) -> int:
-        """Number of repeats of the best gait since the last trial of the search."""
         return sum(1 for _ in takewhile(lambda trial: trial.confirms, reversed(self._session.trials)))
 
     def _try(self, code: int, should_stop: Enough | None = None, *, confirms: bool = False) -> bool:
@@ -260,10 +254,7 @@ class AdaptLoop:
         return None if self._margin_m_of is None else self._margin_m_of(slots)
 
     def _scored(self, walked: WalkedTrial, what: str) -> float:
-        """Score of a walk.
-
-        Raises InputError when the objective fails, without changing the session: the walk can be repeated.
-        """
+        """Score of a walk; raises InputError when the objective fails: the walk can be repeated."""
         try:
             return self._objective(walked.result)
         except Exception as error:
@@ -303,14 +294,12 @@ def _interrupted(walked: WalkedTrial, what: str) -> bool:
 
 
 def _check_recording(walked: WalkedTrial, done: str) -> None:
-    """Raise RecordingError for a trial with an incomplete recording."""
     error = walked.recording_error
     if error is not None:
         raise RecordingError(f"{done}, its recording is not whole: {error}") from error
 
 
 def _stored(walked: WalkedTrial) -> dict[str, Any]:
-    """Result and recording of a walk, by the fields of its record."""
     points = np.round(walked.result.path_m[::PATH_STRIDE], 4)
     wanted_rad, wanted_rad_s = wanted_trim_rad(walked.result), wanted_turn_trim_rad_s(walked.result)
     return {

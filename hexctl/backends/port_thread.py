@@ -125,10 +125,9 @@ class PortThread(ABC, Generic[Device]):
         """Do the last steps before the port is closed."""
 
     def _stepped(self, targets: FloatArray) -> FloatArray:
-        """Targets limited to the motion of joints since those sent before; the first ones are not changed.
+        """Targets limited to the motion of joints since the last packet, at most a period.
 
-        The allowance of a joint, in control periods at maximum speed, grows with the time up to one. In the
-        targets sent before, NaN is a joint without any.
+        NaN was never sent.
         """
         now_s = self._time.now()
         allowed = np.minimum(1.0, self._allowance + (now_s - self._stepped_at_s) / PERIOD_S)
@@ -204,7 +203,6 @@ class PortThread(ABC, Generic[Device]):
         return True
 
     def _end(self) -> None:
-        """Let the servos hold, or go limp if that was asked last."""
         if self.gone is not None:
             return
         try:

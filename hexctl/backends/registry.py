@@ -217,7 +217,6 @@ def _make_own(name: str, options: BackendOptions) -> LegServos:
 
 
 def _given(options: BackendOptions, accepted: Container[str]) -> dict[str, Any]:
-    """Options with other values than the default that a class accepts."""
     values = {field.name: getattr(options, field.name) for field in fields(options)}
     return {
         field.name: values[field.name]
@@ -227,7 +226,6 @@ def _given(options: BackendOptions, accepted: Container[str]) -> dict[str, Any]:
 
 
 def _own_class(name: str) -> Any:
-    """The class of `package.module:Class`; raises InputError if it cannot be loaded."""
     if ":" not in name:
         raise InputError(
             f"{argument('backend')}: got {name!r}; allowed: {', '.join(BACKENDS)}, "
@@ -240,7 +238,6 @@ def _own_class(name: str) -> Any:
 
 
 def _arguments(own: Any) -> frozenset[str]:
-    """Names of a class's keyword arguments, without the robot."""
     try:
         parameters = list(inspect.signature(own).parameters.values())[1:]
     except (TypeError, ValueError):

@@ -74,7 +74,6 @@ def _read_parameter(message: Any, system: int, component: int) -> list[Any]:
 
 
 def _set_parameter(message: Any, system: int, component: int) -> list[Any]:
-    """The parameter, unchanged."""
     known = _name_of(message) == PARAMETER
     return [_parameter()] if known else [_no_parameter(message, BY_NAME, system, component)]
 

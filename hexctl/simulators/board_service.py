@@ -76,7 +76,6 @@ class BoardService(BoardOptions):
         return board, place
 
     def _opened_port(self) -> "tuple[Port, str]":
-        """Opened port, and its address for controllers."""
         from hexctl.backends.mavlink import mavlink_transport as transport
         from hexctl.simulators.simulated_board import PseudoTerminal
 

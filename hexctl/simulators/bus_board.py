@@ -97,7 +97,6 @@ class BusBoard(SimulatedBoard):
         self._line.send(data)
 
     def _sender(self, answer: bytes) -> int | None:
-        """Joint whose servo answers, if needed."""
         packet = self._family.packets.take(answer)[0] if self._faults.cables else None
         joints = [] if packet is None else self._family.named([packet[0]])
         return joints[0] if joints else None

@@ -132,7 +132,6 @@ class BusServo(SimulatedServo):
 
     @property
     def _overloaded_share(self) -> float:
-        """Share of its torque that remains for an STS servo after an overload."""
         overload = self._table.overload
         return 0.0 if overload is None else self.number(overload.torque)
 
@@ -276,7 +275,6 @@ class RegisterServos(SimulatedServos):
                 servo.write(address, rows[start + 1 : start + 1 + size])
 
     def _complete(self, instruction: int, parameters: bytes) -> bool:
-        """Whether an instruction has a valid address and size, if it needs them."""
         width = self.packets.width
         if instruction == WRITE:
             return len(parameters) > width

@@ -318,10 +318,7 @@ class ServoBoard(RunningBoard):
         self.counts["overrides"] += 1
 
     def _counts(self, raw: list[int], peer: Peer, at_s: float) -> bool:
-        """Whether an override counts.
-
-        After a silence: a release, a present controller, or a steady stream.
-        """
+        """After a silence only a release, a present controller or a steady stream counts."""
         self._overrides.note(at_s)
         if self._guard.stopped != "expired":
             return True
@@ -371,7 +368,6 @@ class ServoBoard(RunningBoard):
         return sent
 
     def _introduction(self, measured: bool) -> list[Any]:
-        """Heartbeat, whether joint positions are measured, and the reason of a stop."""
         sent = [
             board_messages.heartbeat(self._system_state()),
             board_messages.measured(measured, time.monotonic()),

@@ -220,7 +220,6 @@ class Bayes(Optimizer):
             self._take([code, score, status, [None if np.isnan(x) else float(x) for x in features]])
 
     def _take(self, trial: list[Any]) -> None:
-        """Learn from one trial in the form of the saved state."""
         if len(trial) != 4:
             raise ValueError(f"a trial of {len(trial)} parts")
         code, score, status, numbers = int(trial[0]), float(trial[1]), str(trial[2]), trial[3]
@@ -245,7 +244,6 @@ class Bayes(Optimizer):
         return self._known
 
     def _chance_valid(self) -> FloatArray:
-        """Probability that each gait walks to the end and makes progress, (gaits,)."""
         forecast = self.forecast()
         progress = chance_above(forecast.distance_m, forecast.distance_sd_m, self._floor_m)
         walks = chance_of(self._samples.finished, len(self._samples.features))

@@ -120,7 +120,6 @@ class Deduplication(Optimizer):
             )
 
     def _untried(self, count: int) -> list[int]:
-        """Up to `count` random codes that were not tried."""
         left = [code for code in range(1, self.space.size + 1) if code not in self._scores]
         chosen = self._random.permutation(len(left))[:count]
         return [left[place] for place in chosen]

@@ -83,7 +83,6 @@ class Population(ABC):
         """Set the next `positions`; `better`, (size,), are individuals that improved."""
 
     def _draw(self, count: int) -> FloatArray:
-        """Points uniform in the box, (count, dimension)."""
         return self._random.uniform(self.low, self.high, size=(count, self.low.size))
 
     def _others(self, count: int) -> IntArray:
@@ -218,7 +217,6 @@ class SpeciatedSwarm(ParticleSwarm):
             self.known[crowded] = False
 
     def _crowded(self, seeds: IntArray) -> list[int]:
-        """Particles beyond the best Pmax of their species."""
         order = np.argsort(self.kept_scores, kind="stable")
         return [
             int(particle)

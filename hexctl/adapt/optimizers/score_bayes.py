@@ -88,10 +88,7 @@ class ScoreBayes(Optimizer):
         return [int(np.argmax(np.where(self._tried, -np.inf, self._gains()))) + 1]
 
     def _gains(self) -> FloatArray:
-        """Expected improvement of each gait on the best walked one, (gaits,).
-
-        On the median gait before any.
-        """
+        """Expected improvement of each gait on the best walked one, before any on the median, (gaits,)."""
         mean, covariance = self._forecast
         best = float(mean[self._good].min()) if self._good.any() else float(np.median(mean))
         sd = np.sqrt(np.maximum(np.diagonal(covariance), 1e-12))

@@ -116,7 +116,7 @@ class TrimSearch(Optimizer):
 
     @property
     def exhausted(self) -> bool:
-        """True if the trim of every gait has failed."""
+        """True when the trim of every gait has failed."""
         return self._place == len(self._codes)
 
     def _suggest(self, count: int) -> list[int]:

@@ -111,7 +111,6 @@ def _wants_prior(spec: SessionSpec, wanted: str | None, free: bool) -> bool:
 
 
 def _with_bayes(spec: SessionSpec, path: Path) -> SessionSpec:
-    """Spec with `bayes` and a prior, whose content is checked when the session loads it."""
     digest = str(KIND.read_head(path).get("digest", ""))
     kept = replace(spec, optimizer=BAYES, prior=str(path), prior_digest=digest)
     if spec.hold != "none":
@@ -129,7 +128,6 @@ def _with_bayes(spec: SessionSpec, path: Path) -> SessionSpec:
 
 
 def _check_scored(spec: SessionSpec) -> None:
-    """Raise InputError for options of searches for a straight walk."""
     if spec.early_stop:
         raise InputError(
             f"{argument('early_stop')}: got it with {argument('objective')} {spec.objective}; allowed: with "

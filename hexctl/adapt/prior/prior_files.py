@@ -86,7 +86,6 @@ def check_prior(path: Path, key: PriorKey, *, covers: Covers = any_legs) -> None
 
 
 def _differences(path: Path, key: PriorKey, covers: Covers, *, any_duration: bool = False) -> list[str]:
-    """Differences between a prior's file and a key; raises InputError for a file that is not a prior."""
     head = KIND.read_head(path)
     try:
         own = PriorKey(**head["question"])

@@ -139,9 +139,9 @@ def covering(robot: Robot, plan: TrialPlan) -> Covers:
 def _sources(
     robot: Robot, self_rotation: str, legs: tuple[int, ...], leg: int
 ) -> list[tuple[BodySymmetry, int]]:
-    """Symmetries, and the legs that they move to a failed leg.
+    """Symmetries and the legs they move.
 
-    Without self-rotation only symmetries that keep the direction of travel count.
+    Without self-rotation only those that keep the direction of travel.
     """
     return [
         (symmetry, source)
@@ -184,7 +184,6 @@ def features_of(observation: Observation, duration_s: float) -> FloatArray:
 
 
 def _moved_worlds(prior: Prior, symmetry: BodySymmetry, source: int) -> FloatArray:
-    """Worlds of a leg, moved by a symmetry, (worlds, gaits, N_FEATURES)."""
     row = prior.legs.index(source)
     progress = prior.progress_m[row][..., PROGRESS_AT]
     features = np.concatenate([prior.signed_m[row], progress, prior.yaw_rad[row][..., np.newaxis]], axis=-1)
@@ -196,7 +195,6 @@ def _moved_worlds(prior: Prior, symmetry: BodySymmetry, source: int) -> FloatArr
 
 
 def _moved_sags(prior: Prior, sources: list[tuple[BodySymmetry, int]]) -> FloatArray | None:
-    """Deflections in the worlds of some legs, moved by symmetries, (worlds, 18)."""
     if prior.sag_rad is None:
         return None
     rows = [symmetry.joints(prior.sag_rad[prior.legs.index(source)]) for symmetry, source in sources]
@@ -204,10 +202,9 @@ def _moved_sags(prior: Prior, sources: list[tuple[BodySymmetry, int]]) -> FloatA
 
 
 def _filled(features: FloatArray) -> FloatArray:
-    """Features, with unknown ones of fallen robots replaced by the mean of the others.
+    """Fill features of fallen robots with the mean.
 
-    The differences between the others are stretched: a gait that rarely walks must not look more alike in all
-    worlds.
+    The others are stretched: rarely walking gaits differ more.
     """
     known = np.isfinite(features)
     counts = np.maximum(known.sum(axis=0), 1)

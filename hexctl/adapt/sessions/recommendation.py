@@ -123,7 +123,6 @@ def _trials(session: Walks) -> list[Contender]:
 
 
 def _unresolved(session: Walks) -> list[Contender]:
-    """The straightest contender, and those that are not resolved from it."""
     found = contenders(session)
     lowest = _straightest(found)
     return [one for one in found if lowest is not None and not one.resolved_from(lowest)]

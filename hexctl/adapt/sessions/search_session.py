@@ -139,7 +139,6 @@ class Session:
         return 0.5 * (math.erf(below) + math.erf(above))
 
     def _recommended_json(self) -> dict[str, Any] | None:
-        """The recommended walk and its end, as `hexctl adapt --json` prints it."""
         found, walk = recommended(self), self.best_walk
         if found is None or walk is None:
             return None

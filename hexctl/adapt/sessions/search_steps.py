@@ -68,7 +68,6 @@ def search_steps(session: Session) -> tuple[SearchStep, ...]:
 
 
 def _without(spec: SessionSpec) -> str:
-    """Why a search has no beliefs about the ends of walks."""
     if spec.optimizer == BAYES:
         return "with this objective bayes expects scores and not ends of walks, which are not shown"
     if spec.optimizer in (*OPTIMIZERS, TRIM):
@@ -77,10 +76,7 @@ def _without(spec: SessionSpec) -> str:
 
 
 def _search_of(session: Session) -> Bayes | None:
-    """The search of a session as it began; None for one without beliefs about the ends of walks.
-
-    Raises InputError if robot or prior have changed.
-    """
+    """The search of a session as it began, or None; raises InputError if robot or prior have changed."""
     spec = session.spec
     if spec.optimizer != BAYES or spec.prior is None or spec.hold != "none":
         return None
@@ -103,7 +99,6 @@ def _replayed(session: Session, search: Bayes) -> Iterator[_Known]:
 
 
 def _check(trial: TrialRecord, search: Bayes) -> None:
-    """Raise InputError unless a search reproduces the stored prediction of a trial."""
     stored, now = trial.expected or {}, search.predict(trial.code).as_json()
     names = ("signed_m", "low_m", "high_m")
     if not all(name in stored and abs(stored[name] - now[name]) <= SAME_M for name in names):
@@ -123,7 +118,6 @@ def _known(search: Bayes, uncertainty_m: float) -> _Known:
 
 
 def _step(session: Session, done: int, known: _Known | None, missing: str) -> SearchStep:
-    """The step after some trials; `missing` is why nothing is known."""
     following = session.trials[done] if done < len(session.trials) else None
     lines = [f"### {f'After {trials_text(done)}' if done else 'Before the first trial'}", ""]
     if done:

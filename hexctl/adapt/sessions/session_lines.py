@@ -117,7 +117,6 @@ def _read_line(text: bytes) -> _Line:
 
 
 def _take_in_line(session: Session, line: _Line) -> None:
-    """Add the walk of a line to a session; raises InputError for one that does not belong to it."""
     space = GaitSpace((session.spec.broken.leg,))
     for walk in (line.trial, line.baseline, line.confirmation):
         if walk is None:

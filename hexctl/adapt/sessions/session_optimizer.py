@@ -49,7 +49,6 @@ def make_search(
 
 
 def _score_search(spec: SessionSpec, robot: Robot, space: GaitSpace, prior: ScorePrior) -> Optimizer:
-    """Search for the best score of steered walks."""
     return ScoreBayes(
         space,
         spec.seed,
@@ -63,7 +62,6 @@ def _score_search(spec: SessionSpec, robot: Robot, space: GaitSpace, prior: Scor
 def _end_search(
     spec: SessionSpec, robot: Robot, plan: TrialPlan, space: GaitSpace, prior: Prior
 ) -> Optimizer:
-    """Search for the straightest open-loop walk."""
     search = Bayes(
         space,
         spec.seed,

@@ -65,7 +65,6 @@ def flat_rows(session: Session) -> list[dict[str, Any]]:
 
 
 def _baseline_columns(session: Session) -> dict[str, Any]:
-    """Four columns for each gait of a baseline, None if not walked."""
     walked = {walk.gait: walk.as_json() for walk in session.baseline}
     columns: dict[str, Any] = {}
     for gait in dict.fromkeys((*BASELINE_GAITS[1:], *BASELINE_GAITS, *walked)):
@@ -139,7 +138,6 @@ def sessions(folder: Path | str = RUNS) -> Any:
 
 
 def _rows(session: Session) -> list[dict[str, Any]]:
-    """Rows of a session, with its properties in front."""
     spec = session.spec.as_json()
     about = {name: spec.get(name) for name in SPEC_COLUMNS}
     return [

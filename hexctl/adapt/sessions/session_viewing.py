@@ -98,7 +98,6 @@ def make_overview(
 
 
 def _facts(session: Session) -> list[str]:
-    """Settings and outcome, a line each."""
     spec, best = session.spec, session.best
     asked = f"leg {spec.broken.leg} {spec.broken}, {spec.robot}, {spec.backend}"
     world = f", world {spec.world}" if spec.world is not None else ""
@@ -135,7 +134,6 @@ def _baseline(walk: BaselineRecord, address: str | None) -> OverviewTrial:
 
 
 def _walk(walk: WalkRecord, *, note: str = "", **named: Any) -> OverviewTrial:
-    """A walk in the overview; the note follows its status."""
     result = walk.result
     cause = "" if result.cause is None else f" ({result.cause})"
     return OverviewTrial(
@@ -220,11 +218,7 @@ def serve_runs(
 def _common_scene(
     chosen: Sequence[Path | StoredSession], folder: Path, base: str = ""
 ) -> tuple[list[Path], Sequence[Path | StoredSession]]:
-    """Write a scene with the walks of several recordings to a folder.
-
-    Returns its files, empty without a scene, and the choices outside it. Raises InputError for a missing or
-    damaged file.
-    """
+    """Scene files of several recordings, empty without one, and the choices outside it."""
     walks = [one for one in chosen if isinstance(one, Path) and one.name != FILE_NAME]
     for walk in walks:
         check_viewable(walk)
@@ -270,7 +264,6 @@ def _find_runs(names: Sequence[str], runs: Path) -> list[Path | StoredSession]:
 
 
 def _newest_run(runs: Path) -> Path | StoredSession:
-    """The newest recording, or its session."""
     # An overview is written whenever its session is viewed: its time says nothing.
     path = newest_recording(runs, leave_out=FILE_NAME)
     name = path.parent.name
@@ -305,9 +298,9 @@ def _find_run(name: str, runs: Path) -> Path | StoredSession:
 def _current_overview(
     session: Session, folder: Path, spare: Path, on_damage: OnDamage, *, several: bool
 ) -> Path:
-    """Write the overview again, as an interrupted or running session has an old one or none.
+    """Rewrite the overview, which may be old or missing.
 
-    It is written to the spare folder if that of the session is read-only.
+    To the spare folder if the session's is read-only.
     """
     found = recordings_of(session, folder)
     sound = _sound_ones(found, on_damage)

@@ -353,7 +353,6 @@ def load_session(name: str, folder: Path | str = RUNS, *, on_damage: OnDamage = 
 
 
 def _check_there(name: str, folder: Path) -> None:
-    """Raise InputError for a name that is not among the sessions of a folder."""
     names = stored_names(folder)
     if name in names:
         return

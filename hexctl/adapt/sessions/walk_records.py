@@ -61,7 +61,6 @@ class _Settled(_Expected):
 
 
 def _as(model: type[BaseModel]) -> AfterValidator:
-    """Check values with a model, without changing them."""
 
     def checked(values: dict[str, Any]) -> dict[str, Any]:
         model.model_validate(values, strict=True)
@@ -123,7 +122,6 @@ class WalkRecord:
         return self._in_words()
 
     def _in_words(self, *names: str) -> str:
-        """Names of the walk, its gait and its outcome, on one line."""
         distance_m = self.outcome.get("distance_m")
         facts = [
             *names,
@@ -142,7 +140,6 @@ class WalkRecord:
         return folder / Path(self.recording).name if self.recording else None
 
     def _measured_json(self) -> dict[str, Any]:
-        """Outcome in the order of tables."""
         outcome = self.outcome
         return {
             "slots": list(self.slots),

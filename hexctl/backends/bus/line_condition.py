@@ -119,7 +119,6 @@ class LineCondition:
         return self._damaged(mute)
 
     def _low(self, voltages_v: FloatArray, now_s: float) -> BoolArray:
-        """Which servos have too little voltage, (18,); learns the usual voltage."""
         known = np.isfinite(voltages_v)
         if not known.any():
             return known

@@ -105,9 +105,9 @@ class Lx16aBus(ServoBus):
                 return
 
     def _hold(self, here: FloatArray, which: BoolArray) -> BoolArray:
-        """Send the goal before and after the torque: unloaded servos may ignore moves.
+        """Send goals before and after the torque: unloaded servos may ignore moves.
 
-        A servo far beyond its limit is left limp: it would move there at full speed.
+        Far beyond a limit stays limp.
         """
         self._on[self._beyond] = False
         chosen = np.flatnonzero(which).tolist()

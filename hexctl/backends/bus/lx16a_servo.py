@@ -73,7 +73,6 @@ class Lx16aServo(Servo):
         return notes
 
     def _pair(self, command: int) -> tuple[int, int] | None:
-        """Two numbers that were answered alike twice in a row; else None."""
         stored = self._twice(lambda: self._ask(command))
         return None if stored is None else (lx.number(stored[:2]), lx.number(stored[2:]))
 

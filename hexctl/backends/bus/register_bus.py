@@ -146,7 +146,6 @@ class RegisterBus(ServoBus):
         )
 
     def _complaint(self, place: int, error: int) -> str:
-        """Complaint of a servo, with goals clipped to its limits."""
         self._errors[place] = error
         words = self.table.complaint(error)
         if self.table.hardware_error is None or not words:

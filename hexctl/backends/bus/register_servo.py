@@ -228,7 +228,6 @@ class RegisterServo(Servo):
             self.write(self.table.unlock, 0 if open_ else 1)
 
     def _report(self) -> tuple[bytes, str] | None:
-        """Bytes of a report and the servo's complaint; None without an answer."""
         first, size = self.table.block
         asked = self._packets.packets.place(first, size)
         for _ in range(TRIES):
@@ -273,7 +272,6 @@ class RegisterServo(Servo):
         return notes
 
     def _overload_notes(self) -> list[str]:
-        """Notes on an overload protection weaker than the factory's."""
         overload = self.table.overload
         if overload is None:
             return []

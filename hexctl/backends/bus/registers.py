@@ -125,7 +125,6 @@ class RegisterTable:
 
     @cached_property
     def _parts(self) -> tuple[tuple[Register, slice] | None, ...]:
-        """Each register of a report, with its bytes."""
         starts = [None if each is None else each.address - self.block[0] for each in self.reported]
         return tuple(
             None if each is None or start is None else (each, slice(start, start + each.size))

@@ -68,7 +68,10 @@ class SerialLine:
                 wait_ready(self._descriptor, left_s, to_write=True)
 
     def read(self, deadline_s: float) -> bytes:
-        """Bytes that arrived, or the first until a time; raises OSError when the device is lost."""
+        """What has come, or comes first until a time; empty if nothing does.
+
+        Raises OSError when the device has gone.
+        """
         wait_s = max(0.0, deadline_s - self.time.now())
         if not wait_ready(self._descriptor, wait_s):
             return b""
@@ -111,11 +114,7 @@ class SerialLine:
         return 10.0 * count / self.baud
 
     def _without_echo(self, data: bytes) -> bytes:
-        """Remove the echo from received bytes.
-
-        After a damaged echo, only bytes behind the last packet's echo count: a request could pass for its
-        answer.
-        """
+        """Bytes without the echo; after a damaged echo only those behind the last packet's echo."""
         if self._damaged is not None:
             self._damaged += data
             _, found, behind = self._damaged.partition(self._last)

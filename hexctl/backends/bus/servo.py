@@ -150,10 +150,7 @@ class Servo(ABC):
         """Set another id; the reason if refused."""
 
     def _twice(self, read: Callable[[], Answer | None]) -> Answer | None:
-        """Value that was read twice in a row; None if reads differ.
-
-        Most answers name neither their address nor their question: a late one passes for another.
-        """
+        """Value that was read twice in a row, else None: a late answer to another question looks alike."""
         before = read()
         for _ in range(TRIES):
             if before is None:

@@ -204,9 +204,9 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         return super().disable_torque()
 
     def _started(self) -> BusThread:
-        """Start the thread on a bus with known positions.
+        """Start the thread.
 
-        Raises RobotFaultError without a port or servos, or if those of more than two legs are missing.
+        Raises RobotFaultError without servos, or if those of more than two legs are missing.
         """
         bus = self._open(first=True)
         readings = BelievedReadings(self._speeds, self._map.per_deg)
@@ -261,7 +261,6 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
                 )
 
     def _model_advice(self, number: int | None) -> str:
-        """Advice for the robot file if a servo reports another model number."""
         names = [
             each.name
             for each in SERVO_TYPES.values()
@@ -281,7 +280,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         ]
 
     def _stored(self, bus: ServoBus, joints: BoolArray) -> list[str]:
-        """Notes on the stored settings of some joints, (18,).
+        """Notes on stored settings.
 
         Raises RobotFaultError for a servo that would not follow position goals.
         """
@@ -341,7 +340,6 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         return None
 
     def _warnings(self, servos: ServoReadings, silences_s: FloatArray, limp: BoolArray) -> tuple[str, ...]:
-        """Warnings about single servos, by their silences and which are limp, (18,)."""
         warnings = [*self._notes]
         if limp.any():
             warnings.append(f"no torque: {self._map.names(limp)}")

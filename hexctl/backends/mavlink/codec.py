@@ -122,7 +122,6 @@ class Codec:
                 at += length
 
     def _garbage(self) -> None:
-        """Count a run of undecodable bytes once."""
         self.malformed += 0 if self._in_garbage else 1
         self._in_garbage = True
 

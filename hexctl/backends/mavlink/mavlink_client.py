@@ -75,7 +75,6 @@ class MavlinkServos(MappedServos[ServoMap, LinkCounters]):
         self._written_at_s = self._resumed_at_s = -math.inf
 
     def _open_all(self, opening: ExitStack) -> None:
-        """Open the port, and wait for the board's heartbeat and servo positions."""
         port = open_port(self._address, text=self._port_text)
         opening.callback(port.close)
         codec = Codec(

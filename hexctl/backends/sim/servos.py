@@ -244,9 +244,9 @@ class SimServos(OwnServos):
         self.loss.draw()
 
     def _advance(self, physics: Any, steps: int) -> None:
-        """Step the physics without dm_control's `step`, which takes 7 us more.
+        """Step without dm_control's `step`, which takes 7 us more.
 
-        Raises SimulationDivergedError for a new warning.
+        SimulationDivergedError for a new warning.
         """
         before = self._warnings.tolist()
         mujoco.mj_step(physics.model.ptr, physics.data.ptr, steps)

@@ -70,7 +70,6 @@ class SimBatch:
             part.draw()
 
     def _step(self, nstep: int) -> None:
-        """Step every running simulation; those that diverge stop running."""
         if not self.running.any():
             return
         everyone = self.running.all()
@@ -156,7 +155,6 @@ def _together(states: Sequence[RobotState]) -> RobotState:
 def _stacked(
     parts: Sequence[FloatArray | None], states: Sequence[RobotState], width: int
 ) -> FloatArray | None:
-    """Rows of several simulations, NaN for missing ones; None if all are missing."""
     if all(part is None for part in parts):
         return None
     counts = [len(state.joint_positions_rad) for state in states]

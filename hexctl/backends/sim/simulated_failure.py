@@ -48,7 +48,6 @@ class FailedLegs:
     """
 
     def __init__(self, physics: Any, robot: Robot) -> None:
-        """Take the model of an intact robot."""
         self._model, self._robot = physics.model.ptr, robot
         self._whole = {name: getattr(self._model, name).copy() for name in _CHANGED}
         self._parts = {leg: _parts_of(physics.model, leg) for leg in range(1, N_LEGS + 1)}
@@ -205,5 +204,4 @@ def jammed_angles_rad(robot: Robot, failures: Failures) -> FloatArray:
 
 
 def _belongs_to(name: str, leg: int) -> bool:
-    """Whether a compiled name, robot/leg/part, belongs to leg 1..6."""
     return name.split("/")[1:2] == [f"leg{leg}"]

@@ -104,12 +104,10 @@ def _load_payload(body: Any, world: World) -> None:
 
 
 def _add_mass(body: Any, name: str, mass_kg: float, **solid: Any) -> None:
-    """Add a massive solid without contact to a body."""
     body.add("geom", name=name, mass=mass_kg, **solid, **NO_CONTACT)
 
 
 def _stretch_tibias(body: Any, world: World) -> None:
-    """Scale the lengths of the tibias, not their mass."""
     for leg, error in enumerate(per_leg(world.tibia_error).tolist(), start=1):
         if error:
             tibia = body.find("geom", f"leg{leg}/tibia")
@@ -119,10 +117,10 @@ def _stretch_tibias(body: Any, world: World) -> None:
 
 
 def _lay_grain(root: Any, body: Any, world: World, missing_legs: Sequence[int]) -> None:
-    """Give the feet different friction along the world's y axis and its x axis.
+    """Give the feet different friction along the world's y axis, the first tangential axis of contacts.
 
-    The first tangential axis of a contact between a sphere and a plane or height field is the y axis,
-    projected onto the floor. Only explicit pairs of geoms have a friction for each axis.
+    It is the y axis projected onto the floor, of a sphere on a plane or height field. Only pairs allow two
+    frictions.
     """
     if world.friction_ratio == 1:
         return
@@ -141,10 +139,7 @@ def _lay_grain(root: Any, body: Any, world: World, missing_legs: Sequence[int]) 
 
 
 def _measure_forces(root: Any, body: Any, world: World) -> None:
-    """Give each actuator a sensor that records its force at every step of a control period.
-
-    Targets and forces jump once per period: a force at one moment is far from the mean.
-    """
+    """Record forces at every step: they jump once per period, and one moment is far from the mean."""
     for actuator in body.find_all("actuator"):
         root.sensor.add("actuatorfrc", actuator=actuator, nsample=world.steps_per_tick)
 
@@ -313,7 +308,6 @@ def _make_leg(robot: Robot, name: str) -> Any:
 
 
 def _shift_link_mass(link: Any, robot: Robot, index: int) -> None:
-    """Move the mass of a link to its centre of mass in the robot file, if any."""
     if robot.link_coms_m is None:
         return
     shape = link.geom[JOINT_KINDS[index]]

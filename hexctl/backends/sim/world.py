@@ -296,7 +296,6 @@ class DomainRandomization(BaseModel):
                 raise ValueError(f"got {', '.join(given)}; allowed: {name} alone, or {', '.join(keys)}")
 
     def _check_failures(self) -> None:
-        """Refuse failures without an intact leg, and those that kinds set as well."""
         for earlier, draw in enumerate(self.failures):
             if len(draw.legs) <= earlier:
                 raise ValueError(

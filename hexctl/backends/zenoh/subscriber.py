@@ -205,7 +205,6 @@ class StateSubscriber:
 
 
 def _told(text: str | None) -> str | None:
-    """Reported text with unprintable characters escaped."""
     return None if text is None else printable(text)
 
 
@@ -221,7 +220,6 @@ def _failures_of(status: Mapping[str, Any]) -> tuple[Failure, ...] | None:
 
 
 def _servos_of(status: Mapping[str, Any]) -> ServoReadings | None:
-    """Readings of single servos in a status; None without any or if invalid."""
     try:
         return ServoReadings.from_json(status["servos"])
     except (KeyError, TypeError, ValueError):

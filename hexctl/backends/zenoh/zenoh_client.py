@@ -168,7 +168,6 @@ class LeaseClient:
         self._renewal.start()
 
     def _query_lease(self) -> dict[str, Any]:
-        """Request the lease; raises RobotFaultError for a refusal."""
         wanted = {"op": "acquire", "owner": owner_name()}
         refusal = ""
 
@@ -277,7 +276,7 @@ class ZenohServos(TickedServos):
         return None if self._opened is None else self._subscriber.failures
 
     def _open_all(self, opening: ExitStack) -> None:
-        """Open the link, verify the robot, take its lease and wait for its first state.
+        """Connect.
 
         Raises InputError for a link that is not allowed, otherwise RobotFaultError with advice.
         """
@@ -368,10 +367,7 @@ class ZenohServos(TickedServos):
         return sorted(names - {self._robot.name})
 
     def _check_ours(self, state: RobotState) -> None:
-        """Raise RobotFaultError when the lease is lost.
-
-        A stop revokes the lease too: states that report its reason may still arrive.
-        """
+        """Raise RobotFaultError when the lease is lost; a state with the reason, a stop, may still arrive."""
         lease = self._lease
         if lease is None or lease.lost is None or state.stopped is not None:
             return
