@@ -141,11 +141,9 @@ class Geofence:
     """Ends a walk that would stop outside; the `should_stop` of `run_trial`, `hexctl.run` and sessions."""
 
     def __init__(self, arena: Arena | float, also: ShouldStop | None = None) -> None:
-        """Watch one walk.
+        """Watch one walk in an arena, or a radius in m around its start.
 
-        Args:
-            arena: circle; a number is its radius in m around the start of the walk.
-            also: may end the walk for other reasons.
+        `also` may end it for other reasons.
         """
         self._arena: Arena | None = arena if isinstance(arena, Arena) else None
         self._radius_m = arena.radius_m if isinstance(arena, Arena) else arena

@@ -24,10 +24,10 @@ class Answer:
     """Answer of an operator about a walk.
 
     Attributes:
-        word: `measured`; `fell`; `skip`: the trial is invalid; `again`: discard the walk and repeat it;
-            `quit`: discard it and end.
-        distance_m: progress along the line, with `measured`.
-        signed_m: deviation from it, left positive, with `measured`.
+        word: `measured`; `fell`; `skip`: the trial is invalid; `again`: repeat the walk; `quit`: discard it
+            and end.
+        distance_m: progress along the line.
+        signed_m: deviation from it, left positive.
     """
 
     word: Literal["measured", "fell", "skip", "again", "quit"]

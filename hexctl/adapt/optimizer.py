@@ -21,13 +21,11 @@ UNFINISHED = ("fell", "diverged", "cut_short", "aborted")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Observation(ArrayFields):
-    """The course of one walk.
+    """The course of one walk; its status is one of `hexctl.control.trial_result.STATUSES`.
 
     Attributes:
         path_m: progress and signed deviation at equal intervals, the last row at the end, (T, 2).
-        duration_s: how long it walked.
         yaw_change_rad: of the body; None if not measured.
-        status: one of `hexctl.control.trial_result.STATUSES`.
     """
 
     path_m: FloatArray
@@ -70,9 +68,8 @@ class Prediction:
     """Prediction for a trial before the walk.
 
     Attributes:
-        signed_m: expected signed final deviation.
-        sd_m: its standard deviation for the gait itself, on average over trials.
-        trial_sd_m: its standard deviation for one trial.
+        signed_m: expected signed final deviation, with standard deviations for the gait (`sd_m`) and one
+            trial.
         chance: probability that the gait is valid and within the target.
     """
 

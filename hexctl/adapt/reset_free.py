@@ -52,10 +52,7 @@ APPROACH_TIMEOUT = 2.5
 class ResetFreeRunner:
     """Walks the gaits of one session on one connected robot, through one guard: a stop stays latched.
 
-    Attributes:
-        arena: limits of its position, or None.
-        operator: places the robot and measures; None if the robot measures its position.
-        note: called with messages for an operator.
+    `arena` limits its position; without `operator` the robot measures it.
     """
 
     runner: TrialRunner
@@ -271,11 +268,7 @@ def connected_robot(
 ) -> Iterator[Guard | None]:
     """Keep the robot of a session connected; None if each trial has its own simulation.
 
-    Args:
-        given: the robot, if it is not made by `spec.backend`.
-        note: called with messages for an operator.
-
-    Raises RobotFaultError for a robot that cannot be reached.
+    `given` is the robot, if it is not made by `spec.backend`. Raises RobotFaultError if it cannot be reached.
     """
     if spec.simulated:
         text = untold_note(drawn_failure(setting.robot, spec.broken, spec.seed), spec.broken)

@@ -71,12 +71,7 @@ Completed = Callable[[TrialResult], TrialResult]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WalkedTrial:
-    """A walked trial.
-
-    Attributes:
-        recording: its file, or None.
-        recording_error: why the recording is incomplete, or None.
-    """
+    """A walked trial and its recording, or None; `recording_error` is why that is incomplete."""
 
     result: TrialResult
     recording: Path | None = None
@@ -89,11 +84,8 @@ class TrialRunner:
 
     Attributes:
         world: the simulated world, None on a real robot.
-        plan_for: the trial plan for slots.
         folder: of recordings, or None for none.
-        stop_requested: called every tick.
         live: shows the walks while they run, or None.
-        meshes: for recordings.
     """
 
     spec: SessionSpec

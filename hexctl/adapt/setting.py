@@ -50,12 +50,9 @@ def log_note(text: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """Loaded parts of a spec.
+    """Loaded parts of a spec; `plan` is that of the demo gait.
 
-    Attributes:
-        world: the simulated world, None on a real robot.
-        plan: of the trials, with the demo gait.
-        prior: of the optimizer, or None.
+    `world` is None on a real robot, `prior` None without one.
     """
 
     robot_file: RobotFile

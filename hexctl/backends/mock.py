@@ -15,13 +15,9 @@ KEPT_COMMANDS = 10_000
 
 
 class MockServos(OwnServos):
-    """Echoes its targets, as hobby servos without position feedback do.
+    """Echoes its targets, as hobby servos without position feedback do; `sent` are the last ones.
 
     It has neither pose nor contacts: a walk on it has neither distance nor deviation.
-
-    Attributes:
-        sent: the last written targets, newest last.
-        limp: whether the torque is disabled.
     """
 
     def __init__(self, robot: Robot | str | Path, *, clock: Clock | None = None) -> None:

@@ -72,11 +72,9 @@ class BackendOptions:
 
 @dataclass(frozen=True, slots=True)
 class Backend:
-    """One entry of the registry.
+    """One entry of the registry: `make` returns unconnected servos.
 
-    Attributes:
-        make: makes the servos, not connected.
-        takes: the fields of `BackendOptions` that it uses, besides the robot and its file.
+    `takes` are the used fields of `BackendOptions`, besides the robot and its file.
     """
 
     make: Callable[[BackendOptions], LegServos]

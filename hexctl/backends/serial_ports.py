@@ -25,10 +25,8 @@ TRIES, AGAIN_S = 5, 0.05
 class SerialPort:
     """A serial port.
 
-    Attributes:
-        stays: a name that is the same after it is plugged in again, or None.
-        adapter: name that its adapter reports.
-        vendor: USB vendor and product, such as `0403:6014`, or None.
+    `stays` is a name that is the same after it is plugged in again, `vendor` the USB vendor and product, such
+    as `0403:6014`; both or None.
     """
 
     port: str
@@ -82,10 +80,7 @@ def unplugged_port(
 ) -> SerialPort | None:
     """The port that disappears when a cable is pulled; None if a stop is requested first.
 
-    Args:
-        before: ports with the cable in.
-
-    Raises RobotFaultError if no port disappears in time, or more than one.
+    Raises RobotFaultError if no port of `before` disappears in time, or more than one.
     """
     until_s = time.monotonic() + timeout_s
     while not stop_requested():

@@ -17,12 +17,9 @@ _FAULT = re.compile(rf"([a-z-]+)((?::[a-z0-9.]+)*)(?:@({_NUMBER}))?")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoardFault:
-    """One fault.
+    """One fault; it begins at `at_s` on the clock of the simulated robot.
 
-    Attributes:
-        at_s: when it begins, on the clock of the simulated robot.
-        joint: index of its joint, 0..17, or None for those of the board or the line.
-        value: number after the word, or None.
+    `joint`, 0..17, is None for faults of the board or the line, `value` the number after the word, or None.
     """
 
     kind: str

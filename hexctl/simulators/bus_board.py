@@ -37,10 +37,8 @@ FAMILIES: dict[str, type[SimulatedServos]] = {
 class BusBoard(SimulatedBoard):
     """Eighteen servos on a pseudo-terminal that move simulated joints.
 
-    Args:
-        servos: of the simulated robot, in real time, not connected.
-        baud: bits per second; answers take their time on the line.
-        seed: of garbled bytes.
+    `servos` are unconnected, in real time; answers take their time at the `baud` rate; `seed` draws garbled
+    bytes.
     """
 
     what, kinds, counted = "bus", BUS_FAULTS, BUS_COUNTS

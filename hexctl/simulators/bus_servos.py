@@ -53,11 +53,9 @@ class SimulatedServo(ABC):
 
 
 class SimulatedServos(ABC):
-    """Eighteen servos of one family on a simulated bus.
+    """Eighteen servos of one family on a simulated bus, initially at the counts `stance`, (18,).
 
-    Args:
-        stance: initial counts, (18,).
-        counts: of the bus, by the names in `BUS_COUNTS`.
+    `counts` are those of the bus, by the names in `BUS_COUNTS`.
     """
 
     packets: PacketFormat

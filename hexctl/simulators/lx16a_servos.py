@@ -11,12 +11,9 @@ from hexctl.simulators.bus_servos import USUAL_C, SimulatedServo, SimulatedServo
 
 
 class SimulatedLx16aServo(SimulatedServo):
-    """One servo.
+    """One servo, which unloads beyond its `limits` in counts and above `most_c` degrees Celsius.
 
-    Attributes:
-        limits: lowest and highest count, beyond which it unloads.
-        voltages_mv: lowest and highest supply without a complaint.
-        most_c: temperature at which it unloads, in degrees Celsius.
+    It complains of a supply outside `voltages_mv`.
     """
 
     usual_v = 7.4

@@ -28,10 +28,8 @@ PCA9685_FAULTS = {"nack": "[:SHARE]", "unplug": "", "replug": "", "reset": ""}
 class Pca9685Board(SimulatedBoard):
     """Boards on a Unix socket, as there are no pseudo-devices for I2C.
 
-    Args:
-        servos: of the simulated robot, in real time, not connected.
-        bits_per_s: speed of the bus.
-        seed: of transfers that are not acknowledged.
+    `servos` are unconnected, in real time; `bits_per_s` is the speed of the bus; `seed` draws failed
+    transfers.
     """
 
     what, kinds, counted = "bus", PCA9685_FAULTS, ("transfers", "goals", "refused")

@@ -46,12 +46,7 @@ SERVO2040_FAULTS = {"mute": "", "unplug": "", "replug": "", "garble": "SHARE", "
 
 
 class Servo2040Board(SimulatedBoard):
-    """A servo2040 on a pseudo-terminal, which moves simulated joints.
-
-    Args:
-        servos: of the simulated robot, in real time, not connected.
-        firmware: `stock` or `fork`.
-        seed: of garbled bytes.
+    """A servo2040 on a pseudo-terminal, which moves simulated joints; `firmware` is `stock` or `fork`.
 
     Attributes:
         pulses_us: last pulses by output, (18,); 0 for none.

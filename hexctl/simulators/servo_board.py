@@ -51,12 +51,9 @@ class OverrideStream:
 
 
 class Channels:
-    """Last override of each servo channel; arrays are (18,), by channel.
+    """Last override of each servo channel, (18,): pulses within the limits, and which channels are driven.
 
-    Attributes:
-        pulses_us: within the limits; the last one for released channels.
-        active: which channels are driven.
-        clipped: overrides so far that a pulse limit changed.
+    `clipped` counts overrides that a pulse limit changed.
     """
 
     def __init__(self, servo_map: ServoMap) -> None:
@@ -135,11 +132,9 @@ class Peer:
 
 
 class Peers:
-    """Recently heard peers, and the one of them that commands.
+    """Recently heard peers; `commander` moves the servos, or None.
 
-    Attributes:
-        commander: the peer that moves the servos, or None.
-        crowded_out: peers so far that were dropped to make room for others.
+    `crowded_out` counts peers that were dropped to make room for others.
     """
 
     def __init__(self) -> None:

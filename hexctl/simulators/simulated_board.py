@@ -103,12 +103,7 @@ class Closing(Protocol):
 
 
 class RunningBoard(ABC):
-    """Runs servos in real time, and serves a line between their ticks.
-
-    Args:
-        servos: not connected.
-        line: open; closed at the end of `run`.
-    """
+    """Runs unconnected servos in real time, and serves an open line, which it closes, between their ticks."""
 
     #: What it is, as messages have it.
     what = "board"
@@ -165,10 +160,6 @@ class SimulatedBoard(RunningBoard):
         servos: of the simulated robot, in real time, not connected.
         line: open; closed at the end of `run`.
         seed: of random faults.
-
-    Attributes:
-        path: device or socket for controllers.
-        due: scheduled faults.
     """
 
     #: What each word of a fault takes, as `parse_fault` reads it.

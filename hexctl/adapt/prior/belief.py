@@ -150,12 +150,9 @@ class _Seen:
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """Belief about one walk.
+    """Belief about one walk: mean and covariance of its N_FEATURES features.
 
-    Attributes:
-        mean: (N_FEATURES,).
-        covariance: (N_FEATURES, N_FEATURES).
-        blur: variance of features on the way around what the end predicts, (N_FEATURES,).
+    `blur` is the variance of features on the way around what the end predicts, (N_FEATURES,).
     """
 
     mean: FloatArray
@@ -176,12 +173,9 @@ class Course:
 
 @dataclass(frozen=True, eq=False)
 class _Evidence:
-    """Observations in the form for conditioning.
+    """Observations in the form for conditioning: Cholesky root of their covariance, whitened surprise.
 
-    Attributes:
-        root: Cholesky root of their covariance.
-        surprise: whitened distance from their means.
-        widened: factor of the prior's variance.
+    `widened` is the factor of the prior's variance.
     """
 
     seen: _Seen

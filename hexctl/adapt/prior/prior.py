@@ -124,11 +124,9 @@ SCORES = ("speed", "cost", "tilt", "steadiness")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Outcomes(ABC):
-    """Simulated outcomes for one key; row i of the legs belongs to `legs[i]`, gait j to code j + 1.
+    """Simulated outcomes for one key; row i belongs to `legs[i]`, ascending, gait j to code j + 1.
 
-    Attributes:
-        legs: the failed legs, ascending.
-        origin: for people: family of worlds, versions.
+    `origin` is for people: family of worlds, versions.
     """
 
     #: Version of its file.

@@ -71,10 +71,8 @@ def samples_of(prior: Prior, robot: Robot, leg: int) -> Samples:
 class ScoreSamples:
     """Scores of one failed leg's steered walks in worlds, by one objective.
 
-    Attributes:
-        log_scores: natural logarithms, (worlds, gaits); for a walk that did not last, from its gait in other
-            worlds.
-        valid: share of the worlds in which each gait's walk was valid, (gaits,).
+    `log_scores` are natural logarithms, (worlds, gaits); for a walk that did not last, from its gait in other
+    worlds. `valid` is the share of the worlds in which each gait's walk was valid, (gaits,).
     """
 
     leg: int

@@ -36,14 +36,10 @@ class Walks(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contender:
-    """A walk that may be recommended.
+    """A trial (`searched`) or walk of the baseline that may be recommended, and its confirmation, or None.
 
-    Attributes:
-        walk: the trial, or the walk of the baseline.
-        searched: True for a trial.
-        score: of its confirmation, else of the walk.
-        uncertainty_m: standard uncertainty of that score, 0 if unknown.
-        confirmation: its walk at a finer time step, or None.
+    `score` is that of the confirmation, else of the walk, `uncertainty_m` its standard uncertainty, 0 if
+    unknown.
     """
 
     walk: Walk

@@ -36,12 +36,7 @@ LIKELIEST = 5
 
 @dataclass(frozen=True, slots=True)
 class _Known:
-    """Knowledge of a search after some trials.
-
-    Attributes:
-        likeliest: gaits most likely within the target, with their predictions.
-        code: the next gait.
-    """
+    """Knowledge of a search after some trials: gaits most likely within the target, and the next gait."""
 
     beliefs: GaitBeliefs
     likeliest: list[tuple[int, Prediction]]

@@ -30,10 +30,7 @@ def make_search(
 ) -> Optimizer:
     """Fresh optimizer of a session: `bayes` with a prior, else the one in its spec.
 
-    Args:
-        plan: of the trials.
-        prior: of the session, or None.
-        optimizer: its class, if it cannot be imported by the name in the spec.
+    `optimizer` is its class, if it cannot be imported by the name in the spec.
     """
     space = GaitSpace((spec.broken.leg,))
     if spec.optimizer == TRIM:

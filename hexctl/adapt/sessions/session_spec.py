@@ -130,13 +130,9 @@ class SessionSpec(AdaptOptions):
         }
 
     def check_trusted(self, given: Collection[str], *, trust: bool) -> None:
-        """Check that a session imports only trusted code.
+        """Check that a session imports only trusted code; `given` arguments replace parts of it.
 
-        Args:
-            given: arguments that replace parts of the spec.
-            trust: whether the caller trusts the session.
-
-        Raises InputError for a part with a name `module:Name`.
+        Raises InputError without `trust` for a part with a name `module:Name`.
         """
         for option, name in self.foreign_parts.items():
             if not trust and _PARTS[option] not in given:

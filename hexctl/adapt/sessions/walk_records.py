@@ -155,11 +155,9 @@ class WalkRecord:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class TrialRecord(WalkRecord):
-    """One trial of a session.
+    """One trial of a session; index 1 is the first.
 
     Attributes:
-        index: 1 for the first trial.
-        code: of its gait.
         confirms: True for a repeat of the best gait.
         expected: the optimizer's prediction, as of `Prediction.as_json`, or None.
     """
@@ -200,11 +198,9 @@ BASELINE_INDEX = 0
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class BaselineRecord(WalkRecord):
-    """A walk with a usual gait of the robot, before the trials and unknown to the optimizer.
+    """A walk with a usual gait such as `demo`, before the trials and unknown to the optimizer.
 
-    Attributes:
-        gait: its name, such as `demo`.
-        code: None if it is not one of the session's gaits.
+    `code` is None if it is not one of the session's gaits.
     """
 
     gait: str
@@ -233,11 +229,9 @@ class BaselineRecord(WalkRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class ConfirmationRecord(WalkRecord):
-    """A walk of a gait at a finer time step, in the same world; no trial.
+    """A walk of a gait at a finer time step of the physics, in the same world; no trial.
 
-    Attributes:
-        code: None if it is not one of the session's gaits.
-        time_step_s: of the physics.
+    `code` is None if it is not one of the session's gaits.
     """
 
     code: int | None

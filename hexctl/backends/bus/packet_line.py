@@ -33,11 +33,8 @@ class _Missed:
 class PacketLine:
     """Packets of one protocol on an open line. Its methods raise OSError when the port is lost.
 
-    Args:
-        adapts: whether the timeout follows the delay of the last answer to each packet.
-
-    Attributes:
-        timeout_s: current time for an answer besides its time on the wire.
+    `timeout_s` is the time for an answer besides its time on the wire; with `adapts` it follows the last
+    delays.
     """
 
     def __init__(

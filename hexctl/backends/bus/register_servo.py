@@ -27,10 +27,7 @@ LIKELY_MODELS = {("dynamixel", 2): "xl430-w250", ("dynamixel", 1): "ax12a", ("fe
 class RegisterServo(Servo):
     """Memory of one servo.
 
-    Args:
-        model: whose registers it has.
-        number: model number that it reported, if it was asked.
-        known: whether that is the number of the model.
+    `number` is its reported model number, `known` whether that is the number of `model`.
     """
 
     def __init__(

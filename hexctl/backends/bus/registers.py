@@ -13,11 +13,9 @@ _SIGN_BITS = {"bit10": 1 << 10, "bit15": 1 << 15}
 
 @dataclass(frozen=True, slots=True)
 class Register:
-    """One number in a servo's memory.
+    """One number in a servo's memory: `size` in bytes, 1, 2 or 4.
 
-    Attributes:
-        size: in bytes, 1, 2 or 4.
-        scale: unit per count: counts of position, shares of the maximum effort, A, V or degrees Celsius.
+    `scale` is the unit per count: counts of position, shares of the maximum effort, A, V or degrees Celsius.
     """
 
     address: int
@@ -48,10 +46,7 @@ class Register:
 class OverloadRegisters:
     """Registers of the reaction to an overload, and their factory values.
 
-    Attributes:
-        load: share of the maximum effort that is an overload.
-        torque: share of the torque that remains after it.
-        factory: of the three, in that order.
+    `load` is the share of the maximum effort that is an overload, `torque` the share of the torque after it.
     """
 
     load: Register

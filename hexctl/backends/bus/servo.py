@@ -16,12 +16,11 @@ Answer = TypeVar("Answer")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundServo:
-    """A servo that answers.
+    """A servo that answers; None for unknown values.
 
     Attributes:
-        model: None if unknown.
-        position: in counts, or None.
-        load: share of its maximum effort, signed; None if not reported.
+        position: in counts.
+        load: share of its maximum effort, signed.
         error: its complaint; empty for none.
     """
 
@@ -62,10 +61,8 @@ class FoundServo:
 class ServoSettings:
     """Stored settings that matter before a servo moves.
 
-    Attributes:
-        refusal: why it must not be moved; empty if it may be.
-        least: lowest goal in counts; -inf if unknown.
-        most: highest goal in counts; inf if unknown.
+    `refusal` is why it must not be moved; empty if it may be. `least` and `most` limit goals, in counts;
+    infinite if unknown.
     """
 
     refusal: str

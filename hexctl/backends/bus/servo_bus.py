@@ -31,7 +31,6 @@ class Report:
 
     Attributes:
         place: index of the servo on the bus.
-        at_s: when its answer arrived.
         position: in counts.
         effort: share of its maximum, or NaN.
         error: its complaint; empty for none.
@@ -52,7 +51,6 @@ class BusCounters:
     """Counts of a bus since it was opened.
 
     Attributes:
-        writes: packets with targets.
         missed: requested reports that did not arrive.
         garbled: bytes outside packets.
         implausible: positions that were not believed.

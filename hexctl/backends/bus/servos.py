@@ -65,11 +65,8 @@ def parse_bus_port(
 class BusThread(PortThread[ServoBus]):
     """Owns a bus of servos that report positions, and hold there before they follow.
 
-    Args:
-        speeds: maximum of the joints, (18,), in counts per second.
-
-    Attributes:
-        limp: joints whose servos should hold and do not, (18,).
+    `speeds` are maximum, (18,), in counts per second; `limp` are joints whose servos should hold and do not,
+    (18,).
     """
 
     def __init__(

@@ -64,12 +64,9 @@ FLIP_QUATERNION = np.array([1.0, 1.0, -1.0, -1.0])
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outputs(ArrayFields):
-    """Channels reported by a board.
+    """Channels reported by a board, (18,): pulses, and whether they are driven.
 
-    Attributes:
-        pulses_us: by channel, (18,).
-        active: which channels are driven, (18,).
-        board_ms: time of the board modulo 2^32; 0 is unknown.
+    `board_ms` is the time of the board modulo 2^32; 0 is unknown.
     """
 
     pulses_us: FloatArray

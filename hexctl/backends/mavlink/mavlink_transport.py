@@ -48,12 +48,9 @@ MOST_ADDRESSES = 64
 
 @dataclass(frozen=True, slots=True)
 class PortAddress:
-    """Address of a port.
+    """Address of a port: host and UDP port, or device and baud rate.
 
-    Attributes:
-        kind: `udpin` waits for peers, `udpout` sends first, `serial` is a device.
-        place: host name or address, or path of the device.
-        number: UDP port, or baud rate.
+    `kind` is `udpin`, which waits for peers, `udpout`, which sends first, or `serial`.
     """
 
     kind: Literal["udpin", "udpout", "serial"]
@@ -99,11 +96,9 @@ def check_guarded(address: PortAddress, *, option: str, text: str, signed: bool,
 
 
 class Port(ABC):
-    """An opened port.
+    """An opened port; with `datagrams` it receives complete frames and their senders.
 
-    Attributes:
-        datagrams: whether complete frames are received, with the address of the sender.
-        dropped: frames that could not be sent: the port was full, or without a peer.
+    `dropped` are frames that could not be sent: the port was full, or without a peer.
     """
 
     datagrams = False
@@ -299,7 +294,7 @@ class LinkCounters:
 
     Attributes:
         lost: messages of the board that never arrived, by their sequence numbers.
-        out_of_order: messages that arrived after a later one, or twice; they are not used.
+        out_of_order: late or repeated messages; they are not used.
         refused: messages with impossible values.
         foreign: messages of other systems.
         malformed: runs of undecodable bytes: noise, MAVLink 1, unsigned frames, another dialect.

@@ -59,12 +59,8 @@ class Stamped:
 class Receiver:
     """Receives from one board in a thread, and sends it heartbeats.
 
-    The first system whose heartbeat has the type of a servo board is the board; others are counted and
-    dropped.
-
-    Attributes:
-        peer: the board, or None before its first heartbeat.
-        wrong_type: MAV_TYPE of a received system that is no servo board, or None.
+    The first system whose heartbeat has the type of a servo board is `peer`; others are counted and dropped.
+    `wrong_type` is the MAV_TYPE of a received system that is no servo board, or None.
     """
 
     def __init__(self, link: MavlinkLink, counters: LinkCounters) -> None:

@@ -338,9 +338,7 @@ class Pca9685:
 class Pca9685Servos(PwmServos):
     """Eighteen hobby servos on two PCA9685 boards.
 
-    Args:
-        place: number of the I2C bus, its device, or the socket of simulated boards.
-        i2c: an open bus in place of that; it stays open.
+    `place` is the I2C bus's number, its device, or the socket of simulated boards; a given `i2c` stays open.
     """
 
     def __init__(

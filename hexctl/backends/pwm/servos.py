@@ -25,12 +25,7 @@ LEG_PAUSE_S = 0.15
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class BoardReport:
-    """Report of a board.
-
-    Attributes:
-        contacts: which feet touch the floor, (6,), or None for a board without inputs.
-        fault: why the board has switched its servos off, or None.
-    """
+    """Report of a board: `contacts` of the feet, (6,), None without inputs; `fault` if its servos are off."""
 
     at_s: float
     contacts: BoolArray | None = None
@@ -41,12 +36,7 @@ class BoardReport:
 
 @dataclass(slots=True)
 class PwmCounters:
-    """Counts of a board since it was made.
-
-    Attributes:
-        writes: poses sent.
-        missed: missing or incomplete reports.
-    """
+    """Counts of a board since it was made; `writes` are poses, `missed` missing or incomplete reports."""
 
     writes: int = 0
     reports: int = 0

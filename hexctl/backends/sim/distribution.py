@@ -13,8 +13,7 @@ class Distribution(BaseModel):
     """Distribution of one randomized quantity.
 
     Attributes:
-        low: lower bound; for `normal`, two standard deviations below the mean.
-        high: upper bound; for `normal`, two standard deviations above the mean.
+        low, high: bounds; for `normal`, two standard deviations from the mean.
         scale: `even` is uniform between the bounds, `log` uniform over ratios, `normal` a Gaussian.
     """
 

@@ -84,11 +84,9 @@ class DrawnFailure(BaseModel):
         return self
 
     def drawn(self, shares: FloatArray, whole: Sequence[int]) -> tuple[FailureEvent, ...]:
-        """The failure and healing of one member; none if it is not affected.
+        """The failure and healing of one member, if any, of shares 0..1, (COLUMNS,).
 
-        Args:
-            shares: shares 0..1 of its distributions, (COLUMNS,).
-            whole: legs without an earlier failure.
+        `whole` are intact legs.
         """
         comes, at, leg_at, how, torque, healing = shares.tolist()
         if comes >= self.share and self.share < 1:

@@ -79,11 +79,9 @@ class FailedLegs:
         return driven
 
     def change(self, leg: int, failure: Failure | None, scratch: Any = None) -> None:
-        """Let a leg fail, or heal for None; the other legs stay as they are.
+        """Let a leg, 1..6, fail, or heal for None; the other legs stay as they are.
 
-        Args:
-            leg: 1..6.
-            scratch: MjData of the model that may be overwritten; None makes one if needed.
+        `scratch` is MjData of the model that may be overwritten; None makes one if needed.
         """
         for name, values in self._whole.items():
             getattr(self._model, name)[:] = values
@@ -176,9 +174,8 @@ class FailuresToCome:
 def held_rad(failed: FailedLegs, qpos: FloatArray, ctrl: FloatArray) -> FloatArray:
     """Angles of joints that jam now, leading shape + (18,).
 
-    Args:
-        qpos: leading shape + (25,); stuck joints stay at their angles.
-        ctrl: leading shape + (18,); locked ones hold their last commands.
+    Stuck joints keep those in `qpos`, leading shape + (25,), locked ones their last commands, leading shape +
+    (18,).
     """
     return np.where(failed.stiff, qpos[..., -N_JOINTS:], ctrl)
 

@@ -234,12 +234,7 @@ def _parts(key: str) -> int:
 
 
 class Kind(BaseModel):
-    """A subset of the worlds with properties that no range expresses.
-
-    Attributes:
-        name: name for display.
-        world: common values, by the keys of a world file.
-    """
+    """A subset of the worlds with common values, by the keys of a world file, that no range expresses."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 

@@ -121,10 +121,7 @@ class StateSubscriber:
         return sample
 
     def newest(self, clock_s: float) -> RobotState:
-        """The newest state.
-
-        Args:
-            clock_s: current time on the clock of the state's stamp.
+        """The newest state; `clock_s` is the current time on the clock of its stamp.
 
         Raises RobotFaultError for a robot that is silent or sends invalid states.
         """

@@ -129,9 +129,7 @@ def state_before(answer: Mapping[str, Any]) -> int:
 class LeaseClient:
     """Holds the lease of a robot from `acquire` to `release`, renewing it at a third of its time.
 
-    Attributes:
-        after_state: number of the newest state before the lease.
-        lost: why the lease is lost, or None.
+    `after_state` is the number of the newest state before the lease, `lost` why it is lost, or None.
     """
 
     def __init__(
@@ -143,11 +141,9 @@ class LeaseClient:
         clear: str = CLEAR_COMMAND,
         time: TimeSource = WALL_TIME,
     ) -> None:
-        """Create a client without a lease.
+        """Create a client without a lease; `clear` is the command that ends a stop, for messages.
 
-        Args:
-            heard_at_s: last sign of life of the robot: lost answers do not mean that it is gone.
-            clear: command that ends a stop of that robot, for messages.
+        `heard_at_s` is the last sign of life of the robot: lost answers do not mean that it is gone.
         """
         self._clear, self._time = clear, time
         self._session, self._key, self._heard_at_s = session, key, heard_at_s
