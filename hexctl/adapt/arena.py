@@ -37,10 +37,7 @@ class Arena:
         return math.hypot(*self._from_home(position))
 
     def aim_rad(self, position: FloatArray, otherwise_rad: float) -> float:
-        """World heading of the longest straight walk from a position, through home.
-
-        `otherwise_rad` at home.
-        """
+        """World heading of the longest straight walk, through home; at home it is `otherwise_rad`."""
         x, y = self._from_home(position)
         return math.atan2(-y, -x) if math.hypot(x, y) > AT_HOME_M else otherwise_rad
 
@@ -143,7 +140,7 @@ class Geofence:
     def __init__(self, arena: Arena | float, also: ShouldStop | None = None) -> None:
         """Watch one walk in an arena, or a radius in m around its start.
 
-        `also` may end it for other reasons.
+        `also` has other reasons to end it.
         """
         self._arena: Arena | None = arena if isinstance(arena, Arena) else None
         self._radius_m = arena.radius_m if isinstance(arena, Arena) else arena

@@ -163,10 +163,7 @@ class Optimizer(ABC):
         return None
 
     def ask(self, count: int = 1) -> list[int]:
-        """Codes to try next: one to `count` of them.
-
-        Raises OptimizerMisuseError if the codes of the last ask have no scores yet.
-        """
+        """Next codes, one to `count`. Raises OptimizerMisuseError if those of the last ask have no scores."""
         if self._asked is not None:
             raise OptimizerMisuseError(f"{self.name}: ask after ask; tell the scores of {self._asked} first")
         if count < 1:

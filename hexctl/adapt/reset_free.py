@@ -106,9 +106,9 @@ class ResetFreeRunner:
         return self.runner.walk_on(self.servos, here, index, code, Geofence(arena, stop_when(should_stop)))
 
     def _come_to_start(self, arena: Arena) -> TrialResult | None:
-        """Walk away from the middle, with the gait of self-rotations, until a walk has room.
+        """Walk away from the middle with the gait of self-rotations until there is room.
 
-        What stopped it.
+        What stopped it, if any.
         """
         robot = self.runner.robot
         plan = self.runner.plan_for(turn_gait(robot).slots)
@@ -241,10 +241,7 @@ def at_home(spec: SessionSpec, servos: Guard | None) -> SessionSpec:
 
 
 def yaw_note(spec: SessionSpec, servos: Guard | None) -> str | None:
-    """Note that walks cannot hold their heading, as the robot measures no yaw; None if they can.
-
-    Raises RobotFaultError for a lost robot.
-    """
+    """Note that walks cannot hold their heading without a measured yaw, or None; RobotFaultError if lost."""
     wanted = spec.hold == "heading" or (spec.hold == "auto" and spec.ask)
     if servos is None or not wanted:
         return None

@@ -50,10 +50,7 @@ def log_note(text: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """Loaded parts of a spec; `plan` is that of the demo gait.
-
-    `world` is None on a real robot, `prior` None without one.
-    """
+    """Loaded spec; `plan` has the demo gait, `world` is None on a real robot, `prior` without one."""
 
     robot_file: RobotFile
     world: World | None
@@ -127,10 +124,7 @@ def trimmed_plan(setting: Setting, session: Session, slots: Slots) -> TrialPlan:
 
 
 def prior_of(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Prior | ScorePrior | None:
-    """The prior of a session, or None.
-
-    Raises InputError for a file that is not a prior, or has changed since the session began.
-    """
+    """The prior of a session, or None; raises InputError for a file that is no prior, or has changed."""
     if spec.prior is None:
         return None
     path = Path(spec.prior)
@@ -144,10 +138,7 @@ def prior_of(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Prior | ScoreP
 
 
 def start_note(spec: SessionSpec, setting: Setting) -> str | None:
-    """Note for an operator before the robot moves, or None.
-
-    Raises InputError for an arena that is too small.
-    """
+    """Note for an operator before the robot moves, or None; raises InputError for a too small arena."""
     if spec.arena_m is not None:
         return check_radius(spec.arena_m, ideal_m=setting.ideal_m, least_m=setting.floor_m)
     if spec.simulated or spec.ask:

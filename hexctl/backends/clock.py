@@ -24,11 +24,7 @@ STANDSTILL_S = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Standstill:
-    """A time in which this program missed its ticks.
-
-    Attributes:
-        ended_s: when it ended, by the clock's time source; long ago unless given.
-    """
+    """A time in which this program missed its ticks; `ended_s` is by the clock's time source."""
 
     duration_s: float
     ended_s: float = -math.inf

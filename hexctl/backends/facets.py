@@ -15,10 +15,7 @@ TruePose = tuple[FloatArray, FloatArray]
 
 
 class SimulationFacet(Protocol):
-    """State and controls of a simulation.
-
-    It is for scores and recordings. Controllers must not use it.
-    """
+    """State and controls of a simulation, for scores and recordings; controllers must not use it."""
 
     @property
     def true_pose(self) -> TruePose | None:

@@ -125,10 +125,7 @@ class PortThread(ABC, Generic[Device]):
         """Do the last steps before the port is closed."""
 
     def _stepped(self, targets: FloatArray) -> FloatArray:
-        """Targets limited to the motion of joints since the last packet, at most a period.
-
-        NaN was never sent.
-        """
+        """Limit targets to the motion since the last packet, up to a period; joints never sent are free."""
         now_s = self._time.now()
         allowed = np.minimum(1.0, self._allowance + (now_s - self._stepped_at_s) / PERIOD_S)
         self._allowance, self._stepped_at_s = allowed, now_s

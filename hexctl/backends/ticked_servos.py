@@ -36,10 +36,7 @@ class TickedServos(OwnServos):
         self._opened: ExitStack | None = None
 
     def read(self) -> RobotState:
-        """Newest state; the same one until the next tick.
-
-        Raises RobotFaultError when not connected or when the connection is lost.
-        """
+        """Newest state, constant within a tick. Raises RobotFaultError when not connected or lost."""
         self._check_connected()
         if self._snapshot is None or self._snapshot[0] != self._clock.index:
             self._snapshot = (self._clock.index, self._newest())
@@ -71,11 +68,7 @@ class TickedServos(OwnServos):
 
 
 class MappedServos(TickedServos, Generic[Map, Counters]):
-    """Servos with a map between joint angles and raw positions.
-
-    Attributes:
-        counters: counts of the port, a dataclass.
-    """
+    """Servos with a map between joint angles and raw positions; `counters` of the port are a dataclass."""
 
     def __init__(
         self, robot: Robot | str | Path, *, servo_map: Map, counters: Counters, clock: Clock

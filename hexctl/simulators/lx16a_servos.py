@@ -11,10 +11,7 @@ from hexctl.simulators.bus_servos import USUAL_C, SimulatedServo, SimulatedServo
 
 
 class SimulatedLx16aServo(SimulatedServo):
-    """One servo, which unloads beyond its `limits` in counts and above `most_c` degrees Celsius.
-
-    It complains of a supply outside `voltages_mv`.
-    """
+    """One servo that unloads beyond `limits` in counts or `most_c`, and complains outside `voltages_mv`."""
 
     usual_v = 7.4
 

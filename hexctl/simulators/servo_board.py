@@ -132,10 +132,7 @@ class Peer:
 
 
 class Peers:
-    """Recently heard peers; `commander` moves the servos, or None.
-
-    `crowded_out` counts peers that were dropped to make room for others.
-    """
+    """Recently heard peers, the one that commands, or None, and the number of dropped ones, `crowded_out`."""
 
     def __init__(self) -> None:
         self._known: dict[tuple[Address, int, int], Peer] = {}

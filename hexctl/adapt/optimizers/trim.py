@@ -78,10 +78,9 @@ def mean_trim_rad(wanted_rad: Iterable[float]) -> float:
 
 
 def mean_turn_trim_rad_s(walks: Iterable[tuple[float, float, float]]) -> float:
-    """Turn trim of a gait, within the limits of a plan; 0 without walks.
+    """Turn trim of a gait within a plan's limits.
 
-    Args:
-        walks: the turn of each, the turn that it wants, and its duration.
+    Walks are turn, wanted turn and duration. 0 without walks.
     """
     rates, weights = [], []
     for walked_rad_s, wanted_rad_s, duration_s in walks:

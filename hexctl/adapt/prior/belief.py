@@ -173,10 +173,7 @@ class Course:
 
 @dataclass(frozen=True, eq=False)
 class _Evidence:
-    """Observations in the form for conditioning: Cholesky root of their covariance, whitened surprise.
-
-    `widened` is the factor of the prior's variance.
-    """
+    """Root of the observations' covariance, whitened surprise, and factor of the prior's variance."""
 
     seen: _Seen
     root: FloatArray

@@ -17,11 +17,7 @@ PRIORS = "priors"
 
 @dataclass(frozen=True)
 class Found:
-    """Result of a search for a prior.
-
-    Attributes:
-        reason: why there is no path; empty with one.
-    """
+    """Path of a prior, or the reason why there is none."""
 
     path: Path | None
     reason: str = ""
@@ -124,9 +120,9 @@ def describe_prior(path: Path) -> dict[str, Any]:
 def list_priors(
     folder: Path | str = "runs", *, on_damaged: Callable[[InputError], None] | None = None
 ) -> list[dict[str, Any]]:
-    """Describe every prior that `hexctl adapt` would search, with its path as `prior`.
+    """Describe the priors that `hexctl adapt` searches, with paths as `prior`.
 
-    Damaged files are left out, and reported to `on_damaged`.
+    Damaged ones to `on_damaged`.
     """
     described = []
     for path in prior_files(prior_folders(Path(folder))):

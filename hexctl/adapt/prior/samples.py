@@ -137,10 +137,7 @@ def covering(robot: Robot, plan: TrialPlan) -> Covers:
 def _sources(
     robot: Robot, self_rotation: str, legs: tuple[int, ...], leg: int
 ) -> list[tuple[BodySymmetry, int]]:
-    """Symmetries and the legs they move.
-
-    Without self-rotation only those that keep the direction of travel.
-    """
+    """Symmetries and the legs they move; without self-rotation they must keep the direction of travel."""
     return [
         (symmetry, source)
         for symmetry in body_symmetries(robot)
@@ -200,10 +197,7 @@ def _moved_sags(prior: Prior, sources: list[tuple[BodySymmetry, int]]) -> FloatA
 
 
 def _filled(features: FloatArray) -> FloatArray:
-    """Fill features of fallen robots with the mean.
-
-    The others are stretched: rarely walking gaits differ more.
-    """
+    """Replace unknown features of fallen robots by the mean; stretch the others of gaits that rarely walk."""
     known = np.isfinite(features)
     counts = np.maximum(known.sum(axis=0), 1)
     means = np.where(known, features, 0.0).sum(axis=0) / counts

@@ -69,10 +69,7 @@ def _number(value: object) -> object:
 
 
 def walk_line(walk: Walk, optimizer_state: dict[str, Any] | None) -> bytes:
-    """Line of a walk; of a trial with the state of the optimizer after it.
-
-    Raises TypeError for a state that JSON cannot hold.
-    """
+    """Line of a walk; of a trial with the optimizer's state. Raises TypeError if JSON cannot hold it."""
     state = {} if optimizer_state is None else {"state": optimizer_state}
     return _text({_KINDS[type(walk)]: asdict(walk), **state})
 

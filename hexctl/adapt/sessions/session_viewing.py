@@ -298,10 +298,7 @@ def _find_run(name: str, runs: Path) -> Path | StoredSession:
 def _current_overview(
     session: Session, folder: Path, spare: Path, on_damage: OnDamage, *, several: bool
 ) -> Path:
-    """Rewrite the overview, which may be old or missing.
-
-    To the spare folder if the session's is read-only.
-    """
+    """Rewrite the overview, which may be old or missing; in the spare folder if the other is read-only."""
     found = recordings_of(session, folder)
     sound = _sound_ones(found, on_damage)
     try:

@@ -133,10 +133,7 @@ class SessionStore:
         take_in(session, walk, optimizer_state)
 
     def keep(self, session: Session) -> None:
-        """Store the spec of a session and how it ended, on the disk when this returns.
-
-        Raises StoreError as `add` does.
-        """
+        """Store a session's spec and end, on the disk when this returns; raises StoreError as `add` does."""
         self._append(session, "its end", standing_line(session))
 
     def folder_of(self, name: str) -> Path:
@@ -259,10 +256,7 @@ def is_folder_name(name: str) -> bool:
 
 
 def stored_names(folder: Path) -> list[str]:
-    """Names of all sessions in a folder, newest last, without writing anything.
-
-    Raises StoreError for a folder that cannot be read.
-    """
+    """Names of all sessions in a folder, newest last, without writing; StoreError if it cannot be read."""
     return [name for name in _found(folder) if is_folder_name(name)]
 
 

@@ -40,10 +40,7 @@ def note_created(path: Path) -> None:
 
 
 def remove_unfinished(folder: Path, session: Session) -> Path | None:
-    """Remove the recording of a trial that was killed; the file, or None.
-
-    The session must be held: no other process is writing it.
-    """
+    """Remove the recording of a killed trial of a session that must be held; the file, or None."""
     try:
         name, inode = _noted(folder)
         path = folder / name

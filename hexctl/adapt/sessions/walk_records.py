@@ -198,9 +198,9 @@ BASELINE_INDEX = 0
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class BaselineRecord(WalkRecord):
-    """A walk with a usual gait such as `demo`, before the trials and unknown to the optimizer.
+    """A walk with a usual gait such as `demo`, before the trials.
 
-    `code` is None if it is not one of the session's gaits.
+    `code` is None outside the session's gaits.
     """
 
     gait: str
@@ -229,10 +229,7 @@ class BaselineRecord(WalkRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class ConfirmationRecord(WalkRecord):
-    """A walk of a gait at a finer time step of the physics, in the same world; no trial.
-
-    `code` is None if it is not one of the session's gaits.
-    """
+    """A walk of a gait at a finer time step, no trial; `code` is None outside the session's gaits."""
 
     code: int | None
     time_step_s: Annotated[float, Field(gt=0)]

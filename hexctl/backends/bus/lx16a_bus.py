@@ -105,10 +105,7 @@ class Lx16aBus(ServoBus):
                 return
 
     def _hold(self, here: FloatArray, which: BoolArray) -> BoolArray:
-        """Send goals before and after the torque: unloaded servos may ignore moves.
-
-        Far beyond a limit stays limp.
-        """
+        """Send goals before and after the torque, as unloaded servos may ignore moves; skip `_beyond`."""
         self._on[self._beyond] = False
         chosen = np.flatnonzero(which).tolist()
         for place in chosen:

@@ -95,10 +95,7 @@ class PacketLine:
         del self._missed[servo_id]
 
     def transact(self, request: bytes, asked: Collection[int], wire_s: float) -> list[StatusPacket]:
-        """Answers to a packet from the `asked` ids.
-
-        `wire_s` is the time of packet and answers on the wire.
-        """
+        """Answers of the `asked` ids to a packet; `wire_s` is the time of all of them on the wire."""
         line, stream = self.line, self._stream
         if line.discard():  # too late for the packet before
             self._wait_longer()

@@ -25,10 +25,7 @@ LIKELY_MODELS = {("dynamixel", 2): "xl430-w250", ("dynamixel", 1): "ax12a", ("fe
 
 
 class RegisterServo(Servo):
-    """Memory of one servo.
-
-    `number` is its reported model number, `known` whether that is the number of `model`.
-    """
+    """Memory of one servo; `number` is the model number that it reported, `known` if it is the model's."""
 
     def __init__(
         self,

@@ -131,10 +131,7 @@ class SerialLine:
 
 
 def open_device(path: str, baud: int) -> Any:
-    """Open a serial device only for this program, as pyserial's `Serial`.
-
-    Raises RobotFaultError with advice.
-    """
+    """Open a serial device exclusively, as pyserial's `Serial`; raises RobotFaultError with advice."""
     import serial
 
     try:

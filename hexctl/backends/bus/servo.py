@@ -72,11 +72,7 @@ class ServoSettings:
 
 
 class Servo(ABC):
-    """One servo by its id. Its methods raise OSError when the port is lost.
-
-    Args:
-        model: its model, or the likely one if it does not report it.
-    """
+    """One servo of a known or likely model, by its id. Its methods raise OSError when the port is lost."""
 
     def __init__(self, packets: PacketLine, servo_id: int, model: ServoType) -> None:
         self._packets, self.servo_id, self.type = packets, servo_id, model

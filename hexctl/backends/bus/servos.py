@@ -201,10 +201,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         return super().disable_torque()
 
     def _started(self) -> BusThread:
-        """Start the thread.
-
-        Raises RobotFaultError without servos, or if those of more than two legs are missing.
-        """
+        """Start the thread; raises RobotFaultError if servos of all or of more than two legs are missing."""
         bus = self._open(first=True)
         readings = BelievedReadings(self._speeds, self._map.per_deg)
         try:
@@ -277,10 +274,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         ]
 
     def _stored(self, bus: ServoBus, joints: BoolArray) -> list[str]:
-        """Notes on stored settings.
-
-        Raises RobotFaultError for a servo that would not follow position goals.
-        """
+        """Notes on stored settings; raises RobotFaultError for a servo that would not follow goals."""
         notes = []
         for joint, stored in bus.settings(joints).items():
             if stored.refusal:

@@ -84,11 +84,7 @@ class Codec:
         return frame
 
     def decode(self, data: bytes, *, whole: bool) -> list[Frame]:
-        """The messages in received bytes.
-
-        Args:
-            whole: True for a datagram, which holds complete frames; False for a stream.
-        """
+        """The messages in received bytes; `whole` for a datagram of complete frames, False for a stream."""
         if whole:
             self._in_garbage = False
         self._waiting += data

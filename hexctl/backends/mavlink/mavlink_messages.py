@@ -157,10 +157,7 @@ def position_of(message: Any) -> FloatArray:
 
 
 def pose_of(message: Any) -> Pose:
-    """The pose of an ODOMETRY.
-
-    Raises MessageError for a frame other than x forward, z down, and for non-finite values.
-    """
+    """The pose of an ODOMETRY; MessageError unless it is finite, in a frame x forward, z down."""
     if message.frame_id not in ODOMETRY_FRAMES:
         raise MessageError(f"ODOMETRY: got frame {message.frame_id}; allowed: {ODOMETRY_FRAMES}")
     position = np.array([_finite(value, "ODOMETRY") for value in (message.x, message.y, message.z)])

@@ -250,11 +250,7 @@ def _open_serial(address: PortAddress) -> StreamPort:
 
 @dataclass(slots=True)
 class SequenceCount:
-    """Counts lost and reordered frames of one sender by their sequence numbers.
-
-    Attributes:
-        out_of_order: frames that arrived after a later one, or twice.
-    """
+    """Counts lost, and late or repeated (`out_of_order`) frames of one sender by their sequence numbers."""
 
     lost: int = 0
     out_of_order: int = 0

@@ -24,11 +24,7 @@ TIMEOUT_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class I2cMessage:
-    """One message of a transaction.
-
-    Attributes:
-        reads: number of bytes to read; 0 for a message that writes.
-    """
+    """One message of a transaction; `reads` is the number of bytes to read, 0 for a write."""
 
     address: int
     reads: int = 0
@@ -64,10 +60,7 @@ def take_transaction(data: bytes) -> tuple[list[I2cMessage] | None, int]:
 
 
 class I2cSocket:
-    """The controller's end, with the used methods of `smbus2.SMBus`.
-
-    Raises OSError when nothing listens there.
-    """
+    """The controller's end, with the used methods of `smbus2.SMBus`; OSError if nothing listens there."""
 
     def __init__(self, path: str) -> None:
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)

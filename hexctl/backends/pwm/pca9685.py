@@ -97,11 +97,7 @@ def pulse_of(channel: Sequence[int], count_us: float) -> float:
 
 
 class Pca9685Chip:
-    """One board.
-
-    Args:
-        channels: those in use, at least one; those between them keep their pulses.
-    """
+    """One board with some used `channels`; those between them keep their pulses."""
 
     def __init__(
         self,

@@ -90,10 +90,7 @@ def find_reply(data: bytes, start: int, count: int, *, checked: bool) -> list[in
 
 
 class Servo2040:
-    """The board on an open line, used by one thread.
-
-    Raises RobotFaultError when the firmware does not answer.
-    """
+    """The board on an open line, used by one thread; raises RobotFaultError without its firmware."""
 
     def __init__(self, line: SerialLine, pwm_map: PwmMap) -> None:
         self._line, self._map = line, pwm_map

@@ -84,10 +84,7 @@ class DrawnFailure(BaseModel):
         return self
 
     def drawn(self, shares: FloatArray, whole: Sequence[int]) -> tuple[FailureEvent, ...]:
-        """The failure and healing of one member, if any, of shares 0..1, (COLUMNS,).
-
-        `whole` are intact legs.
-        """
+        """Failure and healing, if any, of one member by shares 0..1, (COLUMNS,); `whole` are intact legs."""
         comes, at, leg_at, how, torque, healing = shares.tolist()
         if comes >= self.share and self.share < 1:
             return ()

@@ -244,10 +244,7 @@ class SimServos(OwnServos):
         self.loss.draw()
 
     def _advance(self, physics: Any, steps: int) -> None:
-        """Step without dm_control's `step`, which takes 7 us more.
-
-        SimulationDivergedError for a new warning.
-        """
+        """Step without dm_control's `step`, which takes 7 us more; raises SimulationDivergedError."""
         before = self._warnings.tolist()
         mujoco.mj_step(physics.model.ptr, physics.data.ptr, steps)
         if self._warnings.tolist() != before:

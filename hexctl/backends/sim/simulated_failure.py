@@ -41,11 +41,7 @@ _CHANGED = (
 
 
 class FailedLegs:
-    """The failed legs of a compiled simulation, which may change while it runs.
-
-    Attributes:
-        jammed: joints that hold an angle regardless of their targets, (18,).
-    """
+    """Failed legs of a simulation, changeable while it runs; `jammed` joints ignore their targets, (18,)."""
 
     def __init__(self, physics: Any, robot: Robot) -> None:
         self._model, self._robot = physics.model.ptr, robot
@@ -156,10 +152,7 @@ class FailuresToCome:
         self._events, self._period_s, self._step = list(events), period_s, -1
 
     def due(self) -> list[FailureEvent]:
-        """Events that are due.
-
-        Asked before each control period, from the one at whose end the walk begins.
-        """
+        """Due events, asked before each control period from the one at whose end the walk begins."""
         if not self._events:
             return []
         now_s = self._step * self._period_s

@@ -349,10 +349,7 @@ class DomainRandomization(BaseModel):
 
 
 def load_randomization(name_or_path: str | Path) -> DomainRandomization:
-    """The family of worlds of a shipped name (`randomised`, `transfer`) or of a YAML file.
-
-    Raises InputError.
-    """
+    """Family of worlds of a shipped name (`randomised`, `transfer`) or a YAML file; raises InputError."""
     path = find_config("worlds", name_or_path)
     content = read_mapping(path)
     if not is_family(content):

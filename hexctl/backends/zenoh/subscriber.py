@@ -69,11 +69,7 @@ class LatestValues:
 
 
 class StateSubscriber:
-    """Assembles robot states from the messages of a served robot.
-
-    Args:
-        plain: True for a robot that sends no tags.
-    """
+    """Assembles robot states from the messages of a served robot; a `plain` one sends no tags."""
 
     def __init__(self, keys: KeyMap, latest: LatestValues, *, plain: bool = False) -> None:
         self._keys, self._latest, self._plain = keys, latest, plain

@@ -88,10 +88,7 @@ def ask_until(
     timeout_s: float,
     silence: str,
 ) -> list[dict[str, Any]]:
-    """Repeat a query until a robot answers, as it may be starting.
-
-    Raises RobotFaultError with the text `silence` when none answers in time.
-    """
+    """Repeat a query, as the robot may be starting; raises RobotFaultError with `silence` if none answers."""
     once_s = min(ANSWER_TIMEOUT_S, timeout_s)
     return wait_for(lambda: ask(session, key, content, timeout_s=once_s), timeout_s, silence, poll_s=0.05)
 
