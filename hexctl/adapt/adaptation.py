@@ -151,9 +151,8 @@ class Adaptation:
             stop_requested: called every tick; True stops the robot softly and ends the run.
 
         Raises InputError for anything that is not allowed, RobotFaultError or RobotStoppedError for a robot
-        that cannot be
-        used, NotBegunError for a stop request, all before a session exists; StoreError when a trial cannot be
-        stored.
+        that cannot be used, NotBegunError for a stop request, all before a session exists; StoreError when a
+        trial cannot be stored.
         """
         check_callable(on_begin, "on_begin", "a function of the session, or None")
         check_callable(on_trial, "on_trial", "a function of the session and a trial, or None")
@@ -332,8 +331,8 @@ def adapt(
         options: other fields of `AdaptOptions`.
 
     Raises InputError for anything that is not allowed; RobotFaultError for a robot that cannot be used, or
-    stops during
-    the search (`Adaptation.resume` continues the session); RecordingError for an incomplete recording.
+    stops during the search (`Adaptation.resume` continues the session); RecordingError for an incomplete
+    recording.
     """
     allowed = "LegServos, not connected, or None"
     check_type(servos, (LegServos, type(None)), "servos", allowed)

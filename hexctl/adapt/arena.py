@@ -138,10 +138,7 @@ class Geofence:
     """Ends a walk that would stop outside; the `should_stop` of `run_trial`, `hexctl.run` and sessions."""
 
     def __init__(self, arena: Arena | float, also: ShouldStop | None = None) -> None:
-        """Watch one walk in an arena, or a radius in m around its start.
-
-        `also` has other reasons to end it.
-        """
+        """Watch one walk in an arena, or a radius in m around its start; `also` may end it too."""
         self._arena: Arena | None = arena if isinstance(arena, Arena) else None
         self._radius_m = arena.radius_m if isinstance(arena, Arena) else arena
         self._also = also

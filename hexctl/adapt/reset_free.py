@@ -106,9 +106,9 @@ class ResetFreeRunner:
         return self.runner.walk_on(self.servos, here, index, code, Geofence(arena, stop_when(should_stop)))
 
     def _come_to_start(self, arena: Arena) -> TrialResult | None:
-        """Walk away from the middle with the gait of self-rotations until there is room.
+        """Walk away from the middle, with the gait of self-rotations, until there is room.
 
-        What stopped it, if any.
+        None or what failed.
         """
         robot = self.runner.robot
         plan = self.runner.plan_for(turn_gait(robot).slots)

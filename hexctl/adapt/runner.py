@@ -82,10 +82,7 @@ class WalkedTrial:
 class TrialRunner:
     """Walks the gaits of one session in simulation, each from the same start.
 
-    Attributes:
-        world: the simulated world, None on a real robot.
-        folder: of recordings, or None for none.
-        live: shows the walks while they run, or None.
+    `world` is None on a real robot, `folder` without recordings, `live` without a view.
     """
 
     spec: SessionSpec

@@ -13,13 +13,10 @@ from hexctl.types import N_LEGS, FloatArray
 
 @dataclass(frozen=True)
 class GaitSpace:
-    """All gaits of the legs that still walk: 120 for one failed leg, 24 for two, 6 for three.
+    """All gaits of the walking legs: 120 for one failed leg, 24 for two, 6 for three.
 
     Every gait has one code. Slots shifted by a constant differ only in the start phase; a failed leg pins its
     slot, so no two codes are shifts of one another.
-
-    Attributes:
-        failed_legs: one to three legs, ascending.
     """
 
     failed_legs: tuple[int, ...]

@@ -34,16 +34,11 @@ ATTEMPTS = 2
 def with_stance(
     spec: SessionSpec, setting: Setting, servos: Guard | None, stop_requested: StopRequested, note: Note
 ) -> SessionSpec:
-    """Spec with the static deflection of the stance, if the optimizer can use it.
+    """Spec of a new session with the static deflection of the stance, if the optimizer can use it.
 
     A connected robot stands up for that, unless an operator places it: it then moves only on the operator's
-    command, after the choice of the first gait.
-
-    Args:
-        spec: of a new session.
-        servos: the connected robot; None for a simulation.
-        stop_requested: called every tick; True stops the robot softly.
-        note: called if the deflection cannot be measured.
+    command, after the choice of the first gait. Without `servos` it is simulated; `note` is called if it
+    cannot be measured.
 
     Raises the errors of `connected_deflection_rad`.
     """

@@ -78,7 +78,6 @@ class AdaptLoop:
         Args:
             objective: by default the one in its spec.
             stable_slots: of the gait `auto`, if the baseline has it.
-            margin_m_of: static stability margin of a gait.
             walk_finely: walks at the time step `CONFIRM_STEP_S`; None if nothing is to be confirmed.
         """
         self._session, self._store, self._optimizer = session, store, optimizer

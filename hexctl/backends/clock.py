@@ -38,12 +38,9 @@ class Standstill:
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """One point of a clock's grid.
+    """One point of a clock's grid; `time_s` is index * period since the clock began.
 
-    Attributes:
-        index: number of the grid point; missed points are skipped.
-        time_s: time of the grid point since the clock began, index * period.
-        late_s: delay of the tick after the grid point.
+    `index` skips missed points; `late_s` is the delay of the tick after the grid point.
     """
 
     index: int

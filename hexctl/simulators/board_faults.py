@@ -31,11 +31,8 @@ class BoardFault:
 def parse_fault(text: str, kinds: Mapping[str, str]) -> BoardFault:
     """Fault of a text such as `mute@10`, `garble:0.01` or `hot:2:femur:72@5`.
 
-    Args:
-        kinds: arguments of each word, such as `SHARE` or `LEG:JOINT:DEGREES_C`; optional ones in brackets.
-            `MOST` has the highest numbers.
-
-    Raises InputError for anything else.
+    `kinds` are the arguments of each word, such as `SHARE` or `LEG:JOINT:DEGREES_C`, optional ones in
+    brackets, with maxima in `MOST`. Raises InputError for anything else.
     """
     error = InputError(f"{argument('fault')}: got {text!r}; allowed: {_allowed(kinds)}")
     found = _FAULT.fullmatch(text)

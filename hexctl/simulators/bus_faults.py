@@ -29,14 +29,9 @@ BROWN_OUT_SHARE = 0.6
 
 
 class BusFaults:
-    """Faults that have begun.
+    """Faults that have begun; `mute` servos neither answer nor obey, (18,).
 
-    Attributes:
-        mute: which servos neither answer nor obey, (18,).
-        temperatures: of hot servos, by joint, in degrees Celsius.
-        cables: shares of damaged answers of servos at the end of a bad cable, by joint.
-        echoes: whether the adapter returns what it gets.
-        unplugged: whether nothing passes.
+    `temperatures` in degrees Celsius and shares of damaged answers (`cables`) are by joint.
     """
 
     #: A servo that is hotter complains.

@@ -107,14 +107,12 @@ FREE_AFTER_S = 2.5
 
 @dataclass(eq=False, slots=True)
 class Peer:
-    """A MAVLink system that sends to the board.
+    """A MAVLink system that sends to the board; times are on time.monotonic.
 
     Attributes:
-        address: where it sends from, None on a stream.
-        heard_at_s: time of its last frame, on time.monotonic.
+        address: None on a stream.
         refused_at_s: when it was last informed that another peer commands.
-        present_at_s: when a heartbeat showed last that it receives the states of now.
-        sequence: count of its frames and of lost ones.
+        present_at_s: when a heartbeat last showed that it receives current states.
     """
 
     address: Address
@@ -208,10 +206,10 @@ CRITICAL_SEVERITY, WARNING_SEVERITY = 2, 4
 class ServoBoard(RunningBoard):
     """Moves servos as the frames on a MAVLink port command.
 
-    Commands expire after `expiry_s`: then the pose is held until overrides come again from a controller whose
-    heartbeats echo a state of now, have come for `RESUME_AFTER_S`, or release the servos. When nothing of the
-    commander arrived for `release_after_s`, not even a heartbeat, the servos are released. The guard limits
-    ranges and speeds and detects falls, as everywhere.
+    Commands expire after `expiry_s`: then the pose is held until overrides come from a controller with
+    current states, have come for `RESUME_AFTER_S`, or release the servos. After `release_after_s` without any
+    frame of the commander the servos are released. The guard limits ranges and speeds and detects falls, as
+    everywhere.
     """
 
     what = "board's port"

@@ -78,10 +78,7 @@ def mean_trim_rad(wanted_rad: Iterable[float]) -> float:
 
 
 def mean_turn_trim_rad_s(walks: Iterable[tuple[float, float, float]]) -> float:
-    """Turn trim of a gait within a plan's limits.
-
-    Walks are turn, wanted turn and duration. 0 without walks.
-    """
+    """Turn trim of a gait of walks (turn, wanted turn, duration), within a plan's limits; 0 without walks."""
     rates, weights = [], []
     for walked_rad_s, wanted_rad_s, duration_s in walks:
         noise_rad_s = 2 * NOISE_RAD / duration_s

@@ -25,13 +25,9 @@ class PriorKey:
     """Purpose of a prior: a robot, a kind of failure and a trial. It fits sessions with an equal key.
 
     Attributes:
-        robot: its name.
-        robot_fingerprint: of its description.
         failure: as the command line writes it, for any leg.
         self_rotation: direction of the failed leg during the walk.
         heading_deg: direction of travel in the body frame; 0 after a self-rotation.
-        duration_s: of a trial.
-        hold: feedback of the walks.
         posture: one of `hexctl.control.assessment.static_stability.POSTURES`.
     """
 

@@ -120,10 +120,7 @@ def describe_prior(path: Path) -> dict[str, Any]:
 def list_priors(
     folder: Path | str = "runs", *, on_damaged: Callable[[InputError], None] | None = None
 ) -> list[dict[str, Any]]:
-    """Describe the priors that `hexctl adapt` searches, with paths as `prior`.
-
-    Damaged ones to `on_damaged`.
-    """
+    """Describe the priors that `hexctl adapt` searches, with paths as `prior`; `on_damaged` gets others."""
     described = []
     for path in prior_files(prior_folders(Path(folder))):
         try:

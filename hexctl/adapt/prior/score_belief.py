@@ -32,9 +32,7 @@ TRUST_TRIALS = 4.0
 class ScoreBelief:
     """Belief about the log scores of the 120 gaits of a failed leg, after any number of trials.
 
-    Args:
-        samples: the prior's worlds.
-        noise: standard deviation of trials of the same gait, in the logarithm.
+    `noise` is the standard deviation of trials of the same gait, in the logarithm.
     """
 
     def __init__(self, samples: ScoreSamples, *, noise: float) -> None:

@@ -56,8 +56,7 @@ def write_overview(
         several: whether it is opened with others; the list of recordings is then open.
 
     Raises InputError for a session without trials or a folder that cannot be written, RecordingError when the
-    disk did
-    not take everything, and MissingExtraError without Rerun.
+    disk did not take everything, and MissingExtraError without Rerun.
     """
     path = (into or folder) / FILE_NAME
     if recordings is None:
@@ -164,8 +163,7 @@ def view_runs(names: Sequence[str], runs: Path, *, on_damage: OnDamage = log_dam
             logged.
 
     Raises InputError for an unknown name and for a damaged recording in `names`, RecordingError for a viewer
-    that cannot
-    start, and MissingExtraError without Rerun.
+    that cannot start, and MissingExtraError without Rerun.
     """
     with scratch_folder() as spare:
         chosen = _find_runs(names, runs)
@@ -190,11 +188,9 @@ def serve_runs(
     """Serve recordings and sessions to browsers on this computer, until a stop is requested.
 
     Args:
-        names: as for `view_runs`.
-        runs: the folder of recordings and of the session store.
+        names, runs, on_damage: as for `view_runs`.
         on_url: called once, with the address for a browser.
         stop_requested: called ten times a second.
-        on_damage: as for `view_runs`.
 
     Raises the errors of `view_runs`.
     """

@@ -155,11 +155,9 @@ class WalkRecord:
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class TrialRecord(WalkRecord):
-    """One trial of a session; index 1 is the first.
+    """One trial of a session; index 1 is the first, `confirms` marks a repeat of the best gait.
 
-    Attributes:
-        confirms: True for a repeat of the best gait.
-        expected: the optimizer's prediction, as of `Prediction.as_json`, or None.
+    `expected` is the optimizer's prediction, as of `Prediction.as_json`, or None.
     """
 
     index: Annotated[int, Field(ge=1)]

@@ -24,11 +24,9 @@ VOLTAGE_V, TEMPERATURE_C = 1.5, 5.0
 
 @dataclass(slots=True)
 class _Quantity:
-    """Newest believed value of one quantity, and one in doubt.
+    """Newest believed value of one quantity, and one in doubt with the number of agreeing values, `times`.
 
-    Attributes:
-        follows: whether the next value must follow on the believed one.
-        times: values in a row that agree with the one in doubt.
+    `follows` is whether the next value must follow on the believed one.
     """
 
     value: float = math.nan
@@ -52,16 +50,10 @@ class _Quantity:
 
 
 class BelievedReadings:
-    """Newest plausible readings of each joint; arrays are (18,).
+    """Newest plausible readings of each joint; arrays are (18,), maximum speeds in counts per second.
 
     Wrong bytes sometimes pass a checksum. An implausible jump of a position, voltage or temperature counts
-    once three readings in a row agree, a first reading once two agree.
-
-    Args:
-        speeds: maximum speeds of the joints, in counts per second.
-
-    Attributes:
-        implausible: readings so far that were not believed.
+    once three readings in a row agree, a first reading once two agree. `implausible` counts the others.
     """
 
     def __init__(self, speeds: FloatArray, counts_per_deg: FloatArray) -> None:

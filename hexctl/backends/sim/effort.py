@@ -66,13 +66,9 @@ class JointTorques(ArrayFields):
     def applied(
         self, forces_nm: FloatArray, qvel: FloatArray, qpos: FloatArray, asked_rad: FloatArray
     ) -> FloatArray:
-        """Torques over the last period, a new array of leading shape + (18,), with the speed at its end.
+        """Torques over the last period, leading shape + (18,), with the speed at its end.
 
-        Args:
-            forces_nm: as `forces_in` has them.
-            qvel: MuJoCo's velocities, leading shape + (24,).
-            qpos: MuJoCo's positions, leading shape + (25,).
-            asked_rad: targets of the servos, leading shape + (18,).
+        Shapes are leading shape + (24,) of `qvel`, (25,) of `qpos` and (18,) of the servos' targets.
         """
         torques: FloatArray = np.add.reduce(forces_nm, axis=-1)
         torques /= self.steps

@@ -178,8 +178,8 @@ class SimServos(OwnServos):
     def change_leg(self, leg: int, failure: Failure | None) -> None:
         """Let a leg fail, or heal for None, before the next step of the physics.
 
-        A joint sticks at its current angle, and a leg locks at its last targets.
-        Raises RobotFaultError before `connect`, InputError for a failure of another leg or an `unknown` one.
+        A joint sticks at its current angle, and a leg locks at its last targets. Raises RobotFaultError
+        before `connect`, InputError for a failure of another leg or an `unknown` one.
         """
         compiled, limp = self.compiled, self._limp
         FailureEvent(at_s=0.0, leg=leg, failure=failure)  # refuses what cannot be

@@ -269,10 +269,7 @@ class ZenohServos(TickedServos):
         return None if self._opened is None else self._subscriber.failures
 
     def _open_all(self, opening: ExitStack) -> None:
-        """Connect.
-
-        Raises InputError for a link that is not allowed, otherwise RobotFaultError with advice.
-        """
+        """Connect. Raises InputError for a link that is not allowed, else RobotFaultError with advice."""
         prepare_codec()
         session = opening.enter_context(open_session(self._link, Role.CONTROLLER, self._keys))
         if not self._link.plain:
