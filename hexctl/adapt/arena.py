@@ -126,7 +126,7 @@ def as_placed(plan: TrialPlan, robot: Robot) -> TrialPlan:
     return replace(plan, heading_rad=body_heading_rad(plan, robot), turn_rad=0.0)
 
 
-#: Why a walk was cut short: at the edge of its arena, or as nobody knows where it is.
+#: Why a walk was cut short: at the edge of its arena, or without a known position.
 LEFT_THE_ARENA, NO_POSITION = "arena", "no position"
 
 #: Checks ahead of the predicted position: a soft stop covers the distance of one interval between checks,

@@ -38,7 +38,7 @@ READY_TICKS = 50
 #: Servos that have not cooled down after this long never will.
 COOLING_TIMEOUT_S = 3600.0
 
-#: How often an operator is told how hot they still are.
+#: Interval of notes on the temperature to an operator.
 COOLING_NOTE_S = 60.0
 
 #: Attempts to reach a better start before the trial begins at the present position.

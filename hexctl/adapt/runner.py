@@ -97,7 +97,7 @@ class TrialRunner:
     def walk(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
         """Run one trial in its own simulation."""
         plan = self.plan_for(slots)
-        # What the simulation breaks; the plan has what the controller is told.
+        # The simulated failure; the plan has the one that the controller knows.
         broken = self.spec.broken
         options = BackendOptions.of(
             self.spec, robot=self.robot, world=self.world, failure=broken, trial=index

@@ -15,7 +15,7 @@ from hexctl.types import FloatArray
 #: What is on the port is polled once in this time, after the targets of the tick if there are any.
 POLL_PERIOD_S = 0.02
 
-#: How often it is tried to open a port that has gone.
+#: Interval of attempts to reopen a lost port.
 REOPEN_PERIOD_S = 0.25
 
 

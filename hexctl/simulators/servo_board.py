@@ -107,12 +107,14 @@ FREE_AFTER_S = 2.5
 
 @dataclass(eq=False, slots=True)
 class Peer:
-    """A MAVLink system that sends to the board; times are on time.monotonic.
+    """A MAVLink system that sends to the board.
 
     Attributes:
-        address: None on a stream.
+        address: where it sends from, None on a stream.
+        heard_at_s: time of its last frame, on time.monotonic.
         refused_at_s: when it was last informed that another peer commands.
-        present_at_s: when a heartbeat last showed that it receives current states.
+        present_at_s: when a heartbeat showed last that it receives the states of now.
+        sequence: count of its frames and of lost ones.
     """
 
     address: Address

@@ -244,6 +244,7 @@ class Bayes(Optimizer):
         return self._known
 
     def _chance_valid(self) -> FloatArray:
+        """Probability that each gait walks to the end and makes progress, (gaits,)."""
         forecast = self.forecast()
         progress = chance_above(forecast.distance_m, forecast.distance_sd_m, self._floor_m)
         walks = chance_of(self._samples.finished, len(self._samples.features))

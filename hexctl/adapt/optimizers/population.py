@@ -83,6 +83,7 @@ class Population(ABC):
         """Set the next `positions`; `better`, (size,), are individuals that improved."""
 
     def _draw(self, count: int) -> FloatArray:
+        """Points uniform in the box, (count, dimension)."""
         return self._random.uniform(self.low, self.high, size=(count, self.low.size))
 
     def _others(self, count: int) -> IntArray:

@@ -12,7 +12,7 @@ from hexctl.types import BoolArray, FloatArray
 #: Best deviation assumed before any trial: gaits that end farther off all count as equally bad.
 WORST_M = 0.5
 
-#: Numbers of candidates for two trials ahead: with the greatest gain, and with the greatest uncertainty.
+#: Numbers of candidates for two trials ahead: with maximum gain, and with maximum uncertainty.
 PROMISING, LEAST_KNOWN = 40, 10
 
 #: Discount of the gain of the second trial.

@@ -31,7 +31,7 @@ RESOLUTION_RAD = math.radians(0.3)
 #: Directions in which the worlds differ by less than this share of a joint's variance are ignored.
 NEGLIGIBLE = 0.02
 
-#: Most doublings of the noise; a stranger observation would have no effect anyway.
+#: Maximum doublings of the noise; an observation that needs more would have no effect.
 DOUBLINGS = 60
 
 

@@ -179,6 +179,7 @@ def features_of(observation: Observation, duration_s: float) -> FloatArray:
 
 
 def _moved_worlds(prior: Prior, symmetry: BodySymmetry, source: int) -> FloatArray:
+    """Worlds of a leg, moved by a symmetry, (worlds, gaits, N_FEATURES)."""
     row = prior.legs.index(source)
     progress = prior.progress_m[row][..., PROGRESS_AT]
     features = np.concatenate([prior.signed_m[row], progress, prior.yaw_rad[row][..., np.newaxis]], axis=-1)
@@ -190,6 +191,7 @@ def _moved_worlds(prior: Prior, symmetry: BodySymmetry, source: int) -> FloatArr
 
 
 def _moved_sags(prior: Prior, sources: list[tuple[BodySymmetry, int]]) -> FloatArray | None:
+    """Deflections in the worlds of some legs, moved by symmetries, (worlds, 18)."""
     if prior.sag_rad is None:
         return None
     rows = [symmetry.joints(prior.sag_rad[prior.legs.index(source)]) for symmetry, source in sources]

@@ -30,7 +30,7 @@ LAST_COLUMNS = (
 #: Fields of `SessionSpec` that come last in an exported row.
 ASKED_COLUMNS = ("robot", "world", "failure", "duration_s", "target_m")
 
-#: What is told of the session in each row: fields of `SessionSpec`.
+#: Fields of `SessionSpec` in each row.
 SPEC_COLUMNS = ("robot", "world", "failure", "objective", "duration_s", "backend")
 
 #: Columns that an empty table has, so that a question about it has an answer.

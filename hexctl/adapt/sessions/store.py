@@ -314,7 +314,7 @@ def _log_damage(error: StoreError) -> None:
     _LOG.warning("%s", error)
 
 
-#: Is told of damage, which is left out.
+#: Called for damage, which is left out.
 OnDamage = Callable[[StoreError], object]
 
 

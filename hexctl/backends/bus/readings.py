@@ -15,7 +15,7 @@ AGREEING, AGREEING_AT_FIRST = 3, 2
 #: Polls of all servos after which positions that do not agree are left.
 MOST_POLLS = 6
 
-#: How many times its greatest speed a joint may seem to have, and how far it may seem to jump besides.
+#: Plausible multiple of a joint's maximum speed, and an additional plausible jump.
 SPEED_TIMES, JUMP_DEG = 2.0, 4.0
 
 #: How far readings of other quantities that agree may differ, in V and degrees Celsius.

@@ -331,6 +331,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         return None
 
     def _warnings(self, servos: ServoReadings, silences_s: FloatArray, limp: BoolArray) -> tuple[str, ...]:
+        """Warnings about single servos, by their silences and which are limp, (18,)."""
         warnings = [*self._notes]
         if limp.any():
             warnings.append(f"no torque: {self._map.names(limp)}")

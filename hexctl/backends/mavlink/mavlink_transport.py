@@ -42,7 +42,7 @@ MODULUS = 256
 #: A sender that was silent for this long may have restarted: its next number is not compared.
 FORGET_AFTER_S = 0.5
 
-#: Addresses with sequence numbers of their own; more only occur in a flood.
+#: Maximum addresses with separate sequence numbers; more only occur in a flood.
 MOST_ADDRESSES = 64
 
 

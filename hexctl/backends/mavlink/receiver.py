@@ -24,7 +24,7 @@ RECEIVE_TIMEOUT_S = 0.05
 #: Severity of a STATUSTEXT from which it is a fault: error, critical, alert, emergency.
 ERROR_SEVERITY = 3
 
-#: As many frames at once are a flood; the pause after them.
+#: Number of frames together that is a flood; the pause after them.
 MOST_AT_ONCE, FLOODED_S = 32, 0.005
 
 #: Messages that are kept, by kind: name to keep them under, and decoder.

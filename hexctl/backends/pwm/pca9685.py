@@ -321,6 +321,7 @@ class Pca9685:
             close()
 
     def _each(self, do: Callable[[Pca9685Chip], None]) -> None:
+        """Call a function for each board, even after errors."""
         errors = []
         for chip in self._chips.values():
             try:

@@ -24,7 +24,7 @@ class Noise:
     """A seeded stream of measurement errors, drawn once per tick so that every reader sees the same."""
 
     def __init__(self, sigma: SensorNoise, seed: int, trial: int = 0) -> None:
-        # A stream of its own beside those of the bumps and of the joint offsets.
+        # A separate stream from those of the bumps and of the joint offsets.
         self._stream = np.random.default_rng([seed, 2, trial])
         self._scale = np.array(
             [math.radians(sigma.joint_deg)] * N_JOINTS
@@ -77,7 +77,7 @@ class FaultyPose:
             quaternion = turned(quaternion, math.radians(faults.yaw_drift_deg_per_min) * stamp_s / 60)
         if _holding(faults.position_jump_s, stamp_s):
             position = position + np.array(faults.position_jump_m)
-        # Each interval that holds now has the pose of its own beginning.
+        # Each current interval has the pose of its beginning.
         now = _holding(faults.pose_frozen_s, stamp_s)
         self._frozen = {interval: self._frozen.get(interval, (position, quaternion)) for interval in now}
         if not now:
@@ -101,7 +101,7 @@ class Losses:
     @classmethod
     def of_commands(cls, world: World, seed: int, trial: int = 0) -> Self:
         """Periods with a lost command."""
-        # Streams of their own: bumps have 0, joint offsets 1, noise 2, unknown failures 4.
+        # Separate streams: bumps have 0, joint offsets 1, noise 2, unknown failures 4.
         return cls(world.lost_commands, (seed, 3, trial))
 
     @classmethod

@@ -47,7 +47,7 @@ class SimBatch:
         models = [one.compiled.physics.model.ptr for one in each]
         self._batch = Batch(models[0], sum(counts), threads)
         if len(models) > 1 or any(one.events for one in each):
-            # Models of their own: an event changes that of its simulation.
+            # Separate models: an event changes that of its simulation.
             self._batch.set_models(np.repeat(np.array(models, dtype=object), counts).tolist())
         stops = np.cumsum(counts).tolist()
         rows = [slice(stop - count, stop) for stop, count in zip(stops, counts, strict=True)]
@@ -155,6 +155,7 @@ def _together(states: Sequence[RobotState]) -> RobotState:
 def _stacked(
     parts: Sequence[FloatArray | None], states: Sequence[RobotState], width: int
 ) -> FloatArray | None:
+    """Rows of several simulations, NaN for missing ones; None if all are missing."""
     if all(part is None for part in parts):
         return None
     counts = [len(state.joint_positions_rad) for state in states]

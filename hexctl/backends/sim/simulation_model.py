@@ -89,7 +89,7 @@ def _load_trunk(body: Any, robot: Robot, world: World) -> None:
         raise InputError(
             f"added_mass_share: got {world.added_mass_share:g}; allowed for {robot.name}: above {least:.3g}"
         )
-    # A solid beside the trunk's own carries the mass.
+    # A second solid carries the mass.
     solid = body.find("geom", "mass") or body.find("geom", "trunk")
     at = np.zeros(3) if solid.pos is None else np.array(solid.pos)
     trunk, at = body.find("body", "trunk"), at + world.body_mass_shift_m
@@ -229,11 +229,12 @@ def _joint_offsets(world: World, seed: int) -> FloatArray:
     given = world.joint_offset_deg
     if isinstance(given, tuple):
         return np.radians(given)
-    # A stream of its own, so that bumps and offsets do not depend on one another.
+    # A separate stream, so that bumps and offsets do not depend on one another.
     return np.random.default_rng([seed, 1]).normal(scale=np.radians(given), size=N_JOINTS)
 
 
 def _turned(quaternion: FloatArray, yaw_rad: float) -> FloatArray:
+    """Orientation (w, x, y, z) after a turn about the body's z axis, not the world's."""
     cos, sin = math.cos(yaw_rad / 2), math.sin(yaw_rad / 2)
     w, x, y, z = quaternion
     return np.array([w * cos - z * sin, x * cos + y * sin, y * cos - x * sin, z * cos + w * sin])

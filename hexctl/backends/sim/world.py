@@ -19,7 +19,7 @@ from hexctl.robot.failure import FailureEvent
 from hexctl.robot.failure_grammar import parse_failure_event, parse_healing
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_JOINTS, N_LEGS, FloatArray
 
-#: Greatest calibration error of a joint.
+#: Maximum calibration error of a joint.
 MAX_JOINT_OFFSET_DEG = 45.0
 
 #: Marks a quantity of which a simulation draws with its seed where it is not 0.

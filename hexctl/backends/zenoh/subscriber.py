@@ -26,7 +26,7 @@ SUBSCRIBED = ("joint_states", "odom", "battery", "status")
 #: How long a robot may take to send its first state.
 FIRST_STATE_TIMEOUT_S = 3.0
 
-#: A robot that has said nothing for this long has gone; long before, the guard has stopped for an old state.
+#: Silence after which a robot is lost; long before, the guard has stopped for an old state.
 GONE_AFTER_S = 5.0
 
 #: A pose this much older than the joint state is not used.
@@ -111,7 +111,7 @@ class StateSubscriber:
         sample = self._latest.newest("joint_states")
         if sample is None or not self._after:
             return sample
-        with suppress(MessageError):  # one that is invalid is told when it is read
+        with suppress(MessageError):  # an invalid one is reported when it is read
             if StateTag.unpacked(sample.attachment or b"").sequence <= self._after:
                 return None
         return sample
@@ -198,6 +198,7 @@ class StateSubscriber:
 
 
 def _told(text: str | None) -> str | None:
+    """Reported text with unprintable characters escaped."""
     return None if text is None else printable(text)
 
 
