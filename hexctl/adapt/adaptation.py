@@ -108,7 +108,7 @@ class Adaptation:
         trust: bool = False,
         **options: Any,
     ) -> "Adaptation":
-        """Prepare to continue a session, with another budget if one is given.
+        """Prepare to continue a session, with another budget if given; `run` returns an ended one unchanged.
 
         Args:
             name: or the session itself, as `load_session` returns it.

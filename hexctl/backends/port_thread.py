@@ -39,7 +39,7 @@ class PortThread(ABC, Generic[Device]):
     """Runs a device on a port; only `stop` waits for the port.
 
     After any error the port is closed and reopened until that succeeds, and targets of that time are dropped.
-    Torque stays off until new targets come.
+    A request to switch the torque off is kept until it succeeds, or until new targets come.
 
     Args:
         opened: reopens the port.

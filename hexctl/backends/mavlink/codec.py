@@ -55,8 +55,8 @@ class Codec:
     """Encoder and decoder of one end.
 
     MAVLink 1 is not understood. A wrong checksum costs only the first byte: garbage cannot hide a good frame.
-    With a key, unsigned frames are refused; without one, signed frames are. `malformed` counts refused frames
-    and runs of bytes.
+    With a key, unsigned frames are refused; without one, signed frames are. `malformed` counts runs of
+    undecodable bytes, and frames that were damaged or not signed with the key.
     """
 
     def __init__(self, system: int, component: int, *, signing_key: bytes | None = None) -> None:
