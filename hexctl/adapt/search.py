@@ -184,7 +184,7 @@ def _with_target(spec: SessionSpec, target: float | str | None) -> SessionSpec:
 
 
 def _with_trim(spec: SessionSpec, prior: Path | str | None, *, free: bool) -> SessionSpec:
-    """Spec of a search for a trim; with a held heading a second walk of a gait is worth more than another."""
+    """Spec of a trim search, by default with a held heading: a second walk of one gait is worth most then."""
     asked = prior not in (None, "auto", "none") or spec.early_stop or spec.count_repeats
     ends = spec.objective in ("final", "progress") and spec.hold == "heading"
     if free and ends and not asked and spec.worth_m is None:

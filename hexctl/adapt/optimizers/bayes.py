@@ -195,7 +195,7 @@ class Bayes(Optimizer):
         return Choice(row + 1, f"the greatest expected gain of {gain}")
 
     def _worth_repeating(self, code: int) -> bool:
-        """Whether a walked gait is the best candidate, and its end less certain than `uncertainty_m`."""
+        """Whether a walked gait is the best candidate, and its end not known to `uncertainty_m`."""
         chances, forecast = self._chances(), self.forecast()
         if forecast.sd_m[code - 1] < self._uncertainty_m:
             return False

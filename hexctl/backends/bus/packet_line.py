@@ -65,8 +65,7 @@ class PacketLine:
     ) -> StatusPacket | None:
         """Answer of one servo; None without one in some tries.
 
-        Most answers do not name their question: one as long as a missed one waits until that is too late to
-        come.
+        Most answers do not name their question: it waits while a missed answer of equal length may come.
         """
         request = self.packets.instruction(servo_id, instruction, parameters)
         size = self.packets.answer_size(instruction, parameters)
